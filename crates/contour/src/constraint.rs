@@ -1,25 +1,27 @@
-//! What holds between the parts of a drawing: found, imposed, counted.
+//! Geometric relations between the parts of a drawing: proposed, imposed and diagnosed.
 //!
-//! Comes in: a [`Drawing`] (points, bars, circles, arcs), whose parameters may be an estimate with a
-//! covariance, and [`Constraint`]s. Goes out: relations that the estimate does not contradict
-//! ([`constrain`]), the estimate with them imposed and its smaller covariance, dimensions on a grid where the
-//! statistics allow ([`snap`]), and how many freedoms are left, which constraints are redundant and which
-//! contradict each other ([`diagnose`]). Not guaranteed: that a relation which the errors hide is no
-//! accident; its odds are reported. Nothing here knows where a drawing came from.
+//! In: a [`ParametricDrawing`] (points, bars, circles, arcs), whose parameters may be an estimate with a
+//! covariance, and [`Constraint`]s. Out: relations that agree with the estimate, and the estimate with them
+//! imposed and a smaller covariance ([`constrain`]); dimensions on a grid, if the statistics allow it
+//! ([`snap`]); the remaining degrees of freedom, redundant and conflicting constraints ([`diagnose`]). Not
+//! guaranteed: that an accepted relation was intended; the expected number of accidents is reported. Nothing
+//! here depends on the origin of a drawing.
 //!
 //! ```text
-//! Drawing + covariance ─► candidates ─► constrain (χ², Holm) ─► Constrained ─► snap ─► Constrained
-//! Drawing + constraints ─► diagnose: freedoms, redundant, conflicting ─► graph::ViewGraphs
+//! ParametricDrawing + covariance ─► candidates ─► constrain (χ², Holm) ─► Constrained ─► snap ─► Constrained
+//! ParametricDrawing + constraints ─► diagnose: freedoms, redundant, conflicting ─► graph::ViewGraphs
 //! ```
 //!
 //! # Examples
-//! An estimated outline, its relations, its sizes on half millimetres, what is left free, and its graphs:
+//! Relations of an estimated outline, its sizes on a grid of half a millimetre, its remaining degrees of
+//! freedom, and its graphs:
 //! ```
 //! use nalgebra::DMatrix;
-//! use planish_contour::constraint::{ConstrainOptions, Dimension, Drawing, constrain, diagnose, snap};
-//! use planish_contour::graph::ViewGraphs;
+//! use planish_contour::constraint::{
+//!     ConstrainOptions, Dimension, ParametricDrawing, constrain, diagnose, snap,
+//! }; use planish_contour::graph::ViewGraphs;
 //!
-//! let outline = Drawing::polygon(&[[0.01, 0.0], [40.02, 0.03], [39.98, 29.97], [0.0, 30.01]])?;
+//! let outline = ParametricDrawing::polygon(&[[0.01, 0.0], [40.02, 0.03], [39.98, 29.97], [0.0, 30.01]])?;
 //! let covariance = DMatrix::identity(8, 8) * 0.0009;
 //! let found = constrain(&outline, &covariance, &ConstrainOptions::default())?;
 //! let (found, sizes) = snap(&found, 0.5, &Dimension::all(&outline))?;
@@ -30,7 +32,7 @@
 //!     println!("{}: {:.3} ± {:.3}, {:?}", size.text, size.value, size.sigma, size.outcome);
 //! }
 //! let left = diagnose(&found.drawing, &found.constraints)?;
-//! assert_eq!((left.freedoms, left.rigid_motions), (2, 2)); // it may lie anywhere, but not turned
+//! assert_eq!((left.freedoms, left.rigid_motions), (2, 2)); // it may be translated, but not rotated
 //! let dot = ViewGraphs::new(&found.drawing, &found.constraints).to_dot();
 //! assert!(dot.starts_with("graph full {"));
 //! # Ok::<(), planish_estimate::Error>(())
@@ -65,19 +67,19 @@ mod solve;
 pub use candidates::{Candidate, candidates};
 pub use decomposition::{Decomposition, EquationBlock};
 pub use diagnose::{Dependence, Diagnosis, diagnose, implications, witness};
-pub use drawing::{ArcId, BarId, CircleId, Drawing, Offset, PointId};
+pub use drawing::{ArcId, BarId, CircleId, Offset, ParametricDrawing, PointId};
 pub use equations::{ConstraintEquations, Equation};
 pub use impose::{Imposed, chi_square_tail, impose};
 pub use incidence::{Entry, Incidence};
 pub use minimal::{deletion_filter, quick_xplain};
 pub use place::Place;
 pub use propose::{
-    ConstrainOptions, Constrained, DEFAULT_LEVEL, Outcome, Proposal, constrain, constrain_among,
+    ConstrainOptions, Constrained, DEFAULT_LEVEL, Proposal, ProposalOutcome, constrain, constrain_among,
 };
 pub use relation::{Axis, Constraint};
 pub use scheme::{Dimensioned, dimension_scheme, sigma};
 pub use snap::{Dimension, Snap, SnapOutcome, snap};
-pub use solve::{Solution, solve};
+pub use solve::{ConstraintSolution, solve};
 
 #[cfg(test)]
 mod tests;

@@ -1,20 +1,21 @@
-//! The graphs of a drawing's constraints, as the paper defines them, and tours through them.
+//! Graphs of the constraints of drawings, as defined by Weiss-Cohen et al. 2009, and tours through them.
 //!
-//! Comes in: a drawing with constraints, or several views of one thing. Goes out: the full undirected graph
-//! of the parameters, the bipartite graph with its maximum matching, the minimal and the pair graph
-//! ([`ViewGraphs`]), the parts of the structure ([`Decomposition`](crate::constraint::Decomposition)), the
-//! composite graph of several views ([`Composite`]), Euler and postman tours ([`postman_tour`]); all as DOT
-//! and, through serde, as JSON. Not guaranteed: that a composite's vertices and edges belong to a solid; the
-//! crate `planish-solid` finds those.
+//! In: a drawing with constraints, or several views of one object. Out: the full undirected graph of the
+//! parameters, the bipartite graph with its maximum matching, the minimal graph and the pair graph
+//! ([`ViewGraphs`]); the composite graph of several views ([`Composite`]); Euler and postman tours
+//! ([`postman_tour`]). All can be written as DOT and, through serde, as JSON. Not guaranteed: that the
+//! vertices and edges of a composite belong to a solid; the crate `planish-solid` finds solids.
 //!
-//! # The paper's prism, and its misprints
-//! Eq. 4.1 as printed names a point `P6` and an `f5: x1 = e`. With the text's three points of the front view
-//! (P6 is P3), and an anchor that holds both coordinates of P1 (f5 is `y1 = e`), its Jacobian has the stated
-//! rank of 6. In eq. 4.2 P8 is P3, the perpendicular is f5, and the last three are f6, f7, f8; the rank is 8.
-//! The published matching is valid, but two of its entries, `∂f2/∂x3` and `∂f3/∂y3`, vanish at the prism: its
-//! term of the determinant is zero. There are two maximum matchings;
-//! [`Incidence::matching`](crate::constraint::Incidence::matching) prefers entries that do not vanish, and
-//! finds the other.
+//! # Corrections to the paper's example, a prism
+//! Eq. 4.1 is printed with a point `P6` and with `f5: x1 = e`. The Jacobian has the stated rank of 6 if P6 is
+//! read as P3, since the text has three points, and f5 as `y1 = e`, so that the anchor fixes both coordinates
+//! of P1. In eq. 4.2, P8 is P3, the perpendicularity is f5, and the last three equations are f6, f7 and f8;
+//! the rank is 8.
+//!
+//! The published matching is one of two maximum matchings. Two of its entries, `∂f2/∂x3` and `∂f3/∂y3`,
+//! vanish at the prism, so that its term of the determinant is zero.
+//! [`Incidence::matching`](crate::constraint::Incidence::matching) prefers entries that do not vanish and
+//! finds the other one (decision record 0048).
 //!
 //! # References
 //! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a

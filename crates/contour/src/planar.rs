@@ -1,23 +1,24 @@
-//! Contours of objects, measured by a ranging sensor of uncertain pose.
+//! Planar contours of objects, measured by a ranging sensor with an uncertain pose.
 //!
-//! Comes in: [`ContourReading`]s (ranges from a pose, or points) with σ. Goes out: a [`ContourFit`]: the
-//! [`ContourKind`], its dimensions and position with covariance; [`choose()`] also lists the alternatives.
-//! Not guaranteed: the right kind where the noise hides the difference; `bic_margin` states the evidence.
+//! In: [`ContourReading`]s (ranges from a pose, or points) with σ. Out: a [`ContourFit`] with the
+//! [`ContourKind`], its parameters and their covariance; [`choose()`] also lists alternatives. Not
+//! guaranteed: the right kind if the noise hides the difference; `bic_margin` states the evidence.
 //!
-//! | module | what |
+//! | module | purpose |
 //! |---|---|
-//! | kind | the kinds, their parameters, and their outlines: vertices joined by lines and arcs |
-//! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
+//! | kind | kinds, their parameters, and their outlines of lines and arcs |
+//! | curve | distance of a point to a piece of an outline, with derivatives |
 //! | reading | a reading as an equation `g(z − v, x) = 0`; motion; product and active-facet form |
-//! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
-//! | ends | where an open chain ends, as equations |
-//! | fit, recursive | one kind fitted by the batch or a filter, gates |
-//! | likelihood | how likely readings are whose places on an outline are not known |
-//! | marginal, combined | the outline for which they are most likely, after the batch |
-//! | plausible | whether corners are corners, and a fit is where the readings are |
-//! | choose | several kinds, and the one of the least BIC |
-//! | simulated | readings of contours that are known exactly |
-//! | parts | readings of several things told apart, holes |
+//! | start | initial parameters: algebraic fits, boxes, segmentation by dynamic programming |
+//! | soft_constraint, ends, joints | prior knowledge about chains: ends and smooth joints, as equations |
+//! | fit, recursive | fit of one kind by a batch or a filter, with a gate |
+//! | likelihood | likelihood of readings whose places on an outline are unknown |
+//! | marginal, combined | outline of maximum marginal likelihood, after the batch |
+//! | plausible | checks of corners, and of the location of a fit |
+//! | choose | choice among several kinds by BIC |
+//! | sides | lengths of sides and radii of arcs, with σ |
+//! | simulated | readings of known contours |
+//! | parts | separation of objects, and containment in outlines |
 //!
 //! # References
 //! Weiss-Cohen, Bondarenko and Halevi 2009, section 2.

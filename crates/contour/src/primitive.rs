@@ -1,20 +1,39 @@
-//! Planes, spheres, cylinders and boxes, seen by rays in space from uncertain poses.
+//! Planes, spheres, cylinders and boxes from ranges in space with uncertain poses.
 //!
-//! Comes in: [`Ray`]s — a pose, a direction, a range — or points, with their σ. Goes out: a [`PrimitiveFit`]:
-//! the parameters of a [`PrimitiveKind`] with their covariance. The same estimator as of contours
-//! (`planish_estimate::implicit`), with six noises a reading. Not guaranteed: a shape of which too little was
-//! seen; a cylinder's ends, which are not looked for.
+//! In: [`Ray`]s (a pose, a direction and a range, or a point) with their σ. Out: a [`PrimitiveFit`] with the
+//! parameters of a [`PrimitiveKind`] and their covariance. The estimator is that of contours
+//! (`planish_estimate::implicit`), with six noise values per reading. Not guaranteed: shapes of which too
+//! little was observed. The ends of a cylinder are not estimated.
 //!
-//! | module | what |
+//! | module | purpose |
 //! |---|---|
-//! | shape | the shapes, their charts, signed distances with derivatives |
+//! | shape | shapes, their charts, signed distances with derivatives |
 //! | ray | a reading as an equation `g(z − v, x) = 0` |
-//! | start | parameters without a guess: algebraic fits, and searches over directions and rotations |
-//! | fit | batch and filters; the choice of a shape by BIC |
-//! | simulated | readings of shapes that are known exactly |
+//! | start | initial parameters: algebraic fits, and searches over directions and rotations |
+//! | fit | batch and filters; choice of a shape by BIC |
+//! | simulated | readings of known shapes |
+//!
+//! # Examples
+//! A sphere of radius 5 from 200 simulated rays:
+//! ```
+//! use planish_contour::planar::ContourFitOptions;
+//! use planish_contour::primitive::{PrimitiveKind, SimulatedPrimitive, SpaceSensor, fit, rays};
+//!
+//! let shape = PrimitiveKind::Sphere;
+//! let sphere = SimulatedPrimitive { shape, center: [1.0, 2.0, 3.0], turn: [0.0; 3], size: [5.0, 0.0, 0.0] };
+//! let sensor = SpaceSensor {
+//!     standoff: 20.0,
+//!     sigma_position: 0.01,
+//!     sigma_angle_rad: 0.001,
+//!     sigma_range_share: 0.001,
+//! };
+//! let found = fit(shape, &rays(&sphere, 200, &sensor, 1).noisy, &ContourFitOptions::default())?;
+//! assert!((found.parameters[3] - 5.0).abs() < 0.02);
+//! # Ok::<(), planish_estimate::Error>(())
+//! ```
 //!
 //! # References
-//! Weiss-Cohen, Bondarenko and Halevi 2009, section 2 (the case in space).
+//! Weiss-Cohen, Bondarenko and Halevi 2009, section 2 (the case of three dimensions).
 
 mod fit;
 mod ray;

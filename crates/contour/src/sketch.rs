@@ -1,25 +1,29 @@
-//! Estimated contours as one drawing, on which constraints are found and imposed, and back.
+//! Conversion of estimated contours to one drawing for constraints, and back.
 //!
-//! Comes in: [`EstimatedContour`]s, each with the covariance of its own parameters. Goes out: a [`Sketch`]:
-//! points, bars and circles with their covariance, and the constraints that make a rectangle a rectangle
-//! ([`Sketch::given`]); from the drawing that obeys more of them, the contours' parameters again. Not
-//! guaranteed: that contours overlap or not.
+//! In: [`EstimatedContour`]s, each with the covariance of its parameters. Out: a [`Sketch`] of points, bars
+//! and circles with their joint covariance, and the constraints of each kind, such as right angles of a
+//! rectangle ([`Sketch::given`]). After further constraints are imposed, [`Sketch::contour`] recovers the
+//! parameters of each contour. Not guaranteed: that contours do not overlap.
 //!
-//! | kind | drawn as | held by |
+//! A rectangle becomes four free corners with three right angles instead of five parameters. All nonlinearity
+//! is then in the constraints, and relations between parts of any kind have the same form (decision record
+//! 0047).
+//!
+//! | kind | drawing | constraints |
 //! |---|---|---|
-//! | line | a bar between the ends of what was seen | – |
+//! | line | a bar between the ends of its observed part | – |
 //! | circle | centre and radius | – |
 //! | ellipse | two bars from the centre: its semi-axes | perpendicular |
 //! | rectangle | four corners and bars | three right angles |
-//! | rounded rectangle | its rectangle, a circle at the first corner | and tangent to the two sides there |
+//! | rounded rectangle | its rectangle, a circle at the first corner | right angles, both tangents there |
 //! | slot | a bar between the centres of its ends, a circle at each | equal radii |
 //! | regular polygon | corners and bars | equal lengths, and angles |
 //! | polygon | corners and bars | – |
-//! | chain | corners, bars, and a circle for each arc | ends on their circles |
+//! | chain | corners, bars, and a circle for each arc | ends of arcs on their circles |
 
 mod shapes;
 
-use crate::constraint::{Constraint, Drawing, Offset};
+use crate::constraint::{Constraint, Offset, ParametricDrawing};
 use crate::planar::ContourKind;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use planish_estimate::{Error, Result};
@@ -27,32 +31,32 @@ use planish_estimate::{Error, Result};
 /// A contour with the covariance of its parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatedContour {
-    /// Its kind.
+    /// Kind of the contour.
     pub kind: ContourKind,
-    /// Its parameters as [`ContourKind`] says, angles in radians.
+    /// Parameters in the order of [`ContourKind`], angles in radians.
     pub theta: Vec<f64>,
-    /// Their covariance.
+    /// Covariance of the parameters.
     pub covariance: DMatrix<f64>,
-    /// Of a line, the ends of what was seen.
+    /// Ends of the observed part; required for a line, ignored otherwise.
     pub seen: Option<[[f64; 2]; 2]>,
 }
 
-/// A contour's place in a sketch.
+/// The part of a sketch that belongs to one contour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SketchPart {
-    /// Its kind.
+    /// Kind of the contour.
     pub kind: ContourKind,
-    /// Its parameters as they were estimated.
+    /// Estimated parameters.
     pub theta: Vec<f64>,
-    /// What its points, bars and circles begin with.
+    /// Indices of its first point, bar and circle.
     pub first: Offset,
-    /// How many points, bars and circles it has.
+    /// Numbers of its points, bars and circles.
     pub count: Offset,
-    /// Where its values begin among the drawing's parameters, and how many there are.
+    /// Index of its first parameter in the drawing, and the number of its parameters.
     values: [usize; 2],
 }
 
-/// Estimated contours as one drawing with its covariance.
+/// Estimated contours as one drawing with a joint covariance.
 ///
 /// # Examples
 /// ```
@@ -61,7 +65,7 @@ pub struct SketchPart {
 /// use planish_contour::planar::ContourKind;
 /// use planish_contour::sketch::{EstimatedContour, Sketch};
 ///
-/// // A rectangle turned by 0.1°, known to 0.3°: it may as well stand upright.
+/// // A rectangle rotated by 0.1° with σ = 0.3°: it agrees with an upright one.
 /// let sigmas = DMatrix::from_diagonal(&DVector::from_vec(vec![0.04, 0.04, 0.04, 0.04, 2.7e-5]));
 /// let theta = vec![0.0, 0.0, 40.0, 30.0, 0.00175];
 /// let seen = EstimatedContour { kind: ContourKind::Rectangle, theta, covariance: sigmas, seen: None };
@@ -76,31 +80,31 @@ pub struct SketchPart {
 /// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sketch {
-    /// All parts.
-    pub drawing: Drawing,
-    /// The covariance of its parameters: that of the estimates along what the kinds allow, and about as much
-    /// across it, where [`Self::given`] leaves nothing.
+    /// Drawing of all contours.
+    pub drawing: ParametricDrawing,
+    /// Covariance of its parameters. It is that of the estimates in directions that keep the kind, and of
+    /// similar size in the others, which [`Self::given`] fixes.
     pub covariance: DMatrix<f64>,
-    /// The constraints that make every contour one of its kind.
+    /// Constraints that make each contour one of its kind.
     pub given: Vec<Constraint>,
     /// The contours, in the order given.
     pub parts: Vec<SketchPart>,
 }
 
-/// A step of the differences, in σ.
+/// Step of the differences, in σ: the drawing is linear on this scale.
 const STEP: f64 = 1e-3;
 
 impl Sketch {
-    /// The drawing of contours, with block after block of their covariance.
+    /// The drawing of contours, with one block of the covariance per contour.
     ///
-    /// With `x = h(θ)` and `J = ∂h/∂θ` (by central differences), a block is `J Σ Jᵀ + s² (I − Q Qᵀ)`, `Q` an
-    /// orthonormal basis of the columns of `J` and `s²` the largest eigenvalue of the first term. Once the
-    /// kind's own constraints are imposed exactly, the second term is gone, and only what is nonlinear in
-    /// between depends on it.
+    /// With `x = h(θ)` and `J = ∂h/∂θ` by central differences, a block is `J Σ Jᵀ + s² (I − Q Qᵀ)`. `Q` is an
+    /// orthonormal basis of the columns of `J`, and `s²` the largest eigenvalue of the first term. The second
+    /// term makes the block regular, so that the given constraints are not already known. Imposing them
+    /// exactly removes it again, except for effects of second order.
     ///
     /// # Errors
-    /// `Input` when a contour's parameters or covariance do not fit its kind, or are none; messages count
-    /// contours from 1.
+    /// `Input` if the parameters or the covariance of a contour do not fit its kind, or are not finite.
+    /// Messages count contours from 1.
     pub fn new(contours: &[EstimatedContour]) -> Result<Self> {
         let mut sketch = Self::default();
         let mut blocks = Vec::new();
@@ -119,7 +123,7 @@ impl Sketch {
         let count = kind.parameters();
         if theta.len() != count || contour.covariance.shape() != (count, count) {
             return Err(Error::input(format!(
-                "needed {count} parameters and a covariance of {count} × {count}, found {} and {} × {}",
+                "expected {count} parameters and a covariance of {count} × {count}, found {} and {} × {}",
                 theta.len(),
                 contour.covariance.nrows(),
                 contour.covariance.ncols()
@@ -127,14 +131,14 @@ impl Sketch {
         }
         if !kind.is_valid(theta) {
             return Err(Error::input(format!(
-                "parameters {theta:?} mean no {kind}: sizes must be positive and numbers finite"
+                "parameters {theta:?} do not describe a {kind}: sizes must be positive and all values finite"
             )));
         }
         if !contour.covariance.iter().all(|c| c.is_finite())
             || contour.covariance.diagonal().iter().any(|&d| d < 0.0)
         {
             return Err(Error::input(
-                "the covariance holds a number that is not finite, or a negative variance",
+                "the covariance contains a value that is not finite, or a negative variance",
             ));
         }
         let made = shapes::drawn(kind, theta, contour.seen)?;
@@ -150,18 +154,18 @@ impl Sketch {
         carried(contour, made.given.is_empty())
     }
 
-    /// A contour's parameters and their covariance, from a drawing that obeys [`Self::given`].
+    /// Parameters and covariance of a contour, from a drawing that satisfies [`Self::given`].
     ///
     /// # Errors
-    /// `Input` when the drawing or its covariance is not one of this sketch, or its parameters mean no
-    /// contour of the kind.
+    /// `Input` if the drawing or its covariance does not belong to this sketch, or its parameters do not
+    /// describe a contour of the kind.
     ///
     /// # Panics
-    /// When there is no such contour.
+    /// If there is no such contour.
     pub fn contour(
         &self,
         part: usize,
-        drawing: &Drawing,
+        drawing: &ParametricDrawing,
         covariance: &DMatrix<f64>,
     ) -> Result<(Vec<f64>, DMatrix<f64>)> {
         let n = self.drawing.parameters();
@@ -178,7 +182,7 @@ impl Sketch {
         let theta = shapes::parameters(kind, values.as_slice(), before);
         if !kind.is_valid(&theta) {
             return Err(Error::input(format!(
-                "contour {} ({kind}): what was imposed leaves no {kind}: {theta:?}",
+                "contour {} ({kind}): the imposed constraints leave no valid {kind}: {theta:?}",
                 part + 1
             )));
         }
@@ -192,8 +196,9 @@ impl Sketch {
     }
 }
 
-/// The covariance of a contour's values, and across what its kind allows; not there where nothing holds it
-/// together.
+/// The covariance of the drawing of one contour; see [`Sketch::new`].
+///
+/// `is_free` is true if the kind has no constraints, so that nothing would remove the second term.
 fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     let EstimatedContour { kind, theta, covariance, seen } = contour;
     if matches!(kind, ContourKind::Polygon(_) | ContourKind::Circle) {
@@ -207,7 +212,7 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
             .map_or_else(|_| DVector::zeros(0), |made| made.drawing.values())
     });
     if jacobian.nrows() == 0 {
-        return Err(Error::input("the contour is too small beside its σ to be drawn"));
+        return Err(Error::input("the contour is too small compared with its σ to be drawn"));
     }
     let along = &jacobian * covariance * jacobian.transpose();
     let along = 0.5 * (&along + along.transpose());
@@ -215,7 +220,7 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
         return Ok(along);
     }
     let largest = SymmetricEigen::new(along.clone()).eigenvalues.amax();
-    // Columns of equal length, so that none is lost.
+    // Unit columns: angles and lengths may differ by orders of magnitude, and QR would lose the small ones.
     let mut columns = jacobian;
     for mut column in columns.column_iter_mut() {
         let length = column.norm();
@@ -226,7 +231,7 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     Ok(along + across * largest)
 }
 
-/// `∂f/∂x` by central differences.
+/// `∂f/∂x` by central differences; empty if `f` is undefined at a step.
 fn differences(
     x: &DVector<f64>,
     steps: &DVector<f64>,
@@ -247,7 +252,15 @@ fn differences(
     DMatrix::from_columns(&columns)
 }
 
-/// The block-diagonal matrix of these blocks, in their order.
+/// The block-diagonal matrix of square blocks.
+///
+/// # Examples
+/// ```
+/// use nalgebra::dmatrix;
+/// use planish_contour::sketch::block_diagonal;
+///
+/// assert_eq!(block_diagonal(&[dmatrix![2.0], dmatrix![3.0]]), dmatrix![2.0, 0.0; 0.0, 3.0]);
+/// ```
 #[must_use]
 pub fn block_diagonal(blocks: &[DMatrix<f64>]) -> DMatrix<f64> {
     let size = blocks.iter().map(DMatrix::nrows).sum();

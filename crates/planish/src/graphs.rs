@@ -3,7 +3,7 @@
 //! Input: [`ViewGraphs`] of one view or several with their structure and tours, and the composite graph of
 //! several. Output: one file with all of them.
 
-use planish_contour::constraint::{BarId, Constraint, Decomposition, Diagnosis, Drawing, PointId};
+use planish_contour::constraint::{BarId, Constraint, Decomposition, Diagnosis, ParametricDrawing, PointId};
 use planish_contour::graph::{Composite, Tour, TourEdge, ViewGraphs, postman_tour};
 use planish_estimate::{Error, Result};
 use planish_exchange::{extension, write_atomically};
@@ -69,7 +69,12 @@ pub struct GraphsOfView {
 impl GraphsOfView {
     /// The graphs of constraints that were diagnosed.
     #[must_use]
-    pub fn new(name: &str, drawing: &Drawing, constraints: &[Constraint], diagnosis: &Diagnosis) -> Self {
+    pub fn new(
+        name: &str,
+        drawing: &ParametricDrawing,
+        constraints: &[Constraint],
+        diagnosis: &Diagnosis,
+    ) -> Self {
         Self {
             name: name.to_owned(),
             parameters: diagnosis.parameters,
@@ -84,7 +89,7 @@ impl GraphsOfView {
 impl NamedStructure {
     /// A decomposition of constraints between the parts of a drawing.
     #[must_use]
-    pub fn new(structure: &Decomposition, drawing: &Drawing) -> Self {
+    pub fn new(structure: &Decomposition, drawing: &ParametricDrawing) -> Self {
         let named = |part: &planish_contour::constraint::EquationBlock| NamedPart {
             equations: part.equations.iter().map(|f| format!("f{}", f + 1)).collect(),
             parameters: part.parameters.iter().map(|&p| drawing.parameter_name(p).to_owned()).collect(),
@@ -117,7 +122,7 @@ impl NamedTour {
 }
 
 /// A postman's tour of each set of bars that hang together.
-fn tours(drawing: &Drawing) -> Vec<NamedTour> {
+fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
     let mut left: Vec<BarId> = drawing.bars().collect();
     let mut found = Vec::new();
     while let Some(&first) = left.first() {

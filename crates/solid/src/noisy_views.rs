@@ -27,7 +27,8 @@ pub use measure::{DimensionKind, SpaceDimension, SpaceVertex};
 use crate::views::ViewKind;
 use nalgebra::DMatrix;
 use planish_contour::constraint::{
-    Candidate, ConstrainOptions, Constrained, Constraint, Drawing, Outcome, chi_square_tail, constrain_among,
+    Candidate, ConstrainOptions, Constrained, Constraint, ParametricDrawing, ProposalOutcome,
+    chi_square_tail, constrain_among,
 };
 use planish_contour::sketch::{Sketch, block_diagonal};
 use planish_estimate::{Error, Result};
@@ -66,7 +67,7 @@ pub struct ConsistentViews {
     /// The views' kinds, in their order.
     pub kinds: Vec<ViewKind>,
     /// All views' drawings one after the other, consistent.
-    pub drawing: Drawing,
+    pub drawing: ParametricDrawing,
     /// The covariance of its parameters.
     pub covariance: DMatrix<f64>,
     /// All constraints: first within each view, then between views.
@@ -106,7 +107,7 @@ const FOREIGN: f64 = 0.01;
 /// otherwise.
 pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<ConsistentViews> {
     check(views)?;
-    let mut drawing = Drawing::default();
+    let mut drawing = ParametricDrawing::default();
     let mut offsets = Vec::new();
     let mut first = Vec::new();
     let mut given = Vec::new();
@@ -184,7 +185,7 @@ fn matches(
     found: &Constrained,
     places: &[levels::SpacePlace],
 ) -> Vec<SpaceMatch> {
-    let said = found.proposals.iter().filter(|p| p.outcome != Outcome::Rejected);
+    let said = found.proposals.iter().filter(|p| p.outcome != ProposalOutcome::Rejected);
     let tested = said.filter_map(|proposal| {
         let Constraint::Aligned { a, b } = proposal.constraint else {
             return None;
@@ -199,10 +200,10 @@ fn matches(
             p_value: proposal.p_value,
             chance: proposal.chance,
             outcome: match proposal.outcome {
-                Outcome::Imposed => "imposed",
-                Outcome::Implied => "implied",
-                Outcome::Refused { .. } => "refused",
-                Outcome::Unclear | Outcome::Rejected => "unclear",
+                ProposalOutcome::Imposed => "imposed",
+                ProposalOutcome::Implied => "implied",
+                ProposalOutcome::Refused { .. } => "refused",
+                ProposalOutcome::Unclear | ProposalOutcome::Rejected => "unclear",
             },
         })
     });
@@ -217,7 +218,7 @@ impl ConsistentViews {
     ///
     /// # Panics
     /// When there is no such view.
-    pub fn view(&self, view: usize) -> Result<(Drawing, DMatrix<f64>)> {
+    pub fn view(&self, view: usize) -> Result<(ParametricDrawing, DMatrix<f64>)> {
         let from = self.first[view];
         let count = self.sketches[view].drawing.parameters();
         let values = self.drawing.values().rows(from, count).into_owned();

@@ -148,7 +148,7 @@ fn invalid_constraints_are_named() {
             &["--given", "P1P9 horizontal"][..],
             "constraint `P1P9 horizontal`: the drawing has no point `P9`: it has 4",
         ),
-        (&["--given", "P1P2 over P3P4"], "constraint `P1P2 over P3P4`: needed a sentence such as"),
+        (&["--given", "P1P2 over P3P4"], "constraint `P1P2 over P3P4`: expected a sentence such as"),
         (
             &["--given", "P1P2 is 90 long", "--given", "P3P4 is 80 long"],
             "`P3P4 is 80 long` cannot hold together with",

@@ -1,28 +1,43 @@
-//! Which relations a drawing could obey, and within what range they would lie by chance.
+//! Candidate relations of a drawing, each with the range of its residual among unrelated parts.
 
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::relation::Constraint;
 use std::f64::consts::PI;
 
-/// A relation that might hold.
+/// A relation to be tested.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
     /// The relation.
     pub constraint: Constraint,
-    /// The width of the range over which each of its residuals would spread evenly if the parts had nothing
-    /// to do with each other: half a turn for directions, the larger of two lengths or radii, the drawing's
-    /// extent for places.
+    /// Width of the range over which each residual would be evenly distributed if the parts were unrelated.
+    ///
+    /// It is π for directions, the larger of two lengths or radii, and the extent of the drawing for
+    /// positions.
     pub range: f64,
 }
 
-/// All relations that may be proposed for a drawing.
+/// All candidate relations of a drawing.
 ///
-/// Of every bar: horizontal, vertical. Of two bars: parallel, perpendicular, equally long. Of two circles:
-/// concentric, equal radii, tangent from outside and inside. Of a bar and a circle: tangent; of an arc and a
-/// bar that meet: tangent there. Of two points and an axis: symmetric. Distances are no candidates;
-/// [`snap`](crate::constraint::snap) proposes those.
+/// | parts | relations |
+/// |---|---|
+/// | a bar | horizontal, vertical |
+/// | two bars | parallel, perpendicular, equal length |
+/// | two circles | concentric, equal radii, tangent from outside or inside |
+/// | a bar and a circle | tangent; at the common point if the bar continues as an arc of the circle |
+/// | two points and an axis | symmetric |
+///
+/// Dimensions are not candidates; see [`snap`](crate::constraint::snap).
+///
+/// # Examples
+/// ```
+/// use planish_contour::constraint::{ParametricDrawing, candidates};
+///
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+/// assert_eq!(candidates(&triangle).len(), 3 * 2 + 3 * 3); // three bars, three pairs of bars
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[must_use]
-pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
+pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
     let extent = drawing.extent();
     let mut found = Vec::new();
     let mut add = |constraint, range| found.push(Candidate { constraint, range });
@@ -30,6 +45,8 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
     let circles: Vec<CircleId> = drawing.circles().collect();
     for (i, &a) in bars.iter().enumerate() {
         let length = drawing.length(a);
+        // The residual is a difference of coordinates, length times sine: over all directions its density at
+        // zero is that of a range of π times the length.
         add(Constraint::Horizontal { bar: a }, PI * length);
         add(Constraint::Vertical { bar: a }, PI * length);
         for &b in &bars[i + 1..] {
@@ -73,26 +90,27 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
     found
 }
 
-/// Bars that end at one of two points, with that point.
-fn bars_at(drawing: &Drawing, points: [PointId; 2]) -> impl Iterator<Item = (BarId, PointId)> {
+/// Bars that end at one of two points, each with that point.
+fn bars_at(drawing: &ParametricDrawing, points: [PointId; 2]) -> impl Iterator<Item = (BarId, PointId)> {
     let pairs = drawing.bars().flat_map(move |bar| points.map(|point| (bar, point)));
     pairs.filter(|&(bar, point)| drawing.ends(bar).contains(&point))
 }
 
-/// Whether a bar goes on as an arc of a circle: then it may touch the circle only where they meet.
-fn meets_arc(drawing: &Drawing, bar: BarId, circle: CircleId) -> bool {
+/// True if a bar continues as an arc of a circle. It can then be tangent only at the common point, which is
+/// another constraint.
+fn meets_arc(drawing: &ParametricDrawing, bar: BarId, circle: CircleId) -> bool {
     let mut arcs = drawing.arcs().filter(|arc| arc.0 == circle);
     arcs.any(|(_, start, end)| drawing.ends(bar).iter().any(|&point| point == start || point == end))
 }
 
-/// Whether a circle's centre lies to the left of a bar.
-pub(super) fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
+/// True if the centre of a circle lies to the left of a bar.
+pub(super) fn is_left(drawing: &ParametricDrawing, circle: CircleId, bar: BarId) -> bool {
     let offset = Constraint::PointLineDistance { point: drawing.centre(circle), bar, value: 0.0 };
     offset.equations(drawing, drawing.values().as_slice())[0].residual >= 0.0
 }
 
-/// Whether two circles are nearer to touching from inside than from outside.
-pub(super) fn is_inside(drawing: &Drawing, a: CircleId, b: CircleId) -> bool {
+/// True if two circles are closer to touching from inside than from outside.
+pub(super) fn is_inside(drawing: &ParametricDrawing, a: CircleId, b: CircleId) -> bool {
     let gap = |inside| {
         Constraint::TangentCircles { a, b, inside }.equations(drawing, drawing.values().as_slice())[0]
             .residual

@@ -1,12 +1,12 @@
-//! χ² of sets of constraints to first order, for the many questions of which of them quarrel.
+//! χ² of sets of constraints to first order, for the search of conflicts.
 //!
-//! Comes in: an estimate, and constraints linearised where they nearly hold. Goes out: what a set of them
-//! costs the estimate. Not guaranteed: second-order terms, which a last look with the real equations must
-//! take.
+//! In: an estimate, and constraints linearised where they nearly hold. Out: the χ² of any subset, without
+//! solving nonlinear equations. Not guaranteed: second-order terms; the caller repeats the search with the
+//! exact equations if this one finds no conflict.
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
-use super::impose::{KNOWN, row_sigmas};
+use super::impose::{KNOWN_SIGMA, row_sigmas};
 use super::relation::Constraint;
 use nalgebra::{DMatrix, DVector};
 
@@ -18,11 +18,11 @@ pub(super) struct Linearised {
 struct Row {
     slopes: DVector<f64>,
     misclosure: f64,
-    /// Less than this is nothing.
-    least: f64,
+    /// A remainder shorter than this counts as dependent.
+    min_norm: f64,
 }
 
-/// What a set costs.
+/// χ² of a set of constraints.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Cost {
     pub(super) chi_square: f64,
@@ -32,8 +32,8 @@ pub(super) struct Cost {
 impl Linearised {
     /// Linearises constraints at a drawing; `root` and `covariance` are those of the estimate.
     pub(super) fn new(
-        estimate: &Drawing,
-        at: &Drawing,
+        estimate: &ParametricDrawing,
+        at: &ParametricDrawing,
         root: &DMatrix<f64>,
         covariance: &DMatrix<f64>,
         constraints: &[Constraint],
@@ -49,20 +49,21 @@ impl Linearised {
             let of_row = |i: usize| Row {
                 slopes: whitened.row(i).transpose(),
                 misclosure: misclosures[i],
-                least: KNOWN * sizes[i],
+                min_norm: KNOWN_SIGMA * sizes[i],
             };
             (0..jacobian.nrows()).map(of_row).collect()
         });
         Self { rows: rows.collect() }
     }
 
-    /// What constraints cost together, in this order: `Σ c²` over rows made orthogonal, `c` what is left of a
-    /// misclosure over what is left of its row.
+    /// χ² of constraints imposed in this order: `Σ c²` over orthogonalised rows, `c` being the remaining
+    /// misclosure divided by the length of the remaining row.
     pub(super) fn cost(&self, chosen: impl Iterator<Item = usize>) -> Cost {
         let mut basis: Vec<(DVector<f64>, f64)> = Vec::new();
         let mut cost = Cost::default();
         for row in chosen.flat_map(|i| &self.rows[i]) {
             let (mut left, mut misclosure) = (row.slopes.clone(), row.misclosure);
+            // Gram–Schmidt twice, as in `row_rank`.
             for _ in 0..2 {
                 for (unit, of_unit) in &basis {
                     let share = unit.dot(&left);
@@ -71,7 +72,7 @@ impl Linearised {
                 }
             }
             let norm = left.norm();
-            if norm > row.least {
+            if norm > row.min_norm {
                 let of_unit = misclosure / norm;
                 cost.chi_square += of_unit * of_unit;
                 cost.degrees += 1;

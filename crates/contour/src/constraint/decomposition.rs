@@ -1,40 +1,41 @@
-//! The over-, well- and under-determined parts of a system, by structure alone.
+//! Over-, well- and under-determined parts of a system of equations, by its structure alone.
 
 use super::incidence::Incidence;
 use petgraph::algo::tarjan_scc;
 use petgraph::graph::{DiGraph, NodeIndex};
 use serde::Serialize;
 
-/// Equations with the parameters that belong to them.
+/// Equations with the parameters of the same part.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct EquationBlock {
-    /// Equations, ascending.
+    /// Indices of equations, ascending.
     pub equations: Vec<usize>,
-    /// Parameters, ascending.
+    /// Indices of parameters, ascending.
     pub parameters: Vec<usize>,
 }
 
 /// The coarse and fine decomposition of Dulmage and Mendelsohn.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct Decomposition {
-    /// The size of a maximum matching: the structural rank.
+    /// Size of a maximum matching: the structural rank.
     pub rank: usize,
-    /// More equations than parameters, for every maximum matching.
+    /// Part with more equations than parameters.
     pub over: EquationBlock,
-    /// As many equations as parameters.
+    /// Part with as many equations as parameters.
     pub well: EquationBlock,
-    /// Fewer equations than parameters.
+    /// Part with fewer equations than parameters.
     pub under: EquationBlock,
-    /// The well-determined part in blocks that are solved one after the other, each for its own parameters.
+    /// Blocks of the well-determined part, in the order in which they can be solved, each for its own
+    /// parameters.
     pub blocks: Vec<EquationBlock>,
 }
 
 impl Incidence {
     /// The Dulmage–Mendelsohn decomposition.
     ///
-    /// Over-determined is what alternating paths reach from an unmatched equation, under-determined what they
-    /// reach from an unmatched parameter. It does not depend on the matching. Blocks are the strong
-    /// components of the rest. Cost: that of the matching.
+    /// The over-determined part is what alternating paths reach from unmatched equations, the
+    /// under-determined part what they reach from unmatched parameters. The result does not depend on the
+    /// matching. Blocks are the strong components of the rest. Cost: that of the matching.
     ///
     /// # References
     /// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*; Pothen and Fan 1990, *Computing the
@@ -75,7 +76,7 @@ impl Incidence {
     }
 }
 
-/// What alternating paths reach from unmatched nodes of one side: flags of that side and of the other.
+/// Nodes that alternating paths reach from unmatched nodes of one side: flags of that side and of the other.
 fn reached(
     neighbours: &[Vec<usize>],
     partner: &[Option<usize>],
@@ -97,6 +98,7 @@ fn reached(
     (seen, seen_other)
 }
 
+/// Strong components of the well-determined part, in the order of solving.
 fn blocks(
     well: &EquationBlock,
     of: &[Vec<usize>],
@@ -116,7 +118,7 @@ fn blocks(
             }
         }
     }
-    // Components come with those that others need first: the order of solving.
+    // Tarjan's algorithm returns components in reverse topological order: those that others need come first.
     tarjan_scc(&graph)
         .into_iter()
         .map(|component: Vec<NodeIndex>| {

@@ -1,80 +1,87 @@
-//! How many freedoms constraints leave, which are redundant, and which contradict each other.
+//! Degrees of freedom, redundancy and conflicts of constraints.
 //!
-//! Comes in: a drawing and constraints, in order of preference. Goes out: ranks at a witness, smallest
-//! redundant and smallest conflicting sets, and the structure's over-, well- and under-determined parts. Not
-//! guaranteed: that a conflict is real where the drawing is far from what its dimensions say; the search for
-//! a solution starts there.
+//! In: a drawing and constraints, in order of preference. Out: ranks at a witness, smallest redundant and
+//! smallest conflicting sets, and the over-, well- and under-determined parts of the structure. Not
+//! guaranteed: that a conflict is real if the drawing is far from its dimensions, because the search for a
+//! solution starts at the drawing (decision record 0046).
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::draws::Draws;
 use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
 use super::rank::{RowRank, row_norms, row_rank};
 use super::relation::Constraint;
-use super::solve::{Solution, solve};
+use super::solve::{ConstraintSolution, solve};
 use super::{Decomposition, Incidence};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 
-/// A constraint that others make needless, or impossible.
+/// A constraint that others imply or contradict.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Dependence {
-    /// The constraint, by its index.
+    /// Index of the constraint.
     pub constraint: usize,
-    /// The constraints, all before it, that together imply or contradict it; none can be left out.
+    /// Indices of the constraints that together imply or contradict it. The set is minimal.
     pub with: Vec<usize>,
-    /// How many of its equations are concerned.
+    /// Number of its equations that are implied or contradicted.
     pub equations: usize,
 }
 
-/// What constraints leave free, and what is wrong with them.
+/// Degrees of freedom, redundancies and conflicts of a set of constraints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Diagnosis {
-    /// Parameters of the drawing.
+    /// Number of parameters of the drawing.
     pub parameters: usize,
-    /// Equations, of all constraints.
+    /// Number of equations of all constraints.
     pub equations: usize,
-    /// The rank of the Jacobian of those that hold together, at the witness.
+    /// Rank of the Jacobian of the consistent constraints at the witness.
     pub rank: usize,
-    /// The same at the drawing that obeys them; less where it is a special position.
+    /// The same rank at the solved drawing; smaller if it is in a special position.
     pub rank_at_solution: usize,
-    /// Parameters less rank: what is still free.
+    /// Remaining degrees of freedom: parameters minus rank.
     pub freedoms: usize,
-    /// How many of those freedoms are motions of the whole, at most three.
+    /// Number of those that are rigid motions of the whole drawing, at most three.
     pub rigid_motions: usize,
-    /// Constraints that say nothing new, each with the smallest set that implies it.
+    /// Redundant constraints, each with the smallest set that implies it.
     pub redundant: Vec<Dependence>,
-    /// Constraints that cannot hold, each with the smallest set that it contradicts.
+    /// Conflicting constraints, each with the smallest set that it contradicts.
     pub conflicting: Vec<Dependence>,
-    /// The parts of the structure, conflicting constraints included.
+    /// Structural decomposition, conflicting constraints included.
     pub structure: Decomposition,
-    /// Whether the witness is in general position; else the ranks are those of the solution.
+    /// True if a witness in general position was found; otherwise the ranks are those of the solution.
     pub is_generic: bool,
 }
 
-/// Relative length of what is left of a row that is taken for a combination of others.
+/// Relative length of the remainder of a row below which it is a combination of others.
+///
+/// Solved drawings satisfy constraints to about 1e-10; their gradients then depend on each other to that
+/// accuracy, not to rounding.
 pub(crate) const ROW_TOLERANCE: f64 = 1e-7;
+/// Number of perturbed starts after the search from the drawing has failed.
 const STARTS: u64 = 3;
 
-/// Freedoms, redundant and conflicting constraints of a drawing.
+/// Determines degrees of freedom, redundant constraints and conflicting constraints of a drawing.
 ///
-/// *Conflicting*: as long as all that is left has no solution, the smallest set without one is found
-/// (QuickXplain) and its last member, in the order given, is set aside. *Redundant*: of the rest, rows of the
-/// Jacobian at a [`witness`] that are combinations of earlier ones; the combination names the set. So both
-/// name the later of two that exclude each other: state what is sure first. *Structure*:
-/// [`Incidence::decomposition`], which sees no numbers, and takes a redundancy that geometry makes for a
-/// constraint. Cost: some `k log m` solutions for a conflict of `k` among `m`, and `m² n`.
+/// - *Conflicts*: while the remaining constraints have no solution, QuickXplain finds a smallest set without
+///   one. Its last member in the given order is reported and removed.
+/// - *Redundancies*: among the rest, rows of the Jacobian at a [`witness`] that are combinations of earlier
+///   rows. The combination gives the set.
+/// - *Structure*: [`Incidence::decomposition`]. It uses no numbers and cannot see redundancies that follow
+///   from geometry.
+///
+/// The later of two dependent constraints is reported, so list the certain ones first. Cost: about `k log m`
+/// solutions for a conflict of `k` among `m` constraints, and `m² n`.
 ///
 /// # Errors
-/// `Input` when a constraint names a part that is not there; `Undetermined` when constraints have no numbers
-/// at the drawing (a bar without length).
+/// `Input` if a constraint refers to a part that the drawing does not have; `Undetermined` if a constraint
+/// has no value at the drawing (for example a bar without length).
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, PointId, diagnose};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, PointId, diagnose};
 ///
-/// let drawing = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
+/// let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
 /// let [bottom, right, top, left] = [0, 1, 2, 3].map(BarId);
 /// let constraints = [
 ///     Constraint::Anchor { point: PointId(0), at: [0.0, 0.0] },
@@ -94,20 +101,24 @@ const STARTS: u64 = 3;
 /// # References
 /// Michelucci and Foufou 2006, *Geometric constraint solving: the witness configuration method*; Junker 2004,
 /// *QuickXplain*; Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*.
-pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnosis> {
+pub fn diagnose(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Result<Diagnosis> {
     constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     let all = ConstraintEquations::new(drawing, constraints);
     let finite = |x: &DVector<f64>| all.residuals_and_jacobian(x).1.iter().all(|slope| slope.is_finite());
     if !finite(&drawing.values()) {
         return Err(Error::undetermined(
-            "a constraint is not defined where the drawing is: a bar has no length, or two points of a \
-             distance coincide",
+            "a constraint is undefined for this drawing: a bar has no length, or two points of a distance \
+             coincide",
         ));
     }
+    // Conflicting constraints come out first: ranks do not show them, since the lengths 1, 1 and 5 of a
+    // triangle are independent.
     let (kept, conflicting) = without_conflicts(drawing, constraints);
     let consistent: Vec<Constraint> = kept.iter().map(|&i| constraints[i]).collect();
     let solution = satisfy(drawing, &consistent);
     let solved = drawing.with_values(&solution.values)?;
+    // Ranks are judged at the witness: the drawing itself may be a special position, where rows depend on
+    // each other by accident.
     let generic = witness(&solved, &consistent);
     let equations = ConstraintEquations::new(&solved, &consistent);
     let (_, here) = equations.residuals_and_jacobian(&solved.values());
@@ -131,21 +142,20 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
     })
 }
 
-/// Of relations that a drawing obeys anyway, those that follow from constraints, each with the smallest set
-/// it follows from.
+/// Relations that follow from constraints, each with the smallest set that implies it.
 ///
-/// Judged at the drawing, which must obey all of them: the gradient of one that follows is a combination of
-/// theirs, and the combination names the set. `constraint` counts the relations, `with` the constraints.
-/// Cost: `(m + r) m n` for `r` relations.
+/// The drawing must satisfy all of them. A relation follows if its gradient is a combination of the gradients
+/// of constraints; the combination gives the set. In the result, `constraint` is an index into `relations`
+/// and `with` holds indices into `constraints`. Cost: `(m + r) m n` for `r` relations.
 ///
 /// # Errors
-/// `Input` when one names a part that is not there.
+/// `Input` if one refers to a part that the drawing does not have.
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, implications};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, implications};
 ///
-/// let plate = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])?;
+/// let plate = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])?;
 /// let [bottom, right, top] = [0, 1, 2].map(BarId);
 /// let known = [
 ///     Constraint::Horizontal { bar: bottom },
@@ -157,7 +167,7 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn implications(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     constraints: &[Constraint],
     relations: &[Constraint],
 ) -> Result<Vec<Dependence>> {
@@ -165,7 +175,7 @@ pub fn implications(
     all.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     let equations = ConstraintEquations::new(drawing, &all);
     let (_, mut jacobian) = equations.residuals_and_jacobian(&drawing.values());
-    // One without a value where the drawing is follows from nothing.
+    // A relation that is undefined at the drawing follows from nothing; NaN would spread to all later rows.
     for mut row in jacobian.row_iter_mut() {
         if row.iter().any(|slope| !slope.is_finite()) {
             row.fill(0.0);
@@ -186,31 +196,37 @@ pub fn implications(
     Ok(found)
 }
 
-/// A configuration in general position that obeys every relation of a drawing, whatever its dimensions.
+/// A configuration in general position that satisfies all relations of a drawing, but not its dimensions.
 ///
-/// The drawing is shaken by some percent of its extent, and relations without a size (parallel, tangent, …)
-/// are restored; dimensions and anchors are then taken as they came out. Ranks there are those of almost all
-/// dimensions: no accident of the drawing counts. `None` where relations could not be restored.
+/// The drawing is perturbed by a few percent of its extent, and relations without a size (parallel, tangent,
+/// …) are restored. Dimensions and anchors take the values that result. Ranks at the witness are those of
+/// almost all dimensions, and no coincidence of the drawn sizes affects them. Returns `None` if the relations
+/// could not be restored.
 #[must_use]
-pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<f64>> {
+pub fn witness(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Option<DVector<f64>> {
     let values = drawing.values();
     let relations: Vec<Constraint> = constraints
         .iter()
         .filter(|constraint| constraint.measured(drawing, values.as_slice()).is_none())
         .copied()
         .collect();
+    // A large perturbation leaves special positions most clearly, but relations may then not be restored.
     [0.05, 0.02, 0.005]
         .iter()
         .enumerate()
         .filter_map(|(seed, &share)| {
-            drawing.with_values(&shaken(&values, share * drawing.extent(), seed as u64)).ok()
+            drawing.with_values(&perturbed(&values, share * drawing.extent(), seed as u64)).ok()
         })
         .map(|moved| solve(&moved, &relations))
         .find(|solution| solution.holds)
         .map(|solution| solution.values)
 }
 
-fn without_conflicts(drawing: &Drawing, constraints: &[Constraint]) -> (Vec<usize>, Vec<Dependence>) {
+/// Indices of a consistent subset of the constraints, and the conflicts that were removed.
+fn without_conflicts(
+    drawing: &ParametricDrawing,
+    constraints: &[Constraint],
+) -> (Vec<usize>, Vec<Dependence>) {
     let mut kept: Vec<usize> = (0..constraints.len()).collect();
     let mut conflicting = Vec::new();
     loop {
@@ -232,37 +248,40 @@ fn without_conflicts(drawing: &Drawing, constraints: &[Constraint]) -> (Vec<usiz
     (kept, conflicting)
 }
 
-/// [`solve`] from the drawing, and where that fails from shaken ones.
-pub(crate) fn satisfy(drawing: &Drawing, constraints: &[Constraint]) -> Solution {
+/// [`solve`] from the drawing, and if that fails, from perturbed drawings: a start in a special position can
+/// have a singular Jacobian from which no step leads to a solution.
+pub(crate) fn satisfy(drawing: &ParametricDrawing, constraints: &[Constraint]) -> ConstraintSolution {
     let first = solve(drawing, constraints);
     if first.holds {
         return first;
     }
     (0..STARTS)
         .filter_map(|seed| {
-            let start = shaken(&drawing.values(), 0.1 * drawing.extent(), 100 + seed);
+            let start = perturbed(&drawing.values(), 0.1 * drawing.extent(), 100 + seed);
             Some(solve(&drawing.with_values(&start).ok()?, constraints))
         })
         .find(|solution| solution.holds)
         .unwrap_or(first)
 }
 
+/// Independent and dependent rows of a Jacobian.
 fn ranked(jacobian: &DMatrix<f64>) -> RowRank {
     row_rank(jacobian, &row_norms(jacobian), ROW_TOLERANCE)
 }
 
-/// How many combinations of motions change no equation.
+/// Number of independent combinations of motions that change no equation.
 fn free_motions(jacobian: &DMatrix<f64>, motions: &DMatrix<f64>) -> usize {
     let changes = (jacobian * motions).transpose();
     let size = jacobian.norm() * motions.amax();
     motions.ncols() - row_rank(&changes, &[size; 3], ROW_TOLERANCE).independent.len()
 }
 
+/// Dependent rows grouped by constraint, with indices into the original list.
 fn redundancies(rank: &RowRank, owners: &[usize], kept: &[usize]) -> Vec<Dependence> {
     let mut found: Vec<Dependence> = Vec::new();
     for dependent in &rank.dependent {
         let constraint = kept[owners[dependent.row]];
-        let mut with: Vec<usize> = dependent.of.iter().map(|&row| kept[owners[row]]).collect();
+        let mut with: Vec<usize> = dependent.combination.iter().map(|&row| kept[owners[row]]).collect();
         if let Some(known) = found.iter_mut().find(|known| known.constraint == constraint) {
             known.equations += 1;
             with.append(&mut known.with);
@@ -279,8 +298,8 @@ fn redundancies(rank: &RowRank, owners: &[usize], kept: &[usize]) -> Vec<Depende
     found
 }
 
-/// Both translations and the rotation about the origin, as changes of the parameters; columns.
-fn rigid_motions(drawing: &Drawing, x: &DVector<f64>) -> DMatrix<f64> {
+/// Derivatives of the parameters by both translations and the rotation about the origin, as columns.
+fn rigid_motions(drawing: &ParametricDrawing, x: &DVector<f64>) -> DMatrix<f64> {
     let mut motions = DMatrix::zeros(x.len(), 3);
     let size = drawing.extent();
     for point in drawing.points() {
@@ -293,8 +312,8 @@ fn rigid_motions(drawing: &Drawing, x: &DVector<f64>) -> DMatrix<f64> {
     motions
 }
 
-/// The values, each moved by up to `reach` either way.
-fn shaken(values: &DVector<f64>, reach: f64, seed: u64) -> DVector<f64> {
+/// The values, each changed by a random amount up to ±`reach`.
+fn perturbed(values: &DVector<f64>, reach: f64, seed: u64) -> DVector<f64> {
     let mut draws = Draws::new(seed);
     values.map(|value| value + reach * draws.uniform())
 }

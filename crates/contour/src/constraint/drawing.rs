@@ -1,55 +1,55 @@
 //! A drawing: points, bars between them, circles and arcs, over one vector of parameters.
 //!
-//! Comes in: coordinates and radii. Goes out: names, values and the parameters of each part. Lengths are in
-//! the drawing's unit. Not guaranteed: that bars do not cross, or that an arc's ends lie on its circle; that
-//! is a constraint.
+//! In: coordinates and radii. Out: names, values and the parameters of each part. Lengths are in the unit of
+//! the drawing. Not guaranteed: that bars do not cross. That the ends of an arc lie on its circle is a
+//! constraint, not a property of the drawing: an estimate of both satisfies it only approximately.
 
 use crate::constraint::Constraint;
 use nalgebra::DVector;
 use planish_estimate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// A point of a drawing.
+/// Index of a point of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct PointId(pub u32);
 
-/// A bar of a drawing: a straight line between two of its points.
+/// Index of a bar of a drawing: a straight line between two of its points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct BarId(pub u32);
 
-/// A circle of a drawing.
+/// Index of a circle of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct CircleId(pub u32);
 
-/// An arc of a drawing.
+/// Index of an arc of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ArcId(pub u32);
 
-/// Numbers of points, bars and circles: of a drawing, or before one that was put behind others.
+/// Numbers of points, bars and circles of a drawing; also the index offsets of a drawing appended to another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Offset {
-    /// Points.
+    /// Number of points.
     pub points: u32,
-    /// Bars.
+    /// Number of bars.
     pub bars: u32,
-    /// Circles.
+    /// Number of circles.
     pub circles: u32,
 }
 
 impl Offset {
-    /// A point's number in the whole.
+    /// Index of a point of the appended drawing in the whole drawing.
     #[must_use]
     pub fn point(self, point: PointId) -> PointId {
         PointId(point.0 + self.points)
     }
 
-    /// A bar's number in the whole.
+    /// Index of a bar of the appended drawing in the whole drawing.
     #[must_use]
     pub fn bar(self, bar: BarId) -> BarId {
         BarId(bar.0 + self.bars)
     }
 
-    /// A circle's number in the whole.
+    /// Index of a circle of the appended drawing in the whole drawing.
     #[must_use]
     pub fn circle(self, circle: CircleId) -> CircleId {
         CircleId(circle.0 + self.circles)
@@ -78,14 +78,14 @@ struct Arc {
 
 /// Points, bars, circles and arcs over one vector of parameters.
 ///
-/// Parameters stand in the order in which they were added: two for a point (`x1 y1`, counted from 1 as in the
-/// paper), one for a radius (`r1`). A covariance of the drawing is in that order.
+/// Parameters are in the order of their addition: two per point (`x1 y1`, counted from 1 as in the paper),
+/// one per radius (`r1`). A covariance of the drawing has the same order.
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::Drawing;
+/// use planish_contour::constraint::ParametricDrawing;
 ///
-/// let mut drawing = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
+/// let mut drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
 /// let centre = drawing.point([20.0, 15.0]);
 /// drawing.circle(centre, 6.0)?;
 /// assert_eq!(drawing.values().len(), 11);
@@ -93,7 +93,7 @@ struct Arc {
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Drawing {
+pub struct ParametricDrawing {
     values: Vec<f64>,
     names: Vec<String>,
     points: Vec<usize>,
@@ -104,28 +104,31 @@ pub struct Drawing {
     arcs: Vec<Arc>,
 }
 
-impl Drawing {
-    /// A closed polygon: a point for each vertex, a bar from each to the next.
+impl ParametricDrawing {
+    /// A closed polygon: a point for each vertex, and a bar from each to the next.
     ///
-    /// Its parameters are those of an estimated polygon, `x0 y0 x1 y1 …`, in the same order.
+    /// The parameters are those of an estimated polygon, `x0 y0 x1 y1 …`, in the same order.
     ///
     /// # Errors
-    /// `Input` when there are fewer than three vertices, a coordinate is not finite, or two neighbours
-    /// coincide.
+    /// `Input` with fewer than three vertices, a coordinate that is not finite, or coincident neighbours.
     pub fn polygon(vertices: &[[f64; 2]]) -> Result<Self> {
         let mut drawing = Self::default();
         drawing.add_polygon(vertices)?;
         Ok(drawing)
     }
 
-    /// Adds a closed polygon, such as another part or a hole; its bars come back.
+    /// Adds a closed polygon, such as another part or a hole, and returns its bars.
     ///
     /// # Errors
-    /// As [`Self::polygon`]; nothing is added then.
+    /// As [`Self::polygon`]; nothing is added in that case.
     pub fn add_polygon(&mut self, vertices: &[[f64; 2]]) -> Result<Vec<BarId>> {
         if vertices.len() < 3 {
-            return Err(Error::input(format!("a polygon needs three vertices, not {}", vertices.len())));
+            return Err(Error::input(format!(
+                "a polygon needs at least three vertices, found {}",
+                vertices.len()
+            )));
         }
+        // Work on a copy: an error in a later bar must not leave half of the polygon behind.
         let mut larger = self.clone();
         let points: Vec<PointId> = vertices.iter().map(|&vertex| larger.point(vertex)).collect();
         let next = points.iter().cycle().skip(1);
@@ -148,7 +151,7 @@ impl Drawing {
     /// Adds a bar.
     ///
     /// # Errors
-    /// `Input` when its ends are one point, coincide, or are not finite: it would have no direction.
+    /// `Input` if its ends are the same point, coincide, or are not finite: it would have no direction.
     pub fn bar(&mut self, start: PointId, end: PointId) -> Result<BarId> {
         let (a, b) = (self.position(start), self.position(end));
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);
@@ -163,8 +166,10 @@ impl Drawing {
         Ok(BarId(self.bars.len() as u32 - 1))
     }
 
-    /// Adds a bar about which points may be symmetric: [`candidates`](crate::constraint::candidates) are made
-    /// for these alone.
+    /// Adds a bar that is a possible axis of symmetry.
+    ///
+    /// [`candidates`](crate::constraint::candidates) proposes symmetries about axes only; about every bar,
+    /// their number would grow with the third power of the size of the drawing.
     ///
     /// # Errors
     /// As [`Self::bar`].
@@ -177,10 +182,10 @@ impl Drawing {
     /// Adds a circle about a point.
     ///
     /// # Errors
-    /// `Input` when the radius is not positive and finite.
+    /// `Input` if the radius is not positive and finite.
     pub fn circle(&mut self, centre: PointId, radius: f64) -> Result<CircleId> {
         if !(radius > 0.0 && radius.is_finite()) {
-            return Err(Error::input(format!("the radius of a circle must be positive, not {radius}")));
+            return Err(Error::input(format!("the radius of a circle must be positive, found {radius}")));
         }
         let number = self.circles.len() + 1;
         self.circles.push(Circle { centre, radius: self.values.len() });
@@ -190,17 +195,27 @@ impl Drawing {
         Ok(CircleId(number as u32 - 1))
     }
 
-    /// Adds an arc of a circle, counter-clockwise between two points, which [`Self::arc_constraints`] hold on
-    /// it.
+    /// Adds an arc of a circle, counter-clockwise from `start` to `end`. [`Self::arc_constraints`] put these
+    /// points on the circle.
     pub fn arc(&mut self, circle: CircleId, start: PointId, end: PointId) -> ArcId {
         self.arcs.push(Arc { circle, start, end });
         ArcId(self.arcs.len() as u32 - 1)
     }
 
-    /// Adds all of another drawing behind what is there, such as another contour or another view.
+    /// Appends another drawing, such as another contour or view, and returns the offsets of its indices.
     ///
-    /// Parameters keep their order, so that the covariance of both is made of the two blocks. Names get the
-    /// prefix, or go on counting where there is none. By how much numbers of parts grow comes back.
+    /// Parameters keep their order, so that the joint covariance is block-diagonal with the covariances of
+    /// both. Names get the prefix; without one, their numbers continue.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_contour::constraint::{ParametricDrawing, PointId};
+    ///
+    /// let mut both = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+    /// let offset = both.append(&both.clone(), None);
+    /// assert_eq!(both.point_name(offset.point(PointId(0))), "P4");
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     pub fn append(&mut self, other: &Self, prefix: Option<&str>) -> Offset {
         let offset = self.counts();
         let first = self.values.len();
@@ -247,32 +262,32 @@ impl Drawing {
         offset
     }
 
-    /// That both ends of an arc lie on its circle.
+    /// The constraints that both ends of an arc lie on its circle.
     #[must_use]
     pub fn arc_constraints(&self, arc: ArcId) -> [Constraint; 2] {
         let Arc { circle, start, end } = self.arcs[arc.0 as usize];
         [start, end].map(|point| Constraint::PointOnCircle { point, circle })
     }
 
-    /// The parameters.
+    /// Values of the parameters.
     #[must_use]
     pub fn values(&self) -> DVector<f64> {
         DVector::from_column_slice(&self.values)
     }
 
-    /// The parameters in place.
+    /// Values of the parameters without a copy.
     pub(crate) fn raw_values(&self) -> &[f64] {
         &self.values
     }
 
-    /// The same drawing with other parameters.
+    /// The same drawing with other values of the parameters.
     ///
     /// # Errors
-    /// `Input` when there are not as many, or one is not finite.
+    /// `Input` if their number differs, or one is not finite.
     pub fn with_values(&self, values: &DVector<f64>) -> Result<Self> {
         if values.len() != self.values.len() || !values.iter().all(|value| value.is_finite()) {
             return Err(Error::input(format!(
-                "the drawing has {} parameters, each finite; {} were given",
+                "expected {} finite parameters of the drawing, found {} values",
                 self.values.len(),
                 values.len()
             )));
@@ -282,7 +297,7 @@ impl Drawing {
         Ok(moved)
     }
 
-    /// How many points, bars and circles there are.
+    /// Numbers of points, bars and circles.
     #[must_use]
     pub fn counts(&self) -> Offset {
         Offset {
@@ -292,7 +307,7 @@ impl Drawing {
         }
     }
 
-    /// How many parameters there are.
+    /// Number of parameters.
     #[must_use]
     pub fn parameters(&self) -> usize {
         self.values.len()
@@ -301,143 +316,145 @@ impl Drawing {
     /// The name of a parameter, such as `x1`.
     ///
     /// # Panics
-    /// When there is no such parameter.
+    /// If there is no such parameter.
     #[must_use]
     pub fn parameter_name(&self, parameter: usize) -> &str {
         &self.names[parameter]
     }
 
-    /// Every point.
+    /// All points.
     pub fn points(&self) -> impl Iterator<Item = PointId> + use<> {
         (0..self.points.len() as u32).map(PointId)
     }
 
-    /// Every bar.
+    /// All bars.
     pub fn bars(&self) -> impl Iterator<Item = BarId> + use<> {
         (0..self.bars.len() as u32).map(BarId)
     }
 
-    /// Every circle.
+    /// All circles.
     pub fn circles(&self) -> impl Iterator<Item = CircleId> + use<> {
         (0..self.circles.len() as u32).map(CircleId)
     }
 
-    /// Every arc: its circle, the point where it starts, and the one where it ends, counter-clockwise.
+    /// All arcs: circle, start and end point, counter-clockwise.
     pub fn arcs(&self) -> impl Iterator<Item = (CircleId, PointId, PointId)> {
         self.arcs.iter().map(|arc| (arc.circle, arc.start, arc.end))
     }
 
-    /// Where a point is.
+    /// Coordinates of a point.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn position(&self, point: PointId) -> [f64; 2] {
         let [x, y] = self.coordinates(point);
         [self.values[x], self.values[y]]
     }
 
-    /// The parameters that are a point's coordinates.
+    /// Indices of the two parameters of a point.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn coordinates(&self, point: PointId) -> [usize; 2] {
         let x = self.points[point.0 as usize];
         [x, x + 1]
     }
 
-    /// The ends of a bar.
+    /// End points of a bar.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn ends(&self, bar: BarId) -> [PointId; 2] {
         let bar = self.bars[bar.0 as usize];
         [bar.start, bar.end]
     }
 
-    /// Whether points may be symmetric about a bar.
+    /// True if a bar is a possible axis of symmetry.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn is_axis(&self, bar: BarId) -> bool {
         self.bars[bar.0 as usize].axis
     }
 
-    /// The length of a bar.
+    /// Length of a bar.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn length(&self, bar: BarId) -> f64 {
         let [a, b] = self.ends(bar).map(|end| self.position(end));
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
 
-    /// The centre of a circle.
+    /// Centre of a circle.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn centre(&self, circle: CircleId) -> PointId {
         self.circles[circle.0 as usize].centre
     }
 
-    /// The parameter that is a circle's radius.
+    /// Index of the parameter of a circle's radius.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn radius_parameter(&self, circle: CircleId) -> usize {
         self.circles[circle.0 as usize].radius
     }
 
-    /// The radius of a circle.
+    /// Radius of a circle.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn radius(&self, circle: CircleId) -> f64 {
         self.values[self.radius_parameter(circle)]
     }
 
-    /// What a point is called, such as `P1`; `front P1` where views were put together.
+    /// Name of a point, such as `P1`, or `front P1` with a prefix.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn point_name(&self, point: PointId) -> &str {
         &self.point_names[point.0 as usize]
     }
 
-    /// What a circle is called, such as `circle 1`.
+    /// Name of a circle, such as `circle 1`.
     ///
     /// # Panics
-    /// When it is of another drawing.
+    /// If the drawing has no such part.
     #[must_use]
     pub fn circle_name(&self, circle: CircleId) -> &str {
         &self.circle_names[circle.0 as usize]
     }
 
-    /// A bar as text, such as `P1P2`; `front P1P2` where views were put together.
+    /// Name of a bar, such as `P1P2`, or `front P1P2` with a prefix.
     #[must_use]
     pub fn bar_name(&self, bar: BarId) -> String {
         let [a, b] = self.ends(bar);
         self.pair_name(a, b)
     }
 
-    /// Two points as text, as [`Self::bar_name`].
+    /// Name of a pair of points, in the form of [`Self::bar_name`].
     #[must_use]
     pub fn pair_name(&self, a: PointId, b: PointId) -> String {
         let [a, b] = [a, b].map(|point| self.point_name(point));
-        // A prefix that both share is said once.
+        // Write a common prefix only once.
         let number = b.rfind('P').unwrap_or(0);
         if a.get(..number) == b.get(..number) { format!("{a}{}", &b[number..]) } else { format!("{a} {b}") }
     }
 
-    /// The diagonal of the box around all points and circles; 1 for a drawing without extent.
+    /// Diagonal of the bounding box of all points and circles; 1 for a drawing without extent.
+    ///
+    /// Tolerances are relative to it; 1 avoids a division by zero.
     #[must_use]
     pub fn extent(&self) -> f64 {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

@@ -1,8 +1,10 @@
-//! Numbers that look random and are always the same.
+//! Reproducible pseudorandom numbers for perturbed drawings.
+//!
+//! A generator of its own keeps results independent of versions of the `rand` crate.
 
 use nalgebra::DVector;
 
-/// SplitMix64.
+/// SplitMix64 generator.
 ///
 /// # References
 /// Steele, Lea and Flood 2014, *Fast splittable pseudorandom number generators*.
@@ -11,11 +13,12 @@ pub(super) struct Draws {
 }
 
 impl Draws {
+    /// A generator; different seeds give unrelated sequences.
     pub(super) fn new(seed: u64) -> Self {
         Self { state: seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15) }
     }
 
-    /// Uniform from −1 to 1.
+    /// A number uniform in [−1, 1).
     pub(super) fn uniform(&mut self) -> f64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut mixed = self.state;
@@ -25,7 +28,8 @@ impl Draws {
         (mixed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
-    /// Of mean 0 and variance 1, near enough to normal: a sum of three uniform ones.
+    /// Numbers of mean 0 and variance 1, approximately normal: each is the sum of three uniform ones, whose
+    /// variance is 1/3.
     pub(super) fn spread(&mut self, n: usize) -> DVector<f64> {
         DVector::from_fn(n, |_, _| self.uniform() + self.uniform() + self.uniform())
     }

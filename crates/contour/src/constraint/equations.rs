@@ -1,40 +1,41 @@
-//! Constraints as one measurement equation of the drawing's parameters.
+//! Constraints as one measurement equation of the parameters of a drawing.
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::relation::Constraint;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Dimensions, Linearization, MeasurementEquation};
 
-/// One equation `f(x) = 0` at a point.
+/// An equation `f(x) = 0`, evaluated at a point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equation {
-    /// `f(x)`.
+    /// The residual `f(x)`.
     pub residual: f64,
-    /// `∂f/∂x` for every parameter that the equation depends on, zero slopes included.
+    /// `∂f/∂x` as pairs of parameter and slope, for every parameter that the equation depends on; slopes may
+    /// be zero.
     pub gradient: Vec<(usize, f64)>,
-    /// Whether the residual is a length; else it is a pure number.
+    /// True if the residual is a length; otherwise it is dimensionless.
     pub is_length: bool,
 }
 
 impl Equation {
-    /// Whether it has numbers where it was taken.
+    /// True if the residual and all slopes are finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.residual.is_finite() && self.gradient.iter().all(|(_, slope)| slope.is_finite())
     }
 }
 
-/// Some equations of constraints as a measurement `f(x) + v = 0`, for the estimators.
+/// Equations of constraints as a measurement `f(x) + v = 0` for the estimators.
 ///
-/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of
-/// zero covariance it is a constraint proper.
+/// Lengths are divided by the extent of the drawing, so that all residuals are dimensionless and of
+/// comparable size. With a noise covariance of zero they hold exactly.
 ///
 /// # Examples
 /// ```
 /// use nalgebra::DVector;
 /// use planish_estimate::check_jacobians;
-/// use planish_contour::constraint::{BarId, Constraint, ConstraintEquations, Drawing};
+/// use planish_contour::constraint::{BarId, Constraint, ConstraintEquations, ParametricDrawing};
 ///
-/// let drawing = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.3], [3.9, 3.0]])?;
+/// let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.3], [3.9, 3.0]])?;
 /// let right_angle = [Constraint::Perpendicular { a: BarId(0), b: BarId(1) }];
 /// let equations = ConstraintEquations::new(&drawing, &right_angle);
 /// assert!(check_jacobians(&equations, &drawing.values(), &DVector::zeros(1), 1e-3)? < 1e-6);
@@ -42,17 +43,18 @@ impl Equation {
 /// ```
 #[derive(Debug, Clone)]
 pub struct ConstraintEquations<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
     constraints: Vec<Constraint>,
-    /// Of all the constraints' equations, which are used.
+    /// Indices of the used equations among all equations of the constraints.
     rows: Vec<usize>,
+    /// Length by which residuals of lengths are divided.
     scale: f64,
 }
 
 impl<'a> ConstraintEquations<'a> {
-    /// All equations of the constraints, with the drawing's extent as their scale.
+    /// All equations of the constraints, scaled by the extent of the drawing.
     #[must_use]
-    pub fn new(drawing: &'a Drawing, constraints: &[Constraint]) -> Self {
+    pub fn new(drawing: &'a ParametricDrawing, constraints: &[Constraint]) -> Self {
         let count = constraints.iter().map(Constraint::equation_count).sum();
         Self {
             drawing,
@@ -62,26 +64,26 @@ impl<'a> ConstraintEquations<'a> {
         }
     }
 
-    /// The same with some of the equations only, counted through all constraints.
+    /// The same with only some of the equations, by their index among all.
     #[must_use]
     pub(crate) fn with_rows(mut self, rows: &[usize]) -> Self {
         self.rows = rows.to_vec();
         self
     }
 
-    /// How many equations there are.
+    /// Number of equations.
     #[must_use]
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Whether there is none.
+    /// True if there are no equations.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Which constraint each equation belongs to.
+    /// For each equation, the index of its constraint.
     #[must_use]
     pub fn owners(&self) -> Vec<usize> {
         let all: Vec<usize> = self
@@ -101,7 +103,7 @@ impl<'a> ConstraintEquations<'a> {
         self.rows.iter().map(|&row| all[row].clone()).collect()
     }
 
-    /// The scaled residuals alone.
+    /// The scaled residuals, without the Jacobian.
     #[must_use]
     pub(crate) fn residuals(&self, x: &DVector<f64>) -> DVector<f64> {
         let equations = self.at(x.as_slice());

@@ -1,49 +1,53 @@
-//! The test of one relation at an estimate: χ², chance, evidence.
+//! Test of one relation at an estimate: χ², probability of an accident, evidence, and linearity.
 
 use super::candidates::Candidate;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::draws::Draws;
 use super::equations::{ConstraintEquations, Equation};
-use super::impose::{Imposed, KNOWN, chi_square_bound, chi_square_tail, square_root};
+use super::impose::{Imposed, KNOWN_SIGMA, chi_square_bound, chi_square_tail, square_root};
 use super::relation::Constraint;
 use super::solve::solve;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::f64::consts::{PI, TAU};
 
-/// An estimate, and drawings that it could as well be.
+/// An estimate, with random drawings from its distribution.
 pub(super) struct State {
-    drawing: Drawing,
+    drawing: ParametricDrawing,
     covariance: DMatrix<f64>,
-    /// Steps from the estimate by its covariance, and where they lead when what was imposed is restored.
-    others: Vec<(DVector<f64>, DVector<f64>)>,
+    /// Random steps from the estimate by its covariance, each with the drawing after the imposed constraints
+    /// are restored there.
+    samples: Vec<(DVector<f64>, DVector<f64>)>,
 }
 
-/// Enough to tell the size of what is not linear.
-const OTHERS: u64 = 16;
-/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the
-/// linear part but for the estimate's own deviations, both are of one size.
-const STRAIGHT: f64 = 0.01;
-/// Scaled residuals of a drawing at which constraints are restored, as `solve` leaves them.
+/// Number of random drawings. Only the order of magnitude of the nonlinear part is needed.
+const SAMPLES: u64 = 16;
+/// Maximum variance of the nonlinear part, as a fraction of that of the linear part.
+///
+/// If accepted relations cancel the linear part except for the deviation of the estimate itself, both are of
+/// comparable size, a hundred times this limit.
+const MAX_NONLINEAR_SHARE: f64 = 0.01;
+/// Scaled residual below which constraints are restored; `solve` reaches about as much.
 const RESTORED: f64 = 1e-12;
+/// Maximum number of steps with a fixed Jacobian, which converge linearly.
 const CHORD_STEPS: usize = 12;
-/// The smallest diagonal entry of a factor over the largest.
-const SOUND: f64 = 1e-6;
-/// A residual is zero below this share of its range.
-const ZERO: f64 = 1e-6;
+/// Smallest ratio of diagonal entries of a usable Cholesky factor.
+const MIN_PIVOT_RATIO: f64 = 1e-6;
+/// A residual below this fraction of its range is zero up to rounding.
+const ZERO_RESIDUAL: f64 = 1e-6;
 
 impl State {
-    /// An estimate on which nothing was imposed: it is taken as linear.
-    pub(super) fn unconstrained(drawing: &Drawing, covariance: &DMatrix<f64>) -> Self {
-        Self { drawing: drawing.clone(), covariance: covariance.clone(), others: Vec::new() }
+    /// An estimate without imposed constraints; all relations count as linear there.
+    pub(super) fn unconstrained(drawing: &ParametricDrawing, covariance: &DMatrix<f64>) -> Self {
+        Self { drawing: drawing.clone(), covariance: covariance.clone(), samples: Vec::new() }
     }
 
-    /// An estimate on which constraints were imposed.
+    /// An estimate with imposed constraints, with samples.
     pub(super) fn new(estimate: &Imposed, imposed: &[Constraint]) -> Self {
         let mut state = Self::unconstrained(&estimate.drawing, &estimate.covariance);
         let values = estimate.drawing.values();
         let root = square_root(&estimate.covariance);
         let nearby = Nearby::new(&estimate.drawing, imposed);
-        state.others = (0..OTHERS)
+        state.samples = (0..SAMPLES)
             .filter_map(|seed| {
                 let step = &root * Draws::new(seed).spread(values.len());
                 let moved = nearby.restored(&(&values + &step))?;
@@ -54,32 +58,32 @@ impl State {
     }
 }
 
-/// Constraints that hold at a drawing, to be restored at drawings nearby.
+/// Constraints that hold at a drawing and are to be restored at nearby drawings.
 struct Nearby<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
     imposed: &'a [Constraint],
     equations: ConstraintEquations<'a>,
-    /// Slopes per extent where the constraints hold, and the factor of `J Jᵀ`; none where they are not
-    /// independent.
+    /// Slopes per extent where the constraints hold, and the factor of `J Jᵀ`; `None` if they are dependent.
     chord: Option<(DMatrix<f64>, Cholesky<f64, Dyn>)>,
 }
 
 impl<'a> Nearby<'a> {
-    fn new(drawing: &'a Drawing, imposed: &'a [Constraint]) -> Self {
+    fn new(drawing: &'a ParametricDrawing, imposed: &'a [Constraint]) -> Self {
         let equations = ConstraintEquations::new(drawing, imposed);
         let (_, jacobian) = equations.residuals_and_jacobian(&drawing.values());
         let slopes = jacobian * drawing.extent();
         let factor = Cholesky::new(&slopes * slopes.transpose());
-        // Of dependent equations, rounding may leave a factor of no use.
-        let sound = factor.filter(|factor| {
+        // For dependent equations, rounding can make the factorisation succeed with a useless factor.
+        let usable = factor.filter(|factor| {
             let diagonal = factor.l_dirty().diagonal();
-            diagonal.iter().all(|d| *d > SOUND * diagonal.amax())
+            diagonal.iter().all(|d| *d > MIN_PIVOT_RATIO * diagonal.amax())
         });
-        Self { drawing, imposed, equations, chord: sound.map(|factor| (slopes, factor)) }
+        Self { drawing, imposed, equations, chord: usable.map(|factor| (slopes, factor)) }
     }
 
-    /// A drawing that obeys the constraints: steps with the slopes of the first one, and where these do not
-    /// lead there, the search from anew.
+    /// A drawing near `values` that satisfies the constraints.
+    ///
+    /// Steps with the fixed Jacobian share one factorisation among all samples; [`solve`] is the fallback.
     fn restored(&self, values: &DVector<f64>) -> Option<DVector<f64>> {
         let size = self.drawing.extent();
         if let Some((slopes, factor)) = &self.chord {
@@ -100,25 +104,24 @@ impl<'a> Nearby<'a> {
     }
 }
 
-/// A test of one constraint at a state.
+/// Result of the test of one relation.
 pub(super) struct Test {
     pub(super) chi_square: f64,
-    /// Equations that are not known already.
+    /// Number of equations that are not already known.
     pub(super) degrees: usize,
     pub(super) p_value: f64,
-    /// The share of its range in which the relation would pass.
+    /// Fraction of its range over which the relation would pass: the probability of an accident.
     pub(super) chance: f64,
-    /// `ln` of how much likelier the residual is if the relation holds than if it is anywhere in its range.
+    /// Log-likelihood ratio of the residual: the relation holds, against anywhere in its range.
     pub(super) log_evidence: f64,
-    /// Whether the residual is zero but for rounding.
+    /// True if the residual is zero up to rounding.
     pub(super) holds: bool,
-    /// Whether it has a value at all.
+    /// True if the residual has a finite value.
     pub(super) is_defined: bool,
 }
 
 impl Test {
-    /// Of a relation without a value where the estimate is, such as tangent circles about one centre: it says
-    /// nothing.
+    /// For a relation that is undefined at the estimate, such as tangency of concentric circles.
     fn undefined(degrees: usize) -> Self {
         Self {
             chi_square: 0.0,
@@ -132,10 +135,10 @@ impl Test {
     }
 }
 
-/// The level of a test, with the χ² it allows.
+/// Level of a test, as bounds of χ².
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Level {
-    /// By degrees of freedom, one or two: constraints have no more equations.
+    /// Bounds for one and two degrees of freedom; constraints have no more equations.
     bounds: [f64; 2],
 }
 
@@ -151,7 +154,7 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
     if !equations.iter().all(Equation::is_finite) {
         return Test::undefined(equations.len());
     }
-    let known: Vec<f64> = equations.iter().map(|equation| KNOWN * sigma(equation, reference)).collect();
+    let known: Vec<f64> = equations.iter().map(|equation| KNOWN_SIGMA * sigma(equation, reference)).collect();
     let covariance = |a: &Equation, b: &Equation| -> f64 {
         let rows = a.gradient.iter().map(|&(i, slope)| {
             let row = b.gradient.iter().map(|&(j, other)| other * state.covariance[(i, j)]);
@@ -159,7 +162,8 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
         });
         rows.sum()
     };
-    // χ² and the volume's square, equation after equation, each less what the one before it says.
+    // χ² and the determinant of the covariance by a Cholesky step over at most two equations: the second one
+    // is reduced by its regression on the first. A matrix would be allocated for every candidate and state.
     let (mut chi_square, mut determinant, mut degrees) = (0.0, 1.0, 0);
     let mut before: Option<(&Equation, f64)> = None;
     for (equation, known) in equations.iter().zip(&known) {
@@ -177,7 +181,7 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
             before = before.or(Some((equation, variance)));
         }
     }
-    let holds = equations.iter().all(|equation| equation.residual.abs() <= ZERO * candidate.range);
+    let holds = equations.iter().all(|equation| equation.residual.abs() <= ZERO_RESIDUAL * candidate.range);
     if degrees == 0 {
         return Test {
             chi_square: 0.0,
@@ -191,7 +195,7 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
     }
     let volume = determinant.sqrt() / candidate.range.powi(degrees as i32);
     let reach = level.bounds[degrees - 1].sqrt();
-    // An interval, or an ellipse.
+    // Volume of the unit ball: the window is an interval or an ellipse.
     let ball = if degrees == 1 { 2.0 } else { PI };
     Test {
         chi_square,
@@ -204,20 +208,23 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
     }
 }
 
-/// σ of a residual if the parameters were independent.
+/// σ of a residual if the parameters were independent; 1 if it would be zero.
 fn sigma(equation: &Equation, covariance: &DMatrix<f64>) -> f64 {
     let squares = equation.gradient.iter().map(|&(i, slope)| slope * slope * covariance[(i, i)]);
     let sum: f64 = squares.sum();
     if sum > 0.0 { sum.sqrt() } else { 1.0 }
 }
 
-/// Whether a relation's residual spreads as its linear part does: what that leaves unexplained at the other
-/// drawings is small against it, or rounding.
+/// True if the residual of a relation is linear over the samples: the part that the gradient does not explain
+/// is small compared with the linear one, or rounding.
+///
+/// Near a rectangle, one pair of parallel sides makes the other two sides equal to first order. The test of
+/// their equality is then meaningless: its variance is of second order (decision record 0045).
 pub(super) fn is_linear(candidate: &Candidate, state: &State, reference: &DMatrix<f64>) -> bool {
     let equations = candidate.constraint.equations(&state.drawing, state.drawing.raw_values());
     let mut linear = vec![0.0; equations.len()];
     let mut rest = vec![0.0; equations.len()];
-    for (step, values) in &state.others {
+    for (step, values) in &state.samples {
         let there = candidate.constraint.equations(&state.drawing, values.as_slice());
         for (row, (here, there)) in equations.iter().zip(&there).enumerate() {
             let predicted: f64 = here.gradient.iter().map(|&(i, slope)| slope * step[i]).sum();
@@ -225,9 +232,9 @@ pub(super) fn is_linear(candidate: &Candidate, state: &State, reference: &DMatri
             rest[row] += (there.residual - here.residual - predicted).powi(2);
         }
     }
-    let count = state.others.len() as f64;
+    let count = state.samples.len() as f64;
     equations.iter().enumerate().all(|(row, equation)| {
-        let rounding = ZERO * sigma(equation, reference);
-        rest[row] <= (STRAIGHT * linear[row]).max(rounding * rounding * count)
+        let rounding = ZERO_RESIDUAL * sigma(equation, reference);
+        rest[row] <= (MAX_NONLINEAR_SHARE * linear[row]).max(rounding * rounding * count)
     })
 }

@@ -1,11 +1,11 @@
-//! Constraints imposed on an estimate: measurements of zero, or small, covariance.
+//! Constraints imposed on an estimate, as measurements of zero or small covariance.
 //!
-//! Comes in: a drawing whose parameters are an estimate, its covariance, constraints. Goes out: the most
-//! likely drawing that obeys them, its covariance, and what it cost the estimate (χ²). Not guaranteed: the
-//! nearest one, where several branches obey the constraints.
+//! In: a drawing whose parameters are an estimate, its covariance, constraints. Out: the most likely drawing
+//! that satisfies them, its covariance, and the χ² of the change. Not guaranteed: the nearest solution if the
+//! constraints have several branches.
 
 use super::diagnose::satisfy;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
 use super::rank::row_rank;
@@ -18,50 +18,53 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 /// An estimate with constraints imposed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imposed {
-    /// The most likely drawing that obeys the constraints.
-    pub drawing: Drawing,
-    /// The covariance of its parameters; singular along what the constraints fix.
+    /// The most likely drawing that satisfies the constraints.
+    pub drawing: ParametricDrawing,
+    /// Covariance of its parameters, singular in the directions that the constraints fix.
     pub covariance: DMatrix<f64>,
-    /// The squared distance by which the estimate had to move, in its own covariance.
+    /// Squared Mahalanobis distance between the drawing and the unconstrained estimate.
     pub chi_square: f64,
-    /// How many independent equations moved it: the degrees of freedom of that χ².
+    /// Degrees of freedom of `chi_square`: the number of independent equations.
     pub degrees: usize,
-    /// The probability of a χ² at least as large when the constraints are true.
+    /// Probability of a χ² at least as large if the constraints are true.
     pub p_value: f64,
-    /// Constraints that the others, or the estimate, had implied before their turn.
+    /// Indices of constraints that earlier ones or the estimate imply.
     pub implied: Vec<usize>,
 }
 
-/// Relative σ of a residual below which it is known already.
-pub(super) const KNOWN: f64 = 1e-6;
-/// Steps, as shares of the extent, at which an estimate has settled.
-const MOVED: f64 = 1e-12;
-/// Steps at which it may stall.
-const STALLED: f64 = 1e-7;
-const MAX_ITERATIONS: usize = 100;
-/// Scaled residuals that an imposed estimate may leave.
-const SETTLED: f64 = 1e-8;
-
-/// Imposes constraints on an estimate with the iterated Kalman filter: readings `f(x) = 0` with `R = σ² I`;
-/// in square roots where σ is zero.
+/// Relative σ of a residual below which it is already known.
 ///
-/// `covariance` is that of the drawing's parameters, in their order, and may be singular. `sigma` is how
-/// truly the constraints hold: angles in radians and lengths as shares of the drawing's extent; zero for
-/// exactly. Which of the equations are independent is judged where they hold, as at a noisy estimate
-/// redundant ones look independent. At the fixed point `χ² = (x − x̂)ᵀ P⁻¹ (x − x̂)`, the least that any
-/// drawing which obeys the constraints can have. Cost: some `n² m` steps.
+/// The reference is σ with independent parameters. The square of this ratio, 1e-12, must stay above the
+/// rounding of a covariance.
+pub(super) const KNOWN_SIGMA: f64 = 1e-6;
+/// Converged if a step is below this fraction of the extent.
+const STEP_TOLERANCE: f64 = 1e-12;
+/// Largest step, as a fraction of the extent, at which a stalled iteration counts as converged.
+const STALL_TOLERANCE: f64 = 1e-7;
+/// Maximum number of iterations of the exact update.
+const MAX_ITERATIONS: usize = 100;
+/// Largest scaled residual of a successfully imposed constraint.
+const RESIDUAL_TOLERANCE: f64 = 1e-8;
+
+/// Imposes constraints on an estimate by the iterated Kalman filter, as measurements `f(x) = 0` with `R = σ²
+/// I`.
+///
+/// `covariance` is that of the parameters of the drawing and may be singular. `sigma` is the σ with which the
+/// constraints hold: angles in radians, lengths as fractions of the extent of the drawing. Zero means
+/// exactly, and uses a square-root form. At the fixed point, `χ² = (x − x̂)ᵀ P⁻¹ (x − x̂)` is the minimum
+/// over all drawings that satisfy the constraints. Cost: `n² m` per iteration.
 ///
 /// # Errors
-/// `Input` when the covariance does not fit, a constraint names a part that is not there, or the constraints
-/// contradict each other (the smallest set that does is named); `Undetermined` when the search does not
-/// settle on them.
+/// `Input` if the covariance does not fit, a constraint refers to a part that the drawing does not have, or
+/// the constraints conflict (the message lists a minimal set); `Undetermined` if the iteration does not
+/// converge.
 ///
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, impose};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, impose};
 ///
-/// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.1], [0.0, 3.0]])?;
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.1], [0.0, 3.0]])?;
 /// let covariance = DMatrix::identity(6, 6) * 0.01;
 /// let level = impose(&triangle, &covariance, &[Constraint::Horizontal { bar: BarId(0) }], 0.0)?;
 /// assert!((level.drawing.values()[1] - 0.05).abs() < 1e-9 && (level.chi_square - 0.5).abs() < 1e-9);
@@ -72,7 +75,7 @@ const SETTLED: f64 = 1e-8;
 /// De Geeter, Van Brussel and De Schutter 1997, *A smoothly constrained Kalman filter*; Jazwinski 1970,
 /// section 8.3.
 pub fn impose(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     constraints: &[Constraint],
     sigma: f64,
@@ -81,39 +84,40 @@ pub fn impose(
     impose_from(drawing, covariance, constraints, sigma, start)
 }
 
-/// What is known before constraints are imposed on an estimate again and again.
+/// Precomputed data for imposing several sets of constraints on the same estimate.
 #[derive(Clone, Copy)]
 pub(super) struct Start<'a> {
     /// [`square_root`] of the covariance.
     pub(super) root: &'a DMatrix<f64>,
-    /// A drawing that obeys most of the constraints.
-    pub(super) near: Option<&'a Drawing>,
+    /// A drawing that satisfies most of the constraints.
+    pub(super) near: Option<&'a ParametricDrawing>,
 }
 
-/// [`impose`] with a head start.
+/// [`impose`] with precomputed data.
 pub(super) fn impose_from(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     constraints: &[Constraint],
     sigma: f64,
     start: Start<'_>,
 ) -> Result<Imposed> {
     if !(sigma >= 0.0 && sigma.is_finite()) {
-        return Err(Error::input(format!(
-            "the σ with which constraints hold must not be negative, but is {sigma}"
-        )));
+        return Err(Error::input(format!("the σ of the constraints must not be negative, found {sigma}")));
     }
     constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
+    // Only for its checks of the covariance: size, symmetry, finite values.
     KalmanFilter::new(drawing.values(), covariance.clone())?;
     let near = start.near.map(|near| solve(near, constraints)).filter(|solution| solution.holds);
     let solution = near.unwrap_or_else(|| satisfy(drawing, constraints));
     if !solution.holds {
         return Err(contradiction(drawing, constraints));
     }
+    // Independence is judged where the constraints hold. At a noisy estimate, redundant ones look
+    // independent: all four right angles of a rectangle, for example.
     let all = ConstraintEquations::new(drawing, constraints);
     let (_, jacobian) = all.residuals_and_jacobian(&solution.values);
     let spreads = &jacobian * start.root;
-    let rank = row_rank(&spreads, &row_sigmas(&jacobian, covariance), KNOWN);
+    let rank = row_rank(&spreads, &row_sigmas(&jacobian, covariance), KNOWN_SIGMA);
     let independent = all.clone().with_rows(&rank.independent);
     let degrees = independent.len();
     let updated = if degrees == 0 {
@@ -124,10 +128,10 @@ pub(super) fn impose_from(
         exactly(drawing, covariance, start.root, &independent, &solution.values)?
     };
     let left = all.residuals(&updated.mean);
-    if sigma == 0.0 && !left.is_empty() && left.amax() > SETTLED {
+    if sigma == 0.0 && !left.is_empty() && left.amax() > RESIDUAL_TOLERANCE {
         return Err(Error::undetermined(format!(
-            "the estimate does not settle on the constraints: {} is still off by {:.1e} of the drawing's \
-             extent",
+            "the estimate does not converge to the constraints: {} is violated by {:.1e} of the extent of \
+             the drawing",
             constraints[all.owners()[left.iamax()]].describe(drawing),
             left.amax()
         )));
@@ -144,15 +148,16 @@ pub(super) fn impose_from(
     })
 }
 
-/// An estimate after an update.
+/// Result of an update.
 struct Updated {
     mean: DVector<f64>,
     covariance: DMatrix<f64>,
     chi_square: f64,
 }
 
+/// The iterated update with noise of σ.
 fn with_noise(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     equations: &ConstraintEquations<'_>,
     sigma: f64,
@@ -167,13 +172,16 @@ fn with_noise(
     })
 }
 
-/// The iterated update without noise in square roots: with `P = L Lᵀ` and `Lᵀ Hᵀ = Q R`,
-/// `x ← x̂ − L Q R⁻ᵀ (f + H (x̂ − x))` from a place where the equations hold, `P ← L (I − Q Qᵀ) Lᵀ`.
+/// The iterated update without noise in square-root form, from a point where the equations hold.
+///
+/// With `P = L Lᵀ` and `Lᵀ Hᵀ = Q R`: `x ← x̂ − L Q R⁻ᵀ (f + H (x̂ − x))` and `P ← L (I − Q Qᵀ) Lᵀ`. The
+/// innovation covariance `H P Hᵀ` is never formed: it squares the condition number, and with `R = 0` nothing
+/// regularises it.
 ///
 /// # References
 /// Björck 1996, *Numerical methods for least squares problems*, section 5.1 (the null-space method).
 fn exactly(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     root: &DMatrix<f64>,
     equations: &ConstraintEquations<'_>,
@@ -196,8 +204,8 @@ fn exactly(
         if !moved.is_finite() {
             break;
         }
-        // Nearly dependent equations magnify rounding: there it stalls earlier.
-        if moved <= MOVED || (moved >= previous && moved <= STALLED) {
+        // Nearly dependent equations amplify rounding, so that steps stop shrinking above the tolerance.
+        if moved <= STEP_TOLERANCE || (moved >= previous && moved <= STALL_TOLERANCE) {
             let reduced = covariance - &across * across.transpose();
             return Ok(Updated {
                 mean: x,
@@ -208,11 +216,11 @@ fn exactly(
         previous = moved;
     }
     Err(Error::undetermined(
-        "the estimate does not settle on the constraints: they are far from what was measured",
+        "the estimate does not converge to the constraints: they are far from the measurements",
     ))
 }
 
-/// σ of every row of `J x` if the components of `x` were independent.
+/// σ of each row of `J x` if the components of `x` were independent; 1 if it would be zero.
 pub(super) fn row_sigmas(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
     jacobian
         .row_iter()
@@ -224,7 +232,9 @@ pub(super) fn row_sigmas(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>) -> 
         .collect()
 }
 
-/// `L` with `L Lᵀ = Σ`; a covariance may be singular.
+/// A square root `L` with `L Lᵀ = Σ`, from eigenvalues because Σ may be singular.
+///
+/// Σ is scaled to unit diagonal first, as parameters may differ by orders of magnitude.
 pub(super) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let scale: DVector<f64> = covariance.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { 1.0 });
     let scaled = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |i, j| {
@@ -241,25 +251,31 @@ pub(super) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     root
 }
 
-/// The probability of a χ² of `degrees` degrees of freedom at least as large; 1 without any.
+/// Probability of a χ² with `degrees` degrees of freedom at least as large; 1 with zero degrees.
+///
+/// # Examples
+/// ```
+/// use planish_contour::constraint::chi_square_tail;
+///
+/// assert!((chi_square_tail(3.841, 1) - 0.05).abs() < 1e-4);
+/// assert_eq!(chi_square_tail(3.841, 0), 1.0);
+/// ```
 #[must_use]
 pub fn chi_square_tail(chi_square: f64, degrees: usize) -> f64 {
     ChiSquared::new(degrees as f64).map_or(1.0, |distribution| distribution.sf(chi_square))
 }
 
-/// The χ² that is exceeded with a probability of `level`.
+/// The χ² that is exceeded with probability `level`.
 pub(super) fn chi_square_bound(level: f64, degrees: usize) -> f64 {
     ChiSquared::new(degrees as f64).map_or(0.0, |distribution| distribution.inverse_cdf(1.0 - level))
 }
 
-fn contradiction(drawing: &Drawing, constraints: &[Constraint]) -> Error {
+/// Error that lists a minimal set of conflicting constraints.
+fn contradiction(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Error {
     let found = quick_xplain(constraints.len(), |chosen| {
         let chosen: Vec<Constraint> = chosen.iter().map(|&i| constraints[i]).collect();
         satisfy(drawing, &chosen).holds
     });
     let names: Vec<String> = found.iter().map(|&i| constraints[i].describe(drawing)).collect();
-    Error::input(format!(
-        "these constraints cannot hold together: {}; leave one of them out",
-        names.join("; ")
-    ))
+    Error::input(format!("these constraints cannot hold together: {}; remove one of them", names.join("; ")))
 }

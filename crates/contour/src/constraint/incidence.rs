@@ -1,17 +1,17 @@
-//! Which equation depends on which parameter, and maximum matchings of the two.
+//! Incidence of equations and parameters, and maximum matchings between them.
 
-use super::{Constraint, ConstraintEquations, Drawing};
+use super::{Constraint, ConstraintEquations, ParametricDrawing};
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// That an equation depends on a parameter.
+/// An entry of the incidence matrix: an equation depends on a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Entry {
-    /// The equation, by its index.
+    /// Index of the equation.
     pub equation: usize,
-    /// The parameter, by its index.
+    /// Index of the parameter.
     pub parameter: usize,
-    /// Whether the derivative is zero where the drawing is.
+    /// True if the derivative is zero at the drawing.
     pub vanishes: bool,
 }
 
@@ -20,19 +20,19 @@ pub struct Entry {
 pub struct Incidence {
     /// Names of the parameters.
     pub parameters: Vec<String>,
-    /// Which constraint each equation belongs to; equation `k` is called `f(k+1)`.
+    /// For each equation, the index of its constraint. Equation `k` is called `f(k+1)`.
     pub owners: Vec<usize>,
-    /// The edges, by equation.
+    /// Edges of the graph, ordered by equation.
     pub entries: Vec<Entry>,
 }
 
-/// A derivative of less than this share of the largest of its equation vanishes.
-const VANISHES: f64 = 1e-9;
+/// A derivative below this fraction of the largest one of its equation counts as zero.
+const VANISHING_SLOPE: f64 = 1e-9;
 
 impl Incidence {
-    /// The incidence of constraints; whether an entry vanishes is judged where the drawing is.
+    /// Incidence of constraints. Whether an entry vanishes is judged at the drawing.
     #[must_use]
-    pub fn new(drawing: &Drawing, constraints: &[Constraint]) -> Self {
+    pub fn new(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Self {
         let equations = ConstraintEquations::new(drawing, constraints);
         let mut entries = Vec::new();
         for (equation, at) in equations.at(drawing.values().as_slice()).iter().enumerate() {
@@ -40,7 +40,7 @@ impl Incidence {
             entries.extend(at.gradient.iter().map(|&(parameter, slope)| Entry {
                 equation,
                 parameter,
-                vanishes: slope.abs() <= VANISHES * largest,
+                vanishes: slope.abs() <= VANISHING_SLOPE * largest,
             }));
         }
         Self {
@@ -52,23 +52,23 @@ impl Incidence {
         }
     }
 
-    /// How many equations there are.
+    /// Number of equations.
     #[must_use]
     pub fn equations(&self) -> usize {
         self.owners.len()
     }
 
-    /// The parameters of every equation.
+    /// Indices of the parameters of each equation.
     #[must_use]
     pub fn parameters_of_equations(&self) -> Vec<Vec<usize>> {
         self.select(|_| true)
     }
 
-    /// A maximum matching, `(parameter, equation)` in ascending order, of entries that do not vanish where
-    /// those suffice.
+    /// A maximum matching as pairs `(parameter, equation)` in ascending order, preferring entries that do not
+    /// vanish.
     ///
-    /// First the entries that do not vanish are matched; others are let in only to match more. Cost:
-    /// `entries · √(equations + parameters)`.
+    /// Entries that do not vanish are matched first; the others are added only to match more. Such a matching
+    /// has a non-zero term of the determinant if one exists. Cost: `entries · √(equations + parameters)`.
     ///
     /// # References
     /// Hopcroft and Karp 1973, *An n^{5/2} algorithm for maximum matchings in bipartite graphs*.
@@ -76,6 +76,7 @@ impl Incidence {
     pub fn matching(&self) -> Vec<(usize, usize)> {
         let mut matched = vec![None; self.equations()];
         let count = self.parameters.len();
+        // An augmenting path keeps every matched node matched, so the second phase only adds pairs.
         augment(&self.select(|entry| !entry.vanishes), count, &mut matched);
         augment(&self.parameters_of_equations(), count, &mut matched);
         let mut pairs: Vec<(usize, usize)> = matched
@@ -87,7 +88,7 @@ impl Incidence {
         pairs
     }
 
-    /// Whether pairs `(parameter, equation)` are a matching: entries of the graph, and no parameter or
+    /// True if pairs `(parameter, equation)` are a matching: entries of the graph, with no parameter or
     /// equation twice.
     #[must_use]
     pub fn is_matching(&self, pairs: &[(usize, usize)]) -> bool {
@@ -101,7 +102,7 @@ impl Incidence {
         })
     }
 
-    /// The pairs whose derivative is zero where the drawing is.
+    /// The pairs whose derivative is zero at the drawing.
     #[must_use]
     pub fn vanishing(&self, pairs: &[(usize, usize)]) -> Vec<(usize, usize)> {
         let vanishes = |&(parameter, equation): &(usize, usize)| {
@@ -112,6 +113,7 @@ impl Incidence {
         pairs.iter().filter(|pair| vanishes(pair)).copied().collect()
     }
 
+    /// Parameters of each equation, from the wanted entries.
     fn select(&self, wanted: impl Fn(&Entry) -> bool) -> Vec<Vec<usize>> {
         let mut of = vec![Vec::new(); self.equations()];
         for entry in self.entries.iter().filter(|entry| wanted(entry)) {
@@ -121,7 +123,9 @@ impl Incidence {
     }
 }
 
-/// Makes a matching maximum: phases of shortest augmenting paths. `matched` holds each left node's partner.
+/// Extends a matching to a maximum one by phases of shortest augmenting paths (Hopcroft and Karp).
+///
+/// `matched` holds the partner of each left node.
 fn augment(neighbours: &[Vec<usize>], right: usize, matched: &mut [Option<usize>]) {
     let mut partner = vec![None; right];
     for (left, found) in matched.iter().enumerate() {
@@ -139,7 +143,7 @@ fn augment(neighbours: &[Vec<usize>], right: usize, matched: &mut [Option<usize>
     }
 }
 
-/// Distances from free left nodes along alternating paths; `None` when no path ends at a free right node.
+/// Distances from free left nodes along alternating paths; `None` if no path ends at a free right node.
 fn layers(
     neighbours: &[Vec<usize>],
     matched: &[Option<usize>],
@@ -164,7 +168,10 @@ fn layers(
     ends.then_some(layers)
 }
 
-/// One augmenting path along the layers from a free left node, without recursion.
+/// Applies one augmenting path along the layers from a free left node.
+///
+/// It is iterative, because a path can be as long as the graph is large. `next` remembers the edges tried in
+/// this phase, which bounds its cost by the number of edges.
 fn extend(
     root: usize,
     neighbours: &[Vec<usize>],

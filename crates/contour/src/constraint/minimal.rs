@@ -1,14 +1,24 @@
-//! Smallest sets that fail: which of many demands contradict each other.
+//! Minimal conflicting sets.
 //!
-//! Comes in: how many demands there are and an oracle that says whether some of them can hold together. Goes
-//! out: a set that cannot, of which every proper part can. Not guaranteed: that it is the only one, or the
-//! one of fewest members.
+//! In: the number of demands, and an oracle that decides whether some of them can hold together. Out: a set
+//! that cannot, while every proper subset can. Not guaranteed: that it is the only such set, or the smallest
+//! one.
 
-/// A minimal failing set by deletion: each member is left out in turn, and stays out where the others still
-/// fail.
+/// A minimal conflicting set by deletion: removes each member that the conflict does not need.
 ///
-/// `holds` is asked about ascending indices, and must hold for every part of a set for which it holds. Empty
-/// when all hold together. Cost: one question for each of `count`, so best where most of them take part.
+/// `holds` gets ascending indices, and must be true for every subset of a set for which it is true. The
+/// result is empty if all demands hold together. Cost: `count` calls of `holds`, so it suits conflicts of
+/// most members.
+///
+/// # Examples
+/// ```
+/// use planish_contour::constraint::deletion_filter;
+///
+/// // Weights that must stay below ten: 6 and 5 are too much together.
+/// let weights = [1, 6, 1, 5];
+/// let fits = |chosen: &[usize]| chosen.iter().map(|&i| weights[i]).sum::<i32>() < 10;
+/// assert_eq!(deletion_filter(4, fits), [1, 3]);
+/// ```
 ///
 /// # References
 /// Chinneck and Dravnieks 1991, *Locating minimal infeasible constraint sets in linear programs*.
@@ -26,11 +36,11 @@ pub fn deletion_filter(count: usize, mut holds: impl FnMut(&[usize]) -> bool) ->
     kept
 }
 
-/// A minimal failing set by divide and conquer, made of early members where there is a choice.
+/// A minimal conflicting set by divide and conquer, with early members if there is a choice.
 ///
-/// Demands are in order of preference: an explanation is sought among the first ones, so that the last member
-/// of what comes back is the first demand that cannot be granted after all before it. Empty when all hold
-/// together. Cost: about `2 k log₂(count/k) + 2 k` questions for a set of `k` members.
+/// Demands are in order of preference. The last member of the result is the first demand that cannot hold
+/// after all before it. The result is empty if all demands hold together. Cost: about `2 k log₂(count/k) + 2
+/// k` calls of `holds` for a set of `k` members, so it suits small conflicts among many demands.
 ///
 /// # Examples
 /// ```
@@ -54,7 +64,9 @@ pub fn quick_xplain(count: usize, mut holds: impl FnMut(&[usize]) -> bool) -> Ve
     found
 }
 
-/// The members of `among` that fail together with `background`, which is known to fail with all of them.
+/// The members of `among` that conflict together with `background`, which conflicts with all of them.
+///
+/// `grown` is true if the background has changed since it was last known to hold; it then needs a new call.
 fn explain(
     background: &[usize],
     grown: bool,

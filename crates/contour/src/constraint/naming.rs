@@ -1,16 +1,16 @@
-//! Which parts of a drawing a constraint names, and the constraint in words.
+//! The parts that a constraint refers to, and its text.
 
-use super::drawing::{BarId, CircleId, Drawing, Offset, PointId};
+use super::drawing::{BarId, CircleId, Offset, ParametricDrawing, PointId};
 use super::place::Place;
 use super::relation::Constraint;
 use planish_estimate::{Error, Result};
 
 impl Constraint {
-    /// Checks that a drawing has the parts it names, and that its value is a number.
+    /// Checks that a drawing has the parts of the constraint, and that its value is finite.
     ///
     /// # Errors
-    /// `Input` when it does not.
-    pub fn require_parts(&self, drawing: &Drawing) -> Result<()> {
+    /// `Input` if not.
+    pub fn require_parts(&self, drawing: &ParametricDrawing) -> Result<()> {
         let aligned;
         let (points, bars, circles, value): (&[PointId], &[BarId], &[CircleId], f64) = match self {
             Self::Distance { a, b, value } => (&[*a, *b], &[], &[], *value),
@@ -50,20 +50,32 @@ impl Constraint {
             .find(|&(_, id, count)| id as usize >= count);
         match missing {
             Some((part, id, count)) => Err(Error::input(format!(
-                "a constraint names {part} {}, but the drawing has {count}",
+                "a constraint refers to {part} {}, but the drawing has {count}",
                 id + 1
             ))),
             None if !value.is_finite() => {
-                Err(Error::input(format!("{} has no finite value: state one", self.describe(drawing))))
+                Err(Error::input(format!("{} has no finite value", self.describe(drawing))))
             }
             None => Ok(()),
         }
     }
 
-    /// The constraint in words, such as `P1P2 parallel to P4P3`, values to eight digits; [`Self::parse`]
-    /// reads them.
+    /// The constraint as text, such as `P1P2 parallel to P4P3`, with values to eight digits.
+    ///
+    /// [`Self::parse`] reads this text.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_contour::constraint::{Constraint, ParametricDrawing, PointId};
+    ///
+    /// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
+    /// let length = Constraint::Distance { a: PointId(0), b: PointId(1), value: 40.0 };
+    /// assert_eq!(length.describe(&triangle), "P1P2 is 40 long");
+    /// assert_eq!(Constraint::parse("P1P2 is 40 long", &triangle)?, length);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     #[must_use]
-    pub fn describe(&self, drawing: &Drawing) -> String {
+    pub fn describe(&self, drawing: &ParametricDrawing) -> String {
         let bar = |bar: &BarId| drawing.bar_name(*bar);
         let point = |point: &PointId| drawing.point_name(*point);
         let circle = |circle: &CircleId| drawing.circle_name(*circle);
@@ -109,8 +121,8 @@ impl Constraint {
         }
     }
 
-    /// The parameters that it depends on.
-    pub(crate) fn parameters(&self, drawing: &Drawing) -> Vec<usize> {
+    /// Indices of the parameters that it depends on, in ascending order.
+    pub(crate) fn parameters(&self, drawing: &ParametricDrawing) -> Vec<usize> {
         let equations = self.equations(drawing, drawing.raw_values());
         let mut found: Vec<usize> = equations
             .iter()
@@ -121,7 +133,7 @@ impl Constraint {
         found
     }
 
-    /// The same constraint between the same parts, once their drawing was put behind another.
+    /// The same constraint after its drawing was appended to another.
     #[must_use]
     pub fn shifted(&self, offset: Offset) -> Self {
         let mut moved = *self;
@@ -172,7 +184,8 @@ impl Constraint {
     }
 }
 
-/// Eight digits: more than any estimate is known to. Of very large and very small ones in powers of ten.
+/// A value with eight significant digits, more than any estimate needs; very large and small ones with an
+/// exponent.
 fn rounded(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 || (1e-6..1e12).contains(&size) {
@@ -182,7 +195,7 @@ fn rounded(value: f64) -> String {
             false => ((value * scale).round() / scale).to_string(),
         };
     }
-    // Read and written again, so that zeros at the end are left out.
+    // Parsing and formatting again removes trailing zeros.
     let short = format!("{value:.7e}");
     short.parse::<f64>().map_or(short, |v| format!("{v:e}"))
 }

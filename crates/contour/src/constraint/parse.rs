@@ -1,11 +1,11 @@
-//! Constraints from words: the sentences that [`Constraint::describe`] makes.
+//! Constraints from text: the sentences that [`Constraint::describe`] writes.
 
 use super::candidates::{is_inside, is_left};
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::relation::{Axis, Constraint};
 use planish_estimate::{Error, Result};
 
-/// What a user may write.
+/// Examples of all sentences, for the error message.
 const SENTENCES: &str = "P1P2 horizontal; P1P2 vertical; P1P2 parallel to P3P4; P1P2 perpendicular to P2P3; \
     P1P2 as long as \
     P3P4; P1P2 is 40 long; P3 is 12 from P1P2; P1P2 to P2P3 is 60°; x1 = 0; P1 at (0, 0); P1 on P5; P1 on \
@@ -15,36 +15,39 @@ const SENTENCES: &str = "P1P2 horizontal; P1P2 vertical; P1P2 parallel to P3P4; 
     tangent to circle 2; P1P2 tangent to circle 1; P1P2 tangent to circle 1 at P2";
 
 impl Constraint {
-    /// Reads a constraint from words, such as `P1P2 parallel to P3P4` or `circle 1 has radius 5`.
+    /// Parses a constraint, such as `P1P2 parallel to P3P4` or `circle 1 has radius 5`.
     ///
-    /// Parts are called as in the drawing. Which side of a bar a circle touches, and whether circles touch
-    /// from inside, is read off the drawing.
+    /// Parts have their names in the drawing. The drawing also determines which side of a bar a circle
+    /// touches, and whether circles touch from inside.
     ///
     /// # Errors
-    /// `Input` when the sentence is none of those that [`Self::describe`] makes, or names a part that is not
-    /// there.
+    /// `Input` if the sentence is not of a form that [`Self::describe`] writes, or refers to a part that the
+    /// drawing does not have.
     ///
     /// # Examples
     /// ```
-    /// use planish_contour::constraint::{BarId, Constraint, Drawing};
+    /// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing};
     ///
-    /// let triangle = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
+    /// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
     /// let right_angle = Constraint::parse("P1P2 perpendicular to P3P1", &triangle)?;
     /// assert_eq!(right_angle, Constraint::Perpendicular { a: BarId(0), b: BarId(2) });
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
-    pub fn parse(sentence: &str, drawing: &Drawing) -> Result<Self> {
+    pub fn parse(sentence: &str, drawing: &ParametricDrawing) -> Result<Self> {
         Words { drawing }
             .constraint(sentence.trim())
             .map_err(|e| e.in_context(format!("constraint `{}`", sentence.trim())))
     }
 }
 
+/// Parser of sentences about a drawing.
 struct Words<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
 }
 
 impl Words<'_> {
+    /// Tries the phrases in turn. Order matters where one phrase can occur in a sentence of another: `
+    /// tangent to ` precedes ` at `.
     fn constraint(&self, text: &str) -> Result<Constraint> {
         let split = |word: &str| text.split_once(word).map(|(a, b)| (a.trim(), b.trim()));
         if let Some(bar) = text.strip_suffix(" horizontal") {
@@ -111,6 +114,7 @@ impl Words<'_> {
         }
     }
 
+    /// `a tangent to b`.
     fn tangent(&self, a: &str, b: &str) -> Result<Constraint> {
         if let Ok(first) = self.circle(a) {
             let b = self.circle(b)?;
@@ -127,6 +131,7 @@ impl Words<'_> {
         Ok(Constraint::Tangent { bar, circle, left })
     }
 
+    /// `parts is value`: a length, a distance from a bar, or an angle.
     fn size(&self, parts: &str, value: &str) -> Result<Constraint> {
         if let Some(value) = value.strip_suffix(" long") {
             let ([a, b], value) = (self.pair(parts)?, number(value)?);
@@ -147,6 +152,7 @@ impl Words<'_> {
         }
     }
 
+    /// `parameter = value`.
     fn coordinate(&self, parameter: &str, value: f64) -> Result<Constraint> {
         let drawing = self.drawing;
         let found = drawing.points().find_map(|point| {
@@ -177,7 +183,7 @@ impl Words<'_> {
             .ok_or_else(|| missing("circle", name, "circle 1", self.drawing.circles().count()))
     }
 
-    /// Two points, of a bar or not.
+    /// Two points, with or without a bar between them.
     fn pair(&self, name: &str) -> Result<[PointId; 2]> {
         let name = name.trim();
         let cut = name.rfind('P').filter(|&cut| cut > 0);
@@ -187,7 +193,7 @@ impl Words<'_> {
         Ok([self.point(&name[..cut])?, self.point(&name[cut..])?])
     }
 
-    /// A bar, from either end.
+    /// A bar by its end points in either order.
     fn bar(&self, name: &str) -> Result<BarId> {
         let ends = self.pair(name)?;
         let mut bars = self.drawing.bars();
@@ -203,16 +209,16 @@ fn number(text: &str) -> Result<f64> {
     let found: Option<f64> = text.trim().parse().ok();
     found
         .filter(|value| value.is_finite())
-        .ok_or_else(|| Error::input(format!("needed a number, found `{}`", text.trim())))
+        .ok_or_else(|| Error::input(format!("expected a number, found `{}`", text.trim())))
 }
 
 fn missing(what: &str, name: &str, such_as: &str, count: usize) -> Error {
     Error::input(format!(
-        "the drawing has no {what} `{}`: it has {count}, called such as `{such_as}`",
+        "the drawing has no {what} `{}`: it has {count}, with names such as `{such_as}`",
         name.trim()
     ))
 }
 
 fn unknown() -> Error {
-    Error::input(format!("needed a sentence such as: {SENTENCES}"))
+    Error::input(format!("expected a sentence such as: {SENTENCES}"))
 }

@@ -1,38 +1,38 @@
-//! Coordinates that parts of a drawing reach: of points, and of circles where these end.
+//! Coordinates of parts of a drawing: of points, and of the extremes of circles.
 //!
-//! Comes in: a part and an axis. Goes out: the coordinate as a sum of parameters. What is seen from two sides
-//! has such coordinates in both views.
+//! In: a part and an axis. Out: the coordinate as a signed sum of parameters. A feature seen in two views has
+//! such a coordinate in each; their equality is a constraint.
 
-use super::drawing::{CircleId, Drawing, Offset, PointId};
+use super::drawing::{CircleId, Offset, ParametricDrawing, PointId};
 use super::relation::Axis;
 use serde::{Deserialize, Serialize};
 
-/// A coordinate of something in a drawing.
+/// A coordinate of a part of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "snake_case")]
 pub enum Place {
-    /// That of a point.
+    /// Coordinate of a point.
     Point {
         /// The point.
         point: PointId,
-        /// Which coordinate.
+        /// The coordinate.
         axis: Axis,
     },
-    /// How far a circle reaches: its centre's coordinate, less or plus its radius.
+    /// Minimum or maximum coordinate of a circle: that of its centre minus or plus the radius.
     Extreme {
         /// The circle.
         circle: CircleId,
-        /// Which coordinate.
+        /// The coordinate.
         axis: Axis,
-        /// Whether the largest, else the least.
+        /// True for the maximum, false for the minimum.
         upper: bool,
     },
 }
 
 impl Place {
-    /// Its parameters, each with a factor of one or minus one.
+    /// Indices of its parameters, each with a factor of 1 or −1.
     #[must_use]
-    pub fn terms(self, drawing: &Drawing) -> Vec<(usize, f64)> {
+    pub fn terms(self, drawing: &ParametricDrawing) -> Vec<(usize, f64)> {
         match self {
             Self::Point { point, axis } => vec![(drawing.coordinates(point)[axis as usize], 1.0)],
             Self::Extreme { circle, axis, upper } => vec![
@@ -42,15 +42,15 @@ impl Place {
         }
     }
 
-    /// Its value.
+    /// Value at the parameters `x`.
     #[must_use]
-    pub fn value(self, drawing: &Drawing, x: &[f64]) -> f64 {
+    pub fn value(self, drawing: &ParametricDrawing, x: &[f64]) -> f64 {
         self.terms(drawing).iter().map(|&(i, factor)| factor * x[i]).sum()
     }
 
     /// In words, such as `x of P1` or `largest y of circle 2`.
     #[must_use]
-    pub fn describe(self, drawing: &Drawing) -> String {
+    pub fn describe(self, drawing: &ParametricDrawing) -> String {
         let letter = |axis| if axis == Axis::X { 'x' } else { 'y' };
         match self {
             Self::Point { point, axis } => format!("{} of {}", letter(axis), drawing.point_name(point)),
@@ -63,6 +63,7 @@ impl Place {
         }
     }
 
+    /// The same coordinate after its drawing was appended to another.
     pub(super) fn shifted(self, offset: Offset) -> Self {
         match self {
             Self::Point { point, axis } => Self::Point { point: offset.point(point), axis },

@@ -1,13 +1,12 @@
-//! Relations proposed by tests on the estimated covariance, and imposed as far as they agree.
+//! Relations proposed by tests on the estimated covariance, and imposed if they agree with the estimate.
 //!
-//! Comes in: an estimate of a drawing's parameters with its covariance. Goes out: what happened to every
-//! candidate, and the estimate with the accepted ones imposed. Not guaranteed: that what is accepted is
-//! meant; `expected_by_chance` says how many would come up among parts that have nothing to do with each
-//! other.
+//! In: an estimate of the parameters of a drawing with its covariance. Out: the outcome of every candidate,
+//! and the estimate with the accepted ones imposed. Not guaranteed: that an accepted relation was intended;
+//! `expected_by_chance` is the number expected among unrelated parts (decision record 0045).
 
 use super::candidates::{Candidate, candidates};
 use super::conflicts::Linearised;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::evidence::{Level, State, Test, is_linear, test};
 use super::impose::{Imposed, Start, chi_square_tail, impose, impose_from, square_root};
 use super::minimal::quick_xplain;
@@ -16,100 +15,104 @@ use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 
-/// The probability with which relations that are true are lost, where none is asked for.
+/// Default probability of rejecting any true relation.
+///
+/// A larger level loses true relations more often; a smaller one widens the windows of acceptance, and more
+/// relations remain unclear.
 pub const DEFAULT_LEVEL: f64 = 0.001;
 
-/// How to propose relations.
+/// Options of the search for relations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConstrainOptions {
-    /// The probability with which true relations fail: any at all the tests of single ones, which share it,
-    /// and all together the joint one.
+    /// Probability of rejecting any true relation: shared by the tests of single relations, and also the
+    /// level of the joint test.
     pub level: f64,
-    /// The largest share of its range in which a relation would be accepted: where it is larger, agreement
-    /// means too little.
+    /// Maximum fraction of its range over which a relation may be accepted (default 0.05).
+    ///
+    /// Above it, unrelated parts would agree too often for the agreement to be evidence.
     pub max_chance: f64,
-    /// How truly relations hold: angles in radians, lengths as shares of the drawing's extent. Zero for
-    /// exactly.
+    /// σ with which relations hold: angles in radians, lengths as fractions of the extent of the drawing.
+    /// Zero means exactly.
     pub sigma: f64,
-    /// Constraints imposed without a test: anchors, ends of arcs on their circles, known dimensions.
+    /// Constraints imposed without a test, for example anchors, ends of arcs, known dimensions.
     pub given: Vec<Constraint>,
 }
 
 impl Default for ConstrainOptions {
-    /// A level of [`DEFAULT_LEVEL`], a chance of 0.05, exact, nothing given.
+    /// [`DEFAULT_LEVEL`], a chance of at most 0.05, exact relations, no given constraints.
     fn default() -> Self {
         Self { level: DEFAULT_LEVEL, max_chance: 0.05, sigma: 0.0, given: Vec::new() }
     }
 }
 
-/// What became of a candidate.
+/// Outcome of a candidate relation.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "outcome", rename_all = "snake_case")]
-pub enum Outcome {
-    /// It agrees with the estimate and with all accepted before it, and was imposed.
+pub enum ProposalOutcome {
+    /// It agrees with the estimate and all relations accepted before, and was imposed.
     Imposed,
-    /// It follows from what was imposed before, or from the estimate itself.
+    /// It follows from imposed relations, or from the estimate itself.
     Implied,
-    /// The estimate alone contradicts it.
+    /// It contradicts the estimate alone.
     Rejected,
-    /// It agrees with the estimate, but not together with these proposals, by index; none of them can be left
-    /// out.
+    /// It agrees with the estimate, but not together with a minimal set of accepted proposals.
     Refused {
-        /// The proposals it quarrels with; none where it fails the joint test with what was given alone.
+        /// Indices of the conflicting proposals; empty if it fails with the given constraints alone.
         with: Vec<usize>,
     },
-    /// The estimate is too uncertain for an agreement to mean anything, or accepted relations leave it to
-    /// terms of second order.
+    /// The estimate is too uncertain for an agreement to be evidence, or the accepted relations leave only
+    /// second-order variance.
     Unclear,
 }
 
-/// A relation that was looked at.
+/// A tested relation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Proposal {
     /// The relation.
     pub constraint: Constraint,
-    /// The relation in words.
+    /// The relation as text.
     pub text: String,
-    /// Its χ² under the estimate with what was given alone.
+    /// Its χ² under the estimate with only the given constraints imposed.
     pub chi_square: f64,
-    /// The degrees of freedom of that χ².
+    /// Degrees of freedom of `chi_square`.
     pub degrees: usize,
-    /// The probability of a χ² at least as large when the relation is true.
+    /// Probability of a χ² at least as large if the relation is true.
     pub p_value: f64,
-    /// The share of its range in which it would have been accepted: the probability of an accident. At the
-    /// time of its last test.
+    /// Fraction of its range over which it would be accepted at its last test: the probability that unrelated
+    /// parts agree.
     pub chance: f64,
-    /// What became of it.
+    /// Outcome of the relation.
     #[serde(flatten)]
-    pub outcome: Outcome,
+    pub outcome: ProposalOutcome,
 }
 
-/// An estimate with the relations that it agrees with imposed.
+/// An estimate with the accepted relations imposed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Constrained {
-    /// The drawing.
-    pub drawing: Drawing,
-    /// The covariance of its parameters.
+    /// The constrained drawing.
+    pub drawing: ParametricDrawing,
+    /// Covariance of its parameters.
     #[serde(serialize_with = "as_rows")]
     pub covariance: DMatrix<f64>,
-    /// Every relation that was looked at.
+    /// All tested relations.
     pub proposals: Vec<Proposal>,
-    /// All that was imposed: what was given, what was accepted, dimensions that were snapped; in this order.
+    /// All imposed constraints: given ones, accepted relations, snapped dimensions, in this order.
     pub constraints: Vec<Constraint>,
-    /// What all that cost the estimate.
+    /// χ² of all imposed constraints.
     pub chi_square: f64,
-    /// The degrees of freedom of that χ².
+    /// Degrees of freedom of `chi_square`.
     pub degrees: usize,
-    /// The probability of a χ² at least as large.
+    /// Probability of a χ² at least as large if all constraints are true.
     pub p_value: f64,
-    /// What is left free, motions of the whole included.
+    /// Remaining degrees of freedom, rigid motions included.
     pub freedoms: usize,
-    /// How many relations would be accepted of parts that have nothing to do with each other.
+    /// Expected number of accepted relations among unrelated parts.
     pub expected_by_chance: f64,
     #[serde(skip)]
     pub(super) search: Search,
 }
 
+/// Serialises a matrix as a list of rows.
 fn as_rows<S: serde::Serializer>(
     matrix: &DMatrix<f64>,
     serializer: S,
@@ -117,59 +120,64 @@ fn as_rows<S: serde::Serializer>(
     serializer.collect_seq(matrix.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()))
 }
 
-/// Candidates whose evidence is less than the best one's by no more than this factor's logarithm are taken
-/// with it.
-const ALIKE: f64 = 1.0;
+/// Candidates whose log-evidence is within this of the best are imposed in the same step.
+///
+/// Zero imposes one relation per step, which is slow for many equal ones. A larger value imposes weaker
+/// relations before the stronger ones have sharpened the estimate.
+const EVIDENCE_TOLERANCE: f64 = 1.0;
 
-/// The estimate, and what is imposed on it so far.
+/// The unconstrained estimate with everything that the tests need.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Search {
-    pub(super) estimate: Drawing,
+    pub(super) estimate: ParametricDrawing,
     pub(super) covariance: DMatrix<f64>,
-    /// [`square_root`] of it.
+    /// [`square_root`] of the covariance, computed once for all steps.
     root: DMatrix<f64>,
     pub(super) options: ConstrainOptions,
-    /// How many tests share the level.
+    /// Number of tests that share the level.
     tests: usize,
-    /// Each one's share.
+    /// Level of a single test.
     share: Level,
-    /// χ² and degrees of what was given.
+    /// χ² and degrees of freedom of the given constraints.
     given: (f64, usize),
 }
 
-/// Finds the relations that hold in a drawing, and imposes them.
+/// Finds the relations that hold in a drawing and imposes them.
 ///
-/// 1. What is given is imposed. Every one of the [`candidates`] is then tested alone:
-///    `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's procedure bounds the probability that *any* true one is lost by `level`.
-/// 2. Of those left, the one with the strongest evidence is taken: the density of its residual if it
-///    holds, over that of a residual anywhere in its range; with it all that have nearly as much and depend
-///    on other parameters. One whose window of acceptance covers more than `max_chance` of that range has to
-///    wait until others have made the estimate sharper, and is unclear in the end.
-/// 3. It is imposed together with all before it, from the estimate anew. If it, given those, fails its
-///    share of the level, or all of them fail the level together, it is refused, and the smallest set it
-///    quarrels with is named. Of several taken together that fail, the best is tried alone. Repeat from 2.
+/// 1. Impose the given constraints. Test each of the [`candidates`] alone: `χ² = fᵀ (H P Hᵀ)⁻¹ f`. Holm's
+///    procedure bounds the probability of rejecting *any* true relation by `level`.
+/// 2. Select the remaining candidate with the strongest evidence: the density of its residual if it holds,
+///    divided by that of a residual anywhere in its range. Add those with nearly as much evidence that depend
+///    on other parameters. A candidate whose window of acceptance covers more than `max_chance` of its range
+///    waits until others have made the estimate sharper; if it waits to the end, it is unclear.
+/// 3. Impose the selection together with all accepted relations, starting from the unconstrained estimate. A
+///    candidate is refused if it fails its share of the level given those before, or if all together fail the
+///    level; the smallest conflicting set is reported. If several were selected, the best is tried alone
+///    first. Repeat from 2.
 ///
-/// Relations that follow from others are found at step 2, as nothing of their variance is left. One whose
-/// variance is of second order has to wait too: near a rectangle, one pair of parallel sides leaves the
-/// others equal to first order, though a trapezoid's are not. Cost: `c (c + m n²)` for `c` candidates, of
-/// which there are about `2 b²` for `b` bars.
+/// Step 2 also finds relations that follow from others: they have no variance left. A candidate whose
+/// variance is of second order waits, too. Near a rectangle, for example, one pair of parallel sides makes
+/// the other two sides equal to first order, though those of a trapezoid are not. Cost: `c (c + m n²)` for
+/// `c` candidates; `b` bars have about `2 b²`.
 ///
 /// # Errors
-/// `Input` when the covariance does not fit the drawing, an option is out of range, or what is given
-/// contradicts itself.
+/// `Input` if the covariance does not fit the drawing, an option is out of range, or the given constraints
+/// conflict.
 ///
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, ConstrainOptions, Constraint, Drawing, Outcome, constrain};
+/// use planish_contour::constraint::{
+///     BarId, ConstrainOptions, Constraint, ParametricDrawing, ProposalOutcome, constrain,
+/// };
 ///
-/// // A rectangle, known to 0.05 and somewhat turned: three right angles make the fourth and both parallels.
-/// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, 3.46], [37.44, 33.36], [-2.58, 29.86]])?;
+/// // A rotated rectangle with σ = 0.05: three right angles imply the fourth and both parallel pairs.
+/// let seen = ParametricDrawing::polygon(&[[0.03, 0.0], [40.01, 3.46], [37.44, 33.36], [-2.58, 29.86]])?;
 /// let found = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0025), &ConstrainOptions::default())?;
 /// assert_eq!(found.freedoms, 5);
 /// let parallel = Constraint::Parallel { a: BarId(1), b: BarId(3) };
 /// let last = found.proposals.iter().find(|p| p.constraint == parallel);
-/// assert!(matches!(last.map(|p| &p.outcome), Some(Outcome::Imposed | Outcome::Implied)));
+/// assert!(matches!(last.map(|p| &p.outcome), Some(ProposalOutcome::Imposed | ProposalOutcome::Implied)));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
@@ -177,20 +185,20 @@ pub(super) struct Search {
 /// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004,
 /// *Choosing consistent constraints for beautification of reverse engineered geometric models*.
 pub fn constrain(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     options: &ConstrainOptions,
 ) -> Result<Constrained> {
     constrain_among(drawing, covariance, &candidates(drawing), options)
 }
 
-/// [`constrain`] among relations of the caller's choice; with none, what is given is imposed and nothing
-/// else.
+/// [`constrain`] with candidates chosen by the caller. Without candidates, only the given constraints are
+/// imposed.
 ///
 /// # Errors
-/// As [`constrain`]; also when a candidate names a part that is not there.
+/// As [`constrain`]; also `Input` if a candidate refers to a part that the drawing does not have.
 pub fn constrain_among(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     candidates: &[Candidate],
     options: &ConstrainOptions,
@@ -198,7 +206,7 @@ pub fn constrain_among(
     candidates.iter().try_for_each(|candidate| candidate.constraint.require_parts(drawing))?;
     for (name, value) in [("level", options.level), ("chance", options.max_chance)] {
         if !(value > 0.0 && value < 1.0) {
-            return Err(Error::input(format!("the {name} must lie between 0 and 1, not at {value}")));
+            return Err(Error::input(format!("the {name} must lie between 0 and 1, found {value}")));
         }
     }
     let given = impose(drawing, covariance, &options.given, options.sigma)?;
@@ -211,6 +219,7 @@ pub fn constrain_among(
         share: Level::new(options.level / candidates.len().max(1) as f64),
         given: (given.chi_square, given.degrees),
     };
+    // Before anything is accepted: afterwards, the windows are narrower and correlated.
     let mut proposals = search.single_tests(candidates, &given)?;
     let expected_by_chance =
         proposals.iter().filter(|p| p.degrees > 0 && p.chance <= options.max_chance).map(|p| p.chance).sum();
@@ -232,19 +241,19 @@ pub fn constrain_among(
 impl Constrained {
     /// The relations that were accepted.
     pub fn accepted(&self) -> impl Iterator<Item = &Proposal> {
-        self.proposals.iter().filter(|p| p.outcome == Outcome::Imposed)
+        self.proposals.iter().filter(|p| p.outcome == ProposalOutcome::Imposed)
     }
 }
 
 impl Search {
-    /// Tests every candidate under the estimate with what was given; those that Holm's procedure rejects are
-    /// marked, all others unclear for now.
+    /// Tests every candidate under the estimate with the given constraints. Those that Holm's procedure
+    /// rejects are marked; all others are unclear for now.
     fn single_tests(&self, candidates: &[Candidate], given: &Imposed) -> Result<Vec<Proposal>> {
         let mut proposals = Vec::with_capacity(candidates.len());
         let alone = State::unconstrained(&given.drawing, &given.covariance);
         for candidate in candidates {
             let test = self.test(candidate, &alone);
-            let known = if test.holds { Outcome::Implied } else { Outcome::Rejected };
+            let known = if test.holds { ProposalOutcome::Implied } else { ProposalOutcome::Rejected };
             proposals.push(Proposal {
                 constraint: candidate.constraint,
                 text: candidate.constraint.describe(&self.estimate),
@@ -252,21 +261,22 @@ impl Search {
                 degrees: test.degrees,
                 p_value: test.p_value,
                 chance: test.chance,
-                outcome: if test.degrees > 0 { Outcome::Unclear } else { known },
+                outcome: if test.degrees > 0 { ProposalOutcome::Unclear } else { known },
             });
         }
+        // Holm: compare the k-th smallest p-value with level / (n − k), and stop at the first that passes.
         let mut order: Vec<usize> = (0..proposals.len()).filter(|&i| proposals[i].degrees > 0).collect();
         order.sort_by(|&a, &b| proposals[a].p_value.total_cmp(&proposals[b].p_value));
         for (k, &i) in order.iter().enumerate() {
             if proposals[i].p_value >= self.options.level / (order.len() - k) as f64 {
                 break;
             }
-            proposals[i].outcome = Outcome::Rejected;
+            proposals[i].outcome = ProposalOutcome::Rejected;
         }
         Ok(proposals)
     }
 
-    /// Takes the best candidates again and again, until none is left that means anything.
+    /// Imposes the best candidates step by step until none with enough evidence remains.
     fn accept(
         &self,
         candidates: &[Candidate],
@@ -281,14 +291,16 @@ impl Search {
                 return Ok(state);
             };
             for &i in &best {
-                proposals[i].outcome = Outcome::Imposed;
+                proposals[i].outcome = ProposalOutcome::Imposed;
             }
-            let mut next = self.tried(&self.constraints(proposals), &state);
+            let mut next = self.impose_if_accepted(&self.constraints(proposals), &state);
+            // The candidates selected together were tested one by one only. If they fail jointly, the best
+            // one is tried alone, and the others wait for the next step.
             if next.is_none() && best.len() > 1 {
                 for &i in &best[1..] {
-                    proposals[i].outcome = Outcome::Unclear;
+                    proposals[i].outcome = ProposalOutcome::Unclear;
                 }
-                next = self.tried(&self.constraints(proposals), &state);
+                next = self.impose_if_accepted(&self.constraints(proposals), &state);
             }
             match next {
                 Some(next) => {
@@ -296,7 +308,8 @@ impl Search {
                     state = next;
                 }
                 None => {
-                    proposals[first].outcome = Outcome::Unclear;
+                    // `refusal` reads the accepted set from the outcomes: the candidate must not be in it.
+                    proposals[first].outcome = ProposalOutcome::Unclear;
                     proposals[first].outcome = self.refusal(proposals, first, &state.drawing);
                 }
             }
@@ -304,17 +317,19 @@ impl Search {
     }
 
     /// The candidate with the strongest evidence, and others with nearly as much that depend on other
-    /// parameters; those of which nothing is left are marked.
+    /// parameters.
+    ///
+    /// Marks candidates without remaining variance as implied or refused.
     fn best(
         &self,
         candidates: &[Candidate],
         proposals: &mut [Proposal],
         now: &State,
-        at: &Drawing,
+        at: &ParametricDrawing,
     ) -> Vec<usize> {
         let mut tests: Vec<(usize, Test)> = Vec::new();
         for i in 0..candidates.len() {
-            if proposals[i].outcome != Outcome::Unclear {
+            if proposals[i].outcome != ProposalOutcome::Unclear {
                 continue;
             }
             let test = self.test(&candidates[i], now);
@@ -325,52 +340,56 @@ impl Search {
                 }
             } else if is_linear(&candidates[i], now, &self.covariance) {
                 proposals[i].outcome = match test.holds {
-                    true => Outcome::Implied,
+                    true => ProposalOutcome::Implied,
                     false => self.refusal(proposals, i, at),
                 };
             }
         }
+        // Candidates that share no parameter hardly change each other's tests: one step can impose all of
+        // them.
         tests.sort_by(|a, b| b.1.log_evidence.total_cmp(&a.1.log_evidence).then(a.0.cmp(&b.0)));
         let mut best: Vec<usize> = Vec::new();
-        let mut taken = vec![false; self.estimate.parameters()];
-        let mut least = f64::NEG_INFINITY;
+        let mut used = vec![false; self.estimate.parameters()];
+        let mut min_evidence = f64::NEG_INFINITY;
         for (i, test) in tests {
-            if test.log_evidence < least {
+            if test.log_evidence < min_evidence {
                 break;
             }
             let parameters = candidates[i].constraint.parameters(&self.estimate);
-            let is_apart = parameters.iter().all(|&parameter| !taken[parameter]);
+            let is_apart = parameters.iter().all(|&parameter| !used[parameter]);
             let passes = best.is_empty() || test.p_value >= self.options.level / self.tests as f64;
             if is_apart && passes && is_linear(&candidates[i], now, &self.covariance) {
                 if best.is_empty() {
-                    least = test.log_evidence - ALIKE;
+                    min_evidence = test.log_evidence - EVIDENCE_TOLERANCE;
                 }
-                parameters.iter().for_each(|&parameter| taken[parameter] = true);
+                parameters.iter().for_each(|&parameter| used[parameter] = true);
                 best.push(i);
             }
         }
         best
     }
 
-    /// Of candidates that were taken together, those that the others left nothing to say.
+    /// Marks candidates of one step that follow from the others of that step.
     fn mark_implied(&self, proposals: &mut [Proposal], next: &Imposed) {
         let given = self.options.given.len();
         let imposed: Vec<usize> =
-            (0..proposals.len()).filter(|&i| proposals[i].outcome == Outcome::Imposed).collect();
+            (0..proposals.len()).filter(|&i| proposals[i].outcome == ProposalOutcome::Imposed).collect();
         for &implied in next.implied.iter().filter(|&&implied| implied >= given) {
-            proposals[imposed[implied - given]].outcome = Outcome::Implied;
+            proposals[imposed[implied - given]].outcome = ProposalOutcome::Implied;
         }
     }
 
-    /// What was given, then what was accepted.
+    /// The given constraints, followed by the accepted relations.
     fn constraints(&self, proposals: &[Proposal]) -> Vec<Constraint> {
-        let accepted = proposals.iter().filter(|p| p.outcome == Outcome::Imposed);
+        let accepted = proposals.iter().filter(|p| p.outcome == ProposalOutcome::Imposed);
         self.options.given.iter().copied().chain(accepted.map(|p| p.constraint)).collect()
     }
 
-    /// The estimate with constraints imposed, if what they add to a state passes its share of the level, and
-    /// all pass it together.
-    pub(super) fn tried(&self, constraints: &[Constraint], before: &Imposed) -> Option<Imposed> {
+    /// The estimate with constraints imposed, or `None` if they fail the tests of [`Self::passes`].
+    ///
+    /// It starts from the unconstrained estimate: constraints on a constrained one would break earlier ones
+    /// at second order. The state before only provides a drawing near the solution.
+    pub(super) fn impose_if_accepted(&self, constraints: &[Constraint], before: &Imposed) -> Option<Imposed> {
         let start = Start { root: &self.root, near: Some(&before.drawing) };
         let next =
             impose_from(&self.estimate, &self.covariance, constraints, self.options.sigma, start).ok()?;
@@ -378,18 +397,20 @@ impl Search {
         passes.then_some(next)
     }
 
-    /// Whether what is added to a χ² with its degrees passes its share of the level, and all of it the level.
+    /// True if the increase of χ² passes the level of a single test, and the whole χ² passes the level.
     fn passes(&self, before: (f64, usize), after: (f64, usize)) -> bool {
         let tail =
             |from: (f64, usize)| chi_square_tail((after.0 - from.0).max(0.0), after.1.saturating_sub(from.1));
         tail(before) >= self.options.level / self.tests as f64 && tail(self.given) >= self.options.level
     }
 
-    /// The smallest set of accepted proposals that a candidate cannot be accepted after: to first order where
-    /// the accepted ones hold, and only where that sees no quarrel with all equations anew.
-    fn refusal(&self, proposals: &[Proposal], candidate: usize, at: &Drawing) -> Outcome {
+    /// The smallest set of accepted proposals with which a candidate conflicts.
+    ///
+    /// The search asks for the χ² of many subsets, so it first uses equations linearised where the accepted
+    /// relations hold. If it finds no conflict there, it repeats with the exact equations.
+    fn refusal(&self, proposals: &[Proposal], candidate: usize, at: &ParametricDrawing) -> ProposalOutcome {
         let accepted: Vec<usize> =
-            (0..proposals.len()).filter(|&i| proposals[i].outcome == Outcome::Imposed).collect();
+            (0..proposals.len()).filter(|&i| proposals[i].outcome == ProposalOutcome::Imposed).collect();
         let given = self.options.given.len();
         let mut all = self.options.given.clone();
         all.extend(accepted.iter().map(|&i| proposals[i].constraint));
@@ -402,7 +423,7 @@ impl Search {
             self.passes((before.chi_square, before.degrees), (after.chi_square, after.degrees))
         });
         if !first_order.is_empty() {
-            return Outcome::Refused { with: first_order.into_iter().map(|i| accepted[i]).collect() };
+            return ProposalOutcome::Refused { with: first_order.into_iter().map(|i| accepted[i]).collect() };
         }
         let found = quick_xplain(accepted.len(), |chosen| {
             let mut constraints = self.options.given.clone();
@@ -411,9 +432,9 @@ impl Search {
             let before =
                 impose_from(&self.estimate, &self.covariance, &constraints, self.options.sigma, start);
             constraints.push(proposals[candidate].constraint);
-            before.is_ok_and(|before| self.tried(&constraints, &before).is_some())
+            before.is_ok_and(|before| self.impose_if_accepted(&constraints, &before).is_some())
         });
-        Outcome::Refused { with: found.into_iter().map(|i| accepted[i]).collect() }
+        ProposalOutcome::Refused { with: found.into_iter().map(|i| accepted[i]).collect() }
     }
 
     pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Test {

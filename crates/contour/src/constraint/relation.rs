@@ -1,13 +1,13 @@
-//! The constraints, each with its residual and the residual's gradient.
+//! The constraints, each with its residual and the gradient of the residual.
 //!
-//! Comes in: a drawing. Goes out: equations `f(x) = 0`; one for a simple constraint, two for a compound one.
-//! Lengths are in the drawing's unit, directions in radians or as sines and cosines. Not guaranteed: a value
-//! where a bar has no length; it is NaN there.
+//! In: a drawing. Out: equations `f(x) = 0`, one for a simple constraint and two for a compound one. Lengths
+//! are in the unit of the drawing, directions in radians or as sines and cosines. Not guaranteed: a value if
+//! a bar has no length; the residual is NaN then.
 //!
 //! With `d = end − start` of a bar, `l = |d|`, `u = d/l` and `n = (−u_y, u_x)` the unit vector to its left,
 //! everything below follows from `∂l/∂d = u` and `∂(direction)/∂d = n/l`.
 
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::equations::Equation;
 use super::place::Place;
 use serde::{Deserialize, Serialize};
@@ -23,11 +23,22 @@ pub enum Axis {
     Y,
 }
 
-/// Something that holds between parts of a drawing.
+/// A geometric relation between parts of a drawing.
 ///
-/// The paper squares its distances and does not normalise its products (D eq. 4.1). Here residuals are
-/// lengths and angles, so that their σ means something; where a constraint holds, both forms have the same
-/// gradients up to a factor, and so the same ranks and graphs.
+/// The paper squares its distances and does not normalise its products (Weiss-Cohen et al. 2009, eq. 4.1).
+/// Here residuals are lengths and angles, so that their σ has a unit. Where a constraint holds, the gradients
+/// of both forms agree up to a factor, and so do ranks and graphs.
+///
+/// # Examples
+/// ```
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing};
+///
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
+/// let right_angle = Constraint::Perpendicular { a: BarId(0), b: BarId(2) };
+/// let equations = right_angle.equations(&triangle, triangle.values().as_slice());
+/// assert!(equations[0].residual.abs() < 1e-15);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Weiss-Cohen, Bondarenko and Halevi 2009, eq. 3.1–3.5; Lin, Gossard and Light 1981, *Variational geometry
@@ -46,8 +57,8 @@ pub enum Constraint {
     },
     /// The distance of a point to the left of a bar, negative to its right: `u × (p − start) = value`.
     ///
-    /// D eq. 3.3–3.5 with the text's `V` from the bar's start to the point; eq. 3.4 is printed with the
-    /// opposite sign, which counts distances to the right.
+    /// Weiss-Cohen et al. 2009, eq. 3.3–3.5, with `V` from the start of the bar to the point, as in their
+    /// text. Eq. 3.4 is printed with the opposite sign, which makes distances to the right positive.
     PointLineDistance {
         /// The point.
         point: PointId,
@@ -58,9 +69,9 @@ pub enum Constraint {
     },
     /// The angle by which `to` is turned from `from`, counter-clockwise, in radians.
     Angle {
-        /// The bar from which the angle counts.
+        /// The bar from which the angle is measured.
         from: BarId,
-        /// The bar to which it counts.
+        /// The bar to which the angle is measured.
         to: BarId,
         /// The angle in radians.
         radians: f64,
@@ -79,32 +90,34 @@ pub enum Constraint {
         /// The other.
         b: BarId,
     },
-    /// A bar's line touches a circle, whose centre lies to the left of the bar or to its right.
+    /// The line of a bar touches a circle whose centre lies to the left or to the right of the bar.
+    ///
+    /// The side is part of the constraint: the absolute value of a distance has no derivative at zero.
     Tangent {
         /// The bar.
         bar: BarId,
         /// The circle.
         circle: CircleId,
-        /// Whether the centre lies to the left.
+        /// True if the centre lies to the left.
         left: bool,
     },
-    /// Two circles touch: `|c_b − c_a| = r_a + r_b`, or `|r_a − r_b|` where one is inside the other.
+    /// Two circles touch: `|c_b − c_a| = r_a + r_b`, or `|r_a − r_b|` if one is inside the other.
     TangentCircles {
         /// One circle.
         a: CircleId,
         /// The other.
         b: CircleId,
-        /// Whether one is inside the other.
+        /// True if one is inside the other.
         inside: bool,
     },
-    /// Two circles have one centre (two equations).
+    /// Two circles have the same centre (two equations).
     Concentric {
         /// One circle.
         a: CircleId,
         /// The other.
         b: CircleId,
     },
-    /// Two bars are of equal length.
+    /// Two bars have equal lengths.
     EqualLength {
         /// One bar.
         a: BarId,
@@ -118,7 +131,7 @@ pub enum Constraint {
         /// The other.
         b: CircleId,
     },
-    /// Two points mirror each other about a bar's line (two equations).
+    /// Two points are mirror images about the line of a bar (two equations).
     Symmetric {
         /// One point.
         a: PointId,
@@ -137,23 +150,23 @@ pub enum Constraint {
         /// The bar.
         bar: BarId,
     },
-    /// A point has a given coordinate: half of the paper's anchor (D eq. 4.1, f4 or f5).
+    /// A point has a given coordinate: one half of the paper's anchor (eq. 4.1, f4 or f5).
     Coordinate {
         /// The point.
         point: PointId,
-        /// Which coordinate.
+        /// The coordinate.
         axis: Axis,
         /// Its value.
         value: f64,
     },
-    /// A point is at a given place (two equations): the paper's anchor point.
+    /// A point has a given position (two equations): the paper's anchor point.
     Anchor {
         /// The point.
         point: PointId,
-        /// The place.
+        /// The position.
         at: [f64; 2],
     },
-    /// Two points are one (two equations).
+    /// Two points coincide (two equations).
     Coincident {
         /// One point.
         a: PointId,
@@ -167,8 +180,11 @@ pub enum Constraint {
         /// The circle.
         circle: CircleId,
     },
-    /// A bar touches a circle at a point that is on both, such as where an arc goes on from a bar: the radius
-    /// to the point stands upright on the bar.
+    /// A bar touches a circle at a point of both, such as the joint of a bar and an arc.
+    ///
+    /// The radius to the point is perpendicular to the bar. The distance of the centre from the bar would not
+    /// do: given that the point is on both, it is at most the radius, and at this maximum its gradient
+    /// depends on those of the other constraints.
     TangentAt {
         /// The bar.
         bar: BarId,
@@ -177,9 +193,9 @@ pub enum Constraint {
         /// The point.
         point: PointId,
     },
-    /// Two coordinates are one, such as those of a corner in two views.
+    /// Two coordinates are equal, such as those of a corner in two views.
     Aligned {
-        /// One.
+        /// One coordinate.
         a: Place,
         /// The other.
         b: Place,
@@ -193,7 +209,7 @@ pub enum Constraint {
     },
 }
 
-/// A bar at the values `x`: direction, left normal, length.
+/// A bar at the values `x`: unit direction, unit normal to the left, length.
 struct Line {
     along: [f64; 2],
     left: [f64; 2],
@@ -208,18 +224,19 @@ fn scaled(s: f64, v: [f64; 2]) -> [f64; 2] {
     [s * v[0], s * v[1]]
 }
 
-/// Builds an equation: a value and the sum of its gradients.
+/// Builds an equation: its residual and the sum of its gradients.
 struct Builder<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
     x: &'a [f64],
     equation: Equation,
 }
 
 impl<'a> Builder<'a> {
-    fn new(drawing: &'a Drawing, x: &'a [f64]) -> Self {
+    fn new(drawing: &'a ParametricDrawing, x: &'a [f64]) -> Self {
         Self { drawing, x, equation: Equation { residual: 0.0, gradient: Vec::new(), is_length: true } }
     }
 
+    /// Position of a point at `x`.
     fn at(&self, point: PointId) -> [f64; 2] {
         self.drawing.coordinates(point).map(|i| self.x[i])
     }
@@ -241,6 +258,7 @@ impl<'a> Builder<'a> {
         self.line_between(a, b)
     }
 
+    /// Adds a slope to the gradient. Parameters of a gradient are unique, as parts may share points.
     fn parameter(&mut self, parameter: usize, slope: f64) {
         match self.equation.gradient.iter_mut().find(|(known, _)| *known == parameter) {
             Some((_, sum)) => *sum += slope,
@@ -254,7 +272,7 @@ impl<'a> Builder<'a> {
         self.parameter(y, slope[1]);
     }
 
-    /// The gradient with respect to `b − a`.
+    /// Adds the gradient of a function of `b − a`.
     fn vector(&mut self, a: PointId, b: PointId, slope: [f64; 2]) {
         self.point(a, scaled(-1.0, slope));
         self.point(b, slope);
@@ -277,7 +295,7 @@ impl<'a> Builder<'a> {
         self.vector(a, b, scaled(factor, line.along));
     }
 
-    /// The signed distance of the point `Σ w_i p_i` (weights that sum to one) from a bar.
+    /// Adds the signed distance of the point `Σ w_i p_i` from a bar; the weights sum to one.
     fn add_offset(&mut self, points: &[(PointId, f64)], bar: BarId, factor: f64) {
         let line = self.line(bar);
         let start = self.at(self.drawing.ends(bar)[0]);
@@ -294,9 +312,10 @@ impl<'a> Builder<'a> {
         self.bar(bar, scaled(-factor * dot(line.along, from_start) / line.length, line.left));
     }
 
-    /// A function of the angle from one bar to the other, given its derivative.
+    /// A function of the angle between two bars; `of_angle` returns its value and derivative.
     fn turn(mut self, from: BarId, to: BarId, of_angle: impl Fn(f64) -> (f64, f64)) -> Equation {
         let (a, b) = (self.line(from), self.line(to));
+        // atan2 is well-conditioned at every angle; acos of the dot product is not near parallel bars.
         let angle = dot(a.left, b.along).atan2(dot(a.along, b.along));
         let (value, slope) = of_angle(angle);
         self.equation.is_length = false;
@@ -306,6 +325,7 @@ impl<'a> Builder<'a> {
         self.equation
     }
 
+    /// Adds a constant and returns the equation.
     fn plus(mut self, constant: f64) -> Equation {
         self.equation.residual += constant;
         self.equation
@@ -313,7 +333,7 @@ impl<'a> Builder<'a> {
 }
 
 impl Constraint {
-    /// How many equations it is: two for a compound constraint.
+    /// Number of equations: two for a compound constraint.
     #[must_use]
     pub fn equation_count(&self) -> usize {
         match self {
@@ -325,15 +345,15 @@ impl Constraint {
         }
     }
 
-    /// Its equations at the parameters `x` of a drawing: residuals and gradients.
+    /// The equations at the parameters `x` of a drawing: residuals and gradients.
     ///
-    /// The gradient names every parameter that the equation depends on, also where the slope is zero at `x`.
-    /// Cost: constant.
+    /// A gradient lists every parameter that the equation depends on, even with a zero slope at `x`: the
+    /// graphs need the structure. Cost: constant.
     ///
     /// # Panics
-    /// When it names a part that the drawing does not have, or `x` is too short.
+    /// If it refers to a part that the drawing does not have, or if `x` is too short.
     #[must_use]
-    pub fn equations(&self, drawing: &Drawing, x: &[f64]) -> Vec<Equation> {
+    pub fn equations(&self, drawing: &ParametricDrawing, x: &[f64]) -> Vec<Equation> {
         let mut new = Builder::new(drawing, x);
         let one = match *self {
             Self::Distance { a, b, value } => {
@@ -354,6 +374,7 @@ impl Constraint {
                 new.plus(0.0)
             }
             Self::TangentCircles { a, b, inside } => {
+                // |r_a − r_b| without its kink: the sign follows the larger circle.
                 let radius = |circle| x[drawing.radius_parameter(circle)];
                 let (of_a, of_b) = match (inside, radius(a) >= radius(b)) {
                     (false, _) => (-1.0, -1.0),
@@ -420,11 +441,12 @@ impl Constraint {
         vec![one]
     }
 
-    /// The same constraint, with its dimension read from a drawing; none for a relation without one.
+    /// The same constraint with its dimension measured in a drawing; `None` for a relation without a
+    /// dimension.
     ///
-    /// Distances of zero and right or straight angles are relations: what they say is not a size.
+    /// Distances of zero and multiples of a right angle are relations, because they express no size.
     #[must_use]
-    pub fn measured(&self, drawing: &Drawing, x: &[f64]) -> Option<Self> {
+    pub fn measured(&self, drawing: &ParametricDrawing, x: &[f64]) -> Option<Self> {
         let mut read = *self;
         let found = self.equations(drawing, x)[0].residual;
         match &mut read {
@@ -444,24 +466,25 @@ impl Constraint {
     }
 }
 
-/// An angle brought between −π and π.
+/// The equivalent angle in [−π, π).
 fn wrapped(angle: f64) -> f64 {
     (angle + PI).rem_euclid(2.0 * PI) - PI
 }
 
-/// `b − a` along an axis.
-fn difference(drawing: &Drawing, x: &[f64], [a, b]: [PointId; 2], axis: usize) -> Equation {
+/// A coordinate of `b` minus that of `a`.
+fn difference(drawing: &ParametricDrawing, x: &[f64], [a, b]: [PointId; 2], axis: usize) -> Equation {
     let (i, j) = (drawing.coordinates(a)[axis], drawing.coordinates(b)[axis]);
     Equation { residual: x[j] - x[i], gradient: vec![(i, -1.0), (j, 1.0)], is_length: true }
 }
 
-fn coordinate(drawing: &Drawing, x: &[f64], point: PointId, axis: usize, value: f64) -> Equation {
+/// A coordinate of a point minus a value.
+fn coordinate(drawing: &ParametricDrawing, x: &[f64], point: PointId, axis: usize, value: f64) -> Equation {
     let parameter = drawing.coordinates(point)[axis];
     Equation { residual: x[parameter] - value, gradient: vec![(parameter, 1.0)], is_length: true }
 }
 
-/// `(b − a) · u` of a bar: how far two points are from lying straight across it.
-fn along(drawing: &Drawing, x: &[f64], [a, b]: [PointId; 2], bar: BarId) -> Equation {
+/// `(b − a) · u` for the direction `u` of a bar: zero if the line through both points is perpendicular to it.
+fn along(drawing: &ParametricDrawing, x: &[f64], [a, b]: [PointId; 2], bar: BarId) -> Equation {
     let mut new = Builder::new(drawing, x);
     let line = new.line(bar);
     let across = new.between(a, b);

@@ -1,49 +1,48 @@
-//! The dimensions that, with the relations found, say all of a drawing.
+//! Dimensions that, with given relations, determine a drawing completely.
 //!
-//! Comes in: a drawing and what holds in it. Goes out: sizes and places that are still free, as few as
-//! determine the drawing, each with its value and σ. Not guaranteed: the dimensions that a designer would
-//! choose.
+//! In: a drawing and its relations. Out: a minimal set of dimensions for the remaining degrees of freedom,
+//! each with its value and σ. Not guaranteed: the dimensions that a designer would choose.
 
 use super::diagnose::ROW_TOLERANCE;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
 use super::rank::{row_norms, row_rank};
 use super::relation::{Axis, Constraint};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// A dimension with its value and how well it is known.
+/// A dimension with its value and σ.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Dimensioned {
-    /// The constraint that gives it its value.
+    /// The constraint with its value.
     #[serde(flatten)]
     pub constraint: Constraint,
-    /// The dimension in words, its value included.
+    /// The constraint as text.
     pub text: String,
-    /// σ of its value; of an anchor the larger of its coordinates'.
+    /// σ of its value; of an anchor, the larger one of both coordinates.
     pub sigma: f64,
 }
 
 /// Dimensions that complete constraints to as many independent equations as there are parameters.
 ///
-/// The paper's scheme (D section 3): one point is the anchor, then lengths of bars and radii, as many as are
-/// still free. What is left after those is dimensioned by distances of points from bars, from the first
-/// point, and last by coordinates. A dimension is taken when its gradient is no combination of those before
-/// it, at the drawing. Cost: `(m + d)² n` for `d` dimensions looked at, some `p b` of them.
+/// The scheme of the paper (section 3): an anchor point first, then lengths of bars and radii. Distances of
+/// points from bars, distances from the first point, and coordinates follow for the rest. A dimension is
+/// added if its gradient at the drawing does not depend on those before it. Cost: `(m + d)² n` for `d`
+/// candidate dimensions, about the number of points times that of bars.
 ///
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, diagnose, dimension_scheme};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, diagnose, dimension_scheme};
 ///
-/// let triangle = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
 /// let mut all = vec![
 ///     Constraint::Horizontal { bar: BarId(0) },
 ///     Constraint::Perpendicular { a: BarId(0), b: BarId(2) },
 /// ];
 /// let scheme = dimension_scheme(&triangle, &(DMatrix::identity(6, 6) * 0.01), &all);
-/// let said: Vec<&str> = scheme.iter().map(|dimension| dimension.text.as_str()).collect();
-/// assert_eq!(said, ["P1 at (0, 0)", "P1P2 is 40 long", "P2P3 is 50 long"]);
+/// let texts: Vec<&str> = scheme.iter().map(|dimension| dimension.text.as_str()).collect();
+/// assert_eq!(texts, ["P1 at (0, 0)", "P1P2 is 40 long", "P2P3 is 50 long"]);
 /// all.extend(scheme.iter().map(|dimension| dimension.constraint));
 /// assert_eq!(diagnose(&triangle, &all)?.freedoms, 0);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -53,12 +52,12 @@ pub struct Dimensioned {
 /// Weiss-Cohen, Bondarenko and Halevi 2009, section 3.
 #[must_use]
 pub fn dimension_scheme(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     constraints: &[Constraint],
 ) -> Vec<Dimensioned> {
     let x = drawing.values();
-    let looked_at: Vec<Constraint> = dimensions(drawing)
+    let candidates: Vec<Constraint> = dimensions(drawing)
         .into_iter()
         .filter(|dimension| {
             let equations = dimension.equations(drawing, x.as_slice());
@@ -66,20 +65,21 @@ pub fn dimension_scheme(
         })
         .collect();
     let mut all = constraints.to_vec();
-    all.extend(&looked_at);
+    all.extend(&candidates);
     let equations = ConstraintEquations::new(drawing, &all);
     let (_, jacobian) = equations.residuals_and_jacobian(&x);
     let independent = row_rank(&jacobian, &row_norms(&jacobian), ROW_TOLERANCE).independent;
     let owners = equations.owners();
-    let mut taken: Vec<usize> =
+    let mut selected: Vec<usize> =
         independent.iter().map(|&row| owners[row]).filter(|&owner| owner >= constraints.len()).collect();
-    // An anchor of which one coordinate is known already keeps the other alone.
-    let halves: Vec<usize> = taken.clone();
-    taken.dedup();
-    taken
+    // An anchor has two equations. If one of its coordinates is already fixed, only the other one is a
+    // dimension.
+    let selected_rows: Vec<usize> = selected.clone();
+    selected.dedup();
+    selected
         .into_iter()
         .map(|owner| {
-            let rows = halves.iter().filter(|&&half| half == owner).count();
+            let rows = selected_rows.iter().filter(|&&row_owner| row_owner == owner).count();
             let dimension = match all[owner] {
                 Constraint::Anchor { point, at } if rows == 1 => {
                     let first = owners.iter().position(|&o| o == owner).unwrap_or_default();
@@ -97,9 +97,9 @@ pub fn dimension_scheme(
         .collect()
 }
 
-/// σ of the largest residual of a constraint under a covariance: of a dimension, that of its value.
+/// σ of a constraint under a covariance: of a dimension, that of its value. For two equations, the larger σ.
 #[must_use]
-pub fn sigma(constraint: &Constraint, drawing: &Drawing, covariance: &DMatrix<f64>) -> f64 {
+pub fn sigma(constraint: &Constraint, drawing: &ParametricDrawing, covariance: &DMatrix<f64>) -> f64 {
     let equations = constraint.equations(drawing, drawing.values().as_slice());
     let variance = |gradient: &[(usize, f64)]| -> f64 {
         let terms = gradient.iter().flat_map(|a| gradient.iter().map(move |b| (a, b)));
@@ -109,8 +109,8 @@ pub fn sigma(constraint: &Constraint, drawing: &Drawing, covariance: &DMatrix<f6
     largest.sqrt()
 }
 
-/// Dimensions in the order of preference, with the drawing's values.
-fn dimensions(drawing: &Drawing) -> Vec<Constraint> {
+/// Candidate dimensions in order of preference, with their values in the drawing.
+fn dimensions(drawing: &ParametricDrawing) -> Vec<Constraint> {
     let mut found = Vec::new();
     let points: Vec<_> = drawing.points().collect();
     let Some(&first) = points.first() else {

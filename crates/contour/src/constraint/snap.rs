@@ -1,11 +1,11 @@
-//! Dimensions put on a grid, where the statistics allow it.
+//! Dimensions snapped to a grid, if the statistics allow it.
 //!
-//! Comes in: a constrained estimate and a grid, such as 0.5 mm. Goes out: which dimensions lie on it, imposed
-//! like other constraints, and why the others were left. Not guaranteed: that a designer used this grid; a
-//! dimension known far better than the grid that is off it says no.
+//! In: a constrained estimate and a grid, such as 0.5 mm. Out: the dimensions that lie on it, imposed like
+//! other constraints, and the reason why the others do not. Not guaranteed: that the designer used this grid.
+//! A dimension whose σ is far below the grid, but which is off it, is evidence against it.
 
 use super::candidates::Candidate;
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::evidence::State;
 use super::impose::{Imposed, chi_square_tail};
 use super::propose::Constrained;
@@ -22,23 +22,23 @@ pub enum Dimension {
     Length(BarId),
     /// The diameter of a circle.
     Diameter(CircleId),
-    /// The distance of two points, such as the centres of holes.
+    /// The distance between two points, such as the centres of holes.
     Distance(PointId, PointId),
-    /// The distance of a point from a bar's line, to the left; to the right it is negative.
+    /// The signed distance of a point from the line of a bar, positive to the left.
     Offset(PointId, BarId),
 }
 
 impl Dimension {
-    /// The lengths of all bars but axes, and all diameters.
+    /// The lengths of all bars except axes, and all diameters.
     #[must_use]
-    pub fn all(drawing: &Drawing) -> Vec<Self> {
+    pub fn all(drawing: &ParametricDrawing) -> Vec<Self> {
         let bars = drawing.bars().filter(|&bar| !drawing.is_axis(bar)).map(Self::Length);
         bars.chain(drawing.circles().map(Self::Diameter)).collect()
     }
 
-    /// The constraint that gives it a value.
+    /// The constraint that fixes it at a value.
     #[must_use]
-    pub fn constraint(self, drawing: &Drawing, value: f64) -> Constraint {
+    pub fn constraint(self, drawing: &ParametricDrawing, value: f64) -> Constraint {
         match self {
             Self::Length(bar) => {
                 let [a, b] = drawing.ends(bar);
@@ -50,12 +50,12 @@ impl Dimension {
         }
     }
 
-    /// Its constraint's residual is this many times smaller.
+    /// Ratio of the dimension to the residual of its constraint: a diameter is constrained by its radius.
     fn factor(self) -> f64 {
         if matches!(self, Self::Diameter(_)) { 2.0 } else { 1.0 }
     }
 
-    fn describe(self, drawing: &Drawing) -> String {
+    fn describe(self, drawing: &ParametricDrawing) -> String {
         match self {
             Self::Length(bar) => format!("length of {}", drawing.bar_name(bar)),
             Self::Diameter(circle) => format!("diameter of {}", drawing.circle_name(circle)),
@@ -67,67 +67,67 @@ impl Dimension {
     }
 }
 
-/// What became of a dimension.
+/// Outcome of a dimension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SnapOutcome {
-    /// It agrees with one value of the grid and with no other, and was imposed.
+    /// It agrees with exactly one grid value and was imposed.
     Snapped,
-    /// Others had fixed it before, on the grid.
+    /// Other constraints already fix it on the grid.
     Implied,
-    /// Others had fixed it before, off the grid.
+    /// Other constraints already fix it off the grid.
     FixedOffGrid,
-    /// It disagrees with every value of the grid.
+    /// It contradicts every grid value.
     OffGrid,
-    /// It agrees with more than one value: known too badly for this grid.
+    /// It agrees with more than one value: its σ is too large for this grid.
     Ambiguous,
-    /// Alone it agrees, but all that is imposed would fail its test with it.
+    /// It agrees alone, but not together with the imposed constraints.
     Refused,
 }
 
-/// A dimension and the grid.
+/// Result of snapping one dimension.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Snap {
     /// The dimension.
     pub dimension: Dimension,
-    /// The dimension in words.
+    /// The dimension as text.
     pub text: String,
-    /// Its value before.
+    /// Value before snapping.
     pub value: f64,
-    /// Its standard deviation before; zero where others had fixed it.
+    /// σ before snapping; zero if other constraints fix it.
     pub sigma: f64,
-    /// The nearest value of the grid.
+    /// Nearest grid value.
     pub nearest: f64,
-    /// The probability of a value at least as far from it, if it were the true one.
+    /// Probability of a deviation at least as large if `nearest` is the true value.
     pub p_value: f64,
-    /// What became of it.
+    /// Outcome of the dimension.
     pub outcome: SnapOutcome,
 }
 
-/// Puts dimensions on a grid, one after the other, the best known first.
+/// Snaps dimensions to a grid one by one, in order of increasing σ.
 ///
-/// A dimension `d ± σ` is snapped to the nearest multiple `g` of `grid` when `(d − g)²/σ²` passes its χ²
-/// test, when the next multiple fails it (else the grid says nothing, and the dimension is left as
-/// *ambiguous*), and when all that is imposed still passes together. The level is shared among the dimensions
-/// (Bonferroni). σ falls on the way, as snapped dimensions sharpen the others. Cost: one
-/// [`impose`](crate::constraint::impose) a dimension.
+/// A dimension `d ± σ` is snapped to the nearest multiple `g` of `grid` on three conditions: `(d − g)²/σ²`
+/// passes its χ² test, the next multiple fails it (otherwise the dimension is *ambiguous*), and all imposed
+/// constraints still pass together. The level is shared among the dimensions (Bonferroni). Each snapped
+/// dimension reduces the σ of others, which is why the best known one comes first. Cost: one
+/// [`impose`](crate::constraint::impose) per dimension.
 ///
 /// # Errors
-/// `Input` when the grid is not positive.
+/// `Input` if the grid is not positive.
 ///
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
 /// use planish_contour::constraint::{
-///     BarId, ConstrainOptions, Dimension, Drawing, SnapOutcome, constrain, snap,
+///     BarId, ConstrainOptions, Dimension, ParametricDrawing, SnapOutcome, constrain, snap,
 /// };
 ///
-/// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, -0.04], [40.04, 30.18], [0.02, 30.24]])?;
+/// let seen = ParametricDrawing::polygon(&[[0.03, 0.0], [40.01, -0.04], [40.04, 30.18], [0.02, 30.24]])?;
 /// let rectangle = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0009), &ConstrainOptions::default())?;
 /// let (snapped, report) = snap(&rectangle, 0.5, &Dimension::all(&seen))?;
 /// let (width, height) = (&report[0], &report[1]);
 /// assert_eq!((width.nearest, snapped.drawing.length(BarId(0)).round()), (40.0, 40.0));
-/// // 30.24 ± 0.03 lies on no half millimetre.
+/// // 30.24 ± 0.03 is not a multiple of half a millimetre.
 /// assert_eq!(height.outcome, SnapOutcome::OffGrid);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
@@ -137,7 +137,7 @@ pub fn snap(
     dimensions: &[Dimension],
 ) -> Result<(Constrained, Vec<Snap>)> {
     if !(grid > 0.0 && grid.is_finite()) {
-        return Err(Error::input(format!("the grid to snap to must be positive, not {grid}")));
+        return Err(Error::input(format!("the grid must be positive, found {grid}")));
     }
     let search = &constrained.search;
     let mut state = Imposed {
@@ -155,9 +155,9 @@ pub fn snap(
         let mut best: Option<(usize, Snap)> = None;
         let now = State::unconstrained(&state.drawing, &state.covariance);
         for (i, &dimension) in dimensions.iter().enumerate().filter(|(i, _)| report[*i].is_none()) {
-            let looked_at = look_at(constrained, &state, &now, dimension, grid, level)?;
-            if best.as_ref().is_none_or(|(_, known)| looked_at.sigma < known.sigma) {
-                best = Some((i, looked_at));
+            let tested = test_dimension(constrained, &state, &now, dimension, grid, level)?;
+            if best.as_ref().is_none_or(|(_, known)| tested.sigma < known.sigma) {
+                best = Some((i, tested));
             }
         }
         let Some((i, mut found)) = best else {
@@ -165,7 +165,7 @@ pub fn snap(
         };
         if found.outcome == SnapOutcome::Snapped {
             constraints.push(found.dimension.constraint(&state.drawing, found.nearest));
-            match search.tried(&constraints, &state) {
+            match search.impose_if_accepted(&constraints, &state) {
                 Some(next) => state = next,
                 None => {
                     constraints.pop();
@@ -188,7 +188,8 @@ pub fn snap(
     Ok((snapped, report.into_iter().flatten().collect()))
 }
 
-fn look_at(
+/// Tests one dimension against the nearest grid value and the one beyond it.
+fn test_dimension(
     constrained: &Constrained,
     state: &Imposed,
     now: &State,
@@ -200,7 +201,7 @@ fn look_at(
     let constraint = dimension.constraint(drawing, 0.0);
     let value = dimension.factor() * constraint.equations(drawing, drawing.values().as_slice())[0].residual;
     let rounded = (value / grid).round() * grid;
-    // A length of zero is none.
+    // Zero is no length; use the first grid value instead.
     let nearest = if rounded == 0.0 { grid.copysign(value) } else { rounded };
     let candidate = Candidate { constraint: dimension.constraint(drawing, nearest), range: grid };
     let test = constrained.search.test(&candidate, now);

@@ -9,8 +9,8 @@ use std::f64::consts::FRAC_PI_3;
 mod sentences;
 
 /// Two bars, two circles, an axis, all in general position.
-fn general() -> Drawing {
-    let mut drawing = Drawing::default();
+fn general() -> ParametricDrawing {
+    let mut drawing = ParametricDrawing::default();
     let points = [[0.1, 0.2], [4.0, 0.9], [5.0, 3.3], [1.2, 2.9], [2.6, 6.1], [-1.4, 5.0]];
     let [a, b, c, d, e, f] = points.map(|p| drawing.point(p));
     drawing.bar(a, b).unwrap();
@@ -54,15 +54,20 @@ fn every_constraint() -> Vec<Constraint> {
     ]
 }
 
-fn rectangle(width: f64, height: f64, turn: f64) -> Drawing {
+fn rectangle(width: f64, height: f64, turn: f64) -> ParametricDrawing {
     let (sin, cos) = turn.sin_cos();
     let corner = |x: f64, y: f64| [x * cos - y * sin, x * sin + y * cos];
-    Drawing::polygon(&[corner(0.0, 0.0), corner(width, 0.0), corner(width, height), corner(0.0, height)])
-        .unwrap()
+    ParametricDrawing::polygon(&[
+        corner(0.0, 0.0),
+        corner(width, 0.0),
+        corner(width, height),
+        corner(0.0, height),
+    ])
+    .unwrap()
 }
 
 /// A drawing with noise of a given covariance.
-fn noisy(truth: &Drawing, root: &DMatrix<f64>, random: &mut ChaCha8Rng) -> Drawing {
+fn noisy(truth: &ParametricDrawing, root: &DMatrix<f64>, random: &mut ChaCha8Rng) -> ParametricDrawing {
     let draw = DVector::from_fn(truth.parameters(), |_, _| StandardNormal.sample(random));
     truth.with_values(&(truth.values() + root * draw)).unwrap()
 }
@@ -73,7 +78,7 @@ fn correlated_root(n: usize, sigma: f64) -> DMatrix<f64> {
 }
 
 #[test]
-fn jacobians_of_all_constraints_agree_with_differences() {
+fn jacobians_of_all_constraints_match_differences() {
     let drawing = general();
     for constraint in every_constraint() {
         let alone = [constraint];
@@ -85,9 +90,9 @@ fn jacobians_of_all_constraints_agree_with_differences() {
 }
 
 #[test]
-fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
+fn solving_a_constraint_makes_its_geometric_meaning_true() {
     let drawing = general();
-    let at = |moved: &Drawing, i: u32| moved.position(PointId(i));
+    let at = |moved: &ParametricDrawing, i: u32| moved.position(PointId(i));
     for constraint in every_constraint() {
         let solution = solve(&drawing, &[constraint]);
         assert!(solution.holds, "{constraint:?}: {}", solution.residual);
@@ -137,9 +142,10 @@ fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
 }
 
 #[test]
-fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_those() {
-    // The drawing is sketched, not exact, as a user draws it.
-    let drawing = Drawing::polygon(&[[0.1, -0.2], [39.0, 0.4], [41.0, 29.0], [-0.6, 31.0]]).unwrap();
+fn redundant_parallel_and_conflicting_length_are_both_reported() {
+    // A rough drawing, as a user sketches it.
+    let drawing =
+        ParametricDrawing::polygon(&[[0.1, -0.2], [39.0, 0.4], [41.0, 29.0], [-0.6, 31.0]]).unwrap();
     let [bottom, right, top, left] = [0, 1, 2, 3].map(BarId);
     let [p1, p2, p3, p4] = [0, 1, 2, 3].map(PointId);
     let mut constraints = vec![
@@ -169,7 +175,7 @@ fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_
     assert_eq!(diagnosis.structure.over.equations.len() + diagnosis.structure.well.equations.len(), 10);
     assert_eq!(diagnosis.structure.rank, 8);
 
-    // The conflict is minimal: without any one member the others hold.
+    // The conflict is minimal: without any one member, the others hold.
     let conflict = &diagnosis.conflicting[0];
     let members: Vec<usize> = conflict.with.iter().copied().chain([conflict.constraint]).collect();
     let all: Vec<Constraint> = members.iter().map(|&i| constraints[i]).collect();
@@ -182,9 +188,9 @@ fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_
 }
 
 #[test]
-fn conflicts_that_ranks_do_not_see_are_found() {
+fn conflicts_invisible_to_ranks_are_found() {
     // Three lengths of a triangle are independent, but 1, 1 and 5 do not close.
-    let triangle = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]]).unwrap();
+    let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]]).unwrap();
     let length = |a, b, value| Constraint::Distance { a: PointId(a), b: PointId(b), value };
     let constraints =
         [Constraint::Horizontal { bar: BarId(0) }, length(0, 1, 1.0), length(1, 2, 1.0), length(2, 0, 5.0)];
@@ -194,7 +200,7 @@ fn conflicts_that_ranks_do_not_see_are_found() {
         (diagnosis.conflicting[0].constraint, diagnosis.conflicting[0].with.as_slice()),
         (3, [1, 2].as_slice())
     );
-    // Horizontal and vertical at once leave a bar no length: a conflict with itself, not a solution.
+    // A bar that is both horizontal and vertical has no length: a conflict, not a solution.
     let both = [Constraint::Horizontal { bar: BarId(0) }, Constraint::Vertical { bar: BarId(0) }];
     let diagnosis = diagnose(&triangle, &both).unwrap();
     assert_eq!(
@@ -204,15 +210,15 @@ fn conflicts_that_ranks_do_not_see_are_found() {
 }
 
 #[test]
-fn accidents_of_the_drawing_are_no_redundancies() {
-    // Drawn exactly square, two diagonals look equal by themselves; at a witness they are not.
-    let square = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]).unwrap();
+fn coincidences_of_the_drawing_are_not_redundancies() {
+    // In an exact square, the diagonals are equal by coincidence; at a witness they are not.
+    let square = ParametricDrawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]).unwrap();
     let length = |a, b, value| Constraint::Distance { a: PointId(a), b: PointId(b), value };
     let sides = [length(0, 1, 1.0), length(1, 2, 1.0), length(2, 3, 1.0), length(3, 0, 1.0)];
     let diagnosis = diagnose(&square, &sides).unwrap();
     assert_eq!((diagnosis.rank, diagnosis.freedoms, diagnosis.rigid_motions), (4, 4, 3));
-    // Stretched flat, the third side of a degenerate triangle is stiff to first order only.
-    let mut flat = Drawing::default();
+    // In a flat triangle, the third side is fixed to first order only.
+    let mut flat = ParametricDrawing::default();
     let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]].map(|p| flat.point(p));
     flat.bar(a, b).unwrap();
     let fixed = [
@@ -226,8 +232,8 @@ fn accidents_of_the_drawing_are_no_redundancies() {
 }
 
 #[test]
-fn minimal_sets_of_both_filters_fail_and_their_parts_do_not() {
-    // Sets fail that hold three of the multiples of three, or both 5 and 8.
+fn both_filters_return_minimal_conflicting_sets() {
+    // Sets conflict that contain three multiples of three, or both 5 and 8.
     let holds = |set: &[usize]| {
         set.iter().filter(|i| *i % 3 == 0).count() < 3 && !(set.contains(&5) && set.contains(&8))
     };
@@ -243,7 +249,7 @@ fn minimal_sets_of_both_filters_fail_and_their_parts_do_not() {
 }
 
 #[test]
-fn imposing_is_the_nearest_obedient_drawing_in_the_estimates_own_metric() {
+fn imposed_drawing_is_the_nearest_in_the_metric_of_the_estimate() {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     let truth = rectangle(40.0, 30.0, 0.4);
     let root = correlated_root(8, 0.3);
@@ -257,15 +263,15 @@ fn imposing_is_the_nearest_obedient_drawing_in_the_estimates_own_metric() {
     let moved = imposed.drawing.values() - seen.values();
     let distance = normalized_squared(&moved, &covariance).unwrap();
     assert!((distance - imposed.chi_square).abs() < 1e-6 * distance);
-    // At the nearest one, P⁻¹ (x − x̂) is a combination of the gradients: no direction that keeps the
-    // constraints is downhill.
+    // At the minimum, P⁻¹ (x − x̂) is a combination of the gradients: no direction along the constraints
+    // decreases the distance.
     let equations = ConstraintEquations::new(&seen, &corners);
     let (left, jacobian) = equations.residuals_and_jacobian(&imposed.drawing.values());
     assert!(left.amax() < 1e-9);
     let pull = covariance.clone().cholesky().unwrap().solve(&moved);
     let multipliers = jacobian.transpose().svd(true, true).solve(&pull, 1e-6).unwrap();
     assert!((jacobian.transpose() * multipliers - &pull).norm() < 1e-6 * pull.norm());
-    // What is fixed has no variance left, and nothing gained any.
+    // Fixed directions have no variance left, and no variance has grown.
     assert!((&jacobian * &imposed.covariance * jacobian.transpose()).amax() < 1e-12);
     for i in 0..8 {
         assert!(imposed.covariance[(i, i)] <= covariance[(i, i)] * (1.0 + 1e-12));
@@ -273,10 +279,12 @@ fn imposing_is_the_nearest_obedient_drawing_in_the_estimates_own_metric() {
 }
 
 #[test]
-fn parts_that_are_not_there_and_values_that_are_none_are_told() {
+fn missing_parts_and_non_finite_values_are_reported() {
     let seen = rectangle(4.0, 3.0, 0.0);
     let message = |constraint: Constraint| diagnose(&seen, &[constraint]).unwrap_err().to_string();
-    assert!(message(Constraint::Horizontal { bar: BarId(4) }).contains("names bar 5, but the drawing has 4"));
+    assert!(
+        message(Constraint::Horizontal { bar: BarId(4) }).contains("refers to bar 5, but the drawing has 4")
+    );
     let endless = Constraint::Distance { a: PointId(0), b: PointId(1), value: f64::INFINITY };
     assert!(message(endless).contains("P1P2 is inf long has no finite value"));
     let error = impose(&seen, &DMatrix::identity(7, 7), &[], 0.0).unwrap_err().to_string();
@@ -284,7 +292,7 @@ fn parts_that_are_not_there_and_values_that_are_none_are_told() {
 }
 
 #[test]
-fn contradictions_are_named_when_imposed() {
+fn imposing_conflicting_constraints_names_them() {
     let seen = rectangle(4.0, 3.0, 0.0);
     let both = [
         Constraint::Parallel { a: BarId(0), b: BarId(2) },
@@ -296,7 +304,7 @@ fn contradictions_are_named_when_imposed() {
 }
 
 #[test]
-fn true_relations_are_found_and_estimates_with_them_are_consistent() {
+fn true_relations_are_found_and_constrained_estimates_are_consistent() {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let truth = rectangle(40.0, 25.0, 0.3);
     let root = correlated_root(8, 0.1);
@@ -319,7 +327,7 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
         }
         complete += 1;
         cost.add(found.chi_square).unwrap();
-        // Five freedoms are left; the deviation lies among them, to first order.
+        // Five degrees of freedom remain; to first order, the deviation lies in their directions.
         let eigen = found.covariance.clone().symmetric_eigen();
         let deviation = found.drawing.values() - truth.values();
         let mut order: Vec<usize> = (0..8).collect();
@@ -329,7 +337,7 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
             .map(|&k| eigen.eigenvectors.column(k).dot(&deviation).powi(2) / eigen.eigenvalues[k])
             .sum();
         nees.add(squared).unwrap();
-        let sigma = |covariance: &DMatrix<f64>, at: &Drawing| {
+        let sigma = |covariance: &DMatrix<f64>, at: &ParametricDrawing| {
             let length = Constraint::Distance { a: PointId(0), b: PointId(1), value: 0.0 };
             let gradient = &length.equations(at, at.values().as_slice())[0].gradient;
             let row = gradient.iter().fold(DVector::zeros(8), |mut row: DVector<f64>, &(i, slope)| {
@@ -349,7 +357,7 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
         width.share(),
         sharper / f64::from(complete)
     );
-    // At most one in a hundred loses a true relation to the single tests, and one to the joint one.
+    // At most one run in a hundred loses a true relation to the single tests, and one to the joint test.
     assert!(complete >= 190 && wrong == 0);
     assert!(nees.is_consistent(0.999).unwrap() && cost.mean() < cost.band(0.999).unwrap().upper);
     let (low, high) = width.band(0.999).unwrap();
@@ -358,12 +366,12 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
 }
 
 #[test]
-fn bars_that_have_nothing_to_do_with_each_other_agree_as_often_as_is_said() {
+fn accidental_relations_of_unrelated_bars_match_the_expected_number() {
     use rand::RngExt;
     let mut random = ChaCha8Rng::seed_from_u64(17);
     let (mut accepted, mut expected, runs) = (0, 0.0, 150);
     for _ in 0..runs {
-        let mut drawing = Drawing::default();
+        let mut drawing = ParametricDrawing::default();
         for i in 0..4 {
             let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
             let length: f64 = random.random_range(10.0..20.0);
@@ -377,20 +385,19 @@ fn bars_that_have_nothing_to_do_with_each_other_agree_as_often_as_is_said() {
         accepted += found
             .proposals
             .iter()
-            .filter(|p| matches!(p.outcome, Outcome::Imposed | Outcome::Implied))
+            .filter(|p| matches!(p.outcome, ProposalOutcome::Imposed | ProposalOutcome::Implied))
             .count();
         expected += found.expected_by_chance;
     }
     let (mean, expected) = (accepted as f64 / f64::from(runs), expected / f64::from(runs));
     println!("accepted by accident: {mean:.3} a drawing, expected {expected:.3}");
-    // Lengths between 10 and 20 lie closer together than the range that is assumed, and errors are on top of
-    // the window.
+    // Lengths between 10 and 20 lie closer together than the assumed range, and errors widen the window.
     assert!(mean < 2.0 * expected && mean > 0.4 * expected);
 }
 
 #[test]
 #[ignore = "prints times; run alone"]
-fn outlines_of_many_corners() {
+fn time_for_outlines_of_many_corners() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     for steps in [2, 5, 10, 20] {
         // A staircase of 2 steps + 2 corners.
@@ -403,7 +410,7 @@ fn outlines_of_many_corners() {
             corners.push(at);
         }
         corners.push([0.0, at[1]]);
-        let truth = Drawing::polygon(&corners).unwrap();
+        let truth = ParametricDrawing::polygon(&corners).unwrap();
         let root = DMatrix::identity(truth.parameters(), truth.parameters()) * 0.02;
         let seen = noisy(&truth, &root, &mut random);
         let start = std::time::Instant::now();
@@ -426,9 +433,9 @@ fn outlines_of_many_corners() {
 }
 
 #[test]
-fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
-    // A side that leans by 2°, known to a tenth of a degree, then to twenty.
-    let lean = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [41.05, 30.0], [0.0, 30.0]]).unwrap();
+fn nearly_true_relations_are_rejected_and_uncertain_ones_unclear() {
+    // A side that leans by 2°, with a σ of 0.1°, then of 20°.
+    let lean = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [41.05, 30.0], [0.0, 30.0]]).unwrap();
     let pair = Constraint::Parallel { a: BarId(1), b: BarId(3) };
     let outcome = |sigma: f64| {
         let covariance = DMatrix::identity(8, 8) * (sigma * sigma);
@@ -436,15 +443,15 @@ fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
         let proposal = found.proposals.iter().find(|p| p.constraint == pair).unwrap();
         (proposal.outcome.clone(), found.accepted().count())
     };
-    assert_eq!(outcome(0.05).0, Outcome::Rejected);
-    assert_eq!(outcome(8.0), (Outcome::Unclear, 0));
+    assert_eq!(outcome(0.05).0, ProposalOutcome::Rejected);
+    assert_eq!(outcome(8.0), (ProposalOutcome::Unclear, 0));
 }
 
 #[test]
-fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
-    // Three separate bars, each turned by 1° from the last and known to 0.3°: neighbours agree, the outer two
+fn a_proposal_that_conflicts_with_accepted_ones_is_refused_and_names_them() {
+    // Three separate bars, each rotated by 1° from the last, with σ of 0.3°: neighbours agree, the outer two
     // do not.
-    let mut drawing = Drawing::default();
+    let mut drawing = ParametricDrawing::default();
     for (i, degrees) in [0.0_f64, 1.0, 2.0].into_iter().enumerate() {
         let (sin, cos) = (degrees + 20.0).to_radians().sin_cos();
         let start = drawing.point([0.0, 10.0 * i as f64]);
@@ -460,15 +467,19 @@ fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
         .filter(|(_, p)| matches!(p.constraint, Constraint::Parallel { .. }))
         .collect();
     let accepted: Vec<usize> =
-        parallel.iter().filter(|(_, p)| p.outcome == Outcome::Imposed).map(|(i, _)| *i).collect();
-    let refused: Vec<&Outcome> =
-        parallel.iter().map(|(_, p)| &p.outcome).filter(|o| matches!(o, Outcome::Refused { .. })).collect();
+        parallel.iter().filter(|(_, p)| p.outcome == ProposalOutcome::Imposed).map(|(i, _)| *i).collect();
+    let refused: Vec<&ProposalOutcome> = parallel
+        .iter()
+        .map(|(_, p)| &p.outcome)
+        .filter(|o| matches!(o, ProposalOutcome::Refused { .. }))
+        .collect();
     assert_eq!(accepted.len(), 1);
     assert!(
-        !refused.is_empty() && refused.iter().all(|o| **o == Outcome::Refused { with: accepted.clone() })
+        !refused.is_empty()
+            && refused.iter().all(|o| **o == ProposalOutcome::Refused { with: accepted.clone() })
     );
     assert!(found.p_value >= 0.01);
-    // The report says so in JSON too, without what only the search needs.
+    // The JSON report contains the refusal, but not the internal state of the search.
     let json = serde_json::to_value(&found).unwrap();
     let refused = json["proposals"].as_array().unwrap().iter().find(|p| p["outcome"] == "refused").unwrap();
     assert_eq!(refused["with"][0], accepted[0]);
@@ -476,11 +487,11 @@ fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
 }
 
 #[test]
-fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
+fn concentric_equal_and_tangent_circles_are_found() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    // A slot: two arcs' circles of one radius, tangent to two parallel bars; and a hole concentric with one
-    // of them.
-    let mut truth = Drawing::default();
+    // A slot: two circles of equal radius, tangent to two parallel bars; and a hole concentric with one of
+    // them.
+    let mut truth = ParametricDrawing::default();
     let [a, b, c, d] = [[0.0, -4.0], [30.0, -4.0], [30.0, 4.0], [0.0, 4.0]].map(|p| truth.point(p));
     truth.bar(a, b).unwrap();
     truth.bar(c, d).unwrap();
@@ -494,7 +505,7 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
     let found = constrain(&seen, &(&root * root.transpose()), &ConstrainOptions::default()).unwrap();
     let is = |wanted: Constraint| {
         let proposal = found.proposals.iter().find(|p| p.constraint == wanted).unwrap();
-        matches!(proposal.outcome, Outcome::Imposed | Outcome::Implied)
+        matches!(proposal.outcome, ProposalOutcome::Imposed | ProposalOutcome::Implied)
     };
     let [left, right, hole] = [0, 1, 2].map(CircleId);
     assert!(
@@ -513,10 +524,10 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
 }
 
 #[test]
-fn circles_seen_twice_become_one() {
-    // Once they share a centre, whether they touch has no value any more.
+fn two_estimates_of_one_circle_become_concentric_and_equal() {
+    // Once they share a centre, their tangency is undefined.
     for apart in [0.0, 0.01] {
-        let mut twice = Drawing::default();
+        let mut twice = ParametricDrawing::default();
         for x in [0.0, apart] {
             let centre = twice.point([x, 0.0]);
             twice.circle(centre, 5.0 + x).unwrap();
@@ -528,7 +539,7 @@ fn circles_seen_twice_become_one() {
 }
 
 #[test]
-fn dimensions_snap_when_the_grid_is_neither_contradicted_nor_too_fine() {
+fn dimensions_snap_to_a_grid_that_is_neither_contradicted_nor_too_fine() {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let truth = rectangle(40.0, 25.23, 0.0);
     let outcomes = |sigma: f64, random: &mut ChaCha8Rng| {
@@ -554,9 +565,9 @@ fn dimensions_snap_when_the_grid_is_neither_contradicted_nor_too_fine() {
 }
 
 #[test]
-fn estimates_of_fewer_freedoms_than_parameters_imply_what_they_were_made_of() {
-    // Corners computed from centre, width, height and angle: the covariance has rank five, and right angles
-    // are known.
+fn singular_estimates_imply_the_relations_of_their_parametrisation() {
+    // Corners computed from centre, width, height and angle: the covariance has rank five and implies the
+    // right angles.
     let truth = rectangle(40.0, 30.0, 0.2);
     let (sin, cos) = 0.2_f64.sin_cos();
     let mut jacobian = DMatrix::zeros(8, 5);
@@ -576,6 +587,6 @@ fn estimates_of_fewer_freedoms_than_parameters_imply_what_they_were_made_of() {
     for (i, j) in [(0, 1), (1, 2), (2, 3)] {
         let corner = Constraint::Perpendicular { a: BarId(i), b: BarId(j) };
         let proposal = found.proposals.iter().find(|p| p.constraint == corner).unwrap();
-        assert_eq!((proposal.degrees, &proposal.outcome), (0, &Outcome::Implied));
+        assert_eq!((proposal.degrees, &proposal.outcome), (0, &ProposalOutcome::Implied));
     }
 }

@@ -1,13 +1,13 @@
-//! The composite graph of several views: which points of different views are one vertex in space.
+//! Composite graph of several views: the points of different views that are the same vertex in space.
 //!
-//! Comes in: drawings in planes of one coordinate system, with their constraints and covariances. Goes out:
-//! vertices in space, each a point of every view, and edges between them. Not guaranteed: that all of them
-//! are on a solid: a diagonal of a flat face that two views see on edge is kept, and a line of a view with
-//! more vertices on it than its ends is taken as one bar.
+//! In: drawings in planes of one coordinate system, with constraints and covariances. Out: vertices in space,
+//! each a point of every view, and edges between them. Not guaranteed: that all of them belong to a solid. A
+//! diagonal of a flat face that two views see edge-on is kept, and a line with further vertices between its
+//! ends is one bar.
 
 use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
 use super::tour::{Tour, TourEdge, postman_tour};
-use crate::constraint::{Constraint, Drawing, PointId};
+use crate::constraint::{Constraint, ParametricDrawing, PointId};
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
@@ -25,79 +25,80 @@ pub enum SpaceAxis {
     Z,
 }
 
-/// A drawing as a view of something in space.
+/// A drawing as a view of an object in space.
 #[derive(Debug, Clone)]
 pub struct SketchView<'a> {
-    /// What it is called, such as `front`.
+    /// Name of the view, such as `front`.
     pub name: &'a str,
-    /// Which axes of space its first and second coordinate are.
+    /// Axes of space of its first and second coordinate.
     pub axes: [SpaceAxis; 2],
     /// The drawing.
-    pub drawing: &'a Drawing,
-    /// What holds between its parts: points at a given distance are followed first.
+    pub drawing: &'a ParametricDrawing,
+    /// Its constraints. Bars with a given distance are followed first.
     pub constraints: &'a [Constraint],
-    /// The covariance of its parameters; zero when there is none.
+    /// Covariance of its parameters; `None` means zero.
     pub covariance: Option<&'a DMatrix<f64>>,
 }
 
 /// A vertex in space: a point of every view.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompositeVertex {
-    /// Where it is; each coordinate is the mean of the views that show it, by their information.
+    /// Position; each coordinate is the mean of the views that show it, weighted by information.
     pub position: [f64; 3],
-    /// Standard deviations of the coordinates.
+    /// σ of the coordinates, if the views are independent.
     pub sigma: [f64; 3],
-    /// The point in each view.
+    /// Index of the point in each view.
     pub points: Vec<PointId>,
 }
 
-/// An edge in space: every view shows a bar or one point.
+/// An edge in space: every view shows it as a bar or as a point.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CompositeEdge {
-    /// One vertex.
+    /// Index of one vertex.
     pub a: usize,
-    /// The other.
+    /// Index of the other vertex.
     pub b: usize,
-    /// Whether some view dimensions it: a distance between its ends.
+    /// True if some view has a distance constraint between its ends.
     pub has_distance: bool,
 }
 
-/// Views put together.
+/// Vertices and edges in space, matched between views.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Composite {
-    /// The views' names.
+    /// Names of the views.
     pub views: Vec<String>,
-    /// Vertices in the order in which they were matched; the first is the initial matching.
+    /// Vertices in the order of matching; the first is the initial matching.
     pub vertices: Vec<CompositeVertex>,
-    /// Edges, those with a distance first from each vertex.
+    /// Edges in the order of the search; from each vertex, those with a distance come first.
     pub edges: Vec<CompositeEdge>,
-    /// Points, by view, that belong to no vertex.
+    /// Points that belong to no vertex, with the index of their view.
     pub unmatched: Vec<(usize, PointId)>,
     graph: LabelledGraph,
 }
 
-/// Beyond this many combinations of points the views say too little about each other.
+/// Maximum number of combinations of points. More mean a tolerance too wide to match views; the search for
+/// edges costs the square of it.
 const MAX_COMBINATIONS: usize = 100_000;
 
 /// Matches the vertices of two or three views.
 ///
-/// Points are one vertex when the coordinates that their views share agree: to `tolerance`, or to `gate`
-/// times the σ of the difference. *Initial matching*: the first point of the first view that agrees with one
-/// of every other view. *Complete matching*: from there along bars, in every view one or none, those with a
-/// distance first. Cost: combinations of points that agree, squared.
+/// Points belong to the same vertex if the shared coordinates of their views agree to `tolerance`, or to
+/// `gate` times the σ of the difference. *Initial matching*: the first point of the first view that agrees
+/// with a point of every other view. *Complete matching*: from there along bars, in each view one or none,
+/// those with a distance first. Cost: the square of the number of combinations of points that agree.
 ///
 /// # Errors
-/// `Input` when there are not two or three views, two of them show the same axes, a view shows one axis
-/// twice, a covariance has a wrong size, or `tolerance` or `gate` is negative; `Undetermined` when no points
-/// agree, or far too many do.
+/// `Input` if there are not two or three views, two views show the same axes, a view shows an axis twice, a
+/// covariance has the wrong size, or `tolerance` or `gate` is negative. `Undetermined` if no points agree, or
+/// far too many.
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::Drawing;
+/// use planish_contour::constraint::ParametricDrawing;
 /// use planish_contour::graph::{SketchView, SpaceAxis, composite};
 ///
-/// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
-/// let rectangle = Drawing::polygon(&[[0.0, 0.0], [7.0, 0.0], [7.0, 3.0], [0.0, 3.0]])?;
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+/// let rectangle = ParametricDrawing::polygon(&[[0.0, 0.0], [7.0, 0.0], [7.0, 3.0], [0.0, 3.0]])?;
 /// let view = |name, axes, drawing| SketchView { name, axes, drawing, constraints: &[], covariance: None };
 /// let prism = composite(&[
 ///     view("front", [SpaceAxis::X, SpaceAxis::Z], &triangle),
@@ -114,11 +115,12 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
     let candidates = agreeing(views, tolerance, gate)?;
     if candidates.is_empty() {
         return Err(Error::undetermined(
-            "no point of one view agrees with one of every other view in the coordinates they share: are \
-             the views of one \
-             thing, at one scale and in one coordinate system?",
+            "no point of one view agrees with one of every other view in their shared coordinates: do the \
+             views show the same object, at one scale and in one coordinate system?",
         ));
     }
+    // Breadth-first search over vertices. A linear scan for neighbours suffices for the few dozen vertices of
+    // a drawing.
     let mut order = vec![0];
     let mut seen = vec![false; candidates.len()];
     seen[0] = true;
@@ -140,10 +142,11 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
             }
         }
     }
-    let mut place = vec![0; candidates.len()];
-    order.iter().enumerate().for_each(|(new, &old)| place[old] = new);
+    // Renumber in the order of the search: vertices that it did not reach are no part of the composite.
+    let mut new_index = vec![0; candidates.len()];
+    order.iter().enumerate().for_each(|(new, &old)| new_index[old] = new);
     for edge in &mut edges {
-        (edge.a, edge.b) = (place[edge.a], place[edge.b]);
+        (edge.a, edge.b) = (new_index[edge.a], new_index[edge.b]);
     }
     let vertices: Vec<CompositeVertex> = order.iter().map(|&old| candidates[old].clone()).collect();
     Ok(Composite {
@@ -156,17 +159,19 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
 }
 
 impl Composite {
-    /// The paper's composite graph: the points and bars of every view, and links, thick, between points that
-    /// are one vertex. The initial matching's links are labelled `initial`, the others by their vertex.
+    /// The composite graph of the paper: points and bars of all views, with strong links between points of
+    /// the same vertex.
+    ///
+    /// Links of the initial matching are labelled `initial`, the others by their vertex.
     #[must_use]
     pub fn graph(&self) -> &LabelledGraph {
         &self.graph
     }
 
-    /// The postman's tour of the edges in space, from the initial matching.
+    /// The postman tour of the edges in space, starting at the initial matching.
     ///
     /// # Errors
-    /// `Input` when there is no edge.
+    /// `Input` if there is no edge.
     pub fn tour(&self) -> Result<Tour> {
         let edges: Vec<TourEdge> = self
             .edges
@@ -181,13 +186,17 @@ impl Composite {
     }
 }
 
+/// Checks the input of [`composite`].
 fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
     if !(2..=3).contains(&views.len()) {
-        return Err(Error::input(format!("a composite graph needs two or three views, not {}", views.len())));
+        return Err(Error::input(format!(
+            "a composite graph needs two or three views, found {}",
+            views.len()
+        )));
     }
     if !(tolerance >= 0.0 && gate >= 0.0 && tolerance.is_finite() && gate.is_finite()) {
         return Err(Error::input(format!(
-            "neither the tolerance, {tolerance}, nor the gate, {gate}, may be negative"
+            "tolerance and gate must not be negative, found {tolerance} and {gate}"
         )));
     }
     for (i, view) in views.iter().enumerate() {
@@ -200,7 +209,7 @@ fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
         let n = view.drawing.parameters();
         if let Some(covariance) = view.covariance.filter(|covariance| covariance.shape() != (n, n)) {
             return Err(Error::input(format!(
-                "the covariance of the {} view must be {n} × {n}, not {} × {}",
+                "the covariance of the {} view must be {n} × {n}, found {} × {}",
                 view.name,
                 covariance.nrows(),
                 covariance.ncols()
@@ -218,10 +227,10 @@ fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
     Ok(())
 }
 
-/// What is known of one coordinate: mean and variance.
+/// Mean and variance of one coordinate, if a view shows it.
 type Known = Option<(f64, f64)>;
 
-/// Combinations of a point of every view that agree, in the order of their points.
+/// Combinations of one point per view that agree, in the order of the points.
 fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<CompositeVertex>> {
     let mut partial: Vec<(Vec<PointId>, [Known; 3])> = vec![(Vec::new(), [None; 3])];
     for view in views {
@@ -254,7 +263,7 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
         .collect())
 }
 
-/// What is known with one more view; `None` when it disagrees.
+/// Coordinates fused with one more view; `None` if it disagrees.
 fn fused(
     view: &SketchView<'_>,
     point: PointId,
@@ -273,7 +282,7 @@ fn fused(
                 if (position[k] - mean).abs() > tolerance.max(gate * sum.sqrt()) {
                     return None;
                 }
-                // Without errors both count the same.
+                // Both have the same weight if neither has an error.
                 let share = if sum > 0.0 { of_mean / sum } else { 0.5 };
                 Some((mean + share * (position[k] - mean), of_mean * (1.0 - share)))
             }
@@ -282,7 +291,8 @@ fn fused(
     Some(known)
 }
 
-/// Whether every view shows one point or a bar between two vertices, and whether one states its length.
+/// Returns `None` if some view shows neither one point nor a bar between two vertices; otherwise, whether a
+/// view has a distance constraint between them.
 fn step(views: &[SketchView<'_>], from: &CompositeVertex, to: &CompositeVertex) -> Option<bool> {
     let mut has_distance = false;
     for (view, (&p, &q)) in views.iter().zip(from.points.iter().zip(&to.points)) {
@@ -301,6 +311,7 @@ fn step(views: &[SketchView<'_>], from: &CompositeVertex, to: &CompositeVertex) 
     Some(has_distance)
 }
 
+/// Points that belong to no vertex.
 fn unmatched(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> Vec<(usize, PointId)> {
     let mut alone = Vec::new();
     for (i, view) in views.iter().enumerate() {
@@ -310,6 +321,7 @@ fn unmatched(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> Vec<(usi
     alone
 }
 
+/// The composite graph with points, bars and links.
 fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledGraph {
     let mut graph =
         LabelledGraph { name: "composite".to_owned(), directed: false, nodes: Vec::new(), arcs: Vec::new() };

@@ -1,37 +1,36 @@
-//! A graph with labels, as it is written: DOT, or JSON through serde.
+//! A graph with labels, for output as DOT, or as JSON through serde.
 
 use serde::Serialize;
 use std::fmt::Write;
 
-/// A node of a written graph.
+/// A node of a labelled graph.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LabelledNode {
-    /// What it is called.
+    /// Label of the node.
     pub label: String,
-    /// What kind of node it is, such as `parameter` or `constraint`; the name of the view in a composite
-    /// graph.
+    /// Group of the node, such as `parameter` or `constraint`; in a composite graph, the name of the view.
     pub group: String,
 }
 
-/// An arc of a written graph.
+/// An arc of a labelled graph.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LabelledArc {
-    /// The node it starts from.
+    /// Index of the start node.
     pub from: usize,
-    /// The node it leads to.
+    /// Index of the end node.
     pub to: usize,
     /// Its labels, such as the constraints that connect two parameters.
     pub labels: Vec<String>,
-    /// Whether it stands out, such as the pairs of a matching.
+    /// True if it is highlighted, for example as a pair of a matching.
     pub strong: bool,
 }
 
 /// A graph with labels.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LabelledGraph {
-    /// What it is called; an identifier of DOT.
+    /// Name of the graph; must be an identifier of DOT.
     pub name: String,
-    /// Whether arcs have a direction.
+    /// True if arcs have a direction.
     pub directed: bool,
     /// The nodes.
     pub nodes: Vec<LabelledNode>,
@@ -40,7 +39,7 @@ pub struct LabelledGraph {
 }
 
 impl LabelledGraph {
-    /// The arc between two nodes; either way round where arcs have no direction.
+    /// The arc between the nodes with two labels; in either direction if the graph is undirected.
     #[must_use]
     pub fn arc(&self, from: &str, to: &str) -> Option<&LabelledArc> {
         let called = |node: usize, label: &str| self.nodes[node].label == label;
@@ -50,15 +49,14 @@ impl LabelledGraph {
         })
     }
 
-    /// The graph in the DOT language of Graphviz. Groups have different shapes, and what stands out is drawn
-    /// thick.
+    /// The graph in the DOT language of Graphviz. Groups have different shapes; strong arcs are thick.
     ///
     /// # Examples
     /// ```
-    /// use planish_contour::constraint::{BarId, Constraint, Drawing};
+    /// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing};
     /// use planish_contour::graph::ViewGraphs;
     ///
-    /// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+    /// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
     /// let graphs = ViewGraphs::new(&triangle, &[Constraint::Horizontal { bar: BarId(0) }]);
     /// assert!(graphs.full.to_dot().contains("n1 -- n3 [label=\"f1\"]"));
     /// # Ok::<(), planish_estimate::Error>(())
@@ -89,6 +87,7 @@ impl LabelledGraph {
     }
 }
 
+/// Text for a quoted string of DOT.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"")
 }

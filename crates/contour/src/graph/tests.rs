@@ -1,7 +1,7 @@
 use super::*;
 use crate::constraint::{
-    Axis, BarId, Constraint, ConstraintEquations, Drawing, Entry, EquationBlock, Incidence, PointId,
-    constrain, diagnose, witness,
+    Axis, BarId, Constraint, ConstraintEquations, Entry, EquationBlock, Incidence, ParametricDrawing,
+    PointId, constrain, diagnose, witness,
 };
 use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
@@ -22,8 +22,8 @@ fn fixed(axis: Axis) -> Constraint {
 }
 
 /// Eq. 4.1 with P6 read as P3 and f5 as y1 = e: right angle at P1, legs b along x and a.
-fn front() -> (Drawing, Vec<Constraint>) {
-    let drawing = Drawing::polygon(&[[0.0, 0.0], [B, 0.0], [0.0, A]]).unwrap();
+fn front() -> (ParametricDrawing, Vec<Constraint>) {
+    let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [B, 0.0], [0.0, A]]).unwrap();
     let constraints = vec![
         distance(0, 1, B),
         distance(0, 2, A),
@@ -36,8 +36,8 @@ fn front() -> (Drawing, Vec<Constraint>) {
 }
 
 /// Eq. 4.2 with P8 read as P3 and the last three as f6, f7, f8; first coordinate y, second z.
-fn side() -> (Drawing, Vec<Constraint>) {
-    let mut drawing = Drawing::default();
+fn side() -> (ParametricDrawing, Vec<Constraint>) {
+    let mut drawing = ParametricDrawing::default();
     let [p1, p2, p3, p4] = [[0.0, 0.0], [D, 0.0], [0.0, A], [D, A]].map(|p| drawing.point(p));
     for (a, b) in [(p1, p2), (p1, p3), (p3, p4), (p2, p4)] {
         drawing.bar(a, b).unwrap();
@@ -79,7 +79,7 @@ fn perfect_matchings(of: &[Vec<usize>], used: &mut Vec<usize>) -> usize {
 }
 
 #[test]
-fn the_prisms_views_have_ranks_six_and_eight() {
+fn views_of_the_prism_have_ranks_six_and_eight() {
     for ((drawing, constraints), rank) in [(front(), 6), (side(), 8)] {
         let diagnosis = diagnose(&drawing, &constraints).unwrap();
         assert_eq!((diagnosis.equations, diagnosis.rank, diagnosis.rank_at_solution), (rank, rank, rank));
@@ -89,7 +89,7 @@ fn the_prisms_views_have_ranks_six_and_eight() {
 }
 
 #[test]
-fn the_paper_s_equations_have_the_zeros_and_ranks_of_ours() {
+fn printed_equations_have_the_same_zeros_and_ranks() {
     // The squared distances and plain products of eq. 4.1 at the prism, row by row, x1 y1 x2 y2 x3 y3.
     let squared = nalgebra::DMatrix::from_row_slice(
         6,
@@ -147,7 +147,7 @@ fn the_paper_s_equations_have_the_zeros_and_ranks_of_ours() {
 }
 
 #[test]
-fn the_published_matching_is_valid_but_uses_entries_that_vanish_and_ours_does_not() {
+fn published_matching_is_valid_but_uses_vanishing_entries() {
     let (drawing, constraints) = front();
     let incidence = Incidence::new(&drawing, &constraints);
     let published = pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 2), ("y3", 3)]);
@@ -161,17 +161,17 @@ fn the_published_matching_is_valid_but_uses_entries_that_vanish_and_ours_does_no
     // The entries vanish at every prism, not just at this one.
     let generic = drawing.with_values(&witness(&drawing, &constraints).unwrap()).unwrap();
     assert!((generic.length(BarId(0)) - B).abs() > 1e-3);
-    // A witness frees the anchor, but keeps right angle and horizontal bar.
+    // A witness moves the anchor, but keeps the right angle and the horizontal bar.
     assert_eq!(Incidence::new(&generic, &constraints).vanishing(&published), incidence.vanishing(&published));
     let (eight, sides) = side();
     assert_eq!(Incidence::new(&eight, &sides).matching().len(), 8);
 }
 
 #[test]
-fn full_minimal_and_pair_graphs_of_the_front_view_are_those_of_the_paper() {
+fn graphs_of_the_front_view_match_the_paper() {
     let (drawing, constraints) = front();
     let graphs = ViewGraphs::new(&drawing, &constraints);
-    // Section 4.1: x3 and x1 are joined by f3 (and by f2, which the text leaves out); x1 and y2 by f1 and f3.
+    // Section 4.1: x3 and x1 are joined by f3 (and by f2, which the text omits); x1 and y2 by f1 and f3.
     assert_eq!(graphs.full.arc("x3", "x1").unwrap().labels, ["f2", "f3"]);
     assert_eq!(graphs.full.arc("x1", "y2").unwrap().labels, ["f1", "f3"]);
     assert!(graphs.full.arc("x1", "y1").is_some() && graphs.bipartite.arc("x1", "f4").unwrap().strong);
@@ -182,7 +182,7 @@ fn full_minimal_and_pair_graphs_of_the_front_view_are_those_of_the_paper() {
         assert_eq!(arc.labels, [own(to).unwrap()]);
         assert!(to != "x1" && to != "y1");
     }
-    // Read literally, the rule leaves nothing: no arc's label is the match of both its ends.
+    // Read literally, the rule removes every arc: no label is matched to both ends of its arc.
     for arc in &graphs.full.arcs {
         let [from, to] = [arc.from, arc.to].map(|i| own(&graphs.full.nodes[i].label));
         assert!(!arc.labels.iter().any(|label| from.as_ref() == Some(label) && to.as_ref() == Some(label)));
@@ -226,8 +226,8 @@ fn matchings_are_maximum_on_random_graphs() {
     }
 }
 
-/// The laws of Dulmage and Mendelsohn: parts are apart, their sizes as said, and no entry leads from a later
-/// part's equation back.
+/// Laws of the decomposition: parts are disjoint, their sizes have the stated order, and no entry leads from
+/// an equation to a later part.
 fn check_decomposition(incidence: &Incidence) {
     let parts = incidence.decomposition();
     let all = [&parts.over, &parts.well, &parts.under];
@@ -248,11 +248,11 @@ fn check_decomposition(incidence: &Incidence) {
     for entry in &incidence.entries {
         let equation = rank_of(all.map(|p| &p.equations), entry.equation);
         let parameter = rank_of(all.map(|p| &p.parameters), entry.parameter);
-        // Over-determined equations use over-determined parameters only; well-determined ones none of the
-        // under-determined.
+        // Over-determined equations use over-determined parameters only; well-determined ones use no
+        // under-determined parameters.
         assert!(parameter <= equation);
     }
-    // A block uses its own parameters and those of blocks before it.
+    // A block uses its own parameters and those of earlier blocks.
     let mut known: BTreeSet<usize> = parts.over.parameters.iter().copied().collect();
     for block in &parts.blocks {
         known.extend(&block.parameters);
@@ -282,8 +282,8 @@ fn check_tour(edges: &[TourEdge], tour: &Tour, start: usize) {
 }
 
 #[test]
-fn euler_tours_close_where_the_paper_s_notes_leave_edges_over() {
-    // From 0 to 1, round the triangle 1 2 3, and back by 4.
+fn euler_tours_are_complete_where_the_printed_rule_omits_edges() {
+    // From 0 to 1, around the triangle 1 2 3, and back through 4.
     let edges = [
         edge(0, 1, 1.0),
         edge(1, 2, 1.0),
@@ -293,7 +293,7 @@ fn euler_tours_close_where_the_paper_s_notes_leave_edges_over() {
         edge(4, 0, 1.0),
     ];
     check_tour(&edges, &euler_tour(&edges, 0).unwrap(), 0);
-    // As printed: note at the vertex left, leave by the last note first. The walk is 0 1 2 3 1 4 0.
+    // The printed rule: notes at the vertex that is left, followed last one first. The walk is 0 1 2 3 1 4 0.
     let walk = [0, 1, 2, 3, 1, 4, 0];
     let mut notes = vec![Vec::new(); 5];
     walk.windows(2).for_each(|step| notes[step[0]].push(step[1]));
@@ -309,7 +309,7 @@ fn postman_tours_are_as_short_as_any_pairing() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
     for _ in 0..50 {
         let n = random.random_range(4..9);
-        // A ring keeps it in one piece.
+        // A ring keeps the graph connected.
         let mut edges: Vec<TourEdge> =
             (0..n).map(|i| edge(i, (i + 1) % n, random.random_range(1.0..5.0))).collect();
         for _ in 0..random.random_range(1..7) {
@@ -320,7 +320,7 @@ fn postman_tours_are_as_short_as_any_pairing() {
         }
         let tour = postman_tour(&edges, 0).unwrap();
         check_tour(&edges, &tour, 0);
-        // Any set of edges, doubled, that makes all degrees even: every subset is tried.
+        // Reference: every subset of repeated edges that makes all degrees even.
         let shortest = (0_usize..1 << edges.len())
             .filter(|set| {
                 (0..n).all(|v| {
@@ -341,8 +341,8 @@ fn postman_tours_are_as_short_as_any_pairing() {
 }
 
 #[test]
-fn many_odd_vertices_are_paired_near_each_other_and_it_is_said() {
-    // Eighteen spokes with a pendant each: all ends odd, and each spoke is walked twice.
+fn many_odd_vertices_are_paired_greedily_and_the_result_says_so() {
+    // Eighteen spokes with a pendant each: all ends are odd, and each spoke is walked twice.
     let edges: Vec<TourEdge> = (1..=18).map(|i| edge(0, i, 1.0)).collect();
     let tour = postman_tour(&edges, 0).unwrap();
     check_tour(&edges, &tour, 0);
@@ -357,9 +357,9 @@ fn many_odd_vertices_are_paired_near_each_other_and_it_is_said() {
 }
 
 #[test]
-fn the_prism_s_views_make_six_vertices_and_a_tour_of_its_edges() {
+fn views_of_the_prism_give_six_vertices_and_a_tour_of_its_edges() {
     let ((front, of_front), (side, of_side)) = (front(), side());
-    // The paper's front shows x and y, its side z and y: depth d along z, height a along y.
+    // The front view of the paper shows x and y, the side view z and y: depth d along z, height a along y.
     let views = [
         SketchView {
             name: "front",
@@ -384,7 +384,7 @@ fn the_prism_s_views_make_six_vertices_and_a_tour_of_its_edges() {
         prism.vertices.iter().map(|v| v.position.map(|x| x.round() as i64)).collect();
     let truth = [[0, 0, 0], [4, 0, 0], [0, 3, 0], [0, 0, 7], [4, 0, 7], [0, 3, 7]];
     assert_eq!(found, truth.into());
-    // Nine edges of the prism, and what two views cannot tell from edges: diagonals of faces.
+    // Nine edges of the prism, and diagonals of faces, which two views cannot distinguish from edges.
     let is_edge = |edge: &&CompositeEdge| {
         let (p, q) = (prism.vertices[edge.a].position, prism.vertices[edge.b].position);
         p[2] == q[2] || p[..2] == q[..2]
@@ -399,7 +399,7 @@ fn the_prism_s_views_make_six_vertices_and_a_tour_of_its_edges() {
 }
 
 #[test]
-fn views_that_do_not_belong_together_are_told() {
+fn views_of_different_objects_are_rejected() {
     let ((front, _), (side, _)) = (front(), side());
     let view = |name, axes, drawing| SketchView { name, axes, drawing, constraints: &[], covariance: None };
     let (xy, zy) = ([SpaceAxis::X, SpaceAxis::Y], [SpaceAxis::Z, SpaceAxis::Y]);
@@ -411,7 +411,7 @@ fn views_that_do_not_belong_together_are_told() {
 }
 
 #[test]
-fn noisy_views_of_the_prism_become_its_dimensions_with_sigma_that_covers_them() {
+fn noisy_views_of_the_prism_give_dimensions_with_correct_sigma() {
     use nalgebra::{DMatrix, DVector};
     use planish_estimate::{ChiSquareMean, Coverage};
     use rand_distr::{Distribution, StandardNormal};
@@ -450,7 +450,7 @@ fn noisy_views_of_the_prism_become_its_dimensions_with_sigma_that_covers_them() 
                 front.position(vertex.points[0])[1],
                 side.position(vertex.points[1])[0],
             ];
-            // One coordinate of each vertex; the six share their errors.
+            // One coordinate of each vertex; the six coordinates share errors.
             coverage.add(vertex.position[1] - truth[1], vertex.sigma[1]).unwrap();
             squared.add(((vertex.position[1] - truth[1]) / vertex.sigma[1]).powi(2)).unwrap();
         }

@@ -1,59 +1,58 @@
-//! Tours that traverse every edge: Euler's, and the postman's.
+//! Tours that traverse every edge: Euler tours and Chinese postman tours.
 //!
-//! Comes in: edges with lengths. Goes out: a closed route through all of them. Not guaranteed: the shortest
-//! one where more than sixteen vertices have odd degree; the result says so.
+//! In: edges with lengths. Out: a closed tour of all of them. Not guaranteed: the shortest tour if more than
+//! sixteen vertices have odd degree; the result states this.
 
 use petgraph::algo::dijkstra;
 use petgraph::graph::{NodeIndex, UnGraph};
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 
-/// An edge to be traversed, either way.
+/// An undirected edge to be traversed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TourEdge {
-    /// One end.
+    /// Index of one end.
     pub a: usize,
-    /// The other.
+    /// Index of the other end.
     pub b: usize,
-    /// Its length, positive.
+    /// Positive length.
     pub length: f64,
 }
 
-/// A closed route that traverses every edge at least once.
+/// A closed tour that traverses every edge at least once.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tour {
-    /// The vertices in order; the first is the last too.
+    /// Vertices in order; the first one is also the last.
     pub vertices: Vec<usize>,
-    /// The edges in order, one fewer.
+    /// Edges in order, one fewer than vertices.
     pub edges: Vec<usize>,
-    /// Edges that are traversed again, once for each time.
+    /// Edges that are traversed again, once per repetition.
     pub repeated: Vec<usize>,
-    /// The length of the whole route.
+    /// Total length.
     pub length: f64,
-    /// Whether no shorter route exists.
+    /// True if no shorter tour exists.
     pub is_shortest: bool,
 }
 
-/// The most odd vertices that are paired exactly; 2¹⁶ subsets take a few milliseconds.
-const EXACT: usize = 16;
+/// Maximum number of odd vertices that are paired exactly. Time and memory grow with 2 to this power.
+const MAX_EXACT: usize = 16;
 
-/// The Chinese postman's tour from a vertex: all edges, and as little again as possible.
+/// The Chinese postman tour from a vertex: all edges, with the least repetition.
 ///
-/// Vertices of odd degree are joined in pairs by their shortest paths, by dynamic programming over subsets up
-/// to sixteen of them and by exchanges between nearest pairs beyond; then [`euler_tour`]. Cost: a search from
-/// each odd vertex, and `2^k k` for `k` of them.
+/// Vertices of odd degree are paired and joined by their shortest paths, which makes all degrees even;
+/// [`euler_tour`] does the rest. Up to sixteen of them are paired by dynamic programming over subsets, more
+/// by exchanges between nearest pairs. Cost: a shortest-path search from each odd vertex, and `2^k k` for `k`
+/// of them.
 ///
 /// # Errors
-/// `Input` when there is no edge at the start, an edge is not of positive length, or the edges do not hang
-/// together.
+/// `Input` if there is no edge at the start, a length is not positive, or the graph is not connected.
 ///
 /// # Examples
 /// ```
 /// use planish_contour::graph::{TourEdge, postman_tour};
 ///
 /// let edge = |a, b, length| TourEdge { a, b, length };
-/// // A square with one diagonal: its two ends are odd, and going along it again is shorter than along two
-/// // sides.
+/// // A square with one diagonal: its ends are odd, and repeating it is shorter than two sides.
 /// let edges = [edge(0, 1, 1.0), edge(1, 2, 1.0), edge(2, 3, 1.0), edge(3, 0, 1.0), edge(0, 2, 1.4)];
 /// let tour = postman_tour(&edges, 0)?;
 /// assert_eq!(tour.repeated, [4]);
@@ -86,7 +85,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         })
         .collect();
     let distance = |i: usize, j: usize| from[i][odd[j]];
-    let pairs = if odd.len() <= EXACT {
+    let pairs = if odd.len() <= MAX_EXACT {
         shortest_pairs(odd.len(), distance)
     } else {
         near_pairs(odd.len(), distance)
@@ -104,20 +103,34 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         }
     }
     tour.repeated = repeated;
-    tour.is_shortest = odd.len() <= EXACT;
+    tour.is_shortest = odd.len() <= MAX_EXACT;
     Ok(tour)
 }
 
-/// An Euler tour: every edge exactly once, from a vertex and back.
+/// An Euler tour from a vertex: every edge exactly once.
 ///
-/// The paper's next-node construction: walk along unused edges until stuck, start again from a vertex on the
-/// way with edges left, and note at each vertex reached from where it was; then follow the notes, last first.
-/// As printed (step 2: `Lv(kv) = y`) the note is made at the vertex that is *left*; the tour in step 5 can
-/// then end with edges left over. Noted where it arrives, the first note of every vertex leads back to the
-/// start, and none is. Where the paper picks edges at random, the first is taken. Cost: linear.
+/// Uses the next-node construction of the paper: walk along unused edges until none is left, and continue
+/// from a visited vertex with unused edges. Each vertex keeps a list of notes: the vertex from which it was
+/// reached. The tour then follows the notes, last one first.
+///
+/// As printed (step 2: `Lv(kv) = y`), the note belongs to the vertex that is *left*, and the tour of step 5
+/// can omit edges. With notes at the vertex of arrival, the first note of every vertex leads back to the
+/// start, and no edge is omitted. The paper selects edges at random; here the first one is selected, so that
+/// results are reproducible. Cost: linear.
 ///
 /// # Errors
-/// `Input` when a vertex has odd degree, there is no edge at the start, or the edges do not hang together.
+/// `Input` if a vertex has odd degree, there is no edge at the start, or the graph is not connected.
+///
+/// # Examples
+/// ```
+/// use planish_contour::graph::{TourEdge, euler_tour};
+///
+/// let edge = |a, b| TourEdge { a, b, length: 1.0 };
+/// let triangle = [edge(0, 1), edge(1, 2), edge(2, 0)];
+/// assert_eq!(euler_tour(&triangle, 0)?.edges.len(), 3);
+/// assert!(euler_tour(&triangle[..2], 0).is_err()); // vertices 0 and 2 have odd degree
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Edmonds and Johnson 1973, *Matching, Euler tours and the Chinese postman*, section 5; Weiss-Cohen,
@@ -131,12 +144,13 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     }
     if let Some(odd) = (0..count).find(|&vertex| degree(edges, vertex) % 2 == 1) {
         return Err(Error::input(format!(
-            "vertex {odd} has odd degree: no tour traverses every edge once, a postman's may"
+            "vertex {odd} has odd degree, so no tour traverses every edge exactly once"
         )));
     }
     if at.get(start).is_none_or(Vec::is_empty) {
-        return Err(Error::input(format!("no edge leads to vertex {start}, where the tour starts")));
+        return Err(Error::input(format!("the tour starts at vertex {start}, which has no edge")));
     }
+    // `next` skips used edges of a vertex for good, which makes the walk linear.
     let mut notes: Vec<Vec<(usize, usize)>> = vec![Vec::new(); count];
     let mut used = vec![false; edges.len()];
     let mut next = vec![0; count];
@@ -184,11 +198,12 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     Ok(tour)
 }
 
+/// Degree of a vertex; a loop counts twice.
 fn degree(edges: &[TourEdge], vertex: usize) -> usize {
     edges.iter().map(|edge| usize::from(edge.a == vertex) + usize::from(edge.b == vertex)).sum()
 }
 
-/// The perfect pairing of least total distance, by dynamic programming over the subsets that are paired.
+/// The perfect pairing of smallest total distance, by dynamic programming over subsets of paired vertices.
 fn shortest_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
     let full = (1_usize << count) - 1;
     let mut best = vec![f64::INFINITY; full + 1];
@@ -198,7 +213,8 @@ fn shortest_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(
         if best[set].is_infinite() {
             continue;
         }
-        // The first one that is left must be paired with some other.
+        // The first unpaired vertex must be paired with some other one: trying only its partners avoids
+        // counting each pairing in every order.
         let i = (!set).trailing_zeros() as usize;
         for j in i + 1..count {
             let grown = set | 1 << i | 1 << j;
@@ -218,7 +234,7 @@ fn shortest_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(
     pairs
 }
 
-/// Nearest pairs first, then exchanges between two pairs as long as one shortens the total.
+/// Greedy pairing of nearest vertices, improved by exchanges between two pairs while they shorten the total.
 fn near_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
     let mut all: Vec<(usize, usize)> = (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j))).collect();
     all.sort_by(|&(a, b), &(c, d)| distance(a, b).total_cmp(&distance(c, d)));
@@ -239,6 +255,7 @@ fn near_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(usiz
                 let now = distance(a, b) + distance(c, d);
                 for (first, second) in [((a, c), (b, d)), ((a, d), (b, c))] {
                     let then = distance(first.0, first.1) + distance(second.0, second.1);
+                    // The margin prevents endless exchanges of equal totals that differ by rounding.
                     if then < now * (1.0 - 1e-12) && !changed {
                         (pairs[k], pairs[l]) = (first, second);
                         changed = true;
@@ -250,11 +267,12 @@ fn near_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(usiz
     pairs
 }
 
-/// The edges of a shortest path, walked back from its end along the distances from its start.
+/// Edges of a shortest path, traced back from its end by the distances from its start.
 fn path_back(edges: &[TourEdge], from_start: &[f64], start: usize, end: usize) -> Result<Vec<usize>> {
     let mut path = Vec::new();
     let mut here = end;
     while here != start {
+        // Only edges to a vertex nearer to the start: rounding cannot lead into a cycle then.
         let step = edges
             .iter()
             .enumerate()
@@ -264,7 +282,7 @@ fn path_back(edges: &[TourEdge], from_start: &[f64], start: usize, end: usize) -
             .min_by(|a, b| (from_start[a.1] + a.2).total_cmp(&(from_start[b.1] + b.2)));
         let Some((edge, there, _)) = step else {
             return Err(Error::input(format!(
-                "no way leads from vertex {start} to vertex {end}: the graph has several parts"
+                "no path leads from vertex {start} to vertex {end}: the graph has several parts"
             )));
         };
         path.push(edge);

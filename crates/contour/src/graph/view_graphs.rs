@@ -1,28 +1,28 @@
-//! The graphs of one view: full, bipartite, minimal, pair.
+//! Graphs of one view: full, bipartite, minimal and pair graph.
 
 use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
-use crate::constraint::{Constraint, Drawing, Incidence};
+use crate::constraint::{Constraint, Incidence, ParametricDrawing};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The graphs of one view's constraints.
+/// Graphs of the constraints of one view.
 ///
-/// *full*: parameters, joined where an equation depends on both, labelled with all such equations.
-/// *bipartite*: parameters and equations, with the matching thick. *minimal*: parameter `v` matched to `f`
-/// depends on the other parameters of `f`, and on nothing else. *pair*: the same with `x_i` and `y_i` in one
-/// node.
+/// - *Full*: parameters, joined if an equation depends on both, and labelled with all such equations.
+/// - *Bipartite*: parameters and equations; the pairs of the matching are strong.
+/// - *Minimal*: a parameter `v` matched to `f` depends on the other parameters of `f` only.
+/// - *Pair*: the minimal graph with `x_i` and `y_i` in one node.
 ///
-/// The paper's rule for the minimal graph, "for a matching pair (v, f) all arcs labelled other than f and
-/// incident on v are removed", leaves no arc at all when read literally: an arc `u v` labelled `f` would have
-/// to be matched to `f` at both ends. What Fig. 6 needs is the directed dependency of Serrano and Gossard:
+/// The rule of the paper for the minimal graph is: "for a matching pair (v, f) all arcs labelled other than f
+/// and incident on v are removed". Read literally, it removes every arc, because an arc `u v` labelled `f`
+/// would have to be matched to `f` at both ends. Fig. 6 shows the directed dependency of Serrano and Gossard:
 /// the rule removes arcs that *enter* `v`.
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, PointId};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, PointId};
 /// use planish_contour::graph::ViewGraphs;
 ///
-/// let square = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])?;
+/// let square = ParametricDrawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])?;
 /// let graphs = ViewGraphs::new(&square, &[
 ///     Constraint::Anchor { point: PointId(0), at: [0.0, 0.0] },
 ///     Constraint::Horizontal { bar: BarId(0) },
@@ -34,24 +34,24 @@ use std::collections::BTreeMap;
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ViewGraphs {
-    /// Parameters, and the equations that connect them.
+    /// Full graph: parameters, and the equations that connect them.
     pub full: LabelledGraph,
-    /// Parameters and equations.
+    /// Bipartite graph: parameters and equations.
     pub bipartite: LabelledGraph,
-    /// A maximum matching, parameter and equation.
+    /// Maximum matching as pairs of a parameter and an equation.
     pub matching: Vec<(String, String)>,
-    /// What each parameter is determined from.
+    /// Minimal graph: the parameters from which each one is determined.
     pub minimal: LabelledGraph,
-    /// The same between points; radii stay alone.
+    /// Pair graph: the minimal graph between points; radii keep nodes of their own.
     pub pair: LabelledGraph,
-    /// The equations in words, in the order of their labels `f1`, `f2`, ….
+    /// Texts of the equations, in the order of their labels `f1`, `f2`, ….
     pub equations: Vec<String>,
 }
 
 impl ViewGraphs {
     /// The graphs of constraints between the parts of a drawing.
     #[must_use]
-    pub fn new(drawing: &Drawing, constraints: &[Constraint]) -> Self {
+    pub fn new(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Self {
         let incidence = Incidence::new(drawing, constraints);
         let matching = incidence.matching();
         let minimal = minimal(&incidence, &matching);
@@ -75,6 +75,7 @@ impl ViewGraphs {
     }
 }
 
+/// Label of an equation, counted from 1 as in the paper.
 fn label(equation: usize) -> String {
     format!("f{}", equation + 1)
 }
@@ -87,11 +88,13 @@ fn node(label: &str, group: &str) -> LabelledNode {
     LabelledNode { label: label.to_owned(), group: group.to_owned() }
 }
 
-/// Arcs from a map of ends to labels, in the order of the ends.
+/// Arcs from a map of ends to labels, in the order of the ends. The ordered map makes the output
+/// reproducible.
 fn arcs(labels: BTreeMap<(usize, usize), Vec<String>>) -> Vec<LabelledArc> {
     labels.into_iter().map(|((from, to), labels)| LabelledArc { from, to, labels, strong: false }).collect()
 }
 
+/// The full graph.
 fn full(incidence: &Incidence) -> LabelledGraph {
     let mut labels: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
     for (equation, parameters) in incidence.parameters_of_equations().iter().enumerate() {
@@ -109,6 +112,7 @@ fn full(incidence: &Incidence) -> LabelledGraph {
     }
 }
 
+/// The bipartite graph.
 fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
     let mut nodes = parameter_nodes(incidence);
     let first = nodes.len();
@@ -126,6 +130,7 @@ fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGrap
     LabelledGraph { name: "bipartite".to_owned(), directed: false, nodes, arcs }
 }
 
+/// The minimal graph: arcs from the other parameters of an equation to the one matched to it.
 fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
     let of = incidence.parameters_of_equations();
     let mut labels: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
@@ -142,8 +147,8 @@ fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph 
     }
 }
 
-/// Coordinates of a point become one node; arcs within a node go.
-fn pair(drawing: &Drawing, minimal: &LabelledGraph) -> LabelledGraph {
+/// The pair graph: both coordinates of a point become one node, and arcs within a node are removed.
+fn pair(drawing: &ParametricDrawing, minimal: &LabelledGraph) -> LabelledGraph {
     let mut nodes = Vec::new();
     let mut node_of = vec![usize::MAX; drawing.parameters()];
     for point in drawing.points() {

@@ -1,5 +1,8 @@
-//! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as
-//! good.
+//! Choice of the kind of a contour by the Bayesian information criterion (BIC).
+//!
+//! In: candidate kinds and readings. Out: a [`Choice`] with the fit of the chosen kind and the BIC of the
+//! others. Among kinds with practically equal BIC, the one with the fewest unknowns is chosen (decision
+//! record 0053).
 
 use super::fit::{ContourFit, ContourFitOptions, RoughFit, finish, fit, polish, reading_count, rough};
 use super::kind::ContourKind;
@@ -8,37 +11,46 @@ use super::start::chain_starts;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Most sides of a polygon that is looked for without being asked.
+/// Maximum number of sides of a polygon in the automatic choice.
+///
+/// Each further side adds a kind to fit; larger polygons can be requested by name.
 const MAX_SIDES: usize = 8;
 
-/// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
+/// Kinds whose rough BIC exceeds the best by more than this are not fitted to convergence.
+///
+/// A rough fit can be wrong by more than a real difference of BIC, so the limit is three times what counts as
+/// very strong evidence (10). A larger one costs time: the complete fits dominate it.
 const FINISH_WITHIN_BIC: f64 = 30.0;
 
-/// Of kinds whose criteria are so near to the least one the one of the fewest unknowns is chosen: a smaller
-/// difference is no evidence (Kass and Raftery 1995).
+/// Differences of BIC up to this are no evidence (Kass and Raftery 1995): the simplest kind within it is
+/// chosen.
 const NEGLIGIBLE_BIC: f64 = 2.0;
 
-/// A kind with a side of which less than this was seen is not chosen where another has none.
+/// Smallest observed fraction of every side for which a kind is preferred to kinds below it.
+///
+/// A triangle explains the readings of an open angle with a side that nothing supports. A higher value would
+/// exclude sides that are half hidden.
 const MIN_SIDE_COVERAGE: f64 = 0.4;
 
-/// A kind that was tried.
+/// A kind that was considered but not chosen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alternative {
-    /// Which.
+    /// The kind.
     pub kind: ContourKind,
-    /// Its BIC; of a kind far behind, that of a rough fit.
+    /// Its BIC; an approximation from a rough fit if the kind is far behind the best.
     pub bic: f64,
 }
 
-/// The kind of the least BIC, or a simpler one that is as good, and the others.
+/// The chosen kind with its fit, and the alternatives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Choice {
-    /// The best.
+    /// Fit of the chosen kind.
     pub fit: ContourFit,
-    /// By how much the BIC of the next kind is larger; `None` where only one was tried. Ten is very strong
-    /// evidence; down to −2 where a simpler kind is as likely.
+    /// BIC of the best alternative minus that of the chosen kind; `None` if there is no alternative.
+    ///
+    /// A margin of 10 is very strong evidence. It can be as low as −2, if a simpler kind is about as likely.
     pub bic_margin: Option<f64>,
-    /// All others that could be fitted, best first.
+    /// All other kinds that could be fitted, best first.
     pub alternatives: Vec<Alternative>,
 }
 
@@ -58,21 +70,33 @@ pub fn auto_kinds() -> Vec<ContourKind> {
     kinds
 }
 
-/// Fits kinds, and chains of lines and arcs where `chains` asks for them, and chooses by the Bayesian
-/// information criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the
-/// gate.
+/// Fits several kinds and chooses one by the Bayesian information criterion `−2 ln L + k ln n`.
 ///
-/// All kinds are fitted roughly first, and those whose criterion is then less than 30 from the best are
-/// fitted to the end. Of the others [`Alternative::bic`] is the rough one. What has a side that was hardly
-/// seen explains readings with less than it says, as a triangle does an open angle: it is left out where
-/// another kind has no such side.
+/// With `chains`, chains of lines and arcs that the readings suggest are also tried. An outlier costs as much
+/// as a reading at the gate.
+///
+/// All kinds get a rough fit first. Those within 30 of the best BIC are then fitted to convergence; for the
+/// others, [`Alternative::bic`] is the rough value. A kind with a hardly observed side is excluded if another
+/// kind has none: a triangle, for example, also explains the readings of an open angle.
 ///
 /// # Errors
-/// `Undetermined` when none could be fitted.
+/// `Undetermined` if no kind could be fitted.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourFitOptions, ContourKind, auto_kinds, choose, points};
+///
+/// let rectangle = [0.0, 0.0, 40.0, 20.0, 0.3];
+/// let simulated = points(&ContourKind::Rectangle, &rectangle, 300, 0.05, 7);
+/// let choice = choose(&auto_kinds(), false, &simulated.noisy, &ContourFitOptions::default())?;
+/// assert_eq!(choice.fit.kind, ContourKind::Rectangle);
+/// assert!(choice.bic_margin.is_some_and(|margin| margin > 10.0));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
-/// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins
-/// mean).
+/// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors*
+/// (interpretation of margins).
 pub fn choose(
     kinds: &[ContourKind],
     chains: bool,
@@ -88,7 +112,7 @@ pub fn choose(
     }
     if tried.is_empty() {
         return Err(Error::undetermined(
-            "the readings suggest no chain of lines and arcs: they may be of a line, or of a polygon",
+            "the readings suggest no chain of lines and arcs; they may show a line or a polygon",
         ));
     }
     let unknowns = |kind: &ContourKind| kind.parameters() + options.motion.unknowns();
@@ -107,6 +131,7 @@ pub fn choose(
         let fit = fit(kind, sightings, options)?;
         return Ok(Choice { fit, bic_margin: None, alternatives: Vec::new() });
     }
+    // Stage 1: rough fits of all kinds, ranked.
     let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, sightings, o)).collect();
     let mut last = None;
     let mut order: Vec<(&ContourKind, RoughFit)> = Vec::new();
@@ -123,7 +148,8 @@ pub fn choose(
     };
     let mut found: Vec<ContourFit> = Vec::new();
     let mut done = 0;
-    // Those near the best, as far as is known: a rough fit may promise more than is kept, or come to nothing.
+    // Stage 2: complete fits of the kinds near the best. A rough fit may promise more than the complete one
+    // keeps, or the complete one may fail. The limit is then recomputed and more kinds are fitted.
     while done < order.len() {
         let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
         let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
@@ -140,6 +166,7 @@ pub fn choose(
             }
         }
     }
+    // Stage 3: the simplest of the kinds with practically the best BIC.
     let rest = &order[done..];
     if found.iter().any(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE) {
         found.retain(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE);
@@ -156,6 +183,7 @@ pub fn choose(
     let mut alternatives: Vec<Alternative> =
         found.into_iter().map(|one| Alternative { bic: one.bic(), kind: one.kind }).collect();
     alternatives.extend(
+        // A rough BIC can be smaller than the best complete one, but an unfinished kind must not rank first.
         rest.iter().map(|(kind, rough)| Alternative { bic: rough.bic.max(least), kind: (*kind).clone() }),
     );
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
@@ -166,17 +194,17 @@ pub fn choose(
     })
 }
 
-/// Many kinds were tried: the one that failed last is nobody's concern.
+/// Error if no kind could be fitted. The message concerns all kinds; that of the last one is only its source.
 fn none_fits(last: Option<Error>) -> Error {
     let text =
-        "no kind of contour fits the readings: they may see too little of one, or be of something else";
+        "no kind of contour fits the readings: they may cover too little of it or belong to another shape";
     match last {
         Some(last) => Error::undetermined(text).with_source(last),
         None => Error::undetermined(text),
     }
 }
 
-/// Readings that lie no farther apart than their noise are of a spot.
+/// Rejects readings whose extent is not larger than their noise: every kind would fit them.
 fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut variance = 0.0;
@@ -193,7 +221,7 @@ fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
     let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
     if sightings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
-            "all {} readings lie nearer together than their σ: they show no outline",
+            "all {} readings lie closer together than their σ, so they show no outline",
             sightings.len()
         )));
     }

@@ -1,10 +1,9 @@
-//! The batch, and after it the most likely contour where it is not known from which place on it each reading
-//! is.
+//! Refinement of a batch fit by the marginal likelihood.
 //!
-//! The batch looks at all readings at once: it finds back from a start that is rough, and tells which
-//! readings are wild. It takes every reading for the place that suits it best, which is biased and too sure
-//! of itself where the noise is a good part of a side or a radius; the likelihood with the places integrated
-//! out is neither (see [`most_likely`]), but has to begin near its maximum.
+//! The batch uses all readings at once: it converges from a rough start and detects outliers. However, it
+//! assigns each reading to its nearest place. If the noise is a large fraction of a side or a radius, the
+//! result is biased and its covariance too small. The likelihood with the places integrated out has neither
+//! problem ([`most_likely`]), but it must start near its maximum.
 
 use super::fit::{ContourFit, ContourFitOptions, GatedResiduals, equations, outlier_gate};
 use super::kind::ContourKind;
@@ -14,15 +13,18 @@ use super::reading::{ContourModel, ContourReading, Form};
 use planish_estimate::Result;
 use planish_estimate::implicit::{ImplicitOptions, fit_implicit};
 
-/// With fewer readings for each unknown the batch is the last word.
+/// With fewer readings per unknown, the batch is not refined: the shares of the cells are
+/// estimated as well, and small samples cannot carry both.
 const READINGS_PER_UNKNOWN: usize = 4;
-/// Bias moves an estimate by a few standard deviations; where the maximum is farther from the batch than
-/// this, it is of something else.
+/// Maximum distance of the refined state from the batch, in σ per parameter (root mean square).
+///
+/// The bias that the refinement removes is a few σ at most. A maximum farther away belongs to another shape.
 const FARTHEST: f64 = 5.0;
 
-/// What the batch found, or the most likely contour beside it. Straight lines, of which the batch is the
-/// maximum, open chains, whose ends are equations of their own, readings that share the error of their pose,
-/// and the product form stay as they are.
+/// The most likely contour near the batch result, or that result itself.
+///
+/// The result of the batch stays for lines (it already maximises the likelihood), open chains (their ends
+/// have equations of their own), shared poses, the product form, and if bias correction is off.
 ///
 /// # Errors
 /// As [`fit_implicit`].
@@ -45,6 +47,7 @@ pub(super) fn combined(
     else {
         return Ok(found);
     };
+    // Mahalanobis distance of both states in the covariance of the batch.
     let off = &better.state - &found.state;
     let Some(solved) = found.covariance.clone().cholesky().map(|c| c.solve(&off)) else {
         return Ok(found);
@@ -60,7 +63,7 @@ pub(super) fn combined(
     let (all, _) = equations(model, sightings);
     let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
     let mut distances = fit_implicit(&all, None, &candidate.state, &look)?.distances;
-    // Behind them are those of what is held.
+    // The equations of soft constraints follow those of the readings.
     distances.truncate(sightings.len());
     let judged = GatedResiduals::from_distances(&distances, options.gate);
     Ok(ContourFit { used: judged.used, squares: judged.squares, distances, ..candidate })

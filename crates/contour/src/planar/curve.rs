@@ -1,18 +1,24 @@
-//! The signed distance of a point to a piece of a contour, with its derivatives.
+//! Signed distance of a point to a piece of a contour, with its derivatives.
+//!
+//! Distances are those to the *carrier* of a piece (the infinite line or the whole circle), so that they are
+//! smooth and their derivatives exact. Whether the foot point lies on the piece is a separate question
+//! ([`beyond`], [`within`]).
 
 use super::kind::ContourKind;
 
-/// `g` of a point, and `∂g/∂p`.
+/// Signed distance `g` of a point `p`, and `∂g/∂p`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Distance {
     pub(crate) value: f64,
     pub(crate) by_point: [f64; 2],
 }
 
-/// Distance to the carrier of a piece (the whole line or circle of it), positive outside; fills `∂g/∂θ`.
+/// Signed distance of `p` to the carrier of a piece, positive outside; fills `by_theta` with `∂g/∂θ`.
 ///
-/// Of an ellipse it is `√(ab) (|(q₁/a, q₂/b)| − 1)`, which is zero on it and has no singularity but the
-/// centre.
+/// For an ellipse it is `√(ab) (|(q₁/a, q₂/b)| − 1)`, `q` being `p` in the axes of the ellipse. This is not
+/// the Euclidean distance, but zero at the same points, in closed form, and singular only at the centre; the
+/// exact distance needs the root of a quartic and has kinks on the major axis. The estimator divides by the
+/// gradient, so only the zero set matters to first order.
 pub(crate) fn distance(
     kind: &ContourKind,
     theta: &[f64],
@@ -51,7 +57,8 @@ pub(crate) fn distance_hessian(kind: &ContourKind, theta: &[f64], piece: usize, 
             let d = [p[0] - theta[0], p[1] - theta[1]];
             let scaled = [(cos * d[0] + sin * d[1]) / a, (cos * d[1] - sin * d[0]) / b];
             let length = scaled[0].hypot(scaled[1]);
-            // √(ab) (I − q qᵀ) / |q| in the scaled plane, of unit q = scaled/|scaled|, is a single square.
+            // In the scaled plane the Hessian is √(ab) (I − q qᵀ) / |q| with q a unit vector. That matrix has
+            // rank one in the plane, so the result is an outer product of one vector w.
             let factor = (a * b).sqrt() / length.powi(3);
             let w = [scaled[1] / a, -scaled[0] / b];
             let world = [cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]];
@@ -69,6 +76,7 @@ pub(crate) fn distance_hessian(kind: &ContourKind, theta: &[f64], piece: usize, 
     }
 }
 
+/// Hessian `[xx, xy, yy]` of `side (|p − center| − r)`: it does not depend on the radius.
 fn round_hessian(center: [f64; 2], side: f64, p: [f64; 2]) -> [f64; 3] {
     let d = [p[0] - center[0], p[1] - center[1]];
     let squared = d[0] * d[0] + d[1] * d[1];
@@ -76,14 +84,18 @@ fn round_hessian(center: [f64; 2], side: f64, p: [f64; 2]) -> [f64; 3] {
     [factor * d[1] * d[1], -factor * d[0] * d[1], factor * d[0] * d[0]]
 }
 
-/// The piece that explains a point of covariance `[xx, xy, yy]` best: least `d²/nᵀCn`, and what its foot lies
-/// beyond the ends of the piece over its σ there. `None` for outlines of very many pieces.
+/// The piece that best explains a point with covariance `[xx, xy, yy]`; `None` above 48 pieces and vertices.
+///
+/// Minimises `d²/nᵀCn + (o/σ_o)²`: the squared Mahalanobis distance to the carrier plus that of the foot
+/// point's overshoot `o` beyond the ends of the piece. Without the second term, a point outside a corner
+/// would be assigned to the extension of a side that it does not belong to.
 pub(crate) fn nearest_piece(
     kind: &ContourKind,
     theta: &[f64],
     p: [f64; 2],
     [xx, xy, yy]: [f64; 3],
 ) -> Option<usize> {
+    // On the stack, as this runs for every reading and iteration: no allocation here.
     let mut room = [[0.0; 2]; 48];
     let pieces = kind.pieces();
     let count = pieces + usize::from(!kind.is_closed());
@@ -100,9 +112,11 @@ pub(crate) fn nearest_piece(
         let across = n[0] * pull[0] + n[1] * pull[1];
         let step = at.value / across;
         let squared = at.value * step;
+        // The overshoot can only add to the cost; most pieces are rejected before it is computed.
         if squared.is_nan() || squared >= best.0 {
             continue;
         }
+        // The most probable foot point moves along C n, not along n. On the carrier its σ is √(det C / nᵀCn).
         let over = overshoot(a, b, bulge, [p[0] - step * pull[0], p[1] - step * pull[1]]);
         let cost = squared + over * over * across / determinant;
         if cost < best.0 {
@@ -112,7 +126,9 @@ pub(crate) fn nearest_piece(
     Some(best.1)
 }
 
-/// How far a point lies beyond the ends of a piece, along it.
+/// Length by which a point lies beyond the nearer end of a piece, measured along it; 0 between the ends.
+///
+/// It is 0 for lines, circles and ellipses, which have no ends.
 pub(crate) fn beyond(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
     if kind.pieces() == 1 && !matches!(kind, ContourKind::Chain { .. }) {
         return 0.0;
@@ -122,6 +138,7 @@ pub(crate) fn beyond(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2
     overshoot(a, b, kind.bulge(theta, piece).0, p)
 }
 
+/// [`beyond`] for a piece given by its end points and its bulge.
 fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
     if bulge == 0.0 {
         let e = [b[0] - a[0], b[1] - a[1]];
@@ -130,8 +147,8 @@ fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
         return (-along).max(along - length).max(0.0);
     }
     let (center, radius) = arc_circle(a, b, bulge);
-    // The angle from the middle of the arc, whose direction from the centre is that of the chord's right
-    // side.
+    // Measured from the middle of the arc, the overshoot is symmetric and the branch cut of atan2 lies
+    // opposite the arc. Seen from the centre, the middle is to the right of the chord for positive bulges.
     let e = [b[0] - a[0], b[1] - a[1]];
     let side = bulge.signum();
     let towards = [side * e[1], -side * e[0]];
@@ -141,8 +158,10 @@ fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
     radius * (turn.abs() - half).max(0.0)
 }
 
-/// How far a point lies from the nearer end of a straight piece of a polygon, along it; infinitely far for
-/// all other kinds, whose pieces join smoothly or not at all.
+/// Distance along a straight piece from a point to the nearer corner, negative beyond it.
+///
+/// Infinite for kinds without sharp corners between known sides: their pieces join smoothly or not at all.
+/// Chains are excluded, too: their joints may be smooth.
 pub(crate) fn within(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
     if !matches!(kind, ContourKind::Rectangle | ContourKind::RegularPolygon(_) | ContourKind::Polygon(_)) {
         return f64::INFINITY;
@@ -155,12 +174,13 @@ pub(crate) fn within(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2
     along.min(length - along)
 }
 
-/// The vertices that a piece joins.
+/// Indices of the two vertices that a piece joins.
 pub(crate) fn ends(kind: &ContourKind, piece: usize) -> (usize, usize) {
     let count = kind.pieces() + usize::from(!kind.is_closed());
     (piece, (piece + 1) % count)
 }
 
+/// `g = −sin·x + cos·y − offset`.
 fn line(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     let (sin, cos) = theta[0].sin_cos();
     by_theta[0] = -cos * p[0] - sin * p[1];
@@ -168,6 +188,7 @@ fn line(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     Distance { value: cos * p[1] - sin * p[0] - theta[1], by_point: [-sin, cos] }
 }
 
+/// `g = |p − c| − r`.
 fn circle(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     let d = [p[0] - theta[0], p[1] - theta[1]];
     let length = d[0].hypot(d[1]);
@@ -178,6 +199,7 @@ fn circle(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     Distance { value: length - theta[2], by_point }
 }
 
+/// `g = √(ab) (|(q₁/a, q₂/b)| − 1)`; see [`distance`] for the choice of this function.
 fn ellipse(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     let (a, b) = (theta[2], theta[3]);
     let (sin, cos) = theta[4].sin_cos();
@@ -187,7 +209,7 @@ fn ellipse(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     let length = scaled[0].hypot(scaled[1]);
     let size = (a * b).sqrt();
     let value = size * (length - 1.0);
-    // ∂/∂q
+    // ∂g/∂q in the axes of the ellipse, rotated into the world below.
     let by_q = [size * scaled[0] / (length * a), size * scaled[1] / (length * b)];
     let by_point = [cos * by_q[0] - sin * by_q[1], sin * by_q[0] + cos * by_q[1]];
     by_theta[0] = -by_point[0];
@@ -198,7 +220,7 @@ fn ellipse(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     Distance { value, by_point }
 }
 
-/// A distance with what it owes to the piece's ends.
+/// Distance to a piece with its derivatives by the two end points and by the bulge.
 struct Piece {
     distance: Distance,
     by_from: [f64; 2],
@@ -206,11 +228,14 @@ struct Piece {
     by_bulge: f64,
 }
 
+/// Distance to the line through `a` and `b`, positive to the right of it (outside, as outlines run
+/// counter-clockwise).
 fn segment(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> Piece {
     let e = [b[0] - a[0], b[1] - a[1]];
     let length = e[0].hypot(e[1]);
     let normal = [e[1] / length, -e[0] / length];
     let d = [p[0] - a[0], p[1] - a[1]];
+    // Rotating the line about one end moves the foot point in proportion to its place between the ends.
     let along = (d[0] * e[0] + d[1] * e[1]) / (length * length);
     Piece {
         distance: Distance { value: normal[0] * d[0] + normal[1] * d[1], by_point: normal },
@@ -220,7 +245,16 @@ fn segment(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> Piece {
     }
 }
 
-/// The centre and radius of the arc from `a` to `b` with this bulge (the tangent of a quarter of its angle).
+/// Centre and radius of the arc from `a` to `b` with this bulge (the tangent of a quarter of its angle).
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::arc_circle;
+///
+/// // A half circle has the bulge 1.
+/// let (center, radius) = arc_circle([0.0, 0.0], [2.0, 0.0], 1.0);
+/// assert_eq!((center, radius), ([1.0, 0.0], 1.0));
+/// ```
 #[must_use]
 pub fn arc_circle(a: [f64; 2], b: [f64; 2], bulge: f64) -> ([f64; 2], f64) {
     let e = [b[0] - a[0], b[1] - a[1]];
@@ -230,6 +264,7 @@ pub fn arc_circle(a: [f64; 2], b: [f64; 2], bulge: f64) -> ([f64; 2], f64) {
     (center, radius)
 }
 
+/// Distance to the circle of an arc, positive outside the outline: inside the circle if the arc is concave.
 fn arc(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> Piece {
     let side = bulge.signum();
     let e = [b[0] - a[0], b[1] - a[1]];
@@ -239,10 +274,11 @@ fn arc(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> Piece {
     let d = [p[0] - center[0], p[1] - center[1]];
     let reach = d[0].hypot(d[1]);
     let towards = [d[0] / reach, d[1] / reach];
-    // g = side (|p − c| − r), c = ½(a + b) + h J(b − a), r = |b − a| f
+    // g = side (|p − c| − r), c = ½(a + b) + h J(b − a), r = f |b − a|, where h and f depend on the bulge
+    // only and J rotates by a quarter turn. The derivatives follow by the chain rule through c and r.
     let growth = radius / length;
     let by_center = towards.map(|t| -side * t);
-    // Jᵀ of the derivative by the centre.
+    // h Jᵀ ∂g/∂c: the part of a moving end that rotates the chord.
     let turned = [by_center[1] * height, -by_center[0] * height];
     let by_radius = e.map(|component| -side * growth * component / length);
     let squared = bulge * bulge;

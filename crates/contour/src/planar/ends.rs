@@ -1,8 +1,9 @@
-//! Where an open outline ends.
+//! Positions of the two ends of an open outline.
 //!
-//! Comes in: an open chain about where it is, and readings. Goes out: its two ends as equations beside the
-//! readings. A distance to a line or circle does not tell where on it the outline ends; how far readings
-//! reach along it does. Not guaranteed: that the thing ends there. It may go on where nothing was seen.
+//! In: an open chain near its optimum, and readings. Out: its two ends as soft constraints. The distance of a
+//! reading to a line or circle carries no information about where the outline ends on it; the extent of the
+//! readings along it does. Not guaranteed: that the object ends there. It may continue where nothing was
+//! observed.
 
 use super::curve::{distance, nearest_piece};
 use super::kind::ContourKind;
@@ -10,19 +11,19 @@ use super::likelihood::Stroke;
 use statrs::function::erf::erfc;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// Readings farther than this many σ from the last piece do not tell its end.
+/// Readings more than this many σ from the last piece are ignored: a single outlier would move the end.
 const GATE: f64 = 4.0;
 
-/// What is known of an end: `along · vertex = position`, to `sigma`.
+/// Soft constraint on an end: `along · vertex = position` with σ = `sigma`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct End {
-    /// The vertex.
+    /// Index of the vertex.
     pub(crate) vertex: usize,
-    /// The direction in which the outline ends there.
+    /// Unit tangent of the outline at the end, pointing outwards.
     pub(crate) along: [f64; 2],
-    /// How far it goes that way.
+    /// Coordinate of the end along that direction.
     pub(crate) position: f64,
-    /// The σ of that.
+    /// σ of the position.
     pub(crate) sigma: f64,
 }
 
@@ -35,13 +36,13 @@ impl End {
     }
 }
 
-/// Both ends of an open chain near `theta`, from points with their covariances `[xx, xy, yy]`; none of any
-/// other kind.
+/// Both ends of an open chain near `theta`, from points with covariances `[xx, xy, yy]`; empty for other
+/// kinds.
 ///
-/// With `n` places spread evenly over a last piece of length `e`, each with an error `σ_i` along it, the most
-/// likely `e` of `−n ln e + Σ ln Φ((e − x_i)/σ_i)` is taken, and its σ from the second derivative; at least
-/// `e/n`, the usual distance of the last reading from the end. Cost: 60 passes over the readings of the last
-/// pieces.
+/// Assumes `n` places spread evenly over a last piece of length `e`, each observed with an error of `σ_i`
+/// along it. The length maximises `−n ln e + Σ ln Φ((e − x_i)/σ_i)`; its σ follows from the second derivative
+/// and is at least `e/n`, the expected distance of the last reading from the end. Cost: 60 passes over the
+/// readings of the last pieces.
 pub(crate) fn ends(kind: &ContourKind, theta: &[f64], points: &[([f64; 2], [f64; 3])]) -> Vec<End> {
     let ContourKind::Chain { closed: false, .. } = kind else {
         return Vec::new();
@@ -68,6 +69,7 @@ pub(crate) fn ends(kind: &ContourKind, theta: &[f64], points: &[([f64; 2], [f64;
                 })
                 .collect();
             let (length, sigma) = longest(&reach, stroke.speed());
+            // The tangent by a backward difference: the same code serves lines and arcs.
             let share = length / stroke.speed();
             let (end, before) = (stroke.at(share), stroke.at(share * (1.0 - 1e-6)));
             let step = [end[0] - before[0], end[1] - before[1]];
@@ -78,7 +80,7 @@ pub(crate) fn ends(kind: &ContourKind, theta: &[f64], points: &[([f64; 2], [f64;
         .collect()
 }
 
-/// The length along a piece at which a point of it lies.
+/// Arc length from the start of a piece to a point on it; negative before the start.
 fn along(stroke: &Stroke, p: [f64; 2]) -> f64 {
     match stroke {
         Stroke::Straight([a, b]) => {
@@ -87,22 +89,25 @@ fn along(stroke: &Stroke, p: [f64; 2]) -> f64 {
         }
         Stroke::Round { center, semi, from, sweep, .. } => {
             let turn = (p[1] - center[1]).atan2(p[0] - center[0]) - from;
-            // The turn nearest to the middle of the piece.
+            // Choose the period nearest to the middle of the piece, so that the cut of atan2 is far from both
+            // ends.
             let turn = turn - TAU * ((turn - 0.5 * sweep) / TAU).round();
             semi[0] * turn * sweep.signum()
         }
     }
 }
 
-/// The most likely length of a piece of which places `x` were seen with errors of σ, and its σ; where none
-/// were seen the length that was thought, and as much for its σ.
-fn longest(reach: &[(f64, f64)], thought: f64) -> (f64, f64) {
+/// Most likely length of a piece with readings at `(x, σ)` along it, and its σ.
+///
+/// With fewer than two readings, it is the assumed length, with the same value as its σ.
+fn longest(reach: &[(f64, f64)], assumed: f64) -> (f64, f64) {
     let farthest = reach.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     if reach.len() < 2 || farthest <= 0.0 {
-        return (thought, thought);
+        return (assumed, assumed);
     }
     let count = reach.len() as f64;
-    // The first two derivatives, and the second one's opposite.
+    // First derivative of the log-likelihood and the negative second one. The floor on σ keeps exact readings
+    // from dividing by zero.
     let slopes = |e: f64| {
         let (mut first, mut information) = (-count / e, -count / (e * e));
         for &(x, sigma) in reach {
@@ -115,6 +120,8 @@ fn longest(reach: &[(f64, f64)], thought: f64) -> (f64, f64) {
     };
     let widest = reach.iter().map(|(_, s)| *s).fold(0.0, f64::max);
     let (mut low, mut high) = (0.5 * farthest, farthest + 4.0 * widest);
+    // Bisection: the likelihood is steep on one side only, where Newton steps overshoot. 60 halvings exhaust
+    // the precision of f64.
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if slopes(middle).0 > 0.0 {
@@ -130,8 +137,9 @@ fn longest(reach: &[(f64, f64)], thought: f64) -> (f64, f64) {
     (length, sigma.max(spacing))
 }
 
-/// `φ(z)/Φ(z)` of the normal distribution.
+/// `φ(z)/Φ(z)` of the standard normal distribution (inverse Mills ratio).
 fn hazard(z: f64) -> f64 {
+    // Φ(z) underflows far below zero; its asymptote replaces the ratio there.
     if z < -30.0 {
         return -z;
     }
@@ -144,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_length_of_a_piece_is_within_its_sigma() {
+    fn length_errors_of_an_end_piece_match_its_sigma() {
         // A low-discrepancy sequence for places and, by the sum of twelve, errors.
         let mut state = 0.0_f64;
         let mut uniform = || {
@@ -170,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_of_lines_and_arcs_are_where_readings_end() {
+    fn lines_and_arcs_end_at_the_last_reading() {
         let kind = ContourKind::Chain { arcs: vec![true, false], closed: false };
         // A quarter circle about the origin from (0, −1) to (1, 0), then up.
         let bulge = (std::f64::consts::PI / 8.0).tan();
@@ -184,7 +192,7 @@ mod tests {
             .collect();
         points.extend((0..=100).map(|k| ([1.0, 0.015 * f64::from(k)], covariance)));
         let found = ends(&kind, &theta, &points);
-        // What was seen of the arc begins at −72°, and the line ends at 1.5.
+        // The observed part of the arc begins at −72°, and the line ends at 1.5.
         let (sin, cos) = (-0.4 * std::f64::consts::PI).sin_cos();
         let first = found[0].along;
         assert!((first[0] - sin).abs() < 0.05 && (first[1] + cos).abs() < 0.05, "{found:?}");

@@ -1,4 +1,8 @@
-//! One kind of contour fitted to readings.
+//! Fit of one kind of contour to readings.
+//!
+//! In: a [`ContourKind`], readings, [`ContourFitOptions`]. Out: a [`ContourFit`] with parameters, covariance,
+//! and the distance of each reading. Stages: starts, robust batch, gate, batch (or a filter), marginal
+//! likelihood. Not guaranteed: the global optimum; the search climbs from a few starts.
 
 use super::combined::combined;
 use super::ends::ends;
@@ -14,54 +18,66 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
 use planish_estimate::{Error, Loss, Result, Termination};
 
-/// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
+/// With fewer readings per side than this, readings near corners are kept in the last batch fit.
+///
+/// Leaving them out removes the bias of assigning a reading to the nearer side (decision record 0052), but
+/// loses information. With few readings the scatter of the estimate is larger than that bias.
 const READINGS_PER_SIDE: usize = 25;
 
-/// A fit without the readings near corners whose logarithm of the likelihood of all readings is less by more
-/// than this has lost its way.
+/// Largest loss of log-likelihood, over all readings, by leaving out those near corners.
+///
+/// A fit that loses more has converged to another phase or size, and the fit with all readings is used
+/// instead. Small losses are normal, because the two fits maximise different functions.
 const MAX_MARGIN_LOSS: f64 = 20.0;
 
-/// What a reading may cost a likelihood where there is no gate, in standard deviations.
+/// Gate of the likelihood if the user disables the gate, in σ.
+///
+/// The likelihood always needs a bound: without it, one gross error would decide the kind.
 const DEFAULT_OUTLIER_GATE: f64 = 10.0;
 
-/// Where readings begin to lose their weight (Tukey), one batch after the other: wide at first, since an
-/// outline that is not yet in place must not lose half of its readings.
+/// Thresholds of Tukey's loss in σ for two successive robust batches.
+///
+/// The first is wide, because a rough start may be many σ from half of its readings. The second rejects
+/// outliers before the gate is applied.
 pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 
-/// How parameters are estimated.
+/// Method of estimation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// All readings at once, then the most likely contour where it is not known from which place on it each
-    /// of them is.
+    /// A batch, then the maximum of the marginal likelihood, in which the places of the readings on the
+    /// outline are integrated out. The least biased method and the default.
     Combined,
-    /// All readings at once.
+    /// All readings at once (Gauss–Helmert with misclosures at the corrected readings).
     Batch,
-    /// One after the other, linearised at the prediction.
+    /// Extended Kalman filter: one reading after the other, linearised at the prediction.
     Extended,
-    /// One after the other, linearised anew in the state.
+    /// Iterated Kalman filter: relinearised in the state at each reading.
     Iterated,
-    /// One after the other, linearised anew in state and noise.
+    /// Noise-updated iterated Kalman filter (NUIEKF): relinearised in state and noise (Weiss-Cohen et al.
+    /// 2009, eq. 2.17).
     NoiseUpdated,
 }
 
-/// Settings of a fit.
+/// Options of a contour fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourFitOptions {
-    /// How parameters are estimated.
+    /// Method of estimation.
     pub method: Method,
-    /// How pieces become an equation.
+    /// How the pieces of a contour are combined into one equation.
     pub form: Form,
-    /// How the thing moves.
+    /// Motion of the object during the measurement.
     pub motion: PlanarMotion,
-    /// Readings farther than this many standard deviations are left out; `None` keeps all.
+    /// Reject readings more than this many σ from the contour (default 4); `None` keeps all.
     pub gate: Option<f64>,
-    /// Readings that lie nearer than so many σ to a corner of a rectangle or polygon do not count for its
-    /// parameters: which side they are of is not certain, and taking the nearer one is a bias. With less than
-    /// 25 readings a side all count.
+    /// Leave readings within this many σ of a corner out of the last batch fit (default 2).
+    ///
+    /// Their side is uncertain, and assigning them to the nearer one is a bias. Applies to rectangles and
+    /// polygons with at least 25 readings per side.
     pub corner_margin: Option<f64>,
-    /// Whether what curvature adds to distances is taken off (batch and NUIEKF).
+    /// Correct distances for the curvature of the contour (batch and NUIEKF); see decision record 0049.
     pub correct_bias: bool,
-    /// Parameters, motion included, to start from, in place of what the readings suggest.
+    /// Starting values of all parameters, followed by those of the motion; `None` derives them from the
+    /// readings.
     pub start: Option<Vec<f64>>,
 }
 
@@ -79,45 +95,50 @@ impl Default for ContourFitOptions {
     }
 }
 
-/// A contour with its covariance.
+/// A fitted contour with its covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourFit {
-    /// Its kind.
+    /// Kind of the contour.
     pub kind: ContourKind,
-    /// Its parameters, then the motion's; angles in radians, not brought to their canonical range.
+    /// Parameters of the contour, then of the motion; angles in radians, not normalised (see
+    /// [`ContourKind::canonical`]).
     pub state: DVector<f64>,
-    /// Their covariance.
+    /// Covariance of `state`.
     pub covariance: DMatrix<f64>,
-    /// Distance of each reading in standard deviations; NaN where it has none.
+    /// Distance of each reading from the contour in σ; NaN for a reading without a value.
     pub distances: Vec<f64>,
-    /// Whether each reading counted.
+    /// For each reading, true if it was used and false if it was rejected.
     pub used: Vec<bool>,
-    /// Logarithm of the likelihood of all readings, each anywhere on the outline, up to a constant that all
-    /// kinds share; where readings share poses `−½ Σ s²` over those that counted, less what a gate costs for
-    /// each that did not.
+    /// Log-likelihood of all readings, with their places on the outline integrated out, up to a constant
+    /// common to all kinds.
+    ///
+    /// If readings share poses, it is `−½ Σ s²` over the used readings, minus half the squared gate for each
+    /// rejected one.
     pub log_likelihood: f64,
-    /// The least share of a straight side that a reading came near; 1 where there is none, or where sides
-    /// follow from one another as those of a regular polygon do.
+    /// Smallest fraction of a straight side that has readings nearby; 1 for kinds without independent sides,
+    /// such as regular polygons.
     pub min_side_coverage: f64,
-    /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
+    /// `Σ s²` over the used readings and over the errors of shared poses.
     pub squares: f64,
-    /// How it ended.
+    /// How the iteration ended.
     pub termination: Termination,
-    /// The pivot of the motion.
+    /// Fixed centre of rotation of the motion.
     pub pivot: [f64; 2],
-    /// The time at which the contour is where the parameters say.
+    /// Time in seconds to which the parameters refer, if the object moves.
     pub time_s: f64,
 }
 
 impl ContourFit {
-    /// `−2 ln L + k ln n`; of a chain, whose pattern of lines and arcs was looked for, also twice the
-    /// logarithm of the number of patterns.
+    /// Bayesian information criterion `−2 ln L + k ln n`.
+    ///
+    /// A chain also pays twice the logarithm of the number of possible patterns of lines and arcs, since its
+    /// pattern was searched for.
     #[must_use]
     pub fn bic(&self) -> f64 {
         criterion(&self.kind, self.state.len(), self.distances.len(), self.log_likelihood)
     }
 
-    /// Mean squared distance over its degrees of freedom; one is expected.
+    /// χ² of the used readings per degree of freedom; 1 is expected.
     #[must_use]
     pub fn reduced_chi_square(&self) -> f64 {
         let count = self.used.iter().filter(|used| **used).count() as f64;
@@ -125,6 +146,7 @@ impl ContourFit {
     }
 }
 
+/// Bayesian information criterion of a kind with this log-likelihood.
 fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihood: f64) -> f64 {
     let patterns = match kind {
         ContourKind::Chain { arcs, .. } => arcs.len() as f64 * 2f64.ln() + (MAX_PIECES as f64).ln(),
@@ -133,15 +155,36 @@ fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihoo
     unknowns as f64 * (readings.max(2) as f64).ln() + 2.0 * (patterns - log_likelihood)
 }
 
-/// Fits a kind of contour to readings, with their poses in their noise, or as unknowns where readings share
-/// them.
+/// Fits one kind of contour to readings.
 ///
-/// Starts as [`starts`]; a robust batch (Tukey), then the batch proper on what passes the gate. A recursive
-/// method takes the batch's place after readings enough to know all parameters, spread over the whole, which
-/// it does not take again.
+/// Errors of poses are part of the noise of each reading, or unknowns if several readings share a pose.
+/// Starts come from [`starts`]. A robust batch (Tukey's loss) precedes the gate; a batch of the accepted
+/// readings follows. A recursive method replaces that last batch: it is initialised by a batch of a few
+/// readings spread over the contour, and filters only the others.
 ///
 /// # Errors
-/// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
+/// `Undetermined` if the readings do not determine the parameters, or if the fit fails from every start.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourFitOptions, ContourKind, ContourReading, ContourTarget, fit};
+///
+/// let readings: Vec<ContourReading> = (0..60)
+///     .map(|k| {
+///         let angle = std::f64::consts::TAU * f64::from(k) / 60.0;
+///         let target = ContourTarget::Point {
+///             position: [3.0 + 5.0 * angle.cos(), 1.0 + 5.0 * angle.sin()],
+///             sigma: 0.01,
+///         };
+///         ContourReading { target, pose: None, time_s: 0.0, line: k as usize }
+///     })
+///     .collect();
+/// let circle = fit(&ContourKind::Circle, &readings, &ContourFitOptions::default())?;
+/// assert!((circle.state[2] - 5.0).abs() < 0.001);
+/// let sigma = circle.covariance[(2, 2)].sqrt();
+/// assert!((sigma - 0.01 / 60f64.sqrt()).abs() < 1e-4); // σ of the radius
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn fit(
     kind: &ContourKind,
     sightings: &[ContourReading],
@@ -151,7 +194,10 @@ pub fn fit(
     polish(found, sightings, options)
 }
 
-/// The last of the estimate, once the kind is known.
+/// Final refinement of the chosen kind by the marginal likelihood (only [`Method::Combined`]).
+///
+/// It is separate from [`fit_within`] because [`super::choose()`] needs it for one kind only, and it is the
+/// most expensive stage.
 ///
 /// # Errors
 /// As [`fit`].
@@ -172,7 +218,9 @@ pub(crate) fn polish(
     combined(&model, sightings, found, options)
 }
 
-/// As [`fit`], from a start that a rough fit has brought near, and without the last of it.
+/// As [`fit`], but from a start close to the optimum and without the final refinement.
+///
+/// After [`rough`], the wide threshold of the robust loss is not needed again.
 ///
 /// # Errors
 /// As [`fit`].
@@ -184,6 +232,7 @@ pub(crate) fn finish(
     fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
 }
 
+/// Fits from every start and returns the most likely plausible result.
 fn fit_within(
     kind: &ContourKind,
     sightings: &[ContourReading],
@@ -209,21 +258,22 @@ fn fit_within(
     }
     best.ok_or_else(|| {
         Error::undetermined(format!(
-            "the readings do not determine a {kind}: they may see too little of it, or be of something else"
+            "the readings do not determine a {kind}: they may cover too little of it or belong to another \
+             shape"
         ))
     })
 }
 
-/// A fit that has only begun: what it may come to, for a small part of the time.
+/// Result of a few robust steps: predicts the BIC of a kind at a small part of the cost of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RoughFit {
-    /// Parameters, motion included.
+    /// Parameters of the contour, then of the motion.
     pub(crate) state: Vec<f64>,
-    /// `−2 ln L + k ln n` there, at most the charge of the gate a reading.
+    /// BIC at `state`; each reading costs at most as much as one at the gate.
     pub(crate) bic: f64,
 }
 
-/// A few robust steps from each start, and the best of them.
+/// Takes a few robust steps from each start and returns the best result.
 ///
 /// # Errors
 /// As [`fit`].
@@ -240,6 +290,7 @@ pub(crate) fn rough(
     for start in candidates(&model, sightings, options)? {
         let model = with_soft_constraints(&model, sightings, &start);
         let (readings, groups) = equations(&model, sightings);
+        // The bias by curvature and the margin at corners change a BIC by little and cost time.
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
             correct_bias: false,
@@ -274,6 +325,7 @@ pub(crate) fn rough(
     best.ok_or_else(|| Error::undetermined(format!("the readings do not determine a {kind}")))
 }
 
+/// Model of the fit without soft constraints; checks that the readings are as many as the unknowns.
 fn contour_model(
     kind: &ContourKind,
     sightings: &[ContourReading],
@@ -292,7 +344,7 @@ fn contour_model(
     };
     if sightings.len() < model.unknowns() {
         return Err(Error::undetermined(format!(
-            "{} cannot determine the {} unknowns of a {kind}: give at least as many",
+            "{} cannot determine the {} unknowns of a {kind}: provide at least as many",
             reading_count(sightings.len()),
             model.unknowns()
         )));
@@ -308,7 +360,7 @@ pub(super) fn reading_count(readings: usize) -> String {
     }
 }
 
-/// With the smooth joints of a chain that is about where it starts, and the ends of an open one.
+/// Adds the smooth joints of a chain and the ends of an open one, both judged at `start`.
 fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], start: &[f64]) -> ContourModel {
     let mut model = model.clone();
     let theta = &start[..model.kind.parameters()];
@@ -322,7 +374,7 @@ fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], sta
     model
 }
 
-/// Where to start: where it was said, or what the readings suggest.
+/// Starting states: the one in the options, or those that the readings suggest.
 fn candidates(
     model: &ContourModel,
     sightings: &[ContourReading],
@@ -331,6 +383,7 @@ fn candidates(
     if let Some(start) = &options.start {
         return Ok(vec![start.clone()]);
     }
+    // A filter may use its seed only: readings used to initialise are not filtered again.
     let first = match options.method {
         Method::Batch | Method::Combined => sightings.to_vec(),
         _ => split_seed(sightings, model).0,
@@ -338,11 +391,24 @@ fn candidates(
     Ok(with_motion(starts(&model.kind, &first)?, model, &first))
 }
 
-/// The Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`, from readings
-/// without errors that state the σ of those with errors.
+/// Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`.
+///
+/// `exact` holds readings without errors; their σ are those of the measurement. No unbiased method can have a
+/// smaller covariance.
 ///
 /// # Errors
-/// `Undetermined` when the readings do not determine the parameters.
+/// `Undetermined` if the readings do not determine the parameters.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourKind, bound, points};
+///
+/// let truth = [0.0, 0.0, 10.0];
+/// let simulated = points(&ContourKind::Circle, &truth, 400, 0.1, 1);
+/// let covariance = bound(&ContourKind::Circle, &truth, &simulated.exact)?;
+/// assert!((covariance[(2, 2)].sqrt() - 0.1 / 20.0).abs() < 2e-4); // σ / √n for the radius
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Result<DMatrix<f64>> {
     let model = ContourModel {
         kind: kind.clone(),
@@ -357,8 +423,10 @@ pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Res
     kanatani_cramer_rao(&readings, shared(&model, &groups), &DVector::from_column_slice(truth))
 }
 
-/// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no
-/// unknown is needed.
+/// Removes the pose numbers if no two readings share one.
+///
+/// The error of a pose with a single reading is ordinary noise of that reading. It then needs no unknown, and
+/// the correction for curvature covers it.
 fn own_poses(sightings: &[ContourReading]) -> Vec<ContourReading> {
     let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
     let all = poses.len();
@@ -369,12 +437,14 @@ fn own_poses(sightings: &[ContourReading]) -> Vec<ContourReading> {
     sightings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
 }
 
+/// Appends starting velocities: zero, and the mean drift of the points.
 fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[ContourReading]) -> Vec<Vec<f64>> {
     let extra = model.motion.unknowns();
     if extra == 0 {
         return thetas;
     }
-    // The drift of the points, which holds where all sides are seen at all times; and none.
+    // The regression of the points on time is the velocity only if all sides are seen at all times. If the
+    // sensor goes around the object, it is wrong, and the start without motion is the better one.
     let mean_time = sightings.iter().map(|s| s.time_s).sum::<f64>() / sightings.len() as f64;
     let square: f64 = sightings.iter().map(|s| (s.time_s - mean_time).powi(2)).sum();
     let drift = [0, 1].map(|k| {
@@ -382,7 +452,7 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Contour
         if square > 0.0 { product / square } else { 0.0 }
     });
     let still = thetas.iter().map(|t| [&t[..], &vec![0.0; extra]].concat());
-    // Starts of what the points would be without the drift.
+    // Undo the drift before searching for the shape, as the moving points may show no outline at all.
     let back: Vec<ContourReading> = sightings
         .iter()
         .map(|s| {
@@ -406,6 +476,9 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Contour
     still.chain(moved).collect()
 }
 
+/// One equation per reading, then one per soft constraint, with the number of the pose group of each.
+///
+/// Readings without a pose, and soft constraints, form groups of their own.
 pub(super) fn equations<'a>(
     model: &'a ContourModel,
     sightings: &'a [ContourReading],
@@ -424,6 +497,7 @@ pub(super) fn equations<'a>(
         let next = numbers.len();
         groups.push(*numbers.entry(key).or_insert(next));
     }
+    // Soft constraints come last, so that the first distances of a fit are those of the readings.
     let mut readings: Vec<ContourEquation<'_>> =
         (sightings.iter()).map(|sighting| ContourEquation::new(model, sighting)).collect();
     if let Some(sighting) = sightings.first() {
@@ -438,12 +512,12 @@ pub(super) fn equations<'a>(
     (readings, groups)
 }
 
+/// Groups of equations that share the three errors of a pose, if any do.
 pub(super) fn shared<'a>(model: &ContourModel, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
     model.shared_poses.then_some(SharedNoise { size: 3, groups })
 }
 
-/// The margin, where every side has readings enough that the bias matters more than the readings near
-/// corners.
+/// The margin at corners in σ, or `None` with too few readings per side ([`READINGS_PER_SIDE`]).
 pub(super) fn corner_margin(
     model: &ContourModel,
     readings: usize,
@@ -453,22 +527,24 @@ pub(super) fn corner_margin(
     options.corner_margin.filter(|_| enough)
 }
 
-/// Beyond how many standard deviations a reading is as unlikely as any.
+/// Distance in σ beyond which the likelihood of a reading no longer decreases.
 pub(super) fn outlier_gate(options: &ContourFitOptions) -> f64 {
     options.gate.unwrap_or(DEFAULT_OUTLIER_GATE)
 }
 
-/// What a reading outside the gate costs: as much as one on it.
+/// Cost of a rejected reading: that of one exactly at the gate.
+///
+/// Were it free, a kind could improve its BIC by rejecting readings.
 pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
     gate.map_or(0.0, |g| 0.5 * g * g)
 }
 
-/// What the distances of all readings say once those beyond the gate are left out.
+/// Statistics of the distances of all readings after the gate.
 pub(crate) struct GatedResiduals {
     pub(crate) used: Vec<bool>,
-    /// `Σ s²` over the readings that count.
+    /// `Σ s²` over the used readings.
     pub(crate) squares: f64,
-    /// `−½ Σ s²`, less what the others cost.
+    /// `−½ Σ s²`, minus the cost of the rejected readings.
     pub(crate) log_likelihood: f64,
 }
 
@@ -482,6 +558,7 @@ impl GatedResiduals {
     }
 }
 
+/// Fits from one start by the method of the options, except for the final refinement.
 fn fit_from(
     model: &ContourModel,
     sightings: &[ContourReading],
@@ -495,6 +572,10 @@ fn fit_from(
     }
 }
 
+/// Robust batches with decreasing thresholds, the gate, then a batch of the accepted readings.
+///
+/// # Errors
+/// `Undetermined` if too few readings pass the gate, or if they leave a parameter free.
 pub(super) fn batch(
     model: &ContourModel,
     sightings: &[ContourReading],
@@ -510,6 +591,8 @@ pub(super) fn batch(
     let mut at = DVector::from_column_slice(start);
     let mut used = vec![true; sightings.len()];
     if let Some(gate) = options.gate {
+        // The robust loss only brings the contour into place; its covariance is not used. Hence the loose
+        // tolerance and the hard gate below, whose effect on the covariance is small and known.
         for &threshold in thresholds {
             let robust = ImplicitOptions {
                 loss: Loss::Tukey { threshold },
@@ -520,6 +603,7 @@ pub(super) fn batch(
             };
             at = fit_implicit(&all, shared(model, &groups), &at, &robust)?.state;
         }
+        // Zero iterations evaluate the distances without moving the contour.
         let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
         let seen = fit_implicit(&all, shared(model, &groups), &at, &look)?;
         for (used, distance) in used.iter_mut().zip(&seen.distances) {
@@ -540,8 +624,8 @@ pub(super) fn batch(
     let mut found = fit_implicit(&readings, shared(model, &kept_groups), &at, &options_here)?;
     let mut placed_found = placed(model, found.state.as_slice(), sightings, outlier_gate(options));
     if options_here.margin.is_some() && model.kind.pieces() > 2 {
-        // Where the margin takes many readings, what is left may agree with another phase or size: all of
-        // them tell.
+        // If the margin removes many readings, the remaining ones may agree with another phase or size. Fit
+        // all readings as well, and compare both results by the likelihood of all.
         let all_count = ImplicitOptions { margin: None, ..options_here };
         let other = fit_implicit(&readings, shared(model, &kept_groups), &at, &all_count)?;
         let placed_other = placed(model, other.state.as_slice(), sightings, outlier_gate(options));
@@ -554,8 +638,9 @@ pub(super) fn batch(
         }
     }
     let Some(covariance) = found.covariance else {
-        return Err(Error::undetermined("the readings leave a parameter of the contour free"));
+        return Err(Error::undetermined("the readings leave a parameter of the contour undetermined"));
     };
+    // Distances are per accepted reading; map them back to all readings.
     let mut distances = vec![f64::NAN; sightings.len()];
     let mut next = found.distances.iter();
     for (distance, used) in distances.iter_mut().zip(&mut used) {

@@ -1,30 +1,34 @@
-//! Joints of a chain that look smooth.
+//! Nearly smooth joints of a chain, as soft constraints.
 //!
-//! Where an arc goes on from a line in its direction, the joint can slide along the line while the arc's
-//! circle stays what it is: the outline changes to second order only, and readings alone leave it free. Comes
-//! in: a chain about where it is. Goes out: an equation for each joint that is nearly smooth: that it is
-//! smooth, to a few degrees. Not guaranteed: that it is; where readings know better they overrule it.
+//! If an arc continues a line in its direction, the joint can slide along the line while the circle of the
+//! arc stays the same. The outline then changes to second order only, and readings leave the joint
+//! undetermined. In: a chain near its optimum. Out: for each nearly smooth joint, the equation that it is
+//! smooth to a few degrees. Not guaranteed: that it is smooth; better-informed readings overrule the
+//! equation.
 
 use super::curve::ends;
 use super::kind::ContourKind;
 use std::f64::consts::{PI, TAU};
 
-/// The σ of a smooth joint's angle: what is beyond is seen as a corner.
+/// σ of the angle of a smooth joint.
+///
+/// Smaller values would force slight corners to be smooth; much larger ones leave the joint undetermined
+/// (decision record 0053).
 const SIGMA_RAD: f64 = 5.0 * PI / 180.0;
-/// Joints that turn by more than so many σ are corners.
+/// Joints that turn by more than this many σ (15°) at the start are corners and get no equation.
 const CORNER: f64 = 3.0;
 
-/// A joint that turns by nothing, to σ.
+/// A joint at which the outline does not turn, up to σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Joint {
-    /// The piece that ends there, and the next.
+    /// The piece that ends at the joint, and the next one.
     pub(crate) pieces: [usize; 2],
-    /// The σ of the angle.
+    /// σ of the angle in radians.
     pub(crate) sigma_rad: f64,
 }
 
 impl Joint {
-    /// The angle by which the outline turns there, in (−π, π]; its derivative is added to `by_theta`.
+    /// The angle by which the outline turns at the joint, in (−π, π]; adds its derivative to `by_theta`.
     ///
     /// With `e` the chord of a piece and `b = tan(θ/4)`, the outline leaves it at
     /// `atan2(e_y, e_x) + 2 atan b` and enters it at `… − 2 atan b`.
@@ -48,8 +52,10 @@ impl Joint {
     }
 }
 
-/// The joints of a chain, with an arc on one side at least, that turn by less than 15° at `theta`; none of
-/// any other kind.
+/// The joints of a chain with an arc on at least one side that turn by less than 15° at `theta`; empty for
+/// other kinds.
+///
+/// Joints of two lines are excluded: sliding one of these changes the outline to first order.
 pub(crate) fn joints(kind: &ContourKind, theta: &[f64]) -> Vec<Joint> {
     let ContourKind::Chain { arcs, closed } = kind else {
         return Vec::new();
@@ -67,16 +73,16 @@ pub(crate) fn joints(kind: &ContourKind, theta: &[f64]) -> Vec<Joint> {
 mod tests {
     use super::*;
 
-    /// A line, a quarter circle that goes on from it, and a line that turns by half a right angle.
-    fn bent() -> (ContourKind, Vec<f64>) {
+    /// A line, a quarter circle that continues it smoothly, and a line that turns by 45°.
+    fn line_arc_line() -> (ContourKind, Vec<f64>) {
         let kind = ContourKind::Chain { arcs: vec![false, true, false], closed: false };
         let bulge = (PI / 8.0).tan();
         (kind, vec![-1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 2.0, bulge])
     }
 
     #[test]
-    fn smooth_joints_are_told_from_corners() {
-        let (kind, theta) = bent();
+    fn smooth_joints_are_distinguished_from_corners() {
+        let (kind, theta) = line_arc_line();
         let found = joints(&kind, &theta);
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].pieces, [0, 1]);
@@ -88,7 +94,7 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_differences() {
-        let (kind, theta) = bent();
+        let (kind, theta) = line_arc_line();
         for pieces in [[0, 1], [1, 2]] {
             let joint = Joint { pieces, sigma_rad: 1.0 };
             let mut by_theta = vec![0.0; theta.len()];

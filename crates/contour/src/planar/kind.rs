@@ -1,14 +1,28 @@
-//! Kinds of contours, their parameters, and the outlines that these mean.
+//! Kinds of contours: their parameters and the outlines that the parameters describe.
+//!
+//! In: a [`ContourKind`] and its parameter vector θ (lengths in the unit of the readings, angles in radians).
+//! Out: vertices, pieces, names of the parameters, and derivatives of vertices by θ. Not guaranteed: that an
+//! outline is free of self-intersections.
 
 use std::fmt;
 
-/// `tan(θ/4)` of a quarter circle.
+/// Bulge of a quarter circle, `tan(π/8) = √2 − 1`.
 const QUARTER: f64 = 0.414_213_562_373_095_03;
 
-/// What sort of contour.
+/// The kind of a contour, with the order of its parameters.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::ContourKind;
+///
+/// let kind = ContourKind::RegularPolygon(6);
+/// assert_eq!(kind.to_string(), "regular-polygon-6");
+/// assert_eq!(ContourKind::from_name("regular-polygon-6", 12), Some(kind.clone()));
+/// assert_eq!((kind.parameters(), kind.pieces()), (4, 6));
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub enum ContourKind {
-    /// A straight line, of any length: `angle_rad offset`, the points with `−sin·x + cos·y = offset`.
+    /// An infinite straight line: `angle_rad offset`, the points with `−sin·x + cos·y = offset`.
     Line,
     /// `center_x center_y radius`.
     Circle,
@@ -18,15 +32,16 @@ pub enum ContourKind {
     Rectangle,
     /// `center_x center_y width height angle_rad corner_radius`.
     RoundedRectangle,
-    /// A rectangle that ends in half circles: `center_x center_y length width angle_rad`, the length over
-    /// all.
+    /// A rectangle that ends in half circles: `center_x center_y length width angle_rad`, with the overall
+    /// length.
     Slot,
-    /// `center_x center_y circumradius angle_rad`, the angle that of a vertex.
+    /// A regular polygon of this many sides: `center_x center_y circumradius angle_rad`, where the angle is
+    /// the direction of the first vertex.
     RegularPolygon(usize),
-    /// `x0 y0 x1 y1 …`.
+    /// A closed polygon of this many vertices: `x0 y0 x1 y1 …`.
     Polygon(usize),
-    /// Lines and arcs: the vertices as of a polygon, then `tan(θ/4)` of each piece that is an arc of the
-    /// angle θ.
+    /// Lines and arcs: the vertices as for a polygon, then the bulge `tan(α/4)` of each arc, α being its
+    /// angle.
     Chain {
         /// Whether each piece is an arc.
         arcs: Vec<bool>,
@@ -35,16 +50,16 @@ pub enum ContourKind {
     },
 }
 
-/// Vertices and the pieces between them: piece `i` runs from vertex `i` to the next, counter-clockwise about
-/// the inside.
+/// Vertices and the pieces between them. Piece `i` runs from vertex `i` to the next, counter-clockwise around
+/// the interior.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
     /// The vertices.
     pub vertices: Vec<[f64; 2]>,
-    /// `tan(θ/4)` of the arc that each piece is, 0 for a line: as in a DXF polyline. Positive bulges
-    /// outwards.
+    /// Bulge of each piece, `tan(α/4)` of an arc of angle α and 0 of a line, as in a DXF polyline. Positive
+    /// values curve outwards.
     pub bulges: Vec<f64>,
-    /// Whether the last vertex is joined to the first.
+    /// True if a piece joins the last vertex to the first.
     pub closed: bool,
 }
 
@@ -65,14 +80,15 @@ impl fmt::Display for ContourKind {
 }
 
 impl ContourKind {
-    /// A kind by the name that it is displayed with, polygons of three to so many corners; a chain is not
-    /// known by its name.
+    /// Parses the name that `Display` writes. Polygons may have 3 to `max_corners` corners.
+    ///
+    /// Returns `None` for unknown names and for `chain`, whose pattern of lines and arcs is not in its name.
     #[must_use]
-    pub fn from_name(name: &str, most_corners: usize) -> Option<Self> {
+    pub fn from_name(name: &str, max_corners: usize) -> Option<Self> {
         let counted = |prefix: &str| {
             name.strip_prefix(prefix)
                 .and_then(|count| count.parse::<usize>().ok())
-                .filter(|count| (3..=most_corners).contains(count))
+                .filter(|count| (3..=max_corners).contains(count))
         };
         Some(match name {
             "line" => Self::Line,
@@ -88,7 +104,7 @@ impl ContourKind {
         })
     }
 
-    /// How many parameters there are.
+    /// Number of parameters, without those of a motion.
     #[must_use]
     pub fn parameters(&self) -> usize {
         match self {
@@ -120,7 +136,8 @@ impl ContourKind {
         }
     }
 
-    /// Names of the parameters as files have them, and the factor from the inside: degrees for angles.
+    /// Names of the parameters in files, each with the factor from internal units to those of the file
+    /// (degrees for angles, 1 otherwise).
     #[must_use]
     pub fn names(&self) -> Vec<(String, f64)> {
         let fixed = |names: &[&str]| {
@@ -149,7 +166,7 @@ impl ContourKind {
         }
     }
 
-    /// How many pieces the outline has; 1 for lines, circles and ellipses.
+    /// Number of pieces of the outline; 1 for lines, circles and ellipses.
     #[must_use]
     pub fn pieces(&self) -> usize {
         match self {
@@ -165,7 +182,7 @@ impl ContourKind {
         !matches!(self, Self::Line | Self::Chain { closed: false, .. })
     }
 
-    /// Vertex `i` of the outline; of no use for kinds of one piece.
+    /// Vertex `i` of the outline. Lines, circles and ellipses have none.
     pub(crate) fn vertex(&self, theta: &[f64], i: usize) -> [f64; 2] {
         match self {
             Self::Polygon(_) | Self::Chain { .. } => [theta[2 * i], theta[2 * i + 1]],
@@ -183,7 +200,10 @@ impl ContourKind {
         }
     }
 
-    /// All vertices of the outline, as many as `out` takes.
+    /// Fills `out` with the first vertices of the outline.
+    ///
+    /// Unlike [`Self::vertex`], it evaluates the sine and cosine once for all vertices: the search for the
+    /// nearest piece calls it for every reading.
     pub(crate) fn vertices(&self, theta: &[f64], out: &mut [[f64; 2]]) {
         match self {
             Self::Polygon(_) | Self::Chain { .. } => {
@@ -193,6 +213,7 @@ impl ContourKind {
             }
             Self::RegularPolygon(sides) => {
                 let (sin, cos) = (std::f64::consts::TAU / *sides as f64).sin_cos();
+                // Each vertex is the previous one, rotated: one rotation instead of a sine and a cosine.
                 let mut arm = [theta[2] * theta[3].cos(), theta[2] * theta[3].sin()];
                 for vertex in out {
                     *vertex = [theta[0] + arm[0], theta[1] + arm[1]];
@@ -234,7 +255,7 @@ impl ContourKind {
                 let (sin, cos) = theta[4].sin_cos();
                 out[0] += w[0];
                 out[1] += w[1];
-                // w in the body's axes.
+                // The sizes act along the axes of the body: rotate w into them once.
                 let body = [w[0] * cos + w[1] * sin, w[1] * cos - w[0] * sin];
                 let sizes = if matches!(self, Self::RoundedRectangle) { 3 } else { 2 };
                 let mut local = [0.0; 2];
@@ -250,9 +271,10 @@ impl ContourKind {
         }
     }
 
-    /// `tan(θ/4)` of piece `i`, and which parameter it is.
+    /// Bulge of piece `i`, and the index of its parameter if it is one.
     pub(crate) fn bulge(&self, theta: &[f64], i: usize) -> (f64, Option<usize>) {
         match self {
+            // Only chains have free bulges: those of slots and rounded rectangles follow from the kind.
             Self::Slot => (if i % 2 == 1 { 1.0 } else { 0.0 }, None),
             Self::RoundedRectangle => (if i % 2 == 1 { QUARTER } else { 0.0 }, None),
             Self::Chain { arcs, closed } if arcs[i] => {
@@ -264,6 +286,7 @@ impl ContourKind {
         }
     }
 
+    /// Size `k` of a kind with sides: width, height, corner radius (0 if the kind has none).
     fn size(&self, theta: &[f64], k: usize) -> f64 {
         match k {
             2 if matches!(self, Self::RoundedRectangle) => theta[5],
@@ -302,7 +325,20 @@ impl ContourKind {
         }
     }
 
-    /// The outline; of a circle or an ellipse as a polygon of 256 vertices on it, of a line `None`.
+    /// The outline with these parameters.
+    ///
+    /// Circles and ellipses become a polygon of 256 vertices on the curve. A line has no outline (`None`).
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_contour::planar::ContourKind;
+    ///
+    /// let slot = ContourKind::Slot.outline(&[0.0, 0.0, 30.0, 10.0, 0.0]).ok_or("a slot has an outline")?;
+    /// assert_eq!(slot.bulges, [0.0, 1.0, 0.0, 1.0]); // two sides and two half circles
+    /// assert_eq!(slot.vertices[0], [-10.0, -5.0]);
+    /// assert!(ContourKind::Line.outline(&[0.0, 1.0]).is_none());
+    /// # Ok::<(), &str>(())
+    /// ```
     #[must_use]
     pub fn outline(&self, theta: &[f64]) -> Option<Outline> {
         let around = |point: &dyn Fn(f64) -> [f64; 2]| {
@@ -332,20 +368,35 @@ impl ContourKind {
         }
     }
 
-    /// The same contour in the parameters that files have: axes in order of size, angles in their half or
-    /// whole turn, a polygon from its lowest-leftmost vertex. Also which parameter each was, and its sign.
+    /// The same contour in the normal form that files use.
+    ///
+    /// The longer axis comes first, angles lie in one period of the kind, and a polygon starts at its lowest
+    /// vertex (the leftmost of several). The second value gives, for each parameter, the index and the sign
+    /// of its source, so that a covariance can be permuted in the same way.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_contour::planar::ContourKind;
+    ///
+    /// // An ellipse whose first axis is the shorter one.
+    /// let (theta, source) = ContourKind::Ellipse.canonical(&[0.0, 0.0, 2.0, 5.0, 0.0]);
+    /// assert_eq!(theta[2..], [5.0, 2.0, std::f64::consts::FRAC_PI_2]);
+    /// assert_eq!(source[2], (3, 1.0));
+    /// ```
     #[must_use]
     pub fn canonical(&self, theta: &[f64]) -> (Vec<f64>, Vec<(usize, f64)>) {
         let mut value = theta.to_vec();
         let mut from: Vec<(usize, f64)> = (0..theta.len()).map(|i| (i, 1.0)).collect();
         let turn = |angle: f64, period: f64| {
             let rest = angle.rem_euclid(period);
-            // A tiny negative angle is zero, not a half turn.
+            // Rounding turns a tiny negative angle into almost a whole period: an angle of 0° would be
+            // printed as 180°.
             if period - rest < 1e-12 { 0.0 } else { rest }
         };
         match self {
             Self::Line => {
                 if value[0].rem_euclid(std::f64::consts::TAU) >= std::f64::consts::PI {
+                    // A line turned by half a turn is the same line with its normal reversed.
                     value[1] = -value[1];
                     from[1].1 = -1.0;
                 }
@@ -382,7 +433,7 @@ impl ContourKind {
         (value, from)
     }
 
-    /// Whether the parameters mean a contour of this kind: sizes positive, corners that fit.
+    /// True if the parameters describe a contour of this kind: finite, positive sizes, corner radii that fit.
     #[must_use]
     pub fn is_valid(&self, theta: &[f64]) -> bool {
         let finite = theta.iter().all(|value| value.is_finite());

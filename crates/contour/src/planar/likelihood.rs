@@ -1,10 +1,9 @@
-//! How likely readings are whose places on the outline are not known.
+//! Likelihood of readings whose places on the outline are unknown.
 //!
-//! Comes in: an outline and readings as points with a covariance. Goes out: the logarithm of their
-//! likelihood, the place of each integrated over the outline. Distances alone do not compare kinds: each
-//! reading lies at the place that suits it best, so that outlines with many corners or strong bends explain
-//! noise. Not guaranteed: anything where readings are far from evenly spread over what was seen of the
-//! outline.
+//! In: an outline, and readings as points with a covariance. Out: their log-likelihood, with the place of
+//! each integrated over the outline. Distances alone cannot compare kinds: each reading is assigned to the
+//! place that suits it best, so that outlines with many corners or strong bends explain noise. Not
+//! guaranteed: anything for readings that are spread very unevenly over the observed part of the outline.
 
 use super::curve::arc_circle;
 use super::kind::ContourKind;
@@ -13,33 +12,36 @@ use super::reading::{ContourEquation, ContourModel, ContourReading};
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
-/// A chord may be this share of a reading's σ from its arc.
+/// Maximum distance of a chord from its arc, as a fraction of the σ of a reading.
+///
+/// At one σ from the arc it changes the density by 2 %. The number of chords grows with the square root of its
+/// inverse.
 const SAGITTA: f64 = 0.02;
-/// Of an arc, what is farther from the reading than so many of its σ does not count.
+/// Parts of an arc more than this many σ from a reading are not integrated.
 const WINDOW: f64 = 7.0;
-/// Most chords of an arc that one reading looks at.
+/// Maximum number of chords per reading and arc; bounds the cost of arcs that are huge compared with σ.
 const MAX_CHORDS: f64 = 200.0;
-/// The least share of a piece that is looked at as one: outlines may be far larger than what was seen of
-/// them.
+/// Smallest step along a piece as a fraction of it: outlines may be far larger than their observed part.
 const MIN_STEP: f64 = 1e-4;
-/// Readings that are compared with the outline to tell what was seen of it, at most.
+/// Maximum number of readings that are compared with the outline to find its observed part; the cost is
+/// readings times steps.
 const MAX_COMPARED: usize = 1000;
 
-/// A point that was seen, in the frame of the thing.
+/// A measured point in the frame of the object.
 pub(super) struct Spot {
     pub(super) point: [f64; 2],
-    /// `[xx, xy, yy]`.
+    /// Its covariance `[xx, xy, yy]`.
     pub(super) covariance: [f64; 3],
 }
 
 impl Spot {
-    /// Of both coordinates together.
+    /// Trace of the covariance.
     pub(super) fn variance(&self) -> f64 {
         self.covariance[0] + self.covariance[2]
     }
 }
 
-/// A piece of an outline.
+/// A piece of an outline: a segment, or an arc of a circle or an ellipse.
 pub(super) enum Stroke {
     Straight([[f64; 2]; 2]),
     /// `center + semi[0] cos t · turn + semi[1] sin t · turn⊥` for `t` in `[from, from + sweep]`.
@@ -52,25 +54,26 @@ pub(super) enum Stroke {
     },
 }
 
-/// What readings say of an outline whose places are not known.
+/// Likelihood of the readings and observed fraction of the sides.
 pub(super) struct LikelihoodAndCoverage {
-    /// The logarithm of their likelihood; `None` where readings share poses: their place then follows from
-    /// the pose, and needs no integral.
+    /// Log-likelihood; `None` if readings share poses. Their places then follow from the pose, and the
+    /// integral over independent places would be wrong.
     pub(super) log_likelihood: Option<f64>,
-    /// The least share of a straight side that a reading came near; 1 where sides follow from one another.
+    /// Smallest observed fraction of a straight side; 1 for regular polygons, whose sides are not
+    /// independent.
     pub(super) min_side_coverage: f64,
 }
 
-/// `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))` over all readings: their likelihood when each one's
-/// place is anywhere on what was seen of the outline, of the length `L`, and wild readings are as unlikely as
-/// those at the gate `g`.
+/// Log-likelihood of all readings, `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))`.
 ///
-/// `σ² = tr C` and the perimeter `E` of the readings' box make it a number without unit that is about
-/// `−½ Σ s²`; all kinds share them. On a straight side that is long beside σ the integral is the normal
-/// density of the distance; at corners, and where the outline bends within a few σ, it is what the distance
-/// to the nearest side is not: the likelihood. An endless line counts from the first to the last reading, and
-/// so does a circle or ellipse of which a part was not seen. Cost: a few exponentials a reading and piece,
-/// thirty for an arc.
+/// Each reading may come from anywhere on the observed part of the outline, whose length is `L`. Outliers are
+/// as unlikely as a reading at the gate `g`. `σ² = tr C` and the perimeter `E` of the bounding box of the
+/// readings are common to all kinds; they make the value dimensionless and about `−½ Σ s²`.
+///
+/// On a straight side that is long compared with σ, the integral is the normal density of the distance. Near
+/// corners and strong bends it differs, and there the distance is no likelihood. A line extends from the
+/// first to the last reading, and so does a partially observed circle or ellipse. Cost: a few exponentials
+/// per reading and piece, about thirty for an arc.
 ///
 /// # References
 /// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional
@@ -94,8 +97,8 @@ pub(super) fn placed(
     let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
     let (low, high) = extent(&spots);
     let size = [high[0] - low[0], high[1] - low[1]];
-    // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no
-    // shorter than they reach.
+    // The steps along an outline far larger than the readings can miss the observed part. Its length is at
+    // least the extent of the readings.
     let length = (seen.iter().sum::<f64>()).max(size[0]).max(size[1]).max(f64::MIN_POSITIVE);
     let straight = strokes.iter().zip(&seen).filter_map(|(stroke, seen)| match stroke {
         Stroke::Straight(_) => Some(seen / stroke.speed()),
@@ -108,6 +111,7 @@ pub(super) fn placed(
     if model.shared_poses {
         return LikelihoodAndCoverage { log_likelihood: None, min_side_coverage };
     }
+    // A common factor of all kinds, so that the value has no unit and kinds remain comparable.
     let around = 2.0 * (size[0] + size[1]);
     let wild = (-0.5 * gate * gate).exp();
     let share = TAU.sqrt() * around / length;
@@ -119,6 +123,7 @@ pub(super) fn placed(
     LikelihoodAndCoverage { log_likelihood: Some(each.sum()), min_side_coverage }
 }
 
+/// Corners of the bounding box of the points.
 fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
     let mut bounds = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for spot in spots {
@@ -130,13 +135,16 @@ fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
     bounds
 }
 
-/// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in
-/// a part that is wider than `gap`.
+/// The pieces of an outline.
+///
+/// A line, and a circle or ellipse with a part wider than `gap` without readings, extend from the first
+/// reading to the last.
 pub(super) fn strokes(kind: &ContourKind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
     let round = |semi: [f64; 2], turn: [f64; 2]| {
         let center = [theta[0], theta[1]];
         let mut angles: Vec<f64> = spots.iter().map(|spot| foot(spot.point, center, semi, turn)).collect();
         angles.sort_by(f64::total_cmp);
+        // The largest gap between the directions of successive readings, across ±π included.
         let (mut from, mut free) = (0.0, 0.0);
         for (k, &after) in angles.iter().enumerate() {
             let before = if k > 0 { angles[k - 1] } else { angles[angles.len() - 1] - TAU };
@@ -169,7 +177,7 @@ pub(super) fn strokes(kind: &ContourKind, theta: &[f64], spots: &[Spot], gap: f6
     }
 }
 
-/// The angle about an ellipse at which a point lies, in (−π, π]; of a point on it, its parameter.
+/// Parameter of an ellipse at the radial projection of a point, in (−π, π].
 fn foot(p: [f64; 2], center: [f64; 2], semi: [f64; 2], turn: [f64; 2]) -> f64 {
     let d = [p[0] - center[0], p[1] - center[1]];
     let along = (turn[0] * d[0] + turn[1] * d[1]) / semi[0];
@@ -177,10 +185,10 @@ fn foot(p: [f64; 2], center: [f64; 2], semi: [f64; 2], turn: [f64; 2]) -> f64 {
     across.atan2(along)
 }
 
-/// The length of each piece that lies within `reach` of a reading.
+/// Length of the part of each piece that lies within `reach` of a reading.
 fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
     let stride = spots.len().div_ceil(MAX_COMPARED);
-    // Fewer readings lie farther apart.
+    // A subset of the readings has larger gaps.
     let reach = reach * stride as f64;
     let step = 0.25 * reach;
     let nearest = |p: [f64; 2]| {
@@ -188,7 +196,7 @@ fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
         let least = spots.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
         least.sqrt()
     };
-    let of = |stroke: &Stroke| {
+    let seen_length = |stroke: &Stroke| {
         let mut seen = 0.0;
         let speed = stroke.speed();
         let step = (step / speed).max(MIN_STEP);
@@ -201,17 +209,19 @@ fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
                 seen += (to[0] - from[0]).hypot(to[1] - from[1]);
                 (share, from) = (next, to);
             } else {
-                // No reading comes within reach before the outline has gone so far.
+                // The distance to the nearest reading changes at most as fast as the arc length (sphere
+                // tracing), so this step cannot skip an observed part.
                 share = next.max(share + (away - reach) / speed);
                 from = stroke.at(share);
             }
         }
         seen
     };
-    strokes.iter().map(of).collect()
+    strokes.iter().map(seen_length).collect()
 }
 
 impl Stroke {
+    /// The piece between two vertices with this bulge.
     pub(super) fn between(a: [f64; 2], b: [f64; 2], bulge: f64) -> Self {
         if bulge == 0.0 {
             return Self::Straight([a, b]);
@@ -226,7 +236,7 @@ impl Stroke {
         }
     }
 
-    /// How fast [`Stroke::at`] moves with its share, at most.
+    /// Maximum speed of [`Stroke::at`]; the length of segments and circular arcs.
     pub(super) fn speed(&self) -> f64 {
         match self {
             Self::Straight([a, b]) => (b[0] - a[0]).hypot(b[1] - a[1]),
@@ -235,7 +245,7 @@ impl Stroke {
         .max(f64::MIN_POSITIVE)
     }
 
-    /// The point at a share of the piece.
+    /// The point at a fraction (0 to 1) of the piece, in the parameter and not in arc length.
     pub(super) fn at(&self, share: f64) -> [f64; 2] {
         match self {
             Self::Straight([a, b]) => [0, 1].map(|k| a[k] + share * (b[k] - a[k])),
@@ -243,6 +253,7 @@ impl Stroke {
         }
     }
 
+    /// The point of a round piece with parameter `t`.
     fn on_round(&self, t: f64) -> [f64; 2] {
         match self {
             Self::Straight([a, _]) => *a,
@@ -254,7 +265,7 @@ impl Stroke {
         }
     }
 
-    /// The part of it between two shares.
+    /// The part between two fractions of the piece.
     pub(super) fn part(&self, low: f64, high: f64) -> Self {
         match *self {
             Self::Straight(_) => Self::Straight([self.at(low), self.at(high)]),
@@ -264,8 +275,8 @@ impl Stroke {
         }
     }
 
-    /// The point of it that is nearest to `p`, of those from which `p` is not farther than the bend of an
-    /// ellipse reaches inwards.
+    /// The point nearest to `p`. For ellipses it is only certain if `p` lies outside the evolute, where the
+    /// nearest point is unique.
     pub(super) fn nearest(&self, p: [f64; 2]) -> [f64; 2] {
         match self {
             Self::Straight([a, b]) => {
@@ -276,8 +287,8 @@ impl Stroke {
             Self::Round { center, semi, turn, from, sweep } => {
                 let d = [p[0] - center[0], p[1] - center[1]];
                 let q = [turn[0] * d[0] + turn[1] * d[1], turn[0] * d[1] - turn[1] * d[0]];
-                // Newton's steps on the angle, from that of the scaled point; each no longer than an eighth
-                // of a turn.
+                // Newton steps on the angle. The absolute value of the second derivative turns steps towards
+                // a maximum around, and the limit of an eighth of a turn keeps them on the same side.
                 let mut t = foot(p, *center, *semi, *turn);
                 for _ in 0..20 {
                     let (sin, cos) = t.sin_cos();
@@ -291,7 +302,7 @@ impl Stroke {
                         break;
                     }
                 }
-                // As a share of the sweep, from its middle.
+                // The fraction of the sweep, measured from its middle to choose the right period.
                 let middle = from + 0.5 * sweep;
                 let off = t - middle - TAU * ((t - middle) / TAU).round();
                 self.at((0.5 + off / sweep).clamp(0.0, 1.0))
@@ -299,24 +310,25 @@ impl Stroke {
         }
     }
 
-    /// The length between two shares.
+    /// Arc length between two fractions of the piece.
     pub(super) fn length(&self, low: f64, high: f64) -> f64 {
         match self {
             Self::Straight([a, b]) => (high - low) * (b[0] - a[0]).hypot(b[1] - a[1]),
             Self::Round { semi: [a, b], from, sweep, .. } => {
-                // Gauss and Legendre's rule for three places, of as many parts as an eighth of a turn needs.
+                // Gauss–Legendre quadrature with three points on parts of at most 0.4 rad; an ellipse has no
+                // closed form.
                 let count = ((high - low) * sweep.abs() / 0.4).ceil().max(1.0);
                 let width = (high - low) / count;
                 let speed = |share: f64| {
                     let (sin, cos) = (from + share * sweep).sin_cos();
                     (a * sin).hypot(b * cos)
                 };
-                let of = |k: usize| {
+                let mean_speed = |k: usize| {
                     let middle = low + (k as f64 + 0.5) * width;
                     let off = 0.5 * width * 0.6f64.sqrt();
                     (5.0 * speed(middle - off) + 8.0 * speed(middle) + 5.0 * speed(middle + off)) / 18.0
                 };
-                (0..count as usize).map(of).sum::<f64>() * width * sweep.abs()
+                (0..count as usize).map(mean_speed).sum::<f64>() * width * sweep.abs()
             }
         }
     }
@@ -330,18 +342,22 @@ impl Stroke {
                 let foot = foot(spot.point, *center, *semi, *turn);
                 let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
                 let largest = (0.5 * (xx + yy) + spread).sqrt();
+                // Very elongated covariances would ask for far too many chords; the floor bounds them.
                 let least = (0.5 * (xx + yy) - spread).max(0.0).sqrt().max(0.05 * largest);
                 let (long, short) = (semi[0].max(semi[1]), semi[0].min(semi[1]));
                 let near = (WINDOW * largest / short).min(PI);
-                // The part of the piece within the window, which may lie a turn away.
+                // The part of the piece within the window. The sweep may cross ±π, so windows one turn apart
+                // are tried as well.
                 let (start, end) = if *sweep >= 0.0 { (*from, from + sweep) } else { (from + sweep, *from) };
+                // A chord of the angle t has the sagitta r t²/8.
                 let step = (8.0 * SAGITTA * least / long).sqrt();
                 let mut total = 0.0;
                 let mut middle = foot + TAU * ((start - near - foot) / TAU).ceil();
                 while middle - near < end {
                     let (a, b) = ((middle - near).max(start), (middle + near).min(end));
                     let count = ((b - a) / step).ceil().clamp(1.0, MAX_CHORDS);
-                    // A little outwards, so that the chords lie on the arc on average.
+                    // The mean sagitta is two thirds of the largest: move the chords outwards by it, so that
+                    // they lie on the arc on average and the density has no bias of first order.
                     let grow = ((b - a) / count).powi(2) / 12.0;
                     let at = |k: f64| {
                         let p = self.on_round(a + (b - a) * k / count);
@@ -361,8 +377,10 @@ impl Stroke {
     }
 }
 
-/// `∫ N(z; p(s), C) ds` along a segment: the density of the distance across, times how much of what is along
-/// lies on it.
+/// `∫ N(z; p(s), C) ds` along a segment.
+///
+/// The normal density splits into that of the distance across the segment and, given this, that of the place
+/// along it; the latter integrates to a difference of error functions.
 fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
     let e = [b[0] - a[0], b[1] - a[1]];
     let length = e[0].hypot(e[1]);
@@ -377,10 +395,12 @@ fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
     let pull = [xx * n[0] + xy * n[1], xy * n[0] + yy * n[1]];
     let across = (n[0] * pull[0] + n[1] * pull[1]).max(f64::MIN_POSITIVE);
     let squared = off * off / across;
+    // e^(−100) vanishes beside the density of outliers; skip the error functions.
     if squared > 200.0 {
         return 0.0;
     }
-    // Where the reading is along the segment, given that it is on it.
+    // Mean and variance of the place along the segment, given that it lies on the line. The floor on the
+    // variance covers readings without noise along the segment.
     let along = t[0] * d[0] + t[1] * d[1] - (t[0] * pull[0] + t[1] * pull[1]) * off / across;
     let variance = ((xx * yy - xy * xy) / across).max(1e-24 * length * length);
     let scale = FRAC_1_SQRT_2 / variance.sqrt();
@@ -397,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_and_nearest_points_are_those_of_many_small_steps() {
+    fn lengths_and_nearest_points_match_dense_sampling() {
         let ellipse =
             Stroke::Round { center: [0.3, -0.2], semi: [1.0, 0.4], turn: [0.8, 0.6], from: 0.4, sweep: 4.0 };
         for stroke in [
@@ -422,12 +442,12 @@ mod tests {
         }
     }
 
-    /// By summing the density over the piece in steps that are short beside σ.
+    /// Reference: the density summed over the piece in steps much shorter than σ.
     fn summed(stroke: &Stroke, spot: &Spot) -> f64 {
         let [xx, xy, yy] = spot.covariance;
         let determinant = xx * yy - xy * xy;
         let count = 200_000;
-        // Of lines and circles the speed is the length.
+        // For lines and circles the speed equals the length.
         let ds = stroke.speed() / f64::from(count);
         let each = (0..count).map(|k| {
             let p = stroke.at((f64::from(k) + 0.5) / f64::from(count));
@@ -439,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn the_density_of_a_place_is_the_integral_over_the_piece() {
+    fn density_is_the_integral_over_the_piece() {
         let strokes = [
             Stroke::Straight([[0.0, 0.0], [1.0, 0.5]]),
             Stroke::between([1.0, 0.0], [0.0, 1.0], 0.414),
@@ -455,8 +475,8 @@ mod tests {
     }
 
     #[test]
-    fn the_density_of_a_whole_outline_integrates_to_its_length() {
-        // So that likelihoods of different outlines can be compared at all.
+    fn density_integrates_to_the_length_of_the_outline() {
+        // Otherwise the likelihoods of different outlines could not be compared.
         let circle =
             [Stroke::Round { center: [0.2, 0.1], semi: [1.0, 1.0], turn: [1.0, 0.0], from: 0.0, sweep: TAU }];
         let corner =
@@ -476,7 +496,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_reading_is_near_was_not_seen() {
+    fn parts_without_nearby_readings_are_unobserved() {
         let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
         let strokes: Vec<Stroke> =
             (0..4).map(|i| Stroke::Straight([square[i], square[(i + 1) % 4]])).collect();

@@ -1,16 +1,16 @@
-//! The most likely outline when it is not known from which place on it each reading is.
+//! Maximum of the marginal likelihood of an outline: the place of each reading on it is integrated out.
 //!
-//! Comes in: an outline near the truth with its covariance, and readings whose errors are their own. Goes
-//! out: the outline of the greatest likelihood, the place of each reading integrated over the outline, and
-//! the covariance from the curvature of that likelihood. Not guaranteed: anything where readings share the
-//! error of their pose, or are too few to tell how they spread along the outline.
+//! In: an outline near its optimum with its covariance, and readings with independent errors. Out: the most
+//! likely outline, and its covariance from the curvature of the likelihood. Not guaranteed: anything for
+//! readings that share the error of a pose, or too few readings to show how they are spread along the
+//! outline.
 //!
-//! A distance to the nearest side takes every reading near a corner for the side that suits it better, and a
-//! distance to a round outline forgets that its foot is uncertain: both are biased, and their covariance, of
-//! the first order, is too small where the noise is a good part of a side or a radius. The likelihood has
-//! hardly anything of either while the noise is a tenth of a side; at a fifth of it, sides are still found
-//! too long, and σ too small, by what `docs/contours.md` measures. How densely each part of the outline was
-//! read is a nuisance parameter of its own, so that hidden or favoured parts do not pull at corners.
+//! A fit by distances assigns readings near a corner to the side that fits better, and ignores that the foot
+//! point on a curve is uncertain. Both cause a bias, and the first-order covariance is too small if the noise
+//! is a large fraction of a side or a radius. The marginal likelihood has almost no such bias while the noise
+//! is below a tenth of a side. At a fifth, sides are still too long and σ too small; `docs/contours.md` has
+//! the figures. The density of readings on each part of the outline is a nuisance parameter, so that hidden
+//! or densely read parts do not pull at corners (decision record 0050).
 //!
 //! # References
 //! Kiefer and Wolfowitz 1956, *Consistency of the maximum likelihood estimator in the presence of infinitely
@@ -25,48 +25,55 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// One cell of the outline for so many readings.
+/// Readings per cell of the outline. Smaller cells follow the density of readings better, but their shares
+/// become noisy.
 const READINGS_PER_CELL: f64 = 20.0;
-/// Most cells of one piece of the outline.
+/// Maximum number of cells per piece; bounds the cost, which is proportional to readings times cells.
 const MAX_CELLS: f64 = 12.0;
-/// A cell is given so many readings beforehand, so that no share is zero.
+/// Prior readings per cell. They keep the share of an unobserved cell above zero, whose logarithm is needed.
 const PRIOR_READINGS: f64 = 0.5;
-/// Rounds that find the shares where the outline is to begin with.
+/// Rounds of expectation maximisation that estimate the shares for the initial outline.
 const SHARE_ROUNDS: usize = 10;
-/// Differences are taken over this many σ; second ones over twice as many.
+/// Half the spacing of central differences, in σ of the parameters; second derivatives use twice as much.
+///
+/// The likelihood is smooth on the scale of σ. Much smaller steps lose second differences to rounding.
 const STEP: f64 = 0.1;
-/// Ends where the next step is shorter than this, in σ.
+/// Converged if the next step is shorter than this, in σ: far below the statistical error.
 const MIN_STEP_SIGMAS: f64 = 0.02;
+/// Maximum number of steps; the climb starts close to its maximum.
 const MAX_STEPS: usize = 20;
-/// A step is at most this long, in σ of each parameter.
+/// Maximum length of a step, in σ of each parameter; also the largest bias correction.
 const MAX_STEP_SIGMAS: f64 = 2.0;
-/// With more readings than this the covariance is from the squares of the scores alone: they are enough to
-/// average over.
+/// Above this number of readings, the covariance comes from the squares of the scores alone.
+///
+/// Both estimates of the information agree for many readings, and second differences are costly.
 const MAX_FOR_CURVATURE: usize = 4000;
-/// A circle or ellipse of which so much was seen is taken as whole: parts without readings have hardly a
-/// share.
+/// Circles and ellipses observed over at least this angle (rad) are treated as complete.
+///
+/// The cells of unobserved parts then get almost no share. Below it, the arc ends at its last readings.
 const MIN_WHOLE_SWEEP: f64 = 0.6 * TAU;
-/// What is farther from a reading than so many of its σ says nothing of it.
+/// Cells more than this many σ from a reading are skipped: e^(−24) is below any density that matters.
 const FARTHEST: f64 = 7.0;
-/// So many readings are worth a thread's while.
+/// Smallest number of readings per parallel task.
 const READINGS_PER_THREAD: usize = 256;
 
-/// What was found.
+/// The most likely state with its covariance.
 pub(super) struct MostLikely {
     pub(super) state: DVector<f64>,
     pub(super) covariance: DMatrix<f64>,
 }
 
-/// Maximises `Σᵢ log(Σₖ πₖ/Lₖ(θ) ∫ₖ N(zᵢ; p(s), Cᵢ) ds + w)` over the parameters `θ` and the shares `πₖ` of
-/// cells of the outline, of lengths `Lₖ`; `w` is the density of wild readings, as unlikely as those at the
-/// gate and in inverse proportion to a reading's variance.
+/// Maximises `Σᵢ log(Σₖ πₖ/Lₖ(θ) ∫ₖ N(zᵢ; p(s), Cᵢ) ds + w)` over the parameters θ and the shares `πₖ`.
 ///
-/// Outlines without corners are then freed of what is left of a bias: the score that is to be expected at the
-/// maximum, if each reading were of the place nearest to it, is taken off. The places that a sensor sees from
-/// where it stands are not spread as evenly as those that all readings see together, and a heading's error
-/// bends its ray's end towards the sensor.
+/// Cell `k` of the outline has the length `Lₖ` and the share `πₖ` of all readings. The constant `w` is the
+/// density of outliers: that of a reading at the gate, inversely proportional to the variance of a reading.
 ///
-/// `None` where the likelihood has no maximum nearby.
+/// For outlines without corners, the remaining bias is then subtracted: the expected score at the maximum if
+/// each reading belongs to its nearest place. It arises because the places visible from one pose are spread
+/// less evenly than those of all poses together, and because heading errors shift the end of a ray towards
+/// the sensor.
+///
+/// Returns `None` if the likelihood has no maximum nearby.
 pub(super) fn most_likely(
     model: &ContourModel,
     sightings: &[ContourReading],
@@ -77,7 +84,8 @@ pub(super) fn most_likely(
     PlaceLikelihood::new(model, sightings, start, covariance, gate)?.climb()
 }
 
-/// A part of a piece of the outline with an even spread of readings.
+/// A part of a piece of the outline, from one fraction of its length to another, with an even density of
+/// readings.
 #[derive(Clone)]
 struct Cell {
     piece: usize,
@@ -85,33 +93,35 @@ struct Cell {
     to: f64,
 }
 
-/// The likelihood as a function of the parameters, in σ about the start, and of the cells' shares.
+/// The likelihood as a function of the whitened parameters `u` and of the shares of the cells.
 struct PlaceLikelihood<'a> {
     model: &'a ContourModel,
     sightings: &'a [ContourReading],
     start: &'a DVector<f64>,
-    /// `θ = start + scale u`.
+    /// Cholesky factor of the initial covariance: the state is `start + scale u`. In `u`, one step length
+    /// suits all parameters, whatever their units and correlations.
     scale: DMatrix<f64>,
     cells: Vec<Cell>,
-    /// Where a whole circle or ellipse begins and how far it goes, which does not move; a part of one ends
-    /// where its readings do.
+    /// Start angle and sweep of a complete circle or ellipse; `None` if only a part was observed.
+    ///
+    /// They stay fixed, since ends that follow the readings would make the likelihood discontinuous in θ.
     whole: Option<(f64, f64)>,
     gap: f64,
-    /// The density of wild readings, times the variance of a reading.
+    /// Density of outliers times the variance of a reading.
     wild: f64,
 }
 
-/// Where the model is: the parameters and the logarithms of the shares.
+/// Point at which the likelihood is evaluated: whitened parameters and unnormalised log-shares.
 #[derive(Clone)]
 struct At {
     u: DVector<f64>,
     weights: DVector<f64>,
 }
 
-/// The likelihood of each reading, and how it comes from the cells.
+/// Log-likelihood of each reading and its split into cells.
 struct Terms {
     logs: Vec<f64>,
-    /// Of each reading (column) the chance that it is from each cell.
+    /// Probability that each reading (column) comes from each cell (row).
     chances: DMatrix<f64>,
 }
 
@@ -144,19 +154,23 @@ impl<'a> PlaceLikelihood<'a> {
             _ => None,
         };
         let sigma = (spots.iter().map(Spot::variance).sum::<f64>() / spots.len() as f64).sqrt();
-        // The density beside an outline that is read evenly, at the gate.
+        // The density of an evenly read outline at the distance of the gate.
         let wild = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
         Some(Self { model, sightings, start, scale, cells, whole, gap, wild })
     }
 
+    /// State of the whitened parameters.
     fn state(&self, u: &DVector<f64>) -> DVector<f64> {
         self.start + &self.scale * u
     }
 
+    /// The parameters of the contour without those of the motion.
     fn theta<'s>(&self, state: &'s DVector<f64>) -> &'s [f64] {
         &state.as_slice()[..self.model.kind.parameters()]
     }
 
+    /// Likelihood of every reading, in parallel over readings; sums are formed by the callers in a fixed
+    /// order.
     fn terms(&self, at: &At) -> Terms {
         let state = self.state(&at.u);
         let spots = spots(self.model, self.sightings, state.as_slice());
@@ -185,7 +199,7 @@ impl<'a> PlaceLikelihood<'a> {
         Terms { logs, chances }
     }
 
-    /// The logarithm of the likelihood, of what is known of a chain, and of the prior of the shares.
+    /// Sum of the log-likelihood, the soft constraints of a chain, and the log-prior of the shares.
     fn total(&self, at: &At) -> f64 {
         let log_prior: f64 = shares(&at.weights).iter().map(|s| PRIOR_READINGS * s.ln()).sum();
         let state = self.state(&at.u);
@@ -198,14 +212,18 @@ impl<'a> PlaceLikelihood<'a> {
         self.terms(at).logs.iter().sum::<f64>() + log_prior - penalties.sum::<f64>()
     }
 
+    /// Climbs to the maximum by steps from the squares of the scores (Berndt et al. 1974), with step halving.
     fn climb(&self) -> Option<MostLikely> {
         let p = self.start.len();
         let mut at = At { u: DVector::zeros(p), weights: DVector::zeros(self.cells.len()) };
+        // Start with shares that suit the initial outline; otherwise the first steps would move corners to
+        // make up for wrong shares.
         for _ in 0..SHARE_ROUNDS {
             at.weights = self.terms(&at).chances.column_sum().map(|s| (s + PRIOR_READINGS).ln());
         }
         let mut best = self.total(&at);
         for _ in 0..MAX_STEPS {
+            // The squares of the scores are positive definite far from the maximum, too, unlike the Hessian.
             let (gradient, squares) = self.scores(&at);
             let step = Cholesky::new(squares)?.solve(&gradient);
             let size = step.rows(0, p).amax();
@@ -235,6 +253,8 @@ impl<'a> PlaceLikelihood<'a> {
                 break;
             }
         }
+        // The covariance of the parameters is the block of the inverse of the whole information, so that it
+        // includes the uncertainty of the shares.
         let information = self.information(&at)?;
         let inverse = information.inverse();
         let of_u = inverse.view((0, 0), (p, p));
@@ -247,6 +267,8 @@ impl<'a> PlaceLikelihood<'a> {
         Some(MostLikely { state: self.state(&at.u), covariance: &self.scale * of_u * self.scale.transpose() })
     }
 
+    /// Information at the maximum: the curvature, or the squares of the scores if it is not positive definite
+    /// or the readings are many.
     fn information(&self, at: &At) -> Option<Cholesky<f64, Dyn>> {
         let by_curvature = || Cholesky::new(self.curvature(at));
         let few = self.sightings.len() <= MAX_FOR_CURVATURE;
@@ -254,6 +276,8 @@ impl<'a> PlaceLikelihood<'a> {
         curvature.or_else(|| Cholesky::new(self.scores(at).1))
     }
 
+    /// True for kinds with corners, where the bias is not corrected: nearest places pile up at corners, true
+    /// ones do not.
     fn has_corners(&self) -> bool {
         matches!(
             self.model.kind,
@@ -264,7 +288,7 @@ impl<'a> PlaceLikelihood<'a> {
         )
     }
 
-    /// The sum of the scores, and of their squares, which is the information where readings are many.
+    /// Sum of the scores (the gradient) and of their outer products, which estimates the information.
     fn scores(&self, at: &At) -> (DVector<f64>, DMatrix<f64>) {
         let (p, k, n) = (at.u.len(), self.cells.len(), self.sightings.len());
         let shares = shares(&at.weights);
@@ -276,6 +300,7 @@ impl<'a> PlaceLikelihood<'a> {
             }
         }
         let here = self.terms(at);
+        // By a log-share, the score is exact: the probability of the cell minus its share (softmax).
         for i in 0..n {
             for (c, share) in shares.iter().enumerate() {
                 scores[(p + c, i)] = here.chances[(c, i)] - share;
@@ -283,6 +308,7 @@ impl<'a> PlaceLikelihood<'a> {
         }
         let mut gradient = scores.column_sum();
         let mut squares = &scores * scores.transpose();
+        // Adding a constant to all log-shares changes nothing; the prior also removes this null direction.
         for (c, share) in shares.iter().enumerate() {
             gradient[p + c] += PRIOR_READINGS * (1.0 - k as f64 * share);
             squares[(p + c, p + c)] += PRIOR_READINGS;
@@ -298,7 +324,7 @@ impl<'a> PlaceLikelihood<'a> {
         (gradient, squares)
     }
 
-    /// What is known of a chain: by how many σ each is violated, and the derivative of that by `u`.
+    /// Violation of each soft constraint in σ, with its derivative by `u`.
     fn soft_constraints(&self, at: &At) -> Vec<(f64, DVector<f64>)> {
         let state = self.state(&at.u);
         let theta = self.theta(&state);
@@ -311,7 +337,7 @@ impl<'a> PlaceLikelihood<'a> {
         self.model.constraints.iter().map(one).collect()
     }
 
-    /// The negative second derivatives.
+    /// Negative second derivatives of the log-posterior: by differences in θ, analytic in the shares.
     fn curvature(&self, at: &At) -> DMatrix<f64> {
         let (p, k, n) = (at.u.len(), self.cells.len(), self.sightings.len() as f64);
         let shares = shares(&at.weights);
@@ -353,9 +379,11 @@ impl<'a> PlaceLikelihood<'a> {
         out
     }
 
-    /// What the scores are on average, if every reading is of the place of the outline that is nearest to it:
-    /// the mean over errors of `√m` standard deviations, both ways, in each of the `m` things that are
-    /// measured, which is right to the third power of the errors (McNamee and Stenger 1967).
+    /// Expected sum of the scores if every reading belongs to the nearest place of the outline.
+    ///
+    /// The expectation is the mean over errors of ±√m σ in each of the `m` measured values. This rule with
+    /// `2m` points is exact up to the third power of the errors (McNamee and Stenger 1967); random draws
+    /// would add noise to the estimate.
     fn expected_scores(&self, at: &At) -> DVector<f64> {
         let state = self.state(&at.u);
         let spots = spots(self.model, self.sightings, state.as_slice());
@@ -382,7 +410,8 @@ impl<'a> PlaceLikelihood<'a> {
     }
 }
 
-/// Place, heading and range; a point has its two coordinates twice.
+/// Number of measured values of a reading: two coordinates of the sensor, heading and range. The two
+/// coordinates of a point are counted twice.
 const MEASURED: usize = 4;
 
 impl At {
@@ -393,10 +422,10 @@ impl At {
     }
 }
 
-/// A cell where the outline is now.
+/// A cell of the current outline.
 struct Part {
     stroke: Stroke,
-    /// Share of the readings over its length.
+    /// Share of the readings divided by the length of the cell.
     rate: f64,
     middle: [f64; 2],
     reach: f64,
@@ -413,6 +442,7 @@ impl Part {
         }
     }
 
+    /// Density of a reading from this cell; 0 if it is too far to matter.
     fn density(&self, spot: &Spot) -> f64 {
         let away = (spot.point[0] - self.middle[0]).hypot(spot.point[1] - self.middle[1]) - self.reach;
         if away > 0.0 && away * away > FARTHEST * FARTHEST * spot.variance() {
@@ -422,6 +452,7 @@ impl Part {
     }
 }
 
+/// Normalised exponentials of the weights; the maximum is subtracted first to avoid overflow.
 fn shares(weights: &DVector<f64>) -> Vec<f64> {
     let top = weights.max();
     let each: Vec<f64> = weights.iter().map(|w| (w - top).exp()).collect();
@@ -429,14 +460,17 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
     each.iter().map(|share| share / sum).collect()
 }
 
-/// The readings as points at rest. The end of a ray of an uncertain heading is nearer to the sensor than what
-/// it is of, on average.
+/// The readings as points with covariances, carried back to the reference time.
+///
+/// Points of rays are moved outwards by `½ r σ_h²`: for a heading error of σ_h, the mean of `r cos` is
+/// shorter than `r` by that amount.
 fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
     let one = |sighting: &ContourReading| {
         let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
         let away = match sighting.target {
             ContourTarget::Range { heading_rad, range, sigma, .. } => {
-                // A thing that turns while it is measured turns the ray as well, by less than matters here.
+                // A rotation of the object also rotates the ray. The effect on this second-order term is
+                // negligible.
                 let short = 0.5 * range * sigma[2] * sigma[2];
                 [short * heading_rad.cos(), short * heading_rad.sin()]
             }
@@ -447,7 +481,7 @@ fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> V
     sightings.iter().map(one).collect()
 }
 
-/// The point of an outline that is nearest.
+/// The point of an outline that is nearest to `p`.
 fn nearest(pieces: &[Stroke], p: [f64; 2]) -> [f64; 2] {
     let away = |q: &[f64; 2]| (q[0] - p[0]).hypot(q[1] - p[1]);
     let on = pieces.iter().map(|piece| piece.nearest(p));

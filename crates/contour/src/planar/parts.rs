@@ -1,13 +1,23 @@
-//! Readings of several things told apart.
+//! Separation of readings into objects, and containment of points in outlines.
 
 use super::kind::Outline;
 use super::reading::ContourReading;
 use std::collections::BTreeMap;
 
-/// Groups of indices of readings whose points hang together: single linkage over gaps of at most `gap`.
+/// Groups readings whose points are connected by gaps of at most `gap` (single linkage); largest group first.
 ///
-/// Largest group first. Points in a grid of cells of that size, which lose what has been grouped: cost about
-/// `n`.
+/// Each group holds indices of `sightings` in increasing order. The cost is about linear in their number: a
+/// grid of cells of size `gap` limits the search, and grouped points leave it.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourKind, points, separate, usual_gap};
+///
+/// let mut readings = points(&ContourKind::Circle, &[0.0, 0.0, 5.0], 200, 0.01, 1).noisy;
+/// readings.extend(points(&ContourKind::Circle, &[40.0, 0.0, 3.0], 100, 0.01, 2).noisy);
+/// let groups = separate(&readings, usual_gap(&readings));
+/// assert_eq!(groups.iter().map(Vec::len).collect::<Vec<_>>(), [200, 100]);
+/// ```
 #[must_use]
 pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
     let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
@@ -31,7 +41,7 @@ pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
             for place in
                 (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
             {
-                // Cells keep those that belong to no group: dense readings are looked at a few times each.
+                // Cells keep only ungrouped points. Without this, n readings in one cell cost n² comparisons.
                 let Some(free) = cells.get_mut(&place) else {
                     continue;
                 };
@@ -51,8 +61,11 @@ pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
     groups
 }
 
-/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent
-/// are exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
+/// A gap that neighbouring readings of one contour rarely exceed, in the unit of the readings.
+///
+/// Neighbours on an outline as long as the bounding box of the readings have exponentially distributed gaps.
+/// The largest of `n` is about `ln n` times the mean; a margin of four means and at least 6 σ of noise are
+/// allowed for.
 #[must_use]
 pub fn usual_gap(sightings: &[ContourReading]) -> f64 {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -72,7 +85,7 @@ pub fn usual_gap(sightings: &[ContourReading]) -> f64 {
     (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }
 
-/// Whether a point lies inside a closed outline, whose arcs count as their chords.
+/// True if a point lies inside a closed outline; arcs are replaced by their chords.
 #[must_use]
 pub fn contains(outline: &Outline, p: [f64; 2]) -> bool {
     let count = outline.vertices.len();

@@ -1,14 +1,15 @@
-//! Whether a fit is one that readings can have told.
+//! Plausibility checks of a fit.
 //!
-//! Comes in: a fit with its covariance, and the points that were seen. Goes out: whether its corners are
-//! corners, and whether it lies where the readings are. Not guaranteed: that it is what was seen; the
-//! likelihood says that.
+//! In: a fit with its covariance, and the measured points. Out: whether its corners are significant, and
+//! whether it lies where the readings are. Not guaranteed: that the fit is right; that is for the likelihood
+//! to judge.
 
 use super::fit::ContourFit;
 use super::kind::ContourKind;
 
-/// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no
-/// spike. More corners than the readings tell apart would otherwise explain noise.
+/// True if every side of a polygon or chain is longer than three σ of its ends, and no corner is a spike.
+///
+/// More corners than the readings resolve would otherwise explain noise.
 pub(super) fn corners_are_real(found: &ContourFit) -> bool {
     let (count, closed) = match &found.kind {
         ContourKind::Polygon(count) => (*count, true),
@@ -28,13 +29,17 @@ pub(super) fn corners_are_real(found: &ContourFit) -> bool {
         let (d, e) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
         let (length, next) = (d[0].hypot(d[1]), e[0].hypot(e[1]));
         let long = length * length > 9.0 * (variance(i) + variance(i + 1));
-        // Turning back by more than 150°.
+        // A turn by more than 150°: two sides along one row of readings, with a corner in the noise. Chains
+        // may have it, where an arc meets its chord.
         let spike = is_polygon && d[0] * e[0] + d[1] * e[1] < -0.866 * length * next;
         long && !spike
     })
 }
 
-/// Whether no vertex lies farther from the readings' middle than three times the farthest reading.
+/// True if no vertex is more than three times as far from the centre of the readings as the farthest reading.
+///
+/// Two nearly parallel sides may meet far away without a cost to the distances. Circles and ellipses are
+/// exempt: a short arc has a distant centre.
 pub(super) fn stays_near(kind: &ContourKind, state: &[f64], middle: [f64; 2], points: &[[f64; 2]]) -> bool {
     let from = |p: [f64; 2]| (p[0] - middle[0]).hypot(p[1] - middle[1]);
     let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);

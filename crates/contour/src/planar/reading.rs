@@ -1,4 +1,8 @@
-//! A reading of a contour as an implicit equation.
+//! A reading of a contour as an implicit equation `g(z − v, x) = 0`.
+//!
+//! In: a [`ContourReading`] and the model of the fit. Out: `g` with derivatives by the state `x` and by the
+//! whitened noise `u = v/σ`, as `planish_estimate::implicit` needs them. The equation is the distance of the
+//! corrected point to a piece of the contour (paper D eq. 2.7 and 2.10).
 
 use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
 use super::kind::ContourKind;
@@ -6,44 +10,62 @@ use super::soft_constraint::SoftConstraint;
 use planish_estimate::implicit::{ImplicitReading, MAX_NOISE, MAX_STATE, NoiseHessian};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// What a sensor saw.
+/// The measured values of a reading with their σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ContourTarget {
-    /// A range from a pose: the point is `origin + range (cos heading, sin heading)`.
+    /// A range from an uncertain pose: the point is `origin + range (cos heading, sin heading)`.
     Range {
-        /// Where the sensor was thought to be.
+        /// Measured position of the sensor.
         origin: [f64; 2],
-        /// Where it was thought to look, counter-clockwise from +x.
+        /// Measured direction of the ray, counter-clockwise from +x.
         heading_rad: f64,
-        /// What it read.
+        /// Measured distance along the ray.
         range: f64,
         /// σ of `x`, `y`, the heading (radians) and the range.
         sigma: [f64; 4],
     },
-    /// A point, as of an overhead sensor or the edge in a picture.
+    /// A point, for example of an overhead sensor or of an edge in a picture.
     Point {
-        /// Where it is.
+        /// Measured coordinates.
         position: [f64; 2],
-        /// σ of both coordinates.
+        /// σ of each coordinate; the errors of both are independent.
         sigma: f64,
     },
 }
 
-/// A reading, with what it shares with others.
+/// One reading of a contour.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourReading, ContourTarget};
+///
+/// // 5 mm along +y from the origin, with a heading known to 0.01 rad.
+/// let target = ContourTarget::Range {
+///     origin: [0.0, 0.0],
+///     heading_rad: std::f64::consts::FRAC_PI_2,
+///     range: 5.0,
+///     sigma: [0.0, 0.0, 0.01, 0.1],
+/// };
+/// let reading = ContourReading { target, pose: None, time_s: 0.0, line: 1 };
+/// assert!((reading.point()[1] - 5.0).abs() < 1e-12);
+/// // Across the ray σ is the range times that of the heading: 0.05 mm; along it, 0.1 mm.
+/// let [xx, _, yy] = reading.covariance();
+/// assert!((xx.sqrt() - 0.05).abs() < 1e-12 && (yy.sqrt() - 0.1).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContourReading {
-    /// What was seen.
+    /// The measured values.
     pub target: ContourTarget,
-    /// Readings of one number were taken from one pose, and share its error; only ranges have one.
+    /// Number of the pose. Ranges with the same number share the error of that pose; points have none.
     pub pose: Option<usize>,
-    /// Seconds, where the thing moves.
+    /// Time of the reading in seconds; only used if the object moves.
     pub time_s: f64,
-    /// Line of the file it comes from, or its index.
+    /// Line in the file of origin, or index of the reading.
     pub line: usize,
 }
 
 impl ContourReading {
-    /// The point that was seen, as measured.
+    /// The measured point, without any correction.
     #[must_use]
     pub fn point(&self) -> [f64; 2] {
         match self.target {
@@ -55,7 +77,7 @@ impl ContourReading {
         }
     }
 
-    /// Covariance `[xx, xy, yy]` of that point, to first order.
+    /// Covariance `[xx, xy, yy]` of [`Self::point`] to first order; a shared pose is included.
     #[must_use]
     pub fn covariance(&self) -> [f64; 3] {
         match self.target {
@@ -75,7 +97,7 @@ impl ContourReading {
 }
 
 impl ContourReading {
-    /// The same measurement, carried along so that it is of the point `to`.
+    /// The same reading, shifted so that its measured point is `to`; heading and range do not change.
     pub(super) fn moved_to(&self, to: [f64; 2]) -> Self {
         let from = self.point();
         let mut moved = *self;
@@ -89,8 +111,10 @@ impl ContourReading {
         moved
     }
 
-    /// With an error of so many σ in `x`, `y`, the heading or the range; of a point, heading and range are
-    /// `x` and `y` again.
+    /// Adds an error of `sigmas` σ to one measured value: 0 and 1 are `x` and `y`, 2 the heading, 3 the
+    /// range.
+    ///
+    /// A point has only two values; axes 2 and 3 are `x` and `y` again.
     pub(super) fn with_error(&self, axis: usize, sigmas: f64) -> Self {
         let mut made = *self;
         match &mut made.target {
@@ -102,27 +126,29 @@ impl ContourReading {
                     _ => *range += by,
                 }
             }
-            // Two axes, each twice as often: errors of √2 σ rather than √4.
+            // Callers sum the effects of all four axes. A point's two axes are then counted twice: each error
+            // is divided by √2, so that the sum of squares stays that of one σ per axis.
             ContourTarget::Point { position, sigma } => position[axis % 2] += sigmas * *sigma * FRAC_1_SQRT_2,
         }
         made
     }
 }
 
-/// How the thing moves while it is measured, about a fixed pivot: the state has its velocity behind the
-/// contour, which is that of time zero.
+/// Motion of the object during the measurement, about a fixed pivot.
+///
+/// The state holds the contour at the reference time, followed by the velocities listed here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PlanarMotion {
-    /// It stands still.
+    /// The object does not move.
     Still,
-    /// `vx vy`, in lengths a second.
+    /// Translation: `vx vy`, in units of length per second.
     Linear,
-    /// `vx vy ω`, ω in radians a second.
+    /// Translation and rotation: `vx vy ω`, with ω in radians per second.
     Rigid,
 }
 
 impl PlanarMotion {
-    /// How many unknowns it adds.
+    /// Number of unknowns that the motion adds to the state.
     #[must_use]
     pub fn unknowns(self) -> usize {
         match self {
@@ -133,28 +159,32 @@ impl PlanarMotion {
     }
 }
 
-/// How the pieces of a contour become one equation (paper D eq. 2.2 and 2.3).
+/// How the pieces of a contour are combined into one equation (Weiss-Cohen et al. 2009, eq. 2.2 and 2.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
-    /// The distance to the piece that explains the reading best.
+    /// The distance to the piece that best explains the reading.
     ActiveFacet,
-    /// The product of the distances to all pieces. Its gradient vanishes at corners: the variance of the
-    /// second order bounds the weight there.
+    /// The product of the distances to all pieces.
+    ///
+    /// Its gradient vanishes at corners, where the weight of a reading would be unbounded; the variance of
+    /// the second-order term is added to bound it.
     Product,
 }
 
-/// What all readings of one fit have in common.
+/// Settings that all equations of one fit share.
 #[derive(Debug, Clone)]
 pub(crate) struct ContourModel {
     pub(crate) kind: ContourKind,
     pub(crate) form: Form,
     pub(crate) motion: PlanarMotion,
-    /// The fixed pivot of the rotation, and the time of the contour.
+    /// Fixed centre of rotation. It is chosen near the readings, so that rotation and translation are hardly
+    /// correlated.
     pub(crate) pivot: [f64; 2],
+    /// Reference time, at which the contour has its parameters.
     pub(crate) time_s: f64,
-    /// Whether ranges have the error of their pose behind the state, and not in their own noise.
+    /// True if the three errors of a pose are unknowns behind the state instead of noise of each range.
     pub(crate) shared_poses: bool,
-    /// What is known of a chain beside the readings: where an open one ends, and which joints are smooth.
+    /// Soft constraints of a chain: positions of open ends and smooth joints.
     pub(crate) constraints: Vec<SoftConstraint>,
 }
 
@@ -164,28 +194,29 @@ impl ContourModel {
     }
 }
 
-/// A sighting against a contour, or in its place something known of it.
+/// The equation of one reading, or of one soft constraint in its place.
 pub(crate) struct ContourEquation<'a> {
     pub(crate) model: &'a ContourModel,
     pub(crate) sighting: &'a ContourReading,
     pub(crate) constraint: Option<SoftConstraint>,
 }
 
-/// A point with its derivatives by noise, and by shared pose errors.
+/// A corrected point with its derivatives by the noise and by the errors of a shared pose.
 struct Place {
     point: [f64; 2],
     by_noise: [[f64; 2]; 4],
     by_pose: [[f64; 2]; 3],
-    /// `∂²p/∂u₂²` and `∂²p/∂u₂∂u₃`, where heading and range are noise.
+    /// `∂²p/∂u₂²` and `∂²p/∂u₂∂u₃`: heading and range are the only noises in which the point is not linear.
     by_heading: [[f64; 2]; 2],
 }
 
 impl<'a> ContourEquation<'a> {
-    /// That of a sighting.
+    /// The equation of a reading.
     pub(crate) fn new(model: &'a ContourModel, sighting: &'a ContourReading) -> Self {
         Self { model, sighting, constraint: None }
     }
 
+    /// The point `z − v` of whitened noise `u`, in the world at the time of the reading.
     fn place(&self, x: &[f64], u: &[f64]) -> Place {
         let mut place = Place {
             point: [0.0; 2],
@@ -201,6 +232,8 @@ impl<'a> ContourEquation<'a> {
             }
             ContourTarget::Range { origin, heading_rad, range, sigma } => {
                 let shared = self.model.shared_poses;
+                // Readings of one sweep share the three errors of its pose. As noise they would be correlated
+                // between equations, so they become unknowns of unit variance at the end of the state.
                 let (pose, own) = if shared { (&x[x.len() - 3..], u[0]) } else { (&u[..3], u[3]) };
                 let (sin, cos) = (heading_rad - sigma[2] * pose[2]).sin_cos();
                 let length = range - sigma[3] * own;
@@ -226,8 +259,9 @@ impl<'a> ContourEquation<'a> {
         place
     }
 
-    /// Carries a point back to where the thing was at time zero: the point, its rotation (cos, sin), and the
-    /// time between.
+    /// Carries a point back to the reference time with the motion in `x`.
+    ///
+    /// Returns the point, the cosine and sine of the rotation applied, and the time since the reference time.
     fn carried_back(&self, x: &[f64], p: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
         let k = self.model.kind.parameters();
         let pivot = self.model.pivot;
@@ -247,8 +281,7 @@ impl<'a> ContourEquation<'a> {
         )
     }
 
-    /// The point as measured and its covariance `[xx, xy, yy]`, carried back to where the thing was at time
-    /// zero.
+    /// The measured point and its covariance `[xx, xy, yy]`, carried back to the reference time.
     pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
         let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
         let [xx, xy, yy] = self.sighting.covariance();
@@ -261,7 +294,7 @@ impl<'a> ContourEquation<'a> {
         (p, turned)
     }
 
-    /// σ along a piece of a point that is held to it: `√(det C / nᵀCn)`.
+    /// σ of the corrected point along a piece: `√(det C / nᵀCn)`, the covariance conditioned on lying on it.
     fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
         let [xx, xy, yy] = self.sighting.covariance();
         let mut by_theta = [0.0; MAX_STATE];
@@ -272,7 +305,7 @@ impl<'a> ContourEquation<'a> {
         ((xx * yy - xy * xy).max(f64::MIN_POSITIVE) / across).sqrt()
     }
 
-    /// `g` of a body point with `∂g/∂p`; `∂g/∂θ` into `by_theta`.
+    /// `g` of a point in the frame of the contour, with `∂g/∂p`; fills `by_theta` with `∂g/∂θ`.
     fn contour(&self, branch: usize, theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> (f64, [f64; 2]) {
         let kind = &self.model.kind;
         if self.model.form == Form::ActiveFacet || kind.pieces() == 1 {
@@ -288,6 +321,8 @@ impl<'a> ContourEquation<'a> {
             let at = distance(kind, theta, i, p, &mut piece_theta[..k]);
             (*value, *slope) = (at.value, at.by_point);
         }
+        // Product rule. The products of the other factors are formed anew each time: dividing the whole
+        // product by one factor fails on the contour, where that factor is zero.
         by_theta.fill(0.0);
         let (mut product, mut by_point) = (1.0, [0.0; 2]);
         for i in 0..count {
@@ -348,7 +383,7 @@ impl ImplicitReading for ContourEquation<'_> {
         let place = self.place(x, u);
         let (p, [cos, sin], time) = self.carried_back(x, place.point);
         let (value, by_body) = self.contour(branch, &x[..k], p, &mut by_state[..k]);
-        // From the body's frame at time zero to the world.
+        // From the frame of the contour at the reference time to the world at the time of the reading.
         let by_point = [cos * by_body[0] + sin * by_body[1], cos * by_body[1] - sin * by_body[0]];
         let dot = |d: [f64; 2]| by_point[0] * d[0] + by_point[1] * d[1];
         if self.model.motion != PlanarMotion::Still {
@@ -384,7 +419,7 @@ impl ImplicitReading for ContourEquation<'_> {
         let (p, [cos, sin], _) = self.carried_back(x, place.point);
         let [xx, xy, yy] = distance_hessian(&self.model.kind, theta, branch, p);
         let count = self.noise();
-        // Columns in the frame of the body.
+        // The Hessian of the distance is in the frame of the contour; the motion rotates the noise into it.
         let mut columns = [[0.0; 2]; 4];
         for (column, by_noise) in columns.iter_mut().zip(&place.by_noise).take(count) {
             *column = [cos * by_noise[0] - sin * by_noise[1], sin * by_noise[0] + cos * by_noise[1]];
@@ -398,6 +433,8 @@ impl ImplicitReading for ContourEquation<'_> {
                 hessian[j][i] = value;
             }
         }
+        // A point of a range is not linear in heading and range: add the gradient times its second
+        // derivatives.
         if count == 4 {
             let mut by_theta = [0.0; MAX_STATE];
             let n = distance(&self.model.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
@@ -429,7 +466,8 @@ impl ImplicitReading for ContourEquation<'_> {
             return Some(0);
         }
         if self.model.shared_poses {
-            // A reading's own noise is along its ray only.
+            // The only noise of the reading acts along its ray, so its covariance is singular and the search
+            // for the nearest piece does not apply; the estimator compares all branches instead.
             return None;
         }
         let k = self.model.kind.parameters();
@@ -455,7 +493,8 @@ impl ImplicitReading for ContourEquation<'_> {
         {
             return 0.0;
         }
-        // ½ |g_uu|², the variance of ½ uᵀ g_uu u, by differences of the gradient.
+        // The variance of ½ uᵀ g_uu u is ½ |g_uu|² (Frobenius norm) for standard normal u. Central
+        // differences of the gradient replace the second derivatives of a product of up to dozens of factors.
         let (n, p) = (x.len(), u.len());
         let mut by_state = [0.0; MAX_STATE];
         let mut place = [0.0; MAX_NOISE];

@@ -1,4 +1,7 @@
-//! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
+//! Fit of one kind of contour by a filter: a batch of a few readings, then one reading after the other.
+//!
+//! The filter needs a state close to the truth, because it linearises each reading once and never returns to
+//! it. The batch provides that state.
 
 use super::fit::{
     ContourFit, ContourFitOptions, GatedResiduals, Method, ROBUST_THRESHOLDS, batch, corner_margin,
@@ -10,13 +13,15 @@ use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{KalmanFilter, Result, Termination};
 
-/// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn
-/// apart.
+/// Splits the readings into a seed, spread evenly over all of them, and the rest in their order.
+///
+/// All readings of a pose go to the same part: the error of a pose is dropped from the state when the next
+/// pose begins, so it cannot be estimated twice.
 pub(super) fn split_seed(
     sightings: &[ContourReading],
     model: &ContourModel,
 ) -> (Vec<ContourReading>, Vec<ContourReading>) {
-    // Some on every side: a filter does not find its way back from a wrong phase.
+    // Several readings on each piece: a filter that starts with a wrong phase does not recover.
     let wanted = (4 * model.unknowns())
         .max(8 * model.kind.pieces())
         .max(12)
@@ -39,6 +44,10 @@ pub(super) fn split_seed(
     (pick(true), pick(false))
 }
 
+/// Runs the filter of the options over all readings that are not in the seed.
+///
+/// # Errors
+/// As [`batch`], for the readings of the seed.
 pub(super) fn recursive(
     model: &ContourModel,
     sightings: &[ContourReading],
@@ -66,16 +75,18 @@ pub(super) fn recursive(
             pose = sighting.pose;
         }
         let reading = ContourEquation::new(model, sighting);
-        // An equation without a value at the prediction says nothing: the reading is left out.
+        // An error means that the equation has no value at the prediction. The reading is then skipped; it
+        // shows as NaN among the distances.
         let _ = filter.update_implicit(&reading, &update);
     }
     let state = filter.mean().rows(0, n).into_owned();
     let covariance = filter.covariance().view((0, 0), (n, n)).into_owned();
-    // Distances of all readings to what was found, without moving it.
+    // Distances of all readings to the final contour, those of the seed included. Zero iterations evaluate
+    // them without moving the contour.
     let (all, groups) = equations(model, sightings);
     let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
     let mut seen = fit_implicit(&all, shared(model, &groups), &state, &look)?;
-    // Behind them are those of what is held.
+    // The equations of soft constraints follow those of the readings.
     seen.distances.truncate(sightings.len());
     let GatedResiduals { used, squares, log_likelihood: by_distance } =
         GatedResiduals::from_distances(&seen.distances, options.gate);
@@ -95,7 +106,9 @@ pub(super) fn recursive(
     })
 }
 
-/// Drops the errors of the last pose, and takes those of the next into the state.
+/// Replaces the errors of the last pose in the state by those of the next, with unit variance.
+///
+/// Dropping them is marginalisation: their correlation with the parameters stays in the covariance of these.
 fn change_pose(filter: &mut KalmanFilter, n: usize) -> Result<()> {
     let had = filter.mean().len();
     let mut transition = DMatrix::zeros(n + 3, had);

@@ -1,9 +1,7 @@
-//! Lengths of the sides of a contour, which are no parameters of it, with σ.
+//! Lengths of straight sides and radii of arcs, with σ, for kinds whose parameters are vertices.
 //!
-//! Comes in: parameters of a polygon or a chain, and their covariance. Goes out: the length of each straight
-//! side and the radius of each arc, with σ by propagation of the first order.
-//!
-//! Not guaranteed: σ of sides that are as short as their own σ.
+//! In: parameters of a polygon or a chain, and their covariance. Out: the size of each side with σ by
+//! first-order propagation. Not guaranteed: σ of sides that are as short as their own σ.
 
 use super::ContourKind;
 use nalgebra::{DMatrix, DVector};
@@ -11,25 +9,37 @@ use nalgebra::{DMatrix, DVector};
 /// A side of a contour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Side {
-    /// Which piece of the outline it is: from vertex `piece` to the next.
+    /// Index of the piece: from vertex `piece` to the next.
     pub piece: usize,
-    /// Whether it is an arc.
+    /// True for an arc, false for a straight side.
     pub is_arc: bool,
-    /// The length of a straight side, the radius of an arc.
+    /// Length of a straight side, or radius of an arc.
     pub size: f64,
     /// σ of the size.
     pub sigma: f64,
 }
 
 impl ContourKind {
-    /// The sides of a polygon or a chain, from parameters and their covariance (one row a parameter); none of
-    /// other kinds, whose sizes are parameters. The sides of a regular polygon are all alike: the first
-    /// stands for them.
+    /// Sides of a polygon or a chain with σ, from the parameters and their covariance (one row per
+    /// parameter).
     ///
-    /// A side from `P` to `Q` is `l = |Q − P|` long; an arc over it of the bulge `b = tan(θ/4)` has the
-    /// radius `l (1 + b²) / 4|b|`. `σ² = ∇ᵀ Σ ∇`.
+    /// A side from `P` to `Q` has the length `l = |Q − P|`; an arc over it with the bulge `b` has the radius
+    /// `l (1 + b²) / 4|b|`. `σ² = ∇ᵀ Σ ∇`.
     ///
-    /// An open chain ends where readings end: its straight ends have no length.
+    /// A regular polygon returns its first side only, because all are equal. Other kinds return none: their
+    /// sizes are parameters. The straight ends of an open chain are omitted, because they end with the
+    /// readings and not with the object.
+    ///
+    /// # Examples
+    /// ```
+    /// use nalgebra::DMatrix;
+    /// use planish_contour::planar::ContourKind;
+    ///
+    /// let triangle = [0.0, 0.0, 4.0, 0.0, 0.0, 3.0];
+    /// let sides = ContourKind::Polygon(3).sides(&triangle, &(DMatrix::identity(6, 6) * 0.01));
+    /// assert_eq!(sides[1].size, 5.0);
+    /// assert!((sides[1].sigma - 0.1 * 2f64.sqrt()).abs() < 1e-12); // both ends move
+    /// ```
     #[must_use]
     pub fn sides(&self, theta: &[f64], covariance: &DMatrix<f64>) -> Vec<Side> {
         let pieces = match self {
@@ -48,7 +58,7 @@ impl ContourKind {
             .collect()
     }
 
-    /// One side; `None` where it has no length.
+    /// One side; `None` if its length is zero or not finite, where the gradient is undefined.
     fn side(&self, theta: &[f64], covariance: &DMatrix<f64>, piece: usize) -> Option<Side> {
         let vertices = self.pieces() + usize::from(!self.is_closed());
         let ends = [piece, (piece + 1) % vertices];
@@ -82,13 +92,13 @@ impl ContourKind {
 mod tests {
     use super::*;
 
-    /// A covariance that is no diagonal.
+    /// A covariance with off-diagonal entries.
     fn covariance(n: usize) -> DMatrix<f64> {
         let root = DMatrix::from_fn(n, n, |i, j| 0.01 * (((7 * i + 3 * j) % 11) as f64 - 4.0) / 11.0);
         &root * root.transpose()
     }
 
-    /// `∇ᵀ Σ ∇` with the gradient by differences.
+    /// Compares σ with `∇ᵀ Σ ∇`, the gradient by central differences.
     fn assert_sigma(kind: &ContourKind, theta: &[f64]) {
         let covariance = covariance(theta.len());
         let exact = DMatrix::zeros(theta.len(), theta.len());
@@ -111,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_of_polygons_have_the_sigma_of_their_vertices() {
+    fn sigma_of_polygon_sides_follows_from_the_vertices() {
         let triangle = [0.0, 0.0, 4.0, 0.0, 0.0, 3.0];
         let sides = ContourKind::Polygon(3).sides(&triangle, &covariance(6));
         let sizes: Vec<f64> = sides.iter().map(|side| side.size).collect();
@@ -126,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn arcs_of_chains_have_radii_and_open_ends_no_length() {
+    fn chains_report_radii_of_arcs_but_no_open_ends() {
         let quarter = (std::f64::consts::PI / 8.0).tan();
         let closed = ContourKind::Chain { arcs: vec![false, true, false], closed: true };
         let theta = [0.0, 0.0, 2.0, 0.0, 0.0, 2.0, quarter];

@@ -1,4 +1,7 @@
-//! Readings of contours that are known exactly.
+//! Simulated readings of a known contour.
+//!
+//! In: a kind with its true parameters, a sensor, a seed. Out: [`SimulatedReadings`], with and without
+//! errors. The order of the random draws is part of the result: tests and examples depend on it.
 
 use super::curve::{arc_circle, beyond, ends};
 use super::kind::ContourKind;
@@ -7,41 +10,51 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-/// How contours are measured.
+/// Sensor and conditions of a simulated measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorOptions {
-    /// Distance of the sensor from the middle of the contour.
+    /// Distance of the sensor from the centre of the contour.
     pub standoff: f64,
-    /// σ of `x`, `y`, the heading (radians) and the range; the last is the share of the range that
-    /// `sigma_range_share` adds.
+    /// σ of `x`, `y`, the heading (radians) and the constant part of the range error.
     pub sigma: [f64; 4],
-    /// σ of the range as a share of it, added to the other in quadrature.
+    /// σ of the range as a fraction of the range, added to the constant part in quadrature.
     pub sigma_range_share: f64,
-    /// Readings from one pose.
+    /// Number of readings from each pose.
     pub sweep: usize,
-    /// Share of readings that are anywhere between half and twice of what they should be.
+    /// Fraction of outliers: ranges evenly distributed between half and twice the true range.
     pub outlier_share: f64,
-    /// Velocity of the thing: `vx vy ω`, about the origin; readings are `1/rate` seconds apart.
+    /// Velocity of the object, `vx vy ω` (length and radians per second), with rotation about the origin.
     pub velocity: [f64; 3],
-    /// Readings a second.
+    /// Readings per second.
     pub rate_hz: f64,
 }
 
-/// Readings with and without errors: the latter state the same σ.
+/// The same readings with and without errors. Both state the same σ.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SimulatedReadings {
-    /// As a sensor gives them.
+    /// Readings with errors.
     pub noisy: Vec<ContourReading>,
-    /// As they should be.
+    /// Readings without errors.
     pub exact: Vec<ContourReading>,
 }
 
-/// Ranges to a closed contour from all around, at directions that follow one another, in an order that does
-/// not.
+/// Simulates ranges to a closed contour from all around it.
 ///
-/// Each ray aims at a place drawn evenly from the contour's outline, from within 25° of the direction in
-/// which that place lies from `middle`; what it meets first is read. The same seed gives the same readings.
-/// Rays that meet nothing are drawn anew, at most a hundred times each.
+/// Each ray aims at a random place of the outline, drawn evenly. The sensor stands within 25° of the
+/// direction of that place as seen from `middle`, and reads the first intersection. A beam that meets nothing
+/// is skipped, and another pose is drawn. The same seed gives the same readings. A line gives none.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourKind, SensorOptions, ranges};
+///
+/// let sensor = SensorOptions::around(10.0, 0.1);
+/// let simulated = ranges(&ContourKind::Circle, &[0.0, 0.0, 5.0], [0.0, 0.0], 50, &sensor, 3);
+/// for reading in &simulated.exact {
+///     let [x, y] = reading.point();
+///     assert!((x.hypot(y) - 5.0).abs() < 1e-9);
+/// }
+/// ```
 #[must_use]
 pub fn ranges(
     kind: &ContourKind,
@@ -70,7 +83,7 @@ pub fn ranges(
             let fan = if beams > 1 { 0.35 * (beam as f64 / (beams - 1) as f64 - 0.5) } else { 0.0 };
             let heading = heading + fan;
             let time = made.exact.len() as f64 / options.rate_hz;
-            // In the frame of the thing, which stands still there.
+            // In the frame of the object, where it does not move.
             let turn = -options.velocity[2] * time;
             let (sin, cos) = turn.sin_cos();
             let shifted = [origin[0] - time * options.velocity[0], origin[1] - time * options.velocity[1]];
@@ -105,7 +118,8 @@ pub fn ranges(
     made
 }
 
-/// Points on the outline with errors of σ in both coordinates, drawn evenly from its length.
+/// Simulates points of the outline, evenly distributed over its length, with an error of σ in each
+/// coordinate.
 #[must_use]
 pub fn points(kind: &ContourKind, theta: &[f64], count: usize, sigma: f64, seed: u64) -> SimulatedReadings {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -129,7 +143,9 @@ pub fn points(kind: &ContourKind, theta: &[f64], count: usize, sigma: f64, seed:
     made
 }
 
-/// Places spread evenly over the outline, a few thousand.
+/// About 4000 places spread evenly over the outline.
+///
+/// A random choice among them is a draw by arc length, without the inverse of an elliptic integral.
 fn along(kind: &ContourKind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let smooth = kind.pieces() == 1;
     let count = vertices.len();
@@ -166,7 +182,7 @@ fn along(kind: &ContourKind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 
     places
 }
 
-/// The distance along a ray at which it first meets the contour.
+/// Distance along a ray to its first intersection with the contour.
 pub(crate) fn first_hit(kind: &ContourKind, theta: &[f64], from: [f64; 2], heading: f64) -> Option<f64> {
     let (sin, cos) = heading.sin_cos();
     let circle = |center: [f64; 2], radius: f64| {
@@ -207,7 +223,7 @@ pub(crate) fn first_hit(kind: &ContourKind, theta: &[f64], from: [f64; 2], headi
     hits.into_iter().filter(|t| *t > 0.0).min_by(f64::total_cmp)
 }
 
-/// Roots of `a t² + 2 b t + c`.
+/// Real roots of `a t² + 2 b t + c`.
 fn quadratic(a: f64, b: f64, c: f64) -> Vec<f64> {
     let discriminant = b * b - a * c;
     if discriminant < 0.0 {
@@ -218,9 +234,10 @@ fn quadratic(a: f64, b: f64, c: f64) -> Vec<f64> {
 }
 
 impl SensorOptions {
-    /// A sensor three sizes away that knows its place to 2 % of the size and its heading to 2°, and reads to
-    /// 1 %, all times `noise`; each reading from a pose of its own, a hundred a second, of a thing that
-    /// stands still.
+    /// A sensor at three times the size of the object, with typical errors multiplied by `noise`.
+    ///
+    /// σ of its position is 2 % of `size`, of its heading 2°, of the range 1 %. Each reading has its own
+    /// pose, at 100 readings per second, and the object does not move.
     #[must_use]
     pub fn around(size: f64, noise: f64) -> Self {
         Self {
@@ -234,7 +251,7 @@ impl SensorOptions {
         }
     }
 
-    /// The motion that a fit of these readings needs.
+    /// The motion model that a fit of these readings needs.
     #[must_use]
     pub fn motion(&self) -> PlanarMotion {
         match self.velocity {

@@ -1,4 +1,7 @@
-//! Parameters to start from, without a guess.
+//! Initial parameters of a contour, derived from the readings alone.
+//!
+//! In: readings and a kind. Out: one or more starts; the fit tries all and keeps the best. Not guaranteed: a
+//! start near the optimum for readings of a small part of the contour.
 
 mod hull;
 mod sampled;
@@ -15,15 +18,32 @@ pub(crate) use segments::MAX_PIECES;
 use segments::{chains, polygon};
 use sequence::Sequence;
 
-/// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.
+/// Initial parameters of a kind, most promising first; empty if the readings suggest none.
 ///
-/// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, both and lines also by the least
-/// median of distances where wild readings pull these away, boxes by the least mean distance over all
-/// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation, polygons of
-/// three and four corners by the hull of the readings too.
+/// | kind | method |
+/// |---|---|
+/// | line | least squares, and least median of distances |
+/// | circle | Taubin's algebraic fit, and least median of distances |
+/// | ellipse | direct fit of Halíř and Flusser, and least median of distances |
+/// | rectangle, slot | box with the smallest mean distance over all orientations |
+/// | regular polygon | search over the phase around Taubin's circle |
+/// | polygon | optimal segmentation by dynamic programming; up to four corners, also the convex hull |
+///
+/// The least median is added only if outliers pull the other fit away. Chains have no starts here, because
+/// the segmentation also determines their kind.
 ///
 /// # Errors
-/// `Undetermined` when there are fewer readings than parameters.
+/// `Undetermined` with fewer readings than parameters.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::{ContourKind, points, starts};
+///
+/// let readings = points(&ContourKind::Circle, &[1.0, 2.0, 5.0], 100, 0.01, 1).noisy;
+/// let circles = starts(&ContourKind::Circle, &readings)?;
+/// assert!((circles[0][2] - 5.0).abs() < 0.01);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Taubin 1991, *Estimation of planar curves*; Halíř and Flusser 1998, *Numerically stable direct least
@@ -58,6 +78,8 @@ pub fn starts(kind: &ContourKind, sightings: &[ContourReading]) -> Result<Vec<Ve
         }
         ContourKind::Rectangle => boxes(&points).into_iter().map(|b| b.to_vec()).collect(),
         ContourKind::RoundedRectangle => {
+            // Two corner radii, as fractions of the shorter side: a fit that starts far from its radius
+            // assigns readings to the wrong pieces.
             let shares = [0.35, 0.15];
             let with = |b: &[f64; 5], share: f64| [&b[..], &[share * b[2].min(b[3])]].concat();
             boxes(&points).iter().flat_map(|b| shares.map(|share| with(b, share))).collect()
@@ -67,7 +89,8 @@ pub fn starts(kind: &ContourKind, sightings: &[ContourReading]) -> Result<Vec<Ve
         ContourKind::Polygon(count) => {
             let mut found: Vec<Vec<f64>> =
                 polygon(&Sequence::closed(sightings), *count).into_iter().collect();
-            // Sharp corners belong to polygons of few corners.
+            // Segments easily miss a sharp corner with few readings; the hull contains it. Only polygons of
+            // few corners have sharp ones, if they are convex.
             if *count <= 4 {
                 found.extend(hull::polygon(&points, *count));
             }
@@ -77,11 +100,12 @@ pub fn starts(kind: &ContourKind, sightings: &[ContourReading]) -> Result<Vec<Ve
     })
 }
 
-/// Starts, and the curve of the least median distance where that is clearly nearer to half of the points than
-/// any of them.
+/// Adds the least-median curve to the starts if it is clearly nearer to half of the points than any of them.
 fn with_sampled(curve: &Curve<'_>, mut starts: Vec<Vec<f64>>, points: &[[f64; 2]]) -> Vec<Vec<f64>> {
+    // Without outliers, the least-median curve is a noisier version of the same start and would only cost
+    // time.
     const NEARER: f64 = 0.85;
-    if let Some(sampled) = curve.of_least_median(points) {
+    if let Some(sampled) = curve.least_median_curve(points) {
         let least = starts.iter().map(|s| curve.median(s, points)).fold(f64::INFINITY, f64::min);
         if curve.median(&sampled, points) < NEARER * least {
             starts.push(sampled);
@@ -90,7 +114,7 @@ fn with_sampled(curve: &Curve<'_>, mut starts: Vec<Vec<f64>>, points: &[[f64; 2]
     starts
 }
 
-/// How far a point is from an ellipse along the line to its centre.
+/// Signed distance of a point from an ellipse along the line to its centre.
 fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
     let (sin, cos) = e[4].sin_cos();
     let d = [p[0] - e[0], p[1] - e[1]];
@@ -98,8 +122,7 @@ fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
     d[0].hypot(d[1]) * (1.0 - 1.0 / scaled.max(f64::MIN_POSITIVE))
 }
 
-/// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and
-/// parameters.
+/// Closed and open chains of lines and arcs that may explain the readings: their kinds with parameters.
 #[must_use]
 pub(crate) fn chain_starts(sightings: &[ContourReading]) -> Vec<(ContourKind, Vec<f64>)> {
     let mut found = chains(&Sequence::closed(sightings));
@@ -107,11 +130,13 @@ pub(crate) fn chain_starts(sightings: &[ContourReading]) -> Vec<(ContourKind, Ve
     found
 }
 
+/// Centroid of the points.
 pub(crate) fn mean(points: &[[f64; 2]]) -> [f64; 2] {
     let n = points.len().max(1) as f64;
     [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / n)
 }
 
+/// Line of total least squares: `angle_rad offset`.
 fn line(points: &[[f64; 2]]) -> Vec<f64> {
     let c = mean(points);
     let [mut xx, mut xy, mut yy] = [0.0; 3];
@@ -125,8 +150,20 @@ fn line(points: &[[f64; 2]]) -> Vec<f64> {
     vec![angle, c[1] * angle.cos() - c[0] * angle.sin()]
 }
 
-/// Taubin's algebraic circle fit: centre and radius, by Newton's method on the characteristic polynomial
-/// (Chernov's implementation); `None` if the points are collinear.
+/// Taubin's algebraic circle fit: `center_x center_y radius`; `None` if the points are collinear.
+///
+/// Uses Newton's method on the characteristic polynomial (Chernov's implementation). Unlike Kåsa's fit, it
+/// does not shrink circles of which a short arc was observed.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::circle_of_points;
+///
+/// let circle = circle_of_points(&[[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0]]).ok_or("no circle")?;
+/// assert!((circle[2] - 2.0).abs() < 1e-12);
+/// assert!(circle_of_points(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]).is_none());
+/// # Ok::<(), &str>(())
+/// ```
 #[must_use]
 pub fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let c = mean(points);
@@ -149,6 +186,7 @@ pub fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let a2 = -3.0 * z * z - zz;
     let a1 = variance * z + 4.0 * determinant * z - xz * xz - yz * yz;
     let a0 = xz * (xz * yy - yz * xy) + yz * (yz * xx - xz * xy) - variance * determinant;
+    // From zero, Newton's method converges monotonically to the smallest root, which is the one wanted.
     let (mut x, mut y) = (0.0, a0);
     for _ in 0..99 {
         let slope = a1 + x * (2.0 * a2 + 3.0 * a3 * x);
@@ -168,6 +206,8 @@ pub fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     (radius.is_finite() && radius > 0.0).then(|| vec![center[0] + c[0], center[1] + c[1], radius])
 }
 
+/// The direct fit, and an ellipse slightly larger than half the best box, for readings where the direct fit
+/// fails.
 fn ellipse_starts(points: &[[f64; 2]]) -> Vec<Vec<f64>> {
     let mut found: Vec<Vec<f64>> = direct_ellipse(points).into_iter().collect();
     if let Some(b) = boxes(points).first() {
@@ -176,8 +216,10 @@ fn ellipse_starts(points: &[[f64; 2]]) -> Vec<Vec<f64>> {
     found
 }
 
+/// Direct least-squares fit of an ellipse (Halíř and Flusser); `None` if there is no elliptic solution.
 fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let c = mean(points);
+    // Centring and scaling keep the fourth powers of the coordinates comparable with 1.
     let spread = points.iter().map(|p| (p[0] - c[0]).hypot(p[1] - c[1])).sum::<f64>() / points.len() as f64;
     let (mut s1, mut s2, mut s3) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
     for p in points {
@@ -188,11 +230,12 @@ fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
         s2 += quadratic * linear.transpose();
         s3 += linear * linear.transpose();
     }
+    // Eliminate the linear terms, then solve the reduced eigenproblem of order 3; the full one of order 6 has
+    // a singular constraint matrix and is ill-conditioned.
     let t = -s3.try_inverse()? * s2.transpose();
     let reduced = s1 + s2 * t;
     let swapped = Matrix3::from_rows(&[0.5 * reduced.row(2), -reduced.row(1), 0.5 * reduced.row(0)]);
-    // The iteration for eigenvalues does not end for what is no number, as from readings that are all of one
-    // place.
+    // The eigenvalue iteration does not terminate for NaN, which arises if all readings coincide.
     if !swapped.iter().all(|value| value.is_finite()) {
         return None;
     }
@@ -202,13 +245,14 @@ fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
         let shifted = swapped - Matrix3::identity() * value.re;
         let decomposition = shifted.svd(false, true);
         let vector = decomposition.v_t?.row(2).transpose();
+        // Exactly one eigenvector satisfies 4ac − b² > 0, the condition of an ellipse.
         if 4.0 * vector[0] * vector[2] - vector[1] * vector[1] > 0.0 {
             let rest = t * vector;
             best = Some([vector[0], vector[1], vector[2], rest[0], rest[1], rest[2]]);
         }
     }
     let [a, b, d, e, f, g] = best?;
-    // Centre, then axes from the quadratic form about it.
+    // Centre of the conic, then the axes from the quadratic form about it.
     let determinant = 4.0 * a * d - b * b;
     let center = [(b * f - 2.0 * d * e) / determinant, (b * e - 2.0 * a * f) / determinant];
     let value = g + 0.5 * (e * center[0] + f * center[1]);
@@ -222,8 +266,11 @@ fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     result.iter().all(|v| v.is_finite()).then(|| result.to_vec())
 }
 
-/// The two best boxes `cx cy w h angle`, by the mean distance of the points to their sides, over all
-/// orientations.
+/// The two best boxes `cx cy w h angle` among 45 orientations, by the mean squared distance of the points to
+/// their sides.
+///
+/// The second differs in direction by at least 0.2 rad: noise and uneven readings can make a wrong
+/// orientation the best one.
 pub(crate) fn boxes(points: &[[f64; 2]]) -> Vec<[f64; 5]> {
     let steps = 45;
     let mut found: Vec<(f64, [f64; 5])> = (0..steps)
@@ -244,6 +291,7 @@ pub(crate) fn boxes(points: &[[f64; 2]]) -> Vec<[f64; 5]> {
     std::iter::once(first).chain(second).map(|b| b.1).collect()
 }
 
+/// The box of the points at an angle, with the sum of squared distances to its sides.
 fn box_at(points: &[[f64; 2]], angle: f64) -> (f64, [f64; 5]) {
     let (sin, cos) = angle.sin_cos();
     let mut axes = [0, 1].map(|axis| -> Vec<f64> {
@@ -257,7 +305,7 @@ fn box_at(points: &[[f64; 2]], angle: f64) -> (f64, [f64; 5]) {
         let values = &mut axes[axis];
         values.sort_by(f64::total_cmp);
         let n = values.len();
-        // Noise puts a few points outside: sides lie a little inside of the outermost ones.
+        // Noise and outliers lie outside of the true sides: cut 4 % of the points at each end.
         let cut = n / 25;
         [values[cut], values[n - 1 - cut]]
     });
@@ -283,11 +331,13 @@ fn box_at(points: &[[f64; 2]], angle: f64) -> (f64, [f64; 5]) {
     )
 }
 
+/// A slot in a box; its length exceeds its width by at least 5 %, as the kind requires.
 fn slot_of(b: [f64; 5]) -> Vec<f64> {
     let turned = if b[2] >= b[3] { b } else { [b[0], b[1], b[3], b[2], b[4] + std::f64::consts::FRAC_PI_2] };
     vec![turned[0], turned[1], turned[2].max(1.05 * turned[3]), turned[3], turned[4]]
 }
 
+/// Regular polygons of the two best phases around Taubin's circle.
 fn regular(points: &[[f64; 2]], sides: usize) -> Vec<Vec<f64>> {
     let Some(around) = circle(points) else {
         return Vec::new();
@@ -298,7 +348,7 @@ fn regular(points: &[[f64; 2]], sides: usize) -> Vec<Vec<f64>> {
     let mut found: Vec<(f64, Vec<f64>)> = (0..steps)
         .map(|k| {
             let phase = sector * f64::from(k) / f64::from(steps);
-            // What the circumradius would be, by each point.
+            // The circumradius that each point implies if it lies on the side of its sector.
             let radii: Vec<f64> = points
                 .iter()
                 .map(|p| {

@@ -1,4 +1,5 @@
-//! Laws of contours: derivatives, and that what is simulated is found within its covariance.
+//! Laws of contours: derivatives match differences, and fits recover simulated contours within their
+//! covariance.
 
 use super::reading::{ContourEquation, ContourModel};
 use super::*;
@@ -32,7 +33,7 @@ fn examples() -> Vec<(ContourKind, Vec<f64>)> {
 }
 
 #[test]
-fn derivatives_are_those_of_differences() {
+fn derivatives_match_differences() {
     let sighting = ContourReading {
         target: ContourTarget::Range {
             origin: [3.0, 1.0],
@@ -117,7 +118,7 @@ fn check(reading: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], nam
     }
 }
 
-/// The mean NEES over its dimension, of seeded runs.
+/// Mean normalised estimation error squared (NEES) per dimension over 25 seeded runs.
 fn consistency(
     kind: &ContourKind,
     theta: &[f64],
@@ -146,7 +147,7 @@ fn consistency(
 }
 
 #[test]
-fn what_was_simulated_is_found_within_its_covariance() {
+fn simulated_contours_are_recovered_within_their_covariance() {
     for method in [Method::Combined, Method::Batch, Method::NoiseUpdated] {
         let options = ContourFitOptions { method, gate: None, ..ContourFitOptions::default() };
         for (kind, theta) in [
@@ -161,7 +162,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
 }
 
 #[test]
-fn a_sweep_shares_the_error_of_its_pose() {
+fn covariance_includes_the_shared_pose_error_of_a_sweep() {
     let sensor = SensorOptions { sweep: 10, ..SENSOR };
     for method in [Method::Batch, Method::NoiseUpdated] {
         let options = ContourFitOptions { method, gate: None, ..ContourFitOptions::default() };
@@ -171,17 +172,17 @@ fn a_sweep_shares_the_error_of_its_pose() {
 }
 
 #[test]
-fn a_moving_thing_is_found_with_its_velocity() {
+fn velocity_of_a_moving_circle_is_recovered() {
     let sensor = SensorOptions { velocity: [0.2, -0.1, 0.0], ..SENSOR };
     let options =
         ContourFitOptions { motion: PlanarMotion::Linear, gate: None, ..ContourFitOptions::default() };
-    // The contour's time is that of the first reading, which is zero.
+    // The reference time is that of the first reading, which is zero.
     let nees = consistency(&ContourKind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[0.2, -0.1]);
     assert!((0.5..1.6).contains(&nees.reduced()), "{}", nees.reduced());
 }
 
 #[test]
-fn kinds_are_told_apart_where_the_noise_allows() {
+fn the_true_kind_is_chosen_at_moderate_noise() {
     for (kind, theta) in [
         (ContourKind::Circle, vec![0.1, -0.2, 1.0]),
         (ContourKind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
@@ -197,7 +198,7 @@ fn kinds_are_told_apart_where_the_noise_allows() {
 
 #[test]
 fn readings_near_corners_do_not_widen_a_rectangle() {
-    // Noise of 2 % and 2°: the width is 1.2 σ too large where all readings count for the side that is nearer.
+    // Noise of 2 % and 2°: if every reading is assigned to the nearer side, the width is 1.2 σ too large.
     let sensor = SensorOptions { sigma: [0.02, 0.02, 0.035, 0.0], sigma_range_share: 0.01, ..SENSOR };
     let truth = [0.1, -0.2, 1.6, 1.2, 0.5];
     let runs = 24;
@@ -221,7 +222,7 @@ fn readings_near_corners_do_not_widen_a_rectangle() {
 }
 
 #[test]
-fn parts_and_holes_are_told_apart() {
+fn separate_finds_parts_and_holes() {
     let (outer, inner) = (vec![0.0, 0.0, 2.0, 1.6, 0.3], vec![0.0, 0.0, 0.3]);
     let mut all = points(&ContourKind::Rectangle, &outer, 400, 0.01, 1).noisy;
     all.extend(points(&ContourKind::Circle, &inner, 100, 0.01, 2).noisy);
@@ -234,14 +235,14 @@ fn parts_and_holes_are_told_apart() {
 }
 
 #[test]
-fn wild_readings_are_left_out() {
+fn outliers_are_rejected() {
     let sensor = SensorOptions { outlier_share: 0.15, ..SENSOR };
     let made = ranges(&ContourKind::Circle, &[0.1, -0.2, 1.0], [0.1, -0.2], 200, &sensor, 9);
     let found = fit(&ContourKind::Circle, &made.noisy, &ContourFitOptions::default()).expect("a fit");
     let off = found.state - DVector::from_column_slice(&[0.1, -0.2, 1.0]);
     assert!(normalized_squared(&off, &found.covariance).expect("a value") < 16.0);
-    let left_out = found.used.iter().filter(|used| !**used).count();
-    assert!((15..=45).contains(&left_out), "{left_out}");
+    let rejected = found.used.iter().filter(|used| !**used).count();
+    assert!((15..=45).contains(&rejected), "{rejected}");
 }
 
 #[test]
@@ -270,7 +271,7 @@ fn triangles_with_sharp_corners_are_found() {
 fn open_outlines_and_outlines_with_arcs_are_chains() {
     let chain = |arcs: &[bool], closed| ContourKind::Chain { arcs: arcs.to_vec(), closed };
     for (kind, theta, middle) in [
-        // An open angle, a rounded step, each from one side; a D from all around.
+        // An open angle and a rounded step, each seen from one side; a D seen from all around.
         (chain(&[false, false], false), vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7], [0.0, 1.0]),
         (
             chain(&[false, true, false], false),
@@ -300,8 +301,8 @@ fn open_outlines_and_outlines_with_arcs_are_chains() {
 }
 
 #[test]
-fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
-    // By their distances to the nearest side alone half of these were taken for rectangles.
+fn rounded_corners_are_identified_at_high_noise() {
+    // A choice by distances to the nearest side identified half of these as rectangles.
     let sensor = SensorOptions::around(1.0, 1.0);
     let theta = [0.0, 0.0, 1.8, 1.2, 0.5, 0.3];
     let kinds =
@@ -316,7 +317,7 @@ fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
 }
 
 #[test]
-fn readings_that_are_all_of_one_place_are_refused_at_once() {
+fn coincident_readings_are_rejected_for_every_kind() {
     let reading = ContourReading {
         target: ContourTarget::Point { position: [1.0, 1.0], sigma: 0.1 },
         time_s: 0.0,
@@ -328,9 +329,10 @@ fn readings_that_are_all_of_one_place_are_refused_at_once() {
     }
 }
 
-/// Where not even half of a circle was seen its size hangs on the curvature of an arc; σ holds there too.
+/// If less than half of a circle is observed, its radius depends on the curvature of an arc; σ is correct
+/// there, too.
 #[test]
-fn a_short_arc_is_known_as_well_as_it_says() {
+fn radius_of_a_short_arc_has_the_stated_sigma() {
     let sensor = SensorOptions::around(1.0, 1.0);
     let runs = 24;
     let nees = |run: u64| {
@@ -348,8 +350,8 @@ fn a_short_arc_is_known_as_well_as_it_says() {
 }
 
 #[test]
-fn readings_of_one_place_show_no_outline() {
+fn readings_closer_than_their_sigma_show_no_outline() {
     let spot = points(&ContourKind::Circle, &[0.0, 0.0, 1e-3], 50, 0.1, 1).exact;
     let e = choose(&auto_kinds(), true, &spot, &ContourFitOptions::default()).unwrap_err();
-    assert!(e.to_string().contains("all 50 readings lie nearer together"), "{e}");
+    assert!(e.to_string().contains("all 50 readings lie closer together"), "{e}");
 }

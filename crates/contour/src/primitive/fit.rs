@@ -1,4 +1,4 @@
-//! A shape fitted to rays, by the batch or a filter, and the choice among shapes.
+//! Fit of a shape to rays by a batch or a filter, and choice among shapes.
 
 use super::ray::{Ray, ShapeReading};
 use super::shape::{Chart, PrimitiveKind};
@@ -8,41 +8,46 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
 
-/// Readings a side from which a filter of several sides starts.
+/// Readings per further side in the batch that initialises a filter.
+///
+/// A filter assigns each reading to a side once and does not recover from a wrong edge; more readings in the
+/// seed leave fewer to the filter.
 const SEED_PER_SIDE: usize = 24;
-/// Spacing of the differences that carry a covariance to reported parameters, in σ.
+/// Spacing in σ of the differences that propagate a covariance to the reported parameters.
+///
+/// Small enough for the change of parameters to be linear, and large compared with rounding.
 const SPACING: f64 = 1e-3;
 
-/// A shape with its covariance.
+/// A fitted shape with its covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrimitiveFit {
-    /// The shape.
+    /// Kind of the shape.
     pub shape: PrimitiveKind,
-    /// Its parameters, in the order of [`PrimitiveKind::names`].
+    /// Parameters in the order of [`PrimitiveKind::names`].
     pub parameters: Vec<f64>,
-    /// Their covariance: of the rank of the shape's unknowns, which are fewer where directions are among
-    /// them.
+    /// Covariance of `parameters`. It is singular if they contain directions, because a unit vector has three
+    /// components but two degrees of freedom.
     pub covariance: DMatrix<f64>,
-    /// Distance of each reading in standard deviations; NaN where it has none.
+    /// Distance of each reading from the shape in σ; NaN for a reading without a value.
     pub distances: Vec<f64>,
-    /// Whether each reading counted.
+    /// For each reading, true if it was used and false if it was rejected.
     pub used: Vec<bool>,
-    /// `−½ Σ s²`, less what a gate costs for each reading beyond it; up to a constant.
+    /// `−½ Σ s²` over the used readings, minus half the squared gate for each rejected one.
     pub log_likelihood: f64,
-    /// `Σ s²` over the readings that counted.
+    /// `Σ s²` over the used readings.
     pub squares: f64,
-    /// How it ended.
+    /// How the iteration ended.
     pub termination: Termination,
 }
 
 impl PrimitiveFit {
-    /// `−2 ln L + k ln n`.
+    /// Bayesian information criterion `−2 ln L + k ln n`.
     #[must_use]
     pub fn bic(&self) -> f64 {
         self.shape.unknowns() as f64 * (self.distances.len().max(2) as f64).ln() - 2.0 * self.log_likelihood
     }
 
-    /// Mean squared distance over its degrees of freedom; one is expected.
+    /// χ² of the used readings per degree of freedom; 1 is expected.
     #[must_use]
     pub fn reduced_chi_square(&self) -> f64 {
         let count = self.used.iter().filter(|used| **used).count() as f64;
@@ -50,16 +55,18 @@ impl PrimitiveFit {
     }
 }
 
-/// Fits a shape to rays, their poses in their noise: from each start a robust batch (Tukey), then on what
-/// passes the gate the batch proper, or a filter after readings enough. Form, motion and start of the options
-/// are those of contours, and not used.
+/// Fits a shape to rays. Errors of poses are part of the noise of each ray.
+///
+/// From each start, a robust batch (Tukey's loss) precedes the gate. A batch of the accepted readings
+/// follows, or a filter initialised by a batch of some of them. The options `form`, `motion` and `start` are
+/// ignored.
 ///
 /// # Errors
-/// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
+/// `Undetermined` if the readings do not determine the parameters, or if the fit fails from every start.
 pub fn fit(shape: PrimitiveKind, rays: &[Ray], options: &ContourFitOptions) -> Result<PrimitiveFit> {
     if rays.len() < shape.unknowns() {
         return Err(Error::undetermined(format!(
-            "{} readings cannot determine the {} unknowns of a {shape}: give more readings",
+            "{} readings cannot determine the {} unknowns of a {shape}: provide more readings",
             rays.len(),
             shape.unknowns()
         )));
@@ -76,15 +83,16 @@ pub fn fit(shape: PrimitiveKind, rays: &[Ray], options: &ContourFitOptions) -> R
     }
     best.ok_or_else(|| {
         Error::undetermined(format!(
-            "the readings do not determine a {shape}: they may see too little of it, or be of something else"
+            "the readings do not determine a {shape}: they may cover too little of it or belong to another \
+             shape"
         ))
     })
 }
 
-/// The shape of the least BIC, and the BIC of the others that could be fitted, best first.
+/// The fit of the shape with the smallest BIC, and the BIC of the other shapes, best first.
 ///
 /// # Errors
-/// `Undetermined` when none could be fitted.
+/// `Undetermined` if no shape could be fitted.
 pub fn choose(
     shapes: &[PrimitiveKind],
     rays: &[Ray],
@@ -106,6 +114,7 @@ pub fn choose(
     Ok((best, found.map(|one| (one.shape, one.bic())).collect()))
 }
 
+/// One equation per ray.
 fn readings<'a>(
     shape: PrimitiveKind,
     chart: &'a Chart,
@@ -114,6 +123,7 @@ fn readings<'a>(
     rays.map(|ray| ShapeReading { shape, chart, ray }).collect()
 }
 
+/// Fits from one start.
 fn fit_from(
     shape: PrimitiveKind,
     chart: &Chart,
@@ -124,6 +134,8 @@ fn fit_from(
     let all = readings(shape, chart, rays.iter());
     let mut at = DVector::from_column_slice(start);
     let settings = ImplicitOptions { correct_bias: false, ..ImplicitOptions::default() };
+    // Stage 1: robust batches, first with a wide threshold, because a rough start may be many σ from half of
+    // the readings.
     for threshold in [20.0, 6.0] {
         let robust = ImplicitOptions {
             loss: Loss::Tukey { threshold },
@@ -133,6 +145,7 @@ fn fit_from(
         };
         at = fit_implicit(&all, None, &at, &robust)?.state;
     }
+    // Stage 2: the gate. Zero iterations evaluate the distances only.
     let look = ImplicitOptions { max_iterations: 0, ..settings };
     let near =
         GatedResiduals::from_distances(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
@@ -140,18 +153,18 @@ fn fit_from(
     if kept.len() < shape.unknowns() {
         return Err(Error::undetermined("too few readings lie near the shape"));
     }
+    // Stage 3: the estimate from the accepted readings.
     let last = ImplicitOptions {
         correct_bias: options.correct_bias,
         margin: options.corner_margin,
         ..ImplicitOptions::default()
     };
-    let undetermined = || Error::undetermined("the readings leave a parameter of the shape free");
+    let undetermined = || Error::undetermined("the readings leave a parameter of the shape undetermined");
     let (state, covariance, termination) = if matches!(options.method, Method::Batch | Method::Combined) {
         let found = fit_implicit(&kept, None, &at, &last)?;
         (found.state, found.covariance.ok_or_else(undetermined)?, found.termination)
     } else {
-        // Readings enough on every side: a filter decides once which side a reading is of, and does not find
-        // back from an edge that was taken to be elsewhere.
+        // The seed needs several readings on every side (see [`SEED_PER_SIDE`]).
         let wanted = ((4 * shape.unknowns()).max(12))
             .max(SEED_PER_SIDE * shape.pieces().saturating_sub(1))
             .min(kept.len());
@@ -169,16 +182,18 @@ fn fit_from(
         update.margin = options.corner_margin;
         update.correct_bias &= options.correct_bias;
         for (_, reading) in &rest {
-            // An equation without a value at the prediction says nothing: the reading is left out.
+            // An error means that the equation has no value at the prediction; the reading is skipped.
             let _ = filter.update_implicit(reading, &update);
         }
         (filter.mean().clone(), filter.covariance().clone(), Termination::Converged)
     };
     if !shape.is_valid(state.as_slice()) {
-        return Err(Error::undetermined("a size is not positive"));
+        return Err(Error::undetermined("a size of the fitted shape is not positive"));
     }
-    if shape == PrimitiveKind::Box && sides_are_one(rays, state.as_slice()) {
-        return Err(Error::undetermined("the box is so thin that noise does not tell its two sides apart"));
+    if shape == PrimitiveKind::Box && sides_are_indistinguishable(rays, state.as_slice()) {
+        return Err(Error::undetermined(
+            "the box is too thin: the noise hides which of two sides a reading belongs to",
+        ));
     }
     let distances = fit_implicit(&all, None, &state, &look)?.distances;
     let GatedResiduals { used, squares, log_likelihood } =
@@ -195,13 +210,14 @@ fn fit_from(
     })
 }
 
-/// Whether a size of a box is less than four σ of a reading: two sides so near would explain noise, each what
-/// is nearer to it.
-fn sides_are_one(rays: &[Ray], x: &[f64]) -> bool {
+/// True if a size of a box is less than four σ of a reading. Two sides that close would share the noise of
+/// one side between them.
+fn sides_are_indistinguishable(rays: &[Ray], x: &[f64]) -> bool {
     let variance = rays.iter().map(|ray| ray.covariance().trace() / 3.0).sum::<f64>() / rays.len() as f64;
     x[6..9].iter().any(|size| size * size < 16.0 * variance)
 }
 
+/// Covariance of the reported parameters, `J Σ Jᵀ` with `J` by central differences.
 fn reported_covariance(
     shape: PrimitiveKind,
     chart: &Chart,

@@ -1,26 +1,26 @@
-//! A reading in space as an implicit equation.
+//! A reading in space as an implicit equation `g(z − v, x) = 0`.
 
 use super::shape::{Chart, PrimitiveKind, distance, overshoot, within};
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::implicit::{ImplicitReading, MAX_STATE};
 
-/// What a sensor saw.
+/// The measured values of a reading in space with their σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RayTarget {
-    /// A range from a pose: `origin + range (cos e cos a, cos e sin a, sin e)`.
+    /// A range from an uncertain pose; the point is `origin + range (cos e cos a, cos e sin a, sin e)`.
     Range {
-        /// Where the sensor was thought to be.
+        /// Measured position of the sensor.
         origin: [f64; 3],
-        /// Azimuth `a` (counter-clockwise from +x about +z) and elevation `e`, where it was thought to look.
+        /// Measured direction of the ray: azimuth `a` (counter-clockwise from +x about +z) and elevation `e`.
         direction_rad: [f64; 2],
-        /// What it read.
+        /// Measured distance along the ray.
         range: f64,
         /// σ of `x`, `y`, `z`, azimuth and elevation (radians), and the range.
         sigma: [f64; 6],
     },
     /// A point.
     Point {
-        /// Where it is.
+        /// Measured coordinates.
         position: [f64; 3],
         /// σ of each coordinate.
         sigma: f64,
@@ -30,19 +30,20 @@ pub enum RayTarget {
 /// A reading in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// What was seen.
+    /// The measured values.
     pub seen: RayTarget,
-    /// Line of the file it comes from, or its index.
+    /// Line in the file of origin, or index of the reading.
     pub line: usize,
 }
 
 impl Ray {
-    /// The point that was seen, as measured.
+    /// The measured point, without any correction.
     #[must_use]
     pub fn point(&self) -> [f64; 3] {
         self.place(&[0.0; 6]).0.into()
     }
 
+    /// Number of measured values.
     fn noises(&self) -> usize {
         match self.seen {
             RayTarget::Range { .. } => 6,
@@ -50,7 +51,7 @@ impl Ray {
         }
     }
 
-    /// The corrected point, and its derivatives by the noise.
+    /// The point corrected by the whitened noise `u`, and its derivatives by `u`.
     fn place(&self, u: &[f64]) -> (Vector3<f64>, [Vector3<f64>; 6]) {
         let mut by_noise = [Vector3::zeros(); 6];
         match self.seen {
@@ -77,14 +78,14 @@ impl Ray {
         }
     }
 
-    /// Covariance of the point, to first order.
+    /// Covariance of the point to first order.
     pub(crate) fn covariance(&self) -> Matrix3<f64> {
         let (_, by_noise) = self.place(&[0.0; 6]);
         by_noise.iter().map(|column| column * column.transpose()).sum()
     }
 }
 
-/// A ray against a shape.
+/// The equation of one ray: the distance of its corrected point to a piece of the shape is zero.
 pub(crate) struct ShapeReading<'a> {
     pub(crate) shape: PrimitiveKind,
     pub(crate) chart: &'a Chart,
@@ -92,17 +93,17 @@ pub(crate) struct ShapeReading<'a> {
 }
 
 impl ShapeReading<'_> {
-    /// `dᵀ Q⁻¹ d` of a displacement `d` in a side's plane, with `Q` the covariance of a point that is held to
-    /// that plane.
+    /// `dᵀ Q⁻¹ d` of a displacement `d` within a side, `Q` being the covariance of a point that lies on it.
     fn squared_along(&self, x: &[f64], branch: usize, p: &Vector3<f64>, d: &Vector3<f64>) -> f64 {
         let mut by_state = [0.0; MAX_STATE];
         let (_, n) = distance(self.shape, self.chart, x, branch, p, &mut by_state[..x.len()]);
         let covariance = self.ray.covariance();
         let pull = covariance * n;
-        let held = covariance - pull * pull.transpose() / n.dot(&pull);
-        // Singular along n only, where d has nothing.
-        let whole = held + n * n.transpose() * held.trace();
-        whole.try_inverse().map_or(0.0, |inverse| d.dot(&(inverse * d)))
+        let conditional = covariance - pull * pull.transpose() / n.dot(&pull);
+        // It is singular along n, where d has no component: any variance added there makes it invertible
+        // and does not change the result.
+        let regular = conditional + n * n.transpose() * conditional.trace();
+        regular.try_inverse().map_or(0.0, |inverse| d.dot(&(inverse * d)))
     }
 }
 
@@ -150,7 +151,8 @@ impl ImplicitReading for ShapeReading<'_> {
         if length.is_infinite() {
             return length;
         }
-        // By the largest σ in the side's plane, which the trace bounds.
+        // The largest eigenvalue bounds the variance in every direction within the side, so the margin in σ
+        // is a lower bound.
         let covariance = self.ray.covariance();
         length / covariance.symmetric_eigenvalues().max().sqrt()
     }

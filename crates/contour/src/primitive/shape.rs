@@ -1,19 +1,19 @@
-//! Shapes in space, their parameters about a chart, and signed distances.
+//! Shapes in space, their parameters in a chart, and signed distances with derivatives.
 
 use nalgebra::{Matrix3, Vector3};
 use std::fmt;
 
-/// What sort of surface.
+/// The kind of a shape, with the order of its reported parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PrimitiveKind {
-    /// `normal_x normal_y normal_z offset`: the points with `n·p = offset`.
+    /// An infinite plane: `normal_x normal_y normal_z offset`, the points with `n·p = offset`.
     Plane,
     /// `center_x center_y center_z radius`.
     Sphere,
-    /// A cylinder without ends: `point_x point_y point_z axis_x axis_y axis_z radius`, the point that of the
-    /// axis nearest to the middle of the readings.
+    /// An infinite cylinder: `point_x point_y point_z axis_x axis_y axis_z radius`. The point is the one on
+    /// the axis nearest to the centroid of the readings.
     Cylinder,
-    /// `center_x center_y center_z length width height` and its three axes, `length_x … height_z`.
+    /// `center_x center_y center_z length width height` and the three unit axes, `length_x … height_z`.
     Box,
 }
 
@@ -29,10 +29,10 @@ impl fmt::Display for PrimitiveKind {
 }
 
 impl PrimitiveKind {
-    /// All shapes.
+    /// All kinds.
     pub const ALL: [Self; 4] = [Self::Plane, Self::Sphere, Self::Cylinder, Self::Box];
 
-    /// How many unknowns it has.
+    /// Number of unknowns; smaller than the number of reported parameters if these contain directions.
     #[must_use]
     pub fn unknowns(self) -> usize {
         match self {
@@ -43,7 +43,15 @@ impl PrimitiveKind {
         }
     }
 
-    /// Names of the parameters that are reported; of directions all three components.
+    /// Names of the reported parameters; directions have three components.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_contour::primitive::PrimitiveKind;
+    ///
+    /// assert_eq!(PrimitiveKind::Plane.names(), ["normal_x", "normal_y", "normal_z", "offset"]);
+    /// assert_eq!(PrimitiveKind::Plane.unknowns(), 3); // a unit normal has two degrees of freedom
+    /// ```
     #[must_use]
     pub fn names(self) -> &'static [&'static str] {
         match self {
@@ -57,12 +65,12 @@ impl PrimitiveKind {
         }
     }
 
-    /// Smooth pieces: the six sides of a box.
+    /// Number of smooth pieces: 6 sides of a box, otherwise 1.
     pub(crate) fn pieces(self) -> usize {
         if self == Self::Box { 6 } else { 1 }
     }
 
-    /// Whether sizes are positive.
+    /// True if all values are finite and all sizes positive.
     pub(crate) fn is_valid(self, x: &[f64]) -> bool {
         x.iter().all(|value| value.is_finite())
             && match self {
@@ -74,13 +82,14 @@ impl PrimitiveKind {
     }
 }
 
-/// A frame in which directions are near the third axis, or rotations near none: no parameter is singular
-/// there.
+/// Local frame of the unknowns: directions are close to its third axis, and rotations close to the identity.
+///
+/// Angles or rotation vectors in a fixed frame have singularities; this chart has none near the start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Chart {
-    /// Where coordinates are counted from.
+    /// Origin of the frame.
     pub(crate) pivot: Vector3<f64>,
-    /// Columns: the axes of the frame.
+    /// Axes of the frame as columns.
     pub(crate) frame: Matrix3<f64>,
 }
 
@@ -88,13 +97,14 @@ impl Chart {
     /// A chart whose third axis is `direction`.
     pub(crate) fn along(pivot: Vector3<f64>, direction: Vector3<f64>) -> Self {
         let third = direction.normalize();
+        // The coordinate axis most nearly perpendicular to the direction: its cross product cannot vanish.
         let smallest = third.iamin();
         let first = Vector3::ith(smallest, 1.0).cross(&third).normalize();
         let second = third.cross(&first);
         Self { pivot, frame: Matrix3::from_columns(&[first, second, third]) }
     }
 
-    /// The unit vector of `(a, b)`, and its derivatives by them.
+    /// Unit vector along `third + a first + b second`, and its derivatives by `a` and `b`.
     fn direction(&self, a: f64, b: f64) -> (Vector3<f64>, [Vector3<f64>; 2]) {
         let [first, second, third] = [0, 1, 2].map(|k| self.frame.column(k).into_owned());
         let long = third + first * a + second * b;
@@ -103,12 +113,12 @@ impl Chart {
         (n, [first, second].map(|e| (e - n * n.dot(&e)) / length))
     }
 
-    /// The rotation of a box, world from its own axes.
+    /// Rotation of a box: world from the axes of the box.
     fn rotation(&self, w: [f64; 3]) -> Matrix3<f64> {
         self.frame * nalgebra::Rotation3::new(Vector3::from(w)).into_inner()
     }
 
-    /// Parameters as they are reported, about this chart.
+    /// Reported parameters of the unknowns `x` in this chart.
     pub(crate) fn reported(&self, shape: PrimitiveKind, x: &[f64]) -> Vec<f64> {
         match shape {
             PrimitiveKind::Plane => {
@@ -126,7 +136,8 @@ impl Chart {
             PrimitiveKind::Box => {
                 let r = self.rotation([x[3], x[4], x[5]]);
                 let mut values: Vec<f64> = (0..3).map(|k| x[k] + self.pivot[k]).collect();
-                // Longest first; directions with a first component that is not negative.
+                // A box has 24 descriptions. The longest side first, and axes with a positive largest
+                // component, select one of them.
                 let mut order = [0, 1, 2];
                 order.sort_by(|&a: &usize, &b: &usize| x[6 + b].total_cmp(&x[6 + a]));
                 values.extend(order.map(|k| x[6 + k]));
@@ -140,12 +151,13 @@ impl Chart {
         }
     }
 
+    /// Point of a cylinder's axis in the plane of the first two axes of the frame.
     fn axis_point(&self, x: &[f64]) -> Vector3<f64> {
         self.pivot + self.frame.column(0) * x[0] + self.frame.column(1) * x[1]
     }
 }
 
-/// Signed distance to a piece of a shape, positive outside, and `∂g/∂p`; fills `∂g/∂x`.
+/// Signed distance to a piece of a shape, positive outside, and `∂g/∂p`; fills `by_state` with `∂g/∂x`.
 pub(crate) fn distance(
     shape: PrimitiveKind,
     chart: &Chart,
@@ -182,7 +194,7 @@ pub(crate) fn distance(
             let n = across / length;
             by_state[0] = -n.dot(&chart.frame.column(0));
             by_state[1] = -n.dot(&chart.frame.column(1));
-            // n is across the axis, so that only −(∂axis) (axis·d) stays.
+            // n is perpendicular to the axis, so that of ∂(d − axis (axis·d)) only −(∂axis) (axis·d) remains.
             by_state[2] = -along * n.dot(&by[0]);
             by_state[3] = -along * n.dot(&by[1]);
             by_state[4] = -1.0;
@@ -209,8 +221,8 @@ pub(crate) fn distance(
     }
 }
 
-/// How far a point lies from the nearest edge of a side of a box, within it; less than none beyond it.
-/// Infinitely far for what has no edges.
+/// Distance of a point within a side of a box to the nearest edge, negative beyond it; infinite for shapes
+/// without edges.
 pub(crate) fn within(shape: PrimitiveKind, chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> f64 {
     if shape != PrimitiveKind::Box {
         return f64::INFINITY;
@@ -221,7 +233,7 @@ pub(crate) fn within(shape: PrimitiveKind, chart: &Chart, x: &[f64], piece: usiz
     others.map(|k| 0.5 * x[6 + k] - q[k].abs()).fold(f64::INFINITY, f64::min)
 }
 
-/// The part by which a point overshoots a side of a box, as a vector in space.
+/// Vector from the nearest point of a side of a box to the projection of a point into the plane of that side.
 pub(crate) fn overshoot(chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> Vector3<f64> {
     let q = local(chart, x, p);
     let (axis, _) = side(piece);
@@ -232,18 +244,21 @@ pub(crate) fn overshoot(chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>
     chart.rotation([x[3], x[4], x[5]]) * over
 }
 
+/// A point in the axes of a box, relative to its centre.
 fn local(chart: &Chart, x: &[f64], p: &Vector3<f64>) -> Vector3<f64> {
     chart.rotation([x[3], x[4], x[5]]).transpose() * (p - chart.pivot - Vector3::new(x[0], x[1], x[2]))
 }
 
+/// Axis and sign of the outward normal of side `piece` of a box.
 fn side(piece: usize) -> (usize, f64) {
     (piece / 2, if piece.is_multiple_of(2) { 1.0 } else { -1.0 })
 }
 
-/// `J` with `exp([w + dw]ₓ) = exp([w]ₓ) exp([J dw]ₓ)`.
+/// Right Jacobian `J` of SO(3): `exp([w + dw]ₓ) = exp([w]ₓ) exp([J dw]ₓ)` to first order.
 fn right_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let cross = w.cross_matrix();
     let angle = w.norm();
+    // Both quotients below are 0/0 at zero; the next term of the series is of order 1e-12 here.
     if angle < 1e-6 {
         return Matrix3::identity() - 0.5 * cross;
     }

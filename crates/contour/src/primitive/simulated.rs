@@ -1,4 +1,4 @@
-//! Rays to shapes that are known exactly.
+//! Simulated rays to known shapes.
 
 use super::ray::{Ray, RayTarget};
 use super::shape::PrimitiveKind;
@@ -7,45 +7,45 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-/// A shape that is measured: its kind, where its middle is, how it is turned, and its sizes.
+/// A shape to simulate: kind, centre, rotation and sizes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedPrimitive {
-    /// The shape.
+    /// Kind of the shape.
     pub shape: PrimitiveKind,
-    /// Its middle.
+    /// Centre of the shape.
     pub center: [f64; 3],
-    /// Rotation vector, world from its own axes; planes look along their third axis, cylinders lie along it.
+    /// Rotation vector (radians), world from the axes of the shape. The third axis is the normal of a plane
+    /// and the axis of a cylinder.
     pub turn: [f64; 3],
-    /// Of a box its length, width and height; of a sphere the radius; of a cylinder the radius and what is
-    /// seen of its length; of a plane the two sides of the square that is seen. What is not needed is not
-    /// looked at.
+    /// Sizes. Box: length, width, height. Sphere: radius. Cylinder: radius, observed length. Plane: the two
+    /// sides of the observed rectangle. Further values are ignored.
     pub size: [f64; 3],
 }
 
-/// How shapes are measured.
+/// Sensor of a simulated measurement in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpaceSensor {
-    /// Distance of the sensor from the middle.
+    /// Distance of the sensor from the centre of the shape.
     pub standoff: f64,
     /// σ of each coordinate of the sensor.
     pub sigma_position: f64,
     /// σ of azimuth and elevation, in radians.
     pub sigma_angle_rad: f64,
-    /// σ of the range as a share of it.
+    /// σ of the range as a fraction of the range.
     pub sigma_range_share: f64,
 }
 
-/// Rays with and without errors: the latter state the same σ.
+/// The same rays with and without errors. Both state the same σ.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SimulatedRays {
-    /// As a sensor gives them.
+    /// Rays with errors.
     pub noisy: Vec<Ray>,
-    /// As they should be.
+    /// Rays without errors.
     pub exact: Vec<Ray>,
 }
 
 impl SimulatedPrimitive {
-    /// The parameters in the order of [`PrimitiveKind::names`]; of a cylinder with the middle as its point.
+    /// True parameters in the order of [`PrimitiveKind::names`]. The point of a cylinder is its centre.
     #[must_use]
     pub fn parameters(&self) -> Vec<f64> {
         let r = self.rotation();
@@ -80,12 +80,13 @@ impl SimulatedPrimitive {
         Rotation3::new(Vector3::from(self.turn))
     }
 
-    /// A place on the surface, drawn evenly, and the outward normal there, in its own axes.
+    /// A place drawn evenly from the surface, and the outward normal there, in the axes of the shape.
     fn draw(&self, random: &mut ChaCha8Rng) -> (Vector3<f64>, Vector3<f64>) {
         let mut side = |length: f64| length * random.random_range(-0.5..0.5);
         match self.shape {
             PrimitiveKind::Plane => (Vector3::new(side(self.size[0]), side(self.size[1]), 0.0), Vector3::z()),
             PrimitiveKind::Sphere => {
+                // Archimedes: the area of a sphere between two parallels depends on their distance only.
                 let z: f64 = side(2.0);
                 let (sin, cos) = side(std::f64::consts::TAU).sin_cos();
                 let across = (1.0 - z * z).sqrt();
@@ -110,8 +111,10 @@ impl SimulatedPrimitive {
     }
 }
 
-/// Rays to a shape from all around. Each aims at a place drawn evenly from the surface, from within 35° of
-/// the normal there: what it meets first is that place. The same seed gives the same rays.
+/// Simulates rays to a shape from all around it.
+///
+/// Each ray aims at a place drawn evenly from the surface and comes from within 35° of the normal there. The
+/// shapes are convex, so that this place is the first intersection. The same seed gives the same rays.
 #[must_use]
 pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed: u64) -> SimulatedRays {
     let mut random = ChaCha8Rng::seed_from_u64(seed);

@@ -1,19 +1,20 @@
-//! Parameters to start from, without a guess.
+//! Initial parameters of a shape, derived from the points alone.
 
 use super::shape::{Chart, PrimitiveKind};
 use crate::planar::circle_of_points;
 use nalgebra::{Matrix3, Matrix4, Rotation3, Unit, UnitQuaternion, Vector3, Vector4};
 
-/// Directions of a cylinder's axis that are tried, on half of a sphere.
+/// Number of axis directions tried for a cylinder, spread over a half sphere: one per about 0.04 sr, 0.2 rad
+/// apart. The fit converges from there.
 const DIRECTIONS: usize = 150;
-/// Rotations of a box that are tried.
+/// Number of rotations tried for a box, spread over those that differ by more than a symmetry of the cube.
 const ROTATIONS: usize = 500;
 
-/// Charts and unknowns to start from, the most promising first; none where the points do not allow any.
+/// Charts with initial unknowns, most promising first; empty if the points do not determine the shape.
 ///
-/// Planes by the least principal direction, spheres by Kåsa's fit, cylinders by Taubin's circle across each
-/// of many directions, boxes by the mean squared distance to the sides of the box about the points in each of
-/// many rotations.
+/// Planes use the direction of least variance, spheres Kåsa's fit. Cylinders use Taubin's circle across each
+/// of many directions. Boxes use the bounding box in each of many rotations, ranked by the mean squared
+/// distance of the points to its sides.
 ///
 /// # References
 /// Kåsa 1976, *A circle fitting procedure and its error analysis*; Taubin 1991.
@@ -33,12 +34,14 @@ pub(crate) fn starts(shape: PrimitiveKind, points: &[[f64; 3]]) -> Vec<(Chart, V
     }
 }
 
-/// The one of two opposite directions whose largest component is positive.
+/// Of two opposite directions, the one whose largest component is positive.
 fn outward(n: Vector3<f64>) -> Vector3<f64> {
     if n[n.iamax()] < 0.0 { -n } else { n }
 }
 
+/// Kåsa's sphere: linear least squares for centre and squared radius.
 fn sphere(points: &[Vector3<f64>], middle: Vector3<f64>) -> Option<(Chart, Vec<f64>)> {
+    // Coordinates relative to the centroid: |p|² of distant points would cancel.
     let mut normal = Matrix4::zeros();
     let mut right = Vector4::zeros();
     for p in points {
@@ -56,7 +59,7 @@ fn sphere(points: &[Vector3<f64>], middle: Vector3<f64>) -> Option<(Chart, Vec<f
     })
 }
 
-/// Directions spread evenly over half of a sphere.
+/// Directions spread evenly over a half sphere: a Fibonacci spiral with the golden angle of 2.4 rad.
 fn directions() -> impl Iterator<Item = Vector3<f64>> {
     (0..DIRECTIONS).map(|k| {
         let z = (k as f64 + 0.5) / DIRECTIONS as f64;
@@ -66,6 +69,7 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
+/// The three best cylinders among all directions.
 fn cylinders(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f64>)> {
     let mut found: Vec<(f64, Chart, Vec<f64>)> = directions()
         .filter_map(|direction| {
@@ -82,6 +86,7 @@ fn cylinders(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f
     found.into_iter().take(3).map(|(_, chart, start)| (chart, start)).collect()
 }
 
+/// The four best boxes among all rotations.
 fn boxes(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f64>)> {
     let mut found: Vec<(f64, Chart, Vec<f64>)> = (0..ROTATIONS)
         .map(|k| {
@@ -90,7 +95,7 @@ fn boxes(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f64>)
             let (mut low, mut high) = (Vector3::zeros(), Vector3::zeros());
             for axis in 0..3 {
                 let mut values: Vec<f64> = local.iter().map(|q| q[axis]).collect();
-                // Noise puts a few points outside: sides lie a little inside of the outermost ones.
+                // Noise and outliers lie outside of the true sides: cut 4 % of the points at each end.
                 let cut = values.len() / 25;
                 let last = values.len() - 1 - cut;
                 low[axis] = *values.select_nth_unstable_by(cut, f64::total_cmp).1;
@@ -111,13 +116,14 @@ fn boxes(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f64>)
     found.into_iter().take(4).map(|(_, chart, start)| (chart, start)).collect()
 }
 
-/// Rotations spread evenly, up to the symmetries of a box: the turn nearest to none of each of a
-/// low-discrepancy sequence.
+/// Rotation `k` of a low-discrepancy sequence, reduced by the symmetries of the cube to the smallest angle.
+///
+/// Without the reduction, most of the rotations would repeat the same box with its axes exchanged.
 ///
 /// # References
 /// Shoemake 1992, *Uniform random rotations*; Roberts 2018 for the sequence.
 fn rotation(k: usize) -> Matrix3<f64> {
-    // 1/φ, 1/φ², 1/φ³ of the root of φ⁴ = φ + 1.
+    // Powers 1/φ, 1/φ², 1/φ³ of the root of φ⁴ = φ + 1 (Roberts).
     let [a, b, c] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3]
         .map(|step: f64| (0.5 + step * k as f64).fract());
     let (inner, outer) = ((1.0 - a).sqrt(), a.sqrt());
@@ -129,7 +135,7 @@ fn rotation(k: usize) -> Matrix3<f64> {
         outer * (turn * c).sin(),
     );
     let uniform = UnitQuaternion::new_normalize(quaternion);
-    // Each symmetry of the cube is a product of quarter turns.
+    // Every symmetry of the cube is a product of two multiples of quarter turns about axes.
     let mut best = uniform;
     for about in [Vector3::x(), Vector3::y(), Vector3::z()] {
         for quarters in 0..4 {

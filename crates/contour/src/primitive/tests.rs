@@ -1,4 +1,5 @@
-//! Laws of shapes in space: derivatives, and that what is simulated is found within its covariance.
+//! Laws of shapes in space: derivatives match differences, and fits recover simulated shapes within their
+//! covariance.
 
 use super::ray::ShapeReading;
 use super::shape::Chart;
@@ -22,7 +23,7 @@ fn solids() -> Vec<SimulatedPrimitive> {
 }
 
 #[test]
-fn derivatives_are_those_of_differences() {
+fn derivatives_match_differences() {
     let ray = Ray {
         seen: RayTarget::Range {
             origin: [2.0, 1.0, 0.4],
@@ -59,7 +60,7 @@ fn derivatives_are_those_of_differences() {
 }
 
 #[test]
-fn what_was_simulated_is_found_within_its_covariance() {
+fn simulated_shapes_are_recovered_within_their_covariance() {
     for solid in solids() {
         for method in [Method::Batch, Method::NoiseUpdated] {
             let options = ContourFitOptions { method, ..ContourFitOptions::default() };
@@ -68,7 +69,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
             for seed in 0..20 {
                 let made = rays(&solid, 200, &SENSOR, seed);
                 let found = fit(solid.shape, &made.noisy, &options).expect("a fit");
-                // The covariance is singular where directions are reported whole: each σ by itself.
+                // Reported directions make the covariance singular: each σ is judged separately.
                 for k in 0..truth.len() {
                     if solid.shape == PrimitiveKind::Cylinder && k < 3 {
                         continue;
@@ -83,7 +84,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
 }
 
 #[test]
-fn a_cylinders_axis_goes_through_its_middle() {
+fn axis_of_a_cylinder_passes_through_its_centre() {
     let solid = solids()[2];
     let made = rays(&solid, 300, &SENSOR, 5);
     let found = fit(PrimitiveKind::Cylinder, &made.noisy, &ContourFitOptions::default()).expect("a fit");
@@ -94,7 +95,7 @@ fn a_cylinders_axis_goes_through_its_middle() {
 }
 
 #[test]
-fn shapes_are_told_apart() {
+fn the_true_shape_is_chosen() {
     for solid in solids() {
         let made = rays(&solid, 200, &SENSOR, 3);
         let (best, others) =
@@ -104,7 +105,7 @@ fn shapes_are_told_apart() {
 }
 
 #[test]
-fn half_a_box_leaves_its_sizes_free() {
+fn one_side_does_not_determine_a_box() {
     let solid = solids()[3];
     let turned = nalgebra::Rotation3::new(Vector3::from(solid.turn));
     let mut made = rays(&solid, 600, &SENSOR, 3).exact;

@@ -1,25 +1,25 @@
-//! How each kind of contour is drawn, and what its parameters are from the drawing.
+//! Drawing of each kind of contour, and its parameters from the drawing.
 
-use crate::constraint::{Constraint, Drawing, PointId};
+use crate::constraint::{Constraint, ParametricDrawing, PointId};
 use crate::planar::{ContourKind, arc_circle};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
-/// A contour drawn by itself.
+/// The drawing of one contour with the constraints of its kind.
 pub(super) struct Drawn {
-    pub(super) drawing: Drawing,
+    pub(super) drawing: ParametricDrawing,
     pub(super) given: Vec<Constraint>,
 }
 
-/// Draws a contour.
+/// Draws a contour. The order of parts is the one that [`parameters`] reads.
 pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> Result<Drawn> {
-    let mut drawing = Drawing::default();
+    let mut drawing = ParametricDrawing::default();
     let mut given = Vec::new();
     match kind {
         ContourKind::Line => {
             let Some(seen) = seen else {
                 return Err(Error::input(
-                    "a line without ends cannot be drawn: needed the ends of what was seen",
+                    "a line without ends cannot be drawn: expected the ends of its observed part",
                 ));
             };
             let (sin, cos) = theta[0].sin_cos();
@@ -43,6 +43,7 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
         }
         ContourKind::Rectangle | ContourKind::RoundedRectangle => {
             let bars = drawing.add_polygon(&corners(theta))?;
+            // Three right angles imply the fourth.
             given.extend((0..3).map(|i| Constraint::Perpendicular { a: bars[i], b: bars[i + 1] }));
             if *kind == ContourKind::RoundedRectangle {
                 let (sin, cos) = theta[4].sin_cos();
@@ -72,7 +73,8 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
             let bars = drawing.add_polygon(&vertices)?;
             let radians = TAU / *sides as f64;
             given.extend(bars.windows(2).map(|pair| Constraint::EqualLength { a: pair[0], b: pair[1] }));
-            // The last two angles follow from the closed polygon.
+            // n − 1 equal lengths and n − 3 angles leave four degrees of freedom; the other angles follow
+            // from the closed polygon.
             let turns = bars.windows(2).take(sides - 3);
             given.extend(turns.map(|pair| Constraint::Angle { from: pair[0], to: pair[1], radians }));
         }
@@ -85,9 +87,10 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
     Ok(Drawn { drawing, given })
 }
 
-/// Vertices, bars of the straight pieces, and a circle with an arc for each of the others.
+/// Draws the vertices of a chain, a bar for each straight piece, and a circle with an arc for each other
+/// piece.
 fn chain(
-    drawing: &mut Drawing,
+    drawing: &mut ParametricDrawing,
     given: &mut Vec<Constraint>,
     arcs: &[bool],
     closed: bool,
@@ -106,7 +109,7 @@ fn chain(
         let (centre, radius) = arc_circle(at(i), at(i + 1), theta[bulge]);
         let centre = drawing.point(centre);
         let circle = drawing.circle(centre, radius)?;
-        // Arcs run counter-clockwise; one that bulges inwards runs the other way.
+        // Arcs of a drawing run counter-clockwise; a piece with a negative bulge runs clockwise.
         let (start, end) = if theta[bulge] > 0.0 { (from, to) } else { (to, from) };
         let arc = drawing.arc(circle, start, end);
         given.extend(drawing.arc_constraints(arc));
@@ -115,7 +118,7 @@ fn chain(
     Ok(())
 }
 
-/// Corners of a rectangle from its lower left one, before it is turned.
+/// Corners of a rectangle, counter-clockwise from the lower left one in its own axes.
 fn corners(theta: &[f64]) -> [[f64; 2]; 4] {
     let (sin, cos) = theta[4].sin_cos();
     [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(x, y)| {
@@ -124,7 +127,7 @@ fn corners(theta: &[f64]) -> [[f64; 2]; 4] {
     })
 }
 
-/// The parameters of a contour from the values of its drawing; those before say which way arcs run.
+/// Parameters of a contour from the values of its drawing; the estimated ones select the direction of arcs.
 pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f64> {
     let at = |i: usize| [x[2 * i], x[2 * i + 1]];
     let between = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
@@ -185,7 +188,7 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
     }
 }
 
-/// `tan(θ/4)` of the arc from `a` to `b` about a centre, of whole turns as near to what it was as can be.
+/// Bulge of the arc from `a` to `b` about a centre, with the period nearest to the bulge before.
 fn bulge(centre: [f64; 2], a: [f64; 2], b: [f64; 2], before: f64) -> f64 {
     let turn = (b[1] - centre[1]).atan2(b[0] - centre[0]) - (a[1] - centre[1]).atan2(a[0] - centre[0]);
     let turns = ((4.0 * before.atan() - turn) / TAU).round();

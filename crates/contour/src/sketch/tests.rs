@@ -1,7 +1,7 @@
 use super::*;
-use crate::constraint::{BarId, ConstrainOptions, Outcome, constrain, diagnose, impose};
+use crate::constraint::{BarId, ConstrainOptions, ProposalOutcome, constrain, diagnose, impose};
 
-/// A contour of every kind with a covariance of full rank.
+/// A contour of every kind except the line, with a covariance of full rank.
 fn every_kind() -> Vec<EstimatedContour> {
     let chain = ContourKind::Chain { arcs: vec![false, true, false, true], closed: true };
     let kinds = [
@@ -13,7 +13,7 @@ fn every_kind() -> Vec<EstimatedContour> {
         (ContourKind::RegularPolygon(3), vec![3.0, -2.0, 9.0, 0.4]),
         (ContourKind::RegularPolygon(6), vec![3.0, -2.0, 9.0, 0.4]),
         (ContourKind::Polygon(3), vec![0.0, 0.0, 9.0, 1.0, 2.0, 6.0]),
-        // One arc of more than half a circle, one that bulges inwards.
+        // One arc of more than half a circle, and one that curves inwards.
         (chain, vec![0.0, 0.0, 9.0, 0.0, 9.0, 6.0, 0.0, 6.0, 1.3, -0.2]),
     ];
     kinds.map(|(kind, theta)| with_covariance(kind, theta)).to_vec()
@@ -28,7 +28,7 @@ fn with_covariance(kind: ContourKind, theta: Vec<f64>) -> EstimatedContour {
 }
 
 #[test]
-fn contours_of_every_kind_come_back_with_their_covariance() {
+fn contours_of_every_kind_survive_the_round_trip_with_their_covariance() {
     for contour in every_kind() {
         let sketch = Sketch::new(std::slice::from_ref(&contour)).unwrap();
         let held = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0).unwrap();
@@ -46,7 +46,7 @@ fn contours_of_every_kind_come_back_with_their_covariance() {
 }
 
 #[test]
-fn lines_keep_their_ends_and_are_refused_without() {
+fn lines_need_their_ends_and_keep_them() {
     let mut line = with_covariance(ContourKind::Line, vec![0.3, 2.0]);
     let refused = Sketch::new(std::slice::from_ref(&line)).unwrap_err().to_string();
     assert!(refused.contains("contour 1 (line)") && refused.contains("ends"), "{refused}");
@@ -58,21 +58,21 @@ fn lines_keep_their_ends_and_are_refused_without() {
 }
 
 #[test]
-fn contours_that_make_no_sense_are_named() {
+fn errors_name_the_invalid_contour() {
     let good = with_covariance(ContourKind::Circle, vec![0.0, 0.0, 1.0]);
     let flat = with_covariance(ContourKind::Rectangle, vec![0.0, 0.0, 1.0, -1.0, 0.0]);
-    let said = |contours: &[EstimatedContour]| Sketch::new(contours).unwrap_err().to_string();
-    assert!(said(&[good.clone(), flat]).contains("contour 2 (rectangle)"));
+    let message = |contours: &[EstimatedContour]| Sketch::new(contours).unwrap_err().to_string();
+    assert!(message(&[good.clone(), flat]).contains("contour 2 (rectangle)"));
     let mut short = good.clone();
     short.theta.pop();
-    assert!(said(&[short]).contains("needed 3 parameters"));
+    assert!(message(&[short]).contains("expected 3 parameters"));
     let mut infinite = good;
     infinite.covariance[(1, 1)] = f64::NAN;
-    assert!(said(&[infinite]).contains("not finite"));
+    assert!(message(&[infinite]).contains("not finite"));
 }
 
 #[test]
-fn a_hole_in_the_middle_of_a_turned_rectangle_is_tested_with_the_rectangle_s_own_freedoms() {
+fn an_upright_rectangle_with_a_hole_is_found_by_one_relation() {
     let plate = EstimatedContour {
         covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![4e-4, 4e-4, 4e-4, 4e-4, 1e-6])),
         ..with_covariance(ContourKind::Rectangle, vec![0.01, -0.02, 40.0, 30.01, 0.0009])
@@ -87,12 +87,12 @@ fn a_hole_in_the_middle_of_a_turned_rectangle_is_tested_with_the_rectangle_s_own
     let upright = found
         .proposals
         .iter()
-        .filter(|p| p.outcome == Outcome::Imposed)
+        .filter(|p| p.outcome == ProposalOutcome::Imposed)
         .map(|p| p.text.as_str())
         .collect::<Vec<_>>();
     assert_eq!(upright.len(), 1, "{upright:?}");
     assert!(upright[0].ends_with("horizontal") || upright[0].ends_with("vertical"), "{upright:?}");
-    // χ² of the angle alone, 0.9², whichever bar stands for it.
+    // χ² of the angle alone, 0.9², for whichever bar is tested.
     let chi_square = found.accepted().next().unwrap().chi_square;
     assert!((chi_square - 0.81).abs() < 1e-3, "{chi_square}");
     assert_eq!(found.freedoms, 4 + 3);

@@ -11,9 +11,9 @@ use crate::graphs::{GraphsOfView, NamedStructure};
 use crate::next::Length;
 use nalgebra::DMatrix;
 use planish_contour::constraint::{
-    ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, Drawing, Outcome, Snap,
-    SnapOutcome, chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications,
-    impose, snap,
+    ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, ParametricDrawing,
+    ProposalOutcome, Snap, SnapOutcome, chi_square_tail, constrain, constrain_among, diagnose,
+    dimension_scheme, implications, impose, snap,
 };
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
@@ -341,8 +341,9 @@ fn report(
 ) -> Result<ConstrainedReport> {
     let drawing = &found.drawing;
     let words = |constraint: &Constraint| constraint.describe(drawing);
-    let implied: Vec<usize> =
-        (0..found.proposals.len()).filter(|&i| found.proposals[i].outcome == Outcome::Implied).collect();
+    let implied: Vec<usize> = (0..found.proposals.len())
+        .filter(|&i| found.proposals[i].outcome == ProposalOutcome::Implied)
+        .collect();
     let relations: Vec<Constraint> = implied.iter().map(|&i| found.proposals[i].constraint).collect();
     let follows = implications(drawing, &found.constraints, &relations)?;
     let from = |i: usize| -> Vec<String> {
@@ -353,11 +354,11 @@ fn report(
         .map(|i| {
             let proposal = &found.proposals[i];
             let (outcome, with) = match &proposal.outcome {
-                Outcome::Imposed => ("imposed", Vec::new()),
-                Outcome::Implied => ("implied", from(i)),
-                Outcome::Rejected => ("rejected", Vec::new()),
-                Outcome::Unclear => ("unclear", Vec::new()),
-                Outcome::Refused { with } => {
+                ProposalOutcome::Imposed => ("imposed", Vec::new()),
+                ProposalOutcome::Implied => ("implied", from(i)),
+                ProposalOutcome::Rejected => ("rejected", Vec::new()),
+                ProposalOutcome::Unclear => ("unclear", Vec::new()),
+                ProposalOutcome::Refused { with } => {
                     ("refused", with.iter().map(|&k| found.proposals[k].text.clone()).collect())
                 }
             };
@@ -440,7 +441,7 @@ fn imposed(sketch: &Sketch, found: &Constrained, sizes: &[Snap]) -> Vec<ImposedC
     .collect()
 }
 
-fn points(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>) -> Vec<ReportedPoint> {
+fn points(sketch: &Sketch, drawing: &ParametricDrawing, covariance: &DMatrix<f64>) -> Vec<ReportedPoint> {
     let all = drawing.points().map(|point| ReportedPoint {
         name: drawing.point_name(point).to_owned(),
         contour: part_of(sketch, |part| part.first.points, point.0),
@@ -451,7 +452,12 @@ fn points(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>) -> Vec<
 }
 
 /// Lengths of bars, or radii of circles.
-fn sizes_of(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>, bars: bool) -> Vec<ReportedSize> {
+fn sizes_of(
+    sketch: &Sketch,
+    drawing: &ParametricDrawing,
+    covariance: &DMatrix<f64>,
+    bars: bool,
+) -> Vec<ReportedSize> {
     let size = |name: String, contour: usize, value: f64, constraint: Constraint| ReportedSize {
         name,
         contour,

@@ -3,7 +3,7 @@
 use super::{SolidJob, SolidReport};
 use crate::graphs::GraphsOfView;
 use planish_contour::constraint::{
-    ConstrainOptions, Constraint, Drawing, constrain, diagnose, dimension_scheme, sigma,
+    ConstrainOptions, Constraint, ParametricDrawing, constrain, diagnose, dimension_scheme, sigma,
 };
 use planish_contour::graph::{Composite, SketchView, SpaceAxis, composite};
 use planish_contour::sketch::Sketch;
@@ -134,7 +134,7 @@ fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
 
 impl Noisy {
     /// The drawing of a view, consistent with the others, and its constraints including dimensions.
-    fn complete(&self, view: usize) -> Result<(Drawing, Vec<Constraint>)> {
+    fn complete(&self, view: usize) -> Result<(ParametricDrawing, Vec<Constraint>)> {
         let (drawing, covariance) = self.consistent.view(view)?;
         let own = &self.views[view];
         let mut all: Vec<Constraint> = own.sketch.given.iter().chain(&own.constraints).copied().collect();

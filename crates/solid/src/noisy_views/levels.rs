@@ -2,8 +2,8 @@
 
 use super::NoisyView;
 use planish_contour::constraint::{
-    Axis, Candidate, CircleId, Constrained, Constraint, Drawing, Offset, Place, PointId, chi_square_tail,
-    sigma,
+    Axis, Candidate, CircleId, Constrained, Constraint, Offset, ParametricDrawing, Place, PointId,
+    chi_square_tail, sigma,
 };
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::SketchPart;
@@ -55,7 +55,11 @@ pub struct SpaceMatch {
 const MERGED_SHARE: f64 = 1e-6;
 
 /// Every coordinate that corners and circles of the views reach.
-pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing) -> Result<Vec<SpacePlace>> {
+pub(super) fn places(
+    views: &[NoisyView],
+    offsets: &[Offset],
+    drawing: &ParametricDrawing,
+) -> Result<Vec<SpacePlace>> {
     let mut found = Vec::new();
     for (view, noisy) in views.iter().enumerate() {
         let before = found.len();
@@ -82,7 +86,7 @@ pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing)
 }
 
 /// The coordinates that a contour reaches along one axis of its view.
-fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> Vec<Place> {
+fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &ParametricDrawing) -> Vec<Place> {
     let point = |i: u32| PointId(offset.points + part.first.points + i);
     let circle = |i: u32| CircleId(offset.circles + part.first.circles + i);
     let corner = |i: u32| Place::Point { point: point(i), axis };
@@ -123,7 +127,7 @@ fn in_part(part: &SketchPart, offset: Offset, circle: CircleId) -> bool {
 
 /// Whether an arc passes through its circle's largest or least coordinate.
 fn reaches(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     circle: CircleId,
     start: PointId,
     end: PointId,

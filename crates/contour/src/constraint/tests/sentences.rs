@@ -1,19 +1,19 @@
-//! Constraints in words, and dimensions in words.
+//! Constraints and dimensions as text.
 
 use super::*;
 
 #[test]
-fn every_constraint_is_read_from_its_own_words() {
+fn every_constraint_is_parsed_from_its_text() {
     let drawing = general();
     for constraint in every_constraint() {
         let text = constraint.describe(&drawing);
         if matches!(constraint, Constraint::Aligned { .. }) {
-            // Made where views are put together, never by a user.
+            // Only the joint drawing of several views has these; users cannot write them.
             continue;
         }
         let read = Constraint::parse(&text, &drawing).unwrap();
         match (constraint, read) {
-            // Sides are those of the drawing.
+            // The side is that of the drawing.
             (Constraint::Tangent { bar, circle, .. }, Constraint::Tangent { bar: b, circle: c, .. }) => {
                 assert_eq!((bar, circle), (b, c));
             }
@@ -26,22 +26,22 @@ fn every_constraint_is_read_from_its_own_words() {
             (constraint, read) => assert_eq!(constraint, read, "{text}"),
         }
     }
-    for (wrong, says) in [
+    for (wrong, expected) in [
         ("P1P9 horizontal", "no point `P9`"),
         ("P1P6 horizontal", "no bar `P1P6`"),
-        ("P1P2 is wide long", "needed a number, found `wide`"),
+        ("P1P2 is wide long", "expected a number, found `wide`"),
         ("circle 7 has radius 2", "no circle `circle 7`"),
         ("x9 = 2", "no coordinate `x9`"),
-        ("P1P2 beside P3P4", "needed a sentence such as"),
+        ("P1P2 beside P3P4", "expected a sentence such as"),
     ] {
-        let said = Constraint::parse(wrong, &drawing).unwrap_err().to_string();
-        assert!(said.contains(says) && said.contains(wrong), "{said}");
+        let message = Constraint::parse(wrong, &drawing).unwrap_err().to_string();
+        assert!(message.contains(expected) && message.contains(wrong), "{message}");
     }
 }
 
 #[test]
-fn dimension_schemes_leave_nothing_free_and_repeat_nothing() {
-    // Nothing known, a rectangle with a hole and what holds in it, and all of it known.
+fn dimension_schemes_are_complete_and_without_redundancy() {
+    // Without relations, with the right angles of a rectangle, and with an anchor or half of one.
     let mut plate = rectangle(40.0, 30.0, 0.2);
     let centre = plate.point([12.0, 9.0]);
     plate.circle(centre, 5.0).unwrap();
@@ -62,7 +62,7 @@ fn dimension_schemes_leave_nothing_free_and_repeat_nothing() {
         let diagnosis = diagnose(&plate, &all).unwrap();
         assert_eq!((diagnosis.freedoms, diagnosis.equations), (0, 11), "{scheme:?}");
         assert!(scheme.iter().all(|dimension| dimension.sigma > 0.0));
-        // A single coordinate of an unrelated point has the σ it was given.
+        // The radius is one parameter, unrelated to others: it keeps its σ.
         if let Some(length) = scheme.iter().find(|d| matches!(d.constraint, Constraint::Radius { .. })) {
             assert!((length.sigma - 0.1).abs() < 1e-12);
         }

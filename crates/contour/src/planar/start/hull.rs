@@ -1,10 +1,10 @@
-//! Convex polygons from the hull of the readings.
+//! Convex polygons from the convex hull of the readings.
 
-/// The convex polygon of `count` corners that is left of the points' hull when corners are taken away one by
-/// one, always the one that costs the least area. Counter-clockwise; `None` where the hull has fewer corners.
+/// A convex polygon of `count` corners, counter-clockwise; `None` if the hull has fewer corners.
 ///
-/// A corner as sharp as a few readings' noise is one that segments along the outline easily miss. Cost: `h²`
-/// for a hull of `h`.
+/// Removes corners of the hull one by one, always the one that costs the least area. It finds sharp corners
+/// with only a few readings, which a segmentation along the outline easily misses. Cost: `h²` for a hull of
+/// `h` corners.
 ///
 /// # References
 /// Andrew 1979, *Another efficient algorithm for convex hulls in two dimensions*.
@@ -19,11 +19,12 @@ pub(super) fn polygon(points: &[[f64; 2]], count: usize) -> Option<Vec<f64>> {
     (corners.len() == count).then(|| corners.into_iter().flatten().collect())
 }
 
-/// Twice the area of a triangle, positive where it turns to the left.
+/// Twice the signed area of a triangle, positive if it turns left.
 fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
+/// Convex hull, counter-clockwise (Andrew's monotone chain).
 fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = points.to_vec();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));

@@ -1,32 +1,34 @@
-//! Starts that wild readings do not pull away: the least median of distances over curves through few
-//! readings.
+//! Starts that outliers do not affect: the least median of distances over curves through a few readings.
 //!
 //! # References
 //! Rousseeuw 1984, *Least median of squares regression*; Fischler and Bolles 1981, *Random sample consensus*.
 
-/// Curves that are tried: of samples of five readings, a fifth of them wild, a hundred are free of wild ones.
+/// Number of random samples.
+///
+/// With five readings per sample and a fifth of outliers, about a hundred samples contain no outlier.
 const SAMPLES: usize = 300;
-/// Of more points than this every so manieth is looked at.
+/// Maximum number of points used; from more, an evenly spaced subset is taken.
 const MAX_POINTS: usize = 400;
-/// A standard deviation over the median of absolute values, of a normal distribution.
+/// Ratio of the standard deviation to the median absolute value of a normal distribution.
 const NORMAL: f64 = 1.4826;
-/// Points within so many standard deviations are of the curve.
+/// Points within this many standard deviations take part in the final fit.
 const NEAR: f64 = 2.5;
 
-/// Fits a curve to points, where it can.
+/// Fits a curve to points; `None` if it cannot.
 type Fit<'a> = dyn Fn(&[[f64; 2]]) -> Option<Vec<f64>> + 'a;
 
-/// A kind of curve by what it takes to fit one.
+/// A kind of curve: how to fit one and how to measure distances to it.
 pub(super) struct Curve<'a> {
-    /// How many points determine it.
+    /// Number of points that determine the curve.
     pub(super) needed: usize,
-    /// The curve of points, if there is one.
+    /// Fits a curve to points.
     pub(super) fit: &'a Fit<'a>,
-    /// The distance of a point from it.
+    /// Signed distance of a point from a curve.
     pub(super) distance: &'a dyn Fn(&[f64], [f64; 2]) -> f64,
 }
 
-/// Pseudorandom numbers (Steele, Lea and Flood 2014, *Fast splittable pseudorandom number generators*).
+/// SplitMix64 pseudorandom numbers (Steele, Lea and Flood 2014, *Fast splittable pseudorandom number
+/// generators*).
 struct Random(u64);
 
 impl Random {
@@ -40,7 +42,7 @@ impl Random {
 }
 
 impl Curve<'_> {
-    /// The median distance of points.
+    /// Median absolute distance of the points; infinite if any distance is not finite.
     pub(super) fn median(&self, curve: &[f64], points: &[[f64; 2]]) -> f64 {
         let mut distances: Vec<f64> = points.iter().map(|p| (self.distance)(curve, *p).abs()).collect();
         if distances.iter().any(|d| !d.is_finite()) {
@@ -50,29 +52,30 @@ impl Curve<'_> {
         *distances.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
-    /// The curve of the least median distance through few of the points, fitted again to all that are near
-    /// it; the same points give the same curve.
-    pub(super) fn of_least_median(&self, points: &[[f64; 2]]) -> Option<Vec<f64>> {
-        let some: Vec<[f64; 2]> =
+    /// The curve with the least median distance among random samples, refitted to all points near it.
+    ///
+    /// The random numbers are seeded with the number of points: the same points give the same curve.
+    pub(super) fn least_median_curve(&self, points: &[[f64; 2]]) -> Option<Vec<f64>> {
+        let subset: Vec<[f64; 2]> =
             points.iter().copied().step_by(points.len().div_ceil(MAX_POINTS).max(1)).collect();
-        if some.len() < 2 * self.needed {
+        if subset.len() < 2 * self.needed {
             return None;
         }
-        let mut random = Random(some.len() as u64);
+        let mut random = Random(subset.len() as u64);
         let mut best: Option<(f64, Vec<f64>)> = None;
         for _ in 0..SAMPLES {
             let mut drawn: Vec<usize> = Vec::with_capacity(self.needed);
             while drawn.len() < self.needed {
-                let next = random.below(some.len());
+                let next = random.below(subset.len());
                 if !drawn.contains(&next) {
                     drawn.push(next);
                 }
             }
-            let sample: Vec<[f64; 2]> = drawn.into_iter().map(|k| some[k]).collect();
+            let sample: Vec<[f64; 2]> = drawn.into_iter().map(|k| subset[k]).collect();
             let Some(curve) = (self.fit)(&sample) else {
                 continue;
             };
-            let median = self.median(&curve, &some);
+            let median = self.median(&curve, &subset);
             if best.as_ref().is_none_or(|b| median < b.0) && median.is_finite() {
                 best = Some((median, curve));
             }
@@ -83,7 +86,9 @@ impl Curve<'_> {
             .copied()
             .filter(|p| (self.distance)(&curve, *p).abs() <= NEAR * NORMAL * median)
             .collect();
-        let again = (self.fit)(&near).filter(|again| self.median(again, &some) <= 1.5 * median);
+        // Refitting reduces the scatter of a curve through few points. It is dropped if it fits half of the
+        // points worse, as when structured outliers were included.
+        let again = (self.fit)(&near).filter(|again| self.median(again, &subset) <= 1.5 * median);
         Some(again.unwrap_or(curve))
     }
 }

@@ -1,27 +1,29 @@
-//! Points in order cut into lines and arcs, optimally, by dynamic programming.
+//! Optimal segmentation of ordered points into lines and arcs by dynamic programming.
 //!
-//! In place of split-and-merge, whose result depends on where it splits first; pieces are merged where the
-//! likelihood says so, among the best segmentations into each number of pieces.
+//! Split-and-merge is not used, because its result depends on the first split. Dynamic programming finds the
+//! best segmentation for each number of pieces; the fits that start there decide between these numbers.
 
 use super::super::kind::ContourKind;
 use super::mean;
 use super::sequence::{Sequence, Sums};
 
-/// Most pieces of a chain.
+/// Maximum number of pieces of a chain. The cost of the segmentation is proportional to it, and the BIC of a
+/// chain pays for the choice among so many.
 pub(crate) const MAX_PIECES: usize = 14;
-/// Segmentations of a closed sequence begin at so many places.
+/// Maximum number of further start bins for a closed sequence. Each costs a complete segmentation.
 const MAX_STARTS: usize = 10;
-/// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of
-/// uneven σ ask for more pieces than the likelihood does.
+/// Chains with at most this many pieces are always fitted, whatever their cost here.
+///
+/// They are cheap to fit, and with uneven σ this cost prefers more pieces than the likelihood does.
 const FEW_PIECES: usize = 4;
 
-/// Cost of the best segmentation into each number of pieces up to `most` that begins at a given bin, and
-/// where its pieces begin; the first is that into one.
-fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, most: usize) -> Vec<(f64, Vec<usize>)> {
-    let mut value = vec![vec![f64::INFINITY; bins + 1]; most + 1];
-    let mut from = vec![vec![0; bins + 1]; most + 1];
+/// Best segmentations into 1, 2, … `max_pieces` pieces that begin at bin `start`: cost, and first bin of each
+/// piece (Bellman 1961).
+fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, max_pieces: usize) -> Vec<(f64, Vec<usize>)> {
+    let mut value = vec![vec![f64::INFINITY; bins + 1]; max_pieces + 1];
+    let mut from = vec![vec![0; bins + 1]; max_pieces + 1];
     value[0][0] = 0.0;
-    for k in 1..=most {
+    for k in 1..=max_pieces {
         for to in k..=bins {
             for middle in (k - 1)..to {
                 let cost = value[k - 1][middle] + costs[(start + middle) % bins][to - middle];
@@ -31,7 +33,8 @@ fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, most: usize) -> Vec<
             }
         }
     }
-    (1..=most)
+    // Follow the stored predecessors back from the last bin.
+    (1..=max_pieces)
         .map(|count| {
             let mut cuts = Vec::with_capacity(count);
             let mut at = bins;
@@ -45,7 +48,7 @@ fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, most: usize) -> Vec<
         .collect()
 }
 
-/// Costs of all runs `[from, from + length)` of bins.
+/// Costs of all runs `[from, from + length)` of bins; infinite for runs that do not exist.
 fn table(sequence: &Sequence, cost: impl Fn(&Sums) -> f64) -> Vec<Vec<f64>> {
     let bins = sequence.bins;
     (0..bins)
@@ -61,17 +64,18 @@ fn table(sequence: &Sequence, cost: impl Fn(&Sums) -> f64) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// The best segmentations into one piece, two, and so on up to `most`: cost and where pieces begin.
+/// Best segmentations into 1, 2, … `max_pieces` pieces: cost, and first bin of each piece.
 ///
-/// An open sequence begins at its first point. A closed one begins at any cut of the best; where that is
-/// follows from segmentations that began elsewhere, which into more pieces than needed have it among their
-/// cuts.
-fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, Vec<usize>)> {
+/// An open sequence begins at its first point. For a closed one, the dynamic program needs a start that is a
+/// cut of the optimum. Segmentations from another start into more pieces than needed have it among their
+/// cuts, so the most frequent cuts are tried next. Trying every bin would cost the number of bins times as
+/// much.
+fn segmented(costs: &[Vec<f64>], sequence: &Sequence, max_pieces: usize) -> Vec<(f64, Vec<usize>)> {
     let bins = sequence.bins;
-    let mut best = best_cuts(costs, bins, 0, most);
+    let mut best = best_cuts(costs, bins, 0, max_pieces);
     let mut tried = vec![0];
     while sequence.is_closed && tried.len() <= MAX_STARTS {
-        // The cut that most of the best have, and which was not begun at.
+        // The most frequent cut among the best segmentations that was not a start yet.
         let cuts = best.iter().flat_map(|(_, cuts)| cuts);
         let mut times = vec![0; bins];
         for &cut in cuts.filter(|cut| !tried.contains(cut)) {
@@ -81,7 +85,7 @@ fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, 
             break;
         };
         tried.push(start);
-        for (best, found) in best.iter_mut().zip(best_cuts(costs, bins, start, most)) {
+        for (best, found) in best.iter_mut().zip(best_cuts(costs, bins, start, max_pieces)) {
             if found.0 < best.0 {
                 *best = found;
             }
@@ -90,11 +94,12 @@ fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, 
     best
 }
 
-/// Vertices of the polygon of so many sides.
+/// Vertices of the best polygon with `count` sides; `None` with fewer than two readings per side.
 pub(super) fn polygon(sequence: &Sequence, count: usize) -> Option<Vec<f64>> {
     if sequence.count() < 2 * count || count < 3 {
         return None;
     }
+    // A single reading fits any line; a finite penalty keeps such runs possible but unattractive.
     let costs = table(sequence, |sums| if sums.count() < 2.0 { 1e3 } else { sums.line().2 });
     let (cost, cuts) = segmented(&costs, sequence, count).pop()?;
     if !cost.is_finite() {
@@ -104,8 +109,9 @@ pub(super) fn polygon(sequence: &Sequence, count: usize) -> Option<Vec<f64>> {
     Some(vertices.into_iter().flatten().collect())
 }
 
-/// The vertex before each run: where its line meets the one before, or the point there where they hardly
-/// meet.
+/// First vertex of each run: the intersection of its line with that of the run before.
+///
+/// For nearly parallel lines, or a very distant intersection, it is the first point of the run.
 fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
     let count = cuts.len();
     let lines: Vec<([f64; 2], f64)> = (0..count)
@@ -133,9 +139,12 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has
-/// an arc, or it is a polygon; an open one has two pieces at least, or an arc.
+/// Chains with the best number of pieces by penalised cost, and those with few pieces.
+///
+/// A closed chain has at least one arc, otherwise it is a polygon. An open one has an arc or at least two
+/// pieces.
 pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
+    // The penalty of BIC: two parameters per line and three per arc, ln n each.
     let penalty = (sequence.count() as f64).ln();
     let costs = table(sequence, |sums| {
         if sums.count() < 3.0 {
@@ -144,9 +153,9 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
         (sums.line().2 + 2.0 * penalty).min(sums.arc() + 3.0 * penalty)
     });
     let fewest = if sequence.is_closed { 2 } else { 1 };
-    let most = MAX_PIECES.min(sequence.bins / 4);
+    let max_pieces = MAX_PIECES.min(sequence.bins / 4);
     let mut found: Vec<(f64, ContourKind, Vec<f64>)> =
-        (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
+        (segmented(&costs, sequence, max_pieces).into_iter().skip(fewest - 1))
             .filter(|(cost, _)| cost.is_finite())
             .filter_map(|(cost, cuts)| {
                 let (kind, theta) = chain(sequence, &cuts, penalty)?;
@@ -158,13 +167,14 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
     found.into_iter().map(|(_, kind, theta)| (kind, theta)).collect()
 }
 
-/// The chain whose pieces begin at the cuts.
+/// The chain whose pieces begin at the cuts, each a line or an arc, whichever has the smaller penalised cost.
 fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(ContourKind, Vec<f64>)> {
     let count = cuts.len();
     let is_closed = sequence.is_closed;
     let run = |k: usize| {
         let (from, to) = (cuts[k], cuts[(k + 1) % count]);
-        // Past the end of a closed sequence it begins anew; an open one ends there.
+        // The last run of a closed sequence continues past its end, which the cumulated sums allow for. That
+        // of an open sequence ends there.
         (from, if to <= from { to + sequence.bins } else { to })
     };
     let arcs: Vec<bool> = (0..count)
@@ -177,7 +187,7 @@ fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(ContourKi
     if !arcs.contains(&true) && (is_closed || count < 2) {
         return None;
     }
-    // Where an arc begins there is no crossing of lines to take: the points there tell.
+    // At the ends of an arc there are no two lines to intersect: use the mean of the neighbouring points.
     let vertex = |k: usize| {
         let n = sequence.count();
         let at = sequence.first[cuts[k]];
@@ -202,8 +212,9 @@ fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(ContourKi
     Some((kind, theta))
 }
 
-/// `tan(θ/4)` of the arc between two vertices that goes through the middle of a run: sagitta over half the
-/// chord.
+/// Bulge of the arc between two vertices through the middle of a run: sagitta divided by half the chord.
+///
+/// It is kept away from zero, where the radius is infinite, and below 3, almost a full circle.
 fn bulge_through(sequence: &Sequence, from: usize, to: usize, a: [f64; 2], b: [f64; 2]) -> f64 {
     let middle = (from + to) / 2;
     let n = sequence.count();

@@ -1,16 +1,22 @@
-//! Points put in the order in which they lie on an outline, and sums over runs of them.
+//! Order of points along an outline, and sums over runs of them.
+//!
+//! In: readings in any order. Out: a [`Sequence`] whose runs of bins can be fitted by a line or an arc in
+//! constant time, which the dynamic program needs. Not guaranteed: the right order for outlines that cross
+//! themselves or come near themselves.
 
 use super::super::parts::usual_gap;
 use super::super::reading::{ContourReading, ContourTarget};
 use super::{circle, mean};
 
-/// Points are put into at most so many bins: tables over runs have the square of it.
+/// Maximum number of bins of a sequence. The tables over runs grow with its square, and the resolution of
+/// cuts with it.
 const MAX_BINS: usize = 120;
-/// So many places each way are tried to look around from.
+/// Number of view points per axis from which an order by direction is tried.
 const GRID: usize = 6;
 
-/// Sums over points: number, coordinates, their products to fourth order about the sequence's middle, and
-/// covariances.
+/// Sums over points: number, moments up to fourth order about the centre of the sequence, and covariances.
+///
+/// Moments about a distant origin would lose the residuals to cancellation.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sums([f64; 13]);
 
@@ -50,7 +56,8 @@ impl Sums {
         (n[0] * n[0] * xx + 2.0 * n[0] * n[1] * xy + n[1] * n[1] * yy).max(f64::MIN_POSITIVE)
     }
 
-    /// The line of least squares `(normal, offset)` and its squared residuals over their variance.
+    /// Line of total least squares as `(normal, offset)`, and its sum of squared residuals divided by their
+    /// variance.
     pub(super) fn line(&self) -> ([f64; 2], f64, f64) {
         let m = self.count();
         let c = [self.0[1] / m, self.0[2] / m];
@@ -63,7 +70,10 @@ impl Sums {
         (normal, offset, left.max(0.0) / self.variance_along(normal))
     }
 
-    /// Squared residuals of Kåsa's circle over their variance, in units of a point of its middle.
+    /// Sum of squared residuals of Kåsa's circle divided by their variance.
+    ///
+    /// Kåsa's fit is linear, so that sums suffice. Its bias does not matter for a comparison of
+    /// segmentations.
     pub(super) fn arc(&self) -> f64 {
         let m = self.count();
         if m < 5.0 {
@@ -93,39 +103,42 @@ impl Sums {
         if length <= 0.0 {
             return f64::INFINITY;
         }
+        // The algebraic residual |p − c|² − r² is 2 r times the distance.
         left / (4.0 * squared * self.variance_along([towards[0] / length, towards[1] / length]))
     }
 }
 
-/// Points in the order in which they lie on an outline.
+/// Points in their order along an outline, counter-clockwise if closed.
 pub(super) struct Sequence {
     pub(super) origin: [f64; 2],
     pub(super) points: Vec<[f64; 2]>,
-    /// Sums of each bin, of two rounds, cumulated.
+    /// Cumulated sums of the bins over two rounds, so that a run may wrap around.
     cumulated: Vec<Sums>,
     pub(super) bins: usize,
-    /// The first point of each bin.
+    /// Index of the first point of each bin.
     pub(super) first: Vec<usize>,
-    /// Whether the last point is followed by the first.
+    /// True if the first point follows the last.
     pub(super) is_closed: bool,
 }
 
 impl Sequence {
-    /// Ordered by direction from the middle, or from that place among the points from which the way around is
-    /// shortest: within an outline that is bent inwards there is often a place that sees all of it. Where the
-    /// file's own order is shorter, that is kept.
+    /// A closed sequence: the shortest tour among a few orders.
+    ///
+    /// The orders are by direction from the centre, by direction from a grid of view points, and that of the
+    /// file. For a non-convex outline, some view point often sees all of it.
     pub(super) fn closed(sightings: &[ContourReading]) -> Self {
         let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let mut best = around(&points, origin);
-        for from in places(&points) {
+        for from in view_points(&points) {
             let one = around(&points, from);
+            // Another view point has to be clearly better: noise alone makes small differences.
             if one.0 < 0.9 * best.0 {
                 best = one;
             }
         }
         let filed: Vec<usize> = (0..points.len()).collect();
-        let mut order = if way(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
+        let mut order = if tour_length(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
         let area: f64 = (0..order.len())
             .map(|k| {
                 let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
@@ -138,12 +151,13 @@ impl Sequence {
         Self::new(sightings, &points, &order, origin, true)
     }
 
-    /// From one end to the other, the one with the least y (then x) first; `None` where the ends are so near
-    /// to each other that the outline may be closed.
+    /// An open sequence that begins at the end with the smaller y (then x).
     ///
-    /// The order is that of the file, or the directions from where the sensor was on average, from far away
-    /// on either side, or from places among the points, cut at the widest step: whichever is the shortest
-    /// way.
+    /// Returns `None` if the gap between the ends is not larger than usual gaps: the outline may be closed.
+    ///
+    /// It is the shortest path among the order of the file and the orders by direction from the mean sensor
+    /// position, from far away on either side, and from view points among the readings. Each tour is cut at
+    /// its widest step.
     pub(super) fn open(sightings: &[ContourReading]) -> Option<Self> {
         let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
@@ -165,6 +179,7 @@ impl Sequence {
             })
             .collect();
         let center = mean(&points);
+        // From far away on the normal of the main direction, the order is that of the coordinate along it.
         let reach =
             1e3 * points.iter().map(|p| (p[0] - center[0]).hypot(p[1] - center[1])).fold(0.0, f64::max);
         let angle = super::line(&points)[0];
@@ -172,8 +187,8 @@ impl Sequence {
             .map(|side| [center[0] - side * reach * angle.sin(), center[1] + side * reach * angle.cos()]);
         let seen_from = (!sensors.is_empty()).then(|| mean(&sensors));
         let filed: Vec<usize> = (0..points.len()).collect();
-        let mut best = cut((way(&points, &filed), filed));
-        for from in seen_from.into_iter().chain(far).chain([origin]).chain(places(&points)) {
+        let mut best = cut((tour_length(&points, &filed), filed));
+        for from in seen_from.into_iter().chain(far).chain([origin]).chain(view_points(&points)) {
             let one = cut(around(&points, from));
             if one.0 < best.0 {
                 best = one;
@@ -215,7 +230,7 @@ impl Sequence {
         Self { origin, points: order.iter().map(|&i| points[i]).collect(), cumulated, bins, first, is_closed }
     }
 
-    /// Sums over the bins from one to before another, which may be of the next round.
+    /// Sums over the bins `from..to`, where `to` may lie in the second round.
     pub(super) fn sums(&self, from: usize, to: usize) -> Sums {
         self.cumulated[to].minus(&self.cumulated[from])
     }
@@ -225,15 +240,17 @@ impl Sequence {
     }
 }
 
-/// The middle of the circle about the points, or their mean where that is far away: they are nearly straight
-/// then.
+/// Centre of Taubin's circle, or the centroid if the former is more than a radius away from it.
+///
+/// The centre of the circle does not move towards densely read parts, but it is far away for nearly straight
+/// points.
 fn middle(points: &[[f64; 2]]) -> [f64; 2] {
     let m = mean(points);
     circle(points).map_or(m, |c| if (c[0] - m[0]).hypot(c[1] - m[1]) < c[2] { [c[0], c[1]] } else { m })
 }
 
-/// The length of the closed way through the points in an order.
-fn way(points: &[[f64; 2]], order: &[usize]) -> f64 {
+/// Length of the closed tour through the points in an order.
+fn tour_length(points: &[[f64; 2]], order: &[usize]) -> f64 {
     let step = |k: usize| {
         let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
         (a[0] - b[0]).hypot(a[1] - b[1])
@@ -241,17 +258,17 @@ fn way(points: &[[f64; 2]], order: &[usize]) -> f64 {
     (0..order.len()).map(step).sum()
 }
 
-/// The points by their direction from a place, and the length of the way.
+/// The points ordered by direction from a view point, and the length of that tour.
 fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
     let mut turns: Vec<(f64, usize)> =
         (points.iter().enumerate()).map(|(i, p)| ((p[1] - from[1]).atan2(p[0] - from[0]), i)).collect();
     turns.sort_by(|a, b| a.0.total_cmp(&b.0));
     let order: Vec<usize> = turns.into_iter().map(|(_, i)| i).collect();
-    (way(points, &order), order)
+    (tour_length(points, &order), order)
 }
 
-/// A grid of places within the points' box.
-fn places(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
+/// A grid of view points within the bounding box of the points.
+fn view_points(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
     let bound =
         |k: usize, start: f64, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[k]).fold(start, pick);
     let low = [0, 1].map(|k| bound(k, f64::INFINITY, f64::min));
