@@ -120,6 +120,7 @@ impl KalmanFilter {
                 return Err(undefined());
             }
             innovation.iterations += 1;
+            // The equation is divided by its standard deviation, so the variance of the reading is 1.
             innovation.variance = 1.0 + self.spread_of(&at.row[..n], &mut spread[..n]);
             innovation.residual = at.distance;
             for k in 0..n {
@@ -148,6 +149,7 @@ impl KalmanFilter {
                 innovation.termination = Termination::Converged;
                 break;
             }
+            // Growing steps will not converge. The last linearisation is used, and `Limit` reports it.
             if innovation.iterations >= options.max_iterations || (moved > 4.0 * previous && moved > 10.0) {
                 break;
             }
@@ -155,11 +157,14 @@ impl KalmanFilter {
         }
         let mut row_bias = [0.0; MAX_STATE];
         // Bias correction, gate and margin decide on the final linearisation.
+        // The correction assumes the foot point. At the noisy reading, gradient and misclosure are
+        // correlated, and an EKF would get another bias.
         if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
             innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at, &mut row_bias[..n]);
         }
         innovation.normalized_squared = innovation.residual * innovation.residual / innovation.variance;
         let length = innovation.normalized_squared.sqrt();
+        // NaN fails every comparison and would pass a gate that only tests for excess.
         if options.gate.is_some_and(|gate| length.is_nan() || length > gate) {
             innovation.accepted = false;
             return Ok(innovation);
@@ -176,6 +181,7 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
+        // The loss changes the variance of the reading, 1, to 1/weight. That of the prediction stays.
         self.update_with_spread(&spread[..n], innovation.residual, innovation.variance - 1.0 + 1.0 / weight);
         if row_bias[..n].iter().any(|c| *c != 0.0) {
             // The bias of the score beyond the mean distance shifts the state. It needs the updated
