@@ -41,6 +41,7 @@ impl FieldPoints {
     #[inline]
     #[must_use]
     pub fn frames(&self, coefficients: &[[f64; 3]; 16], side: f64) -> [[[f64; 3]; 3]; Self::COUNT] {
+        // Rows first, then columns: the sums along a row are shared by two points.
         let mut sums = [[[0.0; 4]; 3]; Self::COUNT];
         for r in 0..4 {
             let mut row = [[[0.0; 4]; 2]; 2];
@@ -123,6 +124,7 @@ impl SurfaceSystem {
                 for (value, w) in values.iter_mut().zip(&weights[leaf]) {
                     *value = value.map(|x| w * x);
                 }
+                // Leaves are independent. Their sums at the nodes are formed afterwards in a fixed order.
                 points.spread(&values)
             })
             .collect();

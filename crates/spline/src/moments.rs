@@ -92,6 +92,7 @@ impl CellMoments {
         for d in 0..3 {
             self.squares[d] += factor * other.squares[d];
         }
+        // The count is a number of positions, not information.
         self.squares[3] += other.squares[3];
     }
 
@@ -103,6 +104,7 @@ impl CellMoments {
         let [along_u, along_v] = quarter.map(|half| &POWERS_OF_HALF[half]);
         for j in 0..7 {
             // Sum over powers of t first.
+            // Separable: 7 × 7 sums along v and then along u, instead of one sum over all pairs.
             let mut row = [0.0; 7];
             for (l, weight) in along_v[j][..=j].iter().enumerate() {
                 for (sum, m) in row.iter_mut().zip(&fine.gram[l]) {
@@ -130,6 +132,7 @@ impl CellMoments {
     /// Adds a run of positions. Sums of the matrix and then of the vector stay in registers.
     #[inline(always)]
     fn add_run<const FUSED: bool>(&mut self, run: &[Reading]) {
+        // Local copies stay in registers during a run. Through the reference, each addition would be a store.
         let mut gram = self.gram;
         for reading in run {
             let ([s, t], w) = (reading.local, reading.information);

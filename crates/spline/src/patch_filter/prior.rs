@@ -138,6 +138,8 @@ impl PatchCovariances {
     /// Covariances from information of one coordinate over the nodes.
     pub fn of_information(quadtree: &Quadtree, information: &BlockInformation) -> Result<Self> {
         let space = &quadtree.space;
+        // Each patch is one element, although the energy couples less. This puts all its covariances into the
+        // factor.
         let coupled = (0..quadtree.patches.len()).map(|patch| nodes_of(&quadtree.extraction(patch)));
         let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), coupled)?);
         let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;

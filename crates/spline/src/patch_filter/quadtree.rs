@@ -293,6 +293,8 @@ impl Quadtree {
                 }
             }
         }
+        // The order of a `HashMap` differs from run to run. It decides the paths of messages and so the last
+        // digits.
         separators.sort_by_key(|s| s.patches);
         self.separators_of = vec![Vec::new(); self.patches.len()];
         for (n, separator) in (0..).zip(&separators) {
@@ -353,6 +355,8 @@ impl Side {
     /// Shared functions of a patch and its coarser neighbour beyond this side: vertices of the coarser patch,
     /// recovered from the finer one by the left inverse of the two-scale relation.
     fn separator(self, coarser: u32, finer: u32, patch: FilterPatch) -> Separator {
+        // Shared functions are the 15 coarse values. The 21 fine vertices are linear functions of them, so
+        // their covariance would be singular.
         let across = DMatrix::from_row_slice(3, 3, &[0.5, 0.5, 0.0, 0.125, 0.75, 0.125, 0.0, 0.5, 0.5]);
         let along = two_scale_rows();
         let inverse = |m: &DMatrix<f64>| {

@@ -117,7 +117,7 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
             let width = (columns[g] + columns[child]) * block;
             let fits = MERGE_COLUMNS_AND_ZEROS
                 .iter()
-                .any(|&(most, part)| width <= most && zeros as f64 <= part * merged as f64);
+                .any(|&(max_columns, part)| width <= max_columns && zeros as f64 <= part * merged as f64);
             if !fits {
                 break;
             }
