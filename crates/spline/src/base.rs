@@ -270,37 +270,7 @@ pub fn choose_base_shape(
         )));
     }
     match shape {
-        Shape::Sheet => {
-            let mut normal = axes[2];
-            let sum = known.iter().fold([0.0; 3], |s, n| add(s, *n));
-            if let Some(direction) = unit(sum)
-                && norm(sum) > 0.5 * known.len() as f64
-            {
-                // Use the mean normal: a folded sheet overlaps less along it than along the direction of
-                // least variance.
-                normal = direction;
-            }
-            // The principal axis is perpendicular to the third axis but not to the mean normal.
-            let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
-            // Rotate the frame so that the sides of the sheet are those of the smallest box around the
-            // points.
-            let (u, v) = smallest_box(points, u, cross(normal, u));
-            let (lo, hi) = bounds(points, [u, v]);
-            let centre = add(
-                add_scaled(
-                    add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u),
-                    0.5 * (lo[1] + hi[1]) - dot(mean, v),
-                    v,
-                ),
-                [0.0; 3],
-            );
-            // A margin of 0.5 % keeps the outermost points inside.
-            Ok(BaseShape::plane(
-                centre,
-                [u, v],
-                [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * variances[0].sqrt())),
-            ))
-        }
+        Shape::Sheet => Ok(rectangle_around(points, &known, mean, axes, variances[0].sqrt())),
         Shape::Tube => {
             let axis = perpendicular_axis(&known).unwrap_or(axes[0]);
             let (e1, e2) = tangents(axis);
@@ -344,6 +314,42 @@ pub fn choose_base_shape(
             Ok(BaseShape::torus(centre, axis, 0.5 * (near + far), 0.5 * (far - near).max(0.05 * far)))
         }
     }
+}
+
+/// The smallest rectangle around points, perpendicular to the mean of the known normals or to the direction
+/// of least variance. `spread` is the standard deviation of the cloud along its longest axis.
+fn rectangle_around(
+    points: &[[f64; 3]],
+    known: &[[f64; 3]],
+    mean: [f64; 3],
+    axes: [[f64; 3]; 3],
+    spread: f64,
+) -> BaseShape {
+    let mut normal = axes[2];
+    let sum = known.iter().fold([0.0; 3], |s, n| add(s, *n));
+    if let Some(direction) = unit(sum)
+        && norm(sum) > 0.5 * known.len() as f64
+    {
+        // Use the mean normal: a folded sheet overlaps less along it than along the direction of
+        // least variance.
+        normal = direction;
+    }
+    // The principal axis is perpendicular to the third axis but not to the mean normal.
+    let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
+    // Rotate the frame so that the sides of the sheet are those of the smallest box around the
+    // points.
+    let (u, v) = smallest_box(points, u, cross(normal, u));
+    let (lo, hi) = bounds(points, [u, v]);
+    let centre = add(
+        add_scaled(
+            add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u),
+            0.5 * (lo[1] + hi[1]) - dot(mean, v),
+            v,
+        ),
+        [0.0; 3],
+    );
+    // A margin of 0.5 % keeps the outermost points inside.
+    BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * spread)))
 }
 
 /// Sheet, tube or ball from the distribution of normals.
@@ -533,83 +539,4 @@ fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() {
-        let r = 2.5;
-        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8]).surface([64, 32]).unwrap();
-        let mut worst = 0.0_f64;
-        for b in 0..=64 {
-            for a in 0..32 {
-                let curvature = sphere.curvature(2.0 * a as f64 + 0.3, b as f64 / 2.0).unwrap();
-                worst = worst.max((curvature.gaussian() * r * r - 1.0).abs());
-                assert!(
-                    (curvature.mean() * r + 1.0).abs() < 0.02,
-                    "outward normals make H = −1/r, at row {b}"
-                );
-            }
-        }
-        assert!(worst < 0.02, "the error of K r² is {worst}");
-    }
-
-    #[test]
-    fn parameters_undo_points() {
-        for base in [
-            BaseShape::plane([1.0, 2.0, 3.0], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]),
-            BaseShape::cylinder([1.0, 2.0, 3.0], [0.0, 0.6, 0.8], 2.0, 3.0),
-            BaseShape::sphere([1.0, 2.0, 3.0], 2.0, [0.6, 0.0, 0.8]),
-            BaseShape::torus([1.0, 2.0, 3.0], [0.6, 0.0, 0.8], 3.0, 1.0),
-        ] {
-            for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.5)] {
-                let back = base.parameters(base.point(u, v));
-                assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12, "{:?}", base.shape);
-            }
-        }
-    }
-
-    #[test]
-    fn shapes_are_recognised_from_their_clouds() {
-        let sample = |base: BaseShape, u_range: f64| -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-            let mut points = Vec::new();
-            let mut normals = Vec::new();
-            for a in 0..60 {
-                for b in 0..30 {
-                    let (u, v) = (u_range * a as f64 / 60.0, (b as f64 + 0.5) / 30.0);
-                    let h = 1e-5;
-                    let p = base.point(u, v);
-                    let (du, dv) = (sub(base.point(u + h, v), p), sub(base.point(u, v + h), p));
-                    points.push(p);
-                    normals.push(unit(cross(du, dv)).unwrap());
-                }
-            }
-            (points, normals)
-        };
-        let sheet = BaseShape::plane([0.0; 3], [[0.8, 0.6, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]);
-        let tube = BaseShape::cylinder([5.0, 0.0, 0.0], [0.6, 0.0, 0.8], 1.0, 4.0);
-        let ball = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]);
-        for (base, range) in [(sheet, 1.0), (tube, 1.0), (ball, 1.0)] {
-            let (points, normals) = sample(base, range);
-            let found = choose_base_shape(&points, &normals, None).unwrap();
-            assert_eq!(found.shape, base.shape);
-            if base.shape == Shape::Tube {
-                assert!(
-                    (found.size[0] - 1.0).abs() < 0.01 && dot(found.frame[2], base.frame[2]).abs() > 0.9999
-                );
-            }
-        }
-        // A quarter of a cylinder is a curved sheet.
-        let (points, normals) = sample(tube, 0.25);
-        assert_eq!(choose_base_shape(&points, &normals, None).unwrap().shape, Shape::Sheet);
-    }
-
-    #[test]
-    fn too_few_or_collinear_points_are_undetermined() {
-        use planish_estimate::ErrorKind;
-        let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 1.0]).collect();
-        for cloud in [&line[..], &line[..3], &[[1.0; 3]; 20][..]] {
-            assert_eq!(choose_base_shape(cloud, &[], None).unwrap_err().kind(), ErrorKind::Undetermined);
-        }
-    }
-}
+mod tests;

@@ -131,13 +131,7 @@ impl KalmanFilter {
                 break;
             }
             let step = innovation.residual / innovation.variance;
-            let mut moved = 0.0_f64;
-            for k in 0..n {
-                let next = self.mean()[k] + spread[k] * step;
-                let sigma = self.covariance()[(k, k)].max(f64::MIN_POSITIVE).sqrt();
-                moved = moved.max((next - x[k]).abs() / sigma);
-                x[k] = next;
-            }
+            let mut moved = self.move_state(&spread[..n], step, &mut x[..n]);
             if options.relinearization == Relinearization::StateAndNoise {
                 for k in 0..p {
                     let next = at.normal[k] * step;
@@ -156,9 +150,9 @@ impl KalmanFilter {
             previous = moved;
         }
         let mut row_bias = [0.0; MAX_STATE];
-        // Bias correction, gate and margin decide on the final linearisation.
-        // The correction assumes the foot point. At the noisy reading, gradient and misclosure are
-        // correlated, and an EKF would get another bias.
+        // Bias correction, gate and margin use the final linearisation. The correction assumes the foot
+        // point: at the noisy reading, gradient and misclosure are correlated, and an EKF would get another
+        // bias.
         if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
             innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at, &mut row_bias[..n]);
         }
@@ -189,6 +183,19 @@ impl KalmanFilter {
             self.shift(&row_bias[..n], -weight);
         }
         Ok(innovation)
+    }
+
+    /// Sets `x` to the mean plus `step · spread`. Returns the largest change of a component in standard
+    /// deviations.
+    fn move_state(&self, spread: &[f64], step: f64, x: &mut [f64]) -> f64 {
+        let mut moved = 0.0_f64;
+        for (k, x) in x.iter_mut().enumerate() {
+            let next = self.mean()[k] + spread[k] * step;
+            let sigma = self.covariance()[(k, k)].max(f64::MIN_POSITIVE).sqrt();
+            moved = moved.max((next - *x).abs() / sigma);
+            *x = next;
+        }
+        moved
     }
 
     /// Updates with a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, for `R ≥ 1`.

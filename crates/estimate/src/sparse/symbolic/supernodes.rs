@@ -134,13 +134,24 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
         }
     }
 
-    // Final order: supernodes along their tree, columns within a supernode in postorder.
+    ordered_groups(&order, &group_of, &group_parent, merged_into)
+}
+
+/// Numbers the groups that remain after merging: supernodes along their tree, columns within a supernode in
+/// postorder.
+fn ordered_groups(
+    order: &[u32],
+    group_of: &[u32],
+    group_parent: &[u32],
+    mut merged_into: Vec<u32>,
+) -> Groups {
+    let (nodes, groups) = (order.len(), merged_into.len());
     // Parents have higher numbers, so going down resolves chains of merges in one pass.
     for g in (0..groups).rev() {
         merged_into[g] = merged_into[merged_into[g] as usize];
     }
     let mut members: Vec<Vec<u32>> = vec![Vec::new(); groups];
-    for &node in &order {
+    for &node in order {
         members[merged_into[group_of[node as usize] as usize] as usize].push(node);
     }
     let mut final_of = vec![NONE; groups];
