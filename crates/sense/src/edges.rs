@@ -88,6 +88,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
         )));
     }
     let field = Gradients::new(image, s);
+    // A noise-free image still has the rounding of whole grey levels, of variance 1/12.
     let noise = noise_of(image).max(1.0 / 12f64.sqrt());
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
     let least = LEAST_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
@@ -97,10 +98,14 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     if found.is_empty() {
         return Err(Error::undetermined("no edge exceeds the noise of the image"));
     }
+    // The median over all edges, because a single parabola of three logarithms is noisy. The blur is that of
+    // the lens and the smoothing, the same everywhere.
     let mut spreads: Vec<f64> = found.iter().map(|edge| edge.spread).collect();
     spreads.sort_by(f64::total_cmp);
     let spread = spreads[spreads.len() / 2].max(s * s);
     let sigma_at_one = noise * (3.0 / (16.0 * std::f64::consts::PI)).sqrt() * spread / s.powi(3);
+    // Curvature is a second derivative; averaging over the neighbourhood makes its noise small enough for the
+    // correction.
     let grid = Buckets::new(&found, NEAR * s);
     let curvature: Vec<f64> = found
         .iter()
@@ -115,6 +120,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let mut taken = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
         let beside_corner = grid.near(&found, edge.position, NEAR * s).any(|k| corner[k]);
+        // Blur moves points near a corner inwards; points closer than the filter share its noise.
         if beside_corner || grid.near(&found, edge.position, APART * s).any(|k| taken[k]) {
             continue;
         }
@@ -156,6 +162,8 @@ impl Gradients {
         let sum: f64 = (-reach..=reach).map(weight).sum();
         let smooth: Vec<f64> = (-reach..=reach).map(|k| weight(k) / sum).collect();
         // Scaled so that a ramp keeps its slope.
+        // Normalised by the discrete moment: samples of a Gaussian derivative would change the slope for a
+        // small σ.
         let moment: f64 = (-reach..=reach).map(|k| (k * k) as f64 * weight(k)).sum();
         let slope: Vec<f64> = (-reach..=reach).map(|k| k as f64 * weight(k) / moment).collect();
         let values: Vec<f64> = image.values.iter().map(|&v| f64::from(v)).collect();
@@ -197,12 +205,16 @@ impl Gradients {
                     continue;
                 }
                 let [gx, gy] = [self.by[0][at], self.by[1][at]];
+                // Along the axis nearer to the gradient three pixels cross the edge; no interpolation is
+                // needed.
                 let axis = usize::from(gy.abs() > gx.abs());
                 let step = [1, self.columns][axis];
                 let (before, after) = (self.magnitude[at - step], self.magnitude[at + step]);
                 if !(m > before && m >= after && before > 0.0 && after > 0.0) {
                     continue;
                 }
+                // The logarithm of a Gaussian is a parabola, so the vertex is exact. A parabola through the
+                // gradients themselves is biased towards pixel centres.
                 let [a, b, c] = [before, m, after].map(f64::ln);
                 let bend = a - 2.0 * b + c;
                 let mut position = [column as f64, row as f64];

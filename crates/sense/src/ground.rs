@@ -121,20 +121,26 @@ pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<V
     for (known, deep) in ground.iter_mut().zip(&deep) {
         *known &= !deep;
     }
+    // Discs grow, and each opens the result of the one before: a single opening by the widest disc would also
+    // remove hills.
     let mut surface = filled.clone();
     for radius in radii((0.5 * widest / frame.cell).ceil() as usize) {
         let lower = self::opened(&surface, radius);
         let drop = (slope * radius as f64 * frame.cell) as f32;
         for ((before, after), ground) in surface.values.iter().zip(&lower.values).zip(&mut ground) {
+            // A hill of the permitted slope loses at most slope times radius; a roof loses its whole height
+            // at once.
             *ground &= before - after <= drop;
         }
         surface = lower;
     }
+    // Nothing qualifies as ground, so there is no surface to compare with.
     if !ground.contains(&true) {
         return Ok(vec![Ground::Bare; points.len()]);
     }
     let first = Judge { ground: self::filled(filled, &ground), share: 1.0, below: 1.0 };
     let found = first.judged(points, &frame, options);
+    // Second pass: a membrane through lowest points is biased downwards by noise, one through means is not.
     let means = frame.means(points, &found);
     let known: Vec<bool> = means.values.iter().map(|z| z.is_finite()).collect();
     if !known.contains(&true) {
@@ -355,6 +361,7 @@ fn lowest_in_disc(raster: &Raster, radius: usize) -> Raster {
     values.par_chunks_mut(ROWS * columns).enumerate().for_each(|(chunk, out)| {
         let first = chunk * ROWS;
         let last = (first + ROWS).min(rows);
+        // Each task reads the rows around its own, so no row is written by two tasks.
         let (from, to) = (first.saturating_sub(radius), (last + radius).min(rows));
         // `run[k][x]`: the lowest of 2^k cells from x − radius on.
         let mut run: Vec<Vec<f32>> = vec![vec![f32::INFINITY; width]; runs + 1];
@@ -422,6 +429,7 @@ fn filled(mut raster: Raster, known: &[bool]) -> Raster {
             }
         }
     }
+    // The coarse solution gives long waves, which relaxation alone would need many sweeps for.
     let coarse = filled(Raster { values: means, ..half }, &coarse_known);
     let values = &mut raster.values;
     values.par_chunks_mut(columns).enumerate().for_each(|(j, line)| {
@@ -429,6 +437,8 @@ fn filled(mut raster: Raster, known: &[bool]) -> Raster {
             *value = coarse.at([0.5 * i as f64 - 0.25, 0.5 * j as f64 - 0.25]) as f32;
         }
     });
+    // Jacobi sweeps: all cells use the values of the previous sweep, so the result does not depend on the
+    // number of threads.
     let mut before = raster.values.clone();
     for _ in 0..SWEEPS {
         before.copy_from_slice(&raster.values);

@@ -56,6 +56,7 @@ impl Image {
     #[inline]
     #[must_use]
     pub fn between(&self, u: f64, v: f64) -> Option<f32> {
+        // The last interval includes its end, so that the border itself can be interpolated.
         let inside = |t: f64, n: usize| {
             (t >= 0.0 && t <= (n - 1) as f64).then(|| (t as usize).min(n.saturating_sub(2)))
         };

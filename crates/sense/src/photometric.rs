@@ -196,6 +196,7 @@ impl Pixel {
             let among: Vec<f64> =
                 residuals.iter().zip(&lit).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.abs()).collect();
             // With four readings or fewer nothing can be left out: one residual speaks for all.
+            // After the last fit the weights stay, because variance and normal belong to them.
             if count < 5.0 || round == ROUNDS {
                 continue;
             }
@@ -238,6 +239,7 @@ impl Pixel {
         for (l, w) in lights.iter().zip(&self.weights) {
             accumulate(&mut m, *w, *l);
         }
+        // The covariance of `b` with the final weights.
         let inverse = inverse(&m)?;
         let along = |t: [f64; 3]| dot(t, multiply(&inverse, t));
         let (e1, e2) = tangents(n);
@@ -267,6 +269,7 @@ fn typical(variances: Vec<f64>, lights: usize) -> f64 {
 /// The light from everywhere that leaves the least residuals.
 fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
     let steps = (MAX_AMBIENT / AMBIENT_STEP).round() as usize;
+    // A grid and a parabola: the cost is a median, whose derivative jumps.
     let cost: Vec<f64> = (0..=steps)
         .map(|k| {
             // The median over all readings, those left out too: what is left out must not flatter.

@@ -122,6 +122,8 @@ impl Rectification {
         }
         let axes = rig.cameras.map(|c| c.pinhole.r[2]);
         let ahead = add(axes[0], axes[1]);
+        // Perpendicular to the baseline and to the mean axis: among the axes that the baseline permits, the
+        // nearest to both cameras.
         let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
         let y = across.ok_or_else(|| {
             Error::input(
@@ -131,6 +133,7 @@ impl Rectification {
         })?;
         let rotation = [x, y, cross(x, y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
+        // Equal focal lengths are kept exactly, so that images that are rectified already are not resampled.
         let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };
         let boxes = [
             outline(&rig.cameras[0], sizes[0], &rotation, focal)?,

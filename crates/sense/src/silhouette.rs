@@ -114,6 +114,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
         )));
     }
     let least = (options.least_share * of_thing as f64) as usize;
+    // Specks first: a speck inside a hole would split the hole into smaller ones.
     fill(&mut mask, columns, true, least);
     fill(&mut mask, columns, false, least);
     let values: Vec<f64> = mask.iter().map(|m| f64::from(u8::from(*m))).collect();

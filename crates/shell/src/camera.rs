@@ -71,6 +71,8 @@ impl Camera {
                 rows(&r)
             )));
         }
+        // Files round their numbers. The nearest rotation keeps poses orthonormal, on which their derivatives
+        // rely.
         Ok(Self { k, r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(), t })
     }
 
@@ -140,6 +142,7 @@ impl Camera {
     /// `K⁻¹ (x, y, 1)`.
     pub(crate) fn within(&self, pixel: [f64; 2]) -> Vector3<f64> {
         let k = &self.k;
+        // Back substitution, because `K` is triangular.
         let y = (pixel[1] - k[(1, 2)]) / k[(1, 1)];
         Vector3::new((pixel[0] - k[(0, 2)] - k[(0, 1)] * y) / k[(0, 0)], y, 1.0)
     }

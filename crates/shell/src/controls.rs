@@ -46,6 +46,7 @@ struct Roads {
 impl Roads {
     fn new(mesh: &TriangleMesh) -> Self {
         let normals = mesh.vertex_normals();
+        // Ordered sets throughout: the order of a hash table would change the controls from run to run.
         let mut pairs: BTreeSet<[u32; 2]> = BTreeSet::new();
         for t in &mesh.triangles {
             for k in 0..3 {
@@ -94,6 +95,8 @@ impl Roads {
 
     /// Assigns to a new source all vertices that are nearer to it than to the sources before (Dijkstra).
     fn grow(&self, source: u32, region: u32, far: &mut [f64], regions: &mut [u32]) {
+        // `far` keeps the distances from earlier sources, so the search visits only the region of the new
+        // one.
         let mut heap = BinaryHeap::from([Reverse((0_u64, source))]);
         far[source as usize] = 0.0;
         regions[source as usize] = region;
@@ -134,6 +137,8 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
     };
     let mut cell = (bounds.diagonal() * FINEST_CELL).max(f64::MIN_POSITIVE);
     while count > 1 {
+        // Cells instead of exact nearest pairs: a bridge that is a little too long only changes distances
+        // along it.
         let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
         for &v in &used {
             let at = positions[v as usize];
@@ -193,6 +198,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
             true => first,
             false => (0..far.len()).fold(first, |best, v| if farther(v, best) { v } else { best }),
         };
+        // All vertices are controls already.
         if far[farthest] <= 0.0 {
             break;
         }
@@ -208,6 +214,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
                 edges.insert([a.min(b), a.max(b)]);
             }
         }
+        // A triangle whose corners belong to three regions is dual to a triangle of their controls.
         of.sort_unstable();
         if of[0] != of[1] && of[1] != of[2] {
             triangles.insert(of);

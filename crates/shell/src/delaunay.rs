@@ -147,6 +147,7 @@ impl Delaunay {
                 self.points[0], self.points[7]
             )));
         }
+        // Successive points are often neighbours, so the walk from the last one is short.
         let start = self.locate(at, self.last);
         let same = (self.corners(start).into_iter()).find(|&c| self.points[c as usize] == at);
         if let Some(same) = same {
@@ -180,6 +181,8 @@ impl Delaunay {
     /// in `start`, and no corner of it.
     pub(crate) fn cavity(&self, at: [f64; 3], start: u32, cavity: &mut Cavity) {
         cavity.search += 1;
+        // Marks carry the number of the search and need no clearing. A tetrahedron is tested once, although
+        // up to four faces lead to it.
         cavity.looked.resize(self.tetrahedra.len(), (0, false));
         let search = cavity.search;
         cavity.tetrahedra.clear();

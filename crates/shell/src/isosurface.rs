@@ -156,6 +156,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
 fn deviation(at: [f64; 3], cell: f64, value: &(impl Fn([f64; 3]) -> f64 + Sync)) -> f64 {
     let here = value(at);
     let step = STEP * cell;
+    // One-sided differences: the estimate is of first order anyway, and each value costs a search.
     let slope: [f64; 3] = std::array::from_fn(|k| {
         let mut at = at;
         at[k] += step;
@@ -169,6 +170,7 @@ fn deviation(at: [f64; 3], cell: f64, value: &(impl Fn([f64; 3]) -> f64 + Sync))
 fn welded(mesh: &TriangleMesh) -> TriangleMesh {
     let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
     let of: Vec<u32> = (mesh.positions.iter().enumerate())
+        // Adding zero turns −0 into 0, whose bits differ.
         .map(|(v, p)| *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
         .collect();
     TriangleMesh {

@@ -174,6 +174,7 @@ impl NaturalNeighbours {
         }
         let points = self.delaunay.points();
         let start = self.delaunay.locate(at, query.last);
+        // Neighbouring queries start near each other; the walk is then a few steps.
         query.last = start;
         let near = |site: &u32| distance(points[*site as usize], at) < COINCIDENT * self.size;
         if let Some(site) = self.delaunay.corners(start).into_iter().find(near) {
@@ -255,6 +256,7 @@ impl NaturalNeighbours {
                 query.edges.push(([p.min(q), p.max(q)], k as u32, p < q));
             }
         }
+        // Each edge of the border belongs to exactly two faces, so sorting pairs them without a table.
         query.edges.sort_unstable_by_key(|(edge, _, forward)| (*edge, !*forward));
         for pair in query.edges.chunks_exact(2) {
             let ([a, b], of) = (pair[0].0, [pair[0].1, pair[1].1]);
@@ -274,6 +276,7 @@ impl NaturalNeighbours {
         if reach == 0.0 {
             return;
         }
+        // The second round removes the rounding of the first.
         for _ in 0..2 {
             let (mut normal, mut left) = (Matrix4::zeros(), Vector4::new(1.0, 0.0, 0.0, 0.0));
             for w in weights.iter() {
@@ -292,6 +295,7 @@ impl NaturalNeighbours {
             for w in weights.iter_mut() {
                 let [x, y, z] = scale(1.0 / reach, sub(self.site(w.site), at));
                 let change = multiplier.dot(&Vector4::new(1.0, x, y, z));
+                // The limit keeps signs, whatever the condition of the system.
                 w.weight *= 1.0 + change.clamp(-0.5, 0.5);
             }
         }

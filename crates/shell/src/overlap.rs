@@ -37,5 +37,6 @@ pub fn intersection_over_union(
         both += usize::from(*a && *b);
         either += usize::from(*a || *b);
     }
+    // Two empty masks give zero instead of NaN.
     both as f64 / either.max(1) as f64
 }

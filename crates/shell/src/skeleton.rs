@@ -60,6 +60,7 @@ fn circumcenter(t: &[[f64; 3]; 3]) -> Option<Skeleton> {
         return None;
     }
     let row = |v: [f64; 3]| Vector3::from(v).transpose();
+    // The third row keeps the centre in the plane of the facet, which two equations of distances do not.
     let inverse = Matrix3::from_rows(&[row(b), row(c), row(n)]).try_inverse()?;
     let skew = |v: [f64; 3]| Vector3::from(v).cross_matrix();
     // With b alone moving: (b − C)·db in the first row; −C·dn in the third, dn = db × c.

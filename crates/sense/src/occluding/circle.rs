@@ -188,6 +188,8 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
     let mut covariance = [[0.0; 3]; 3];
     let (mut depth, mut radius) = (0.0, 0.0);
     for (k, sigma) in sigmas.into_iter().enumerate() {
+        // Differences over a tenth of σ: derivatives of matches and planes by hand would be long, and the
+        // step is far from both rounding and curvature.
         let step = 0.1 * sigma;
         let moved = |by: f64| {
             let mut e = [0.0; 4];

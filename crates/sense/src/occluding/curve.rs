@@ -111,6 +111,7 @@ impl<'a> Curve<'a> {
         let count = self.contour.places.len();
         // (length relative to s, index) of what lies in the window.
         let mut near: Vec<(f64, usize)> = Vec::new();
+        // From the position outwards on both sides, across the seam of a closed contour.
         let start = self.lengths.partition_point(|l| *l < s);
         for (by, way) in [(0, 1_isize), (-1, -1)] {
             let mut k = start as isize + by;
@@ -174,6 +175,7 @@ impl<'a> Curve<'a> {
             .sum();
         // Places that err alike count as one.
         let spacing = (high.0 - low.0) / (near.len() - 1) as f64;
+        // The variance of a mean of correlated errors is that of fewer independent ones.
         let alike = (self.apart / spacing).max(1.0);
         let variance = self.sigma * self.sigma * alike;
         let freedom = near.len() as f64 - 3.0;

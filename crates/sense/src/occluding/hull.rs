@@ -177,6 +177,7 @@ impl Distances {
         let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
         // Squared distances to the border's places next to each pixel, then spread by the lower envelope of
         // parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled functions*, 2012).
+        // Two one-dimensional passes give exact Euclidean distances in linear time.
         let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
         for contour in &view.silhouette {
             for p in &contour.places {
@@ -222,6 +223,8 @@ impl Distances {
         };
         let at = [0, 1].map(|k| pixel[k] - self.first[k]);
         let limits = [self.columns, self.rows].map(|n| (n - 2) as f64 + 0.999);
+        // Beyond the raster: the distance at its border plus the way to it, a lower bound that keeps the
+        // sign.
         let held = [0, 1].map(|k| at[k].clamp(0.0, limits[k]));
         let outside = (at[0] - held[0]).hypot(at[1] - held[1]);
         let (i, j) = (held[0] as usize, held[1] as usize);

@@ -106,6 +106,7 @@ pub(super) fn joined(
     let mut size = vec![0; keys.len()];
     roots.iter().for_each(|r| size[*r] += 1);
     let mut order: Vec<usize> = (0..keys.len()).filter(|r| size[*r] >= options.least_places.max(1)).collect();
+    // Largest strip first; ties by number, so that the order is the same in every run.
     order.sort_by_key(|r| (std::cmp::Reverse(size[*r]), *r));
     let strip_of: std::collections::BTreeMap<usize, usize> =
         order.iter().enumerate().map(|(s, r)| (*r, s)).collect();
@@ -206,6 +207,7 @@ fn changing(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Pla
         (None, None) => return own.placed.solved.radius.powi(2),
     };
     let turn = a.2 + b.2;
+    // The difference of two noisy radii is too large on average by the sum of their variances.
     ((b.0 - a.0).powi(2) - a.1 - b.1) / (turn * turn)
 }
 

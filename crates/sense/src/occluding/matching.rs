@@ -131,6 +131,7 @@ pub(super) fn matched(
                 doubtful = true;
                 continue;
             }
+            // The smallest radius: a wrong match on a farther contour makes a large circle.
             let score = solved.radius.abs();
             if best.as_ref().is_none_or(|(least, _)| score < *least) {
                 best = Some((score, Found { placed, sight, here: *local, spots: [a.spot, b.spot] }));

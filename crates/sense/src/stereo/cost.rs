@@ -48,6 +48,7 @@ impl MatchingCost {
             census: [census(left), census(right)],
             level: [levels(left), levels(right)],
         };
+        // Disparities then run forwards in memory, which vector instructions need.
         all.census[1].chunks_exact_mut(columns).for_each(<[u64]>::reverse);
         for level in &mut all.level[1] {
             level.chunks_exact_mut(columns).for_each(<[i16]>::reverse);

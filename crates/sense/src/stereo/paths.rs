@@ -54,6 +54,7 @@ impl Penalties {
 fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sums: &mut [u16]) {
     let n = costs.len();
     let least = before[n + 2];
+    // The minimum over all disparities is found once per pixel, which makes a step linear in their number.
     let jump = least.wrapping_add(more);
     let neighbours = before[..n].iter().zip(&before[2..n + 2]);
     let from = before[1..=n].iter().zip(neighbours);
@@ -62,6 +63,7 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sum
         here[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
     {
         let beside = below.min(above).wrapping_add(one);
+        // Subtracting the minimum keeps the sums below `WORST + P2`, so they fit 16 bits along any path.
         let path = u16::from(cost).wrapping_add(same.min(beside).min(jump).wrapping_sub(least));
         *here = path;
         *sum = sum.wrapping_add(path);

@@ -49,6 +49,7 @@ pub(super) fn winners(
 fn winner(sums: &[u16], share: u32) -> Winner {
     let least = sums.iter().copied().min().unwrap_or(0);
     let best = sums.iter().position(|s| *s == least).unwrap_or(0);
+    // Direct neighbours of a minimum always have similar sums.
     let others = sums[..best.saturating_sub(1)].iter().chain(sums.iter().skip(best + 2));
     let next = others.copied().min().unwrap_or(u16::MAX);
     Winner {

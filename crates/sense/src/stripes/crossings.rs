@@ -64,6 +64,7 @@ impl Crossings {
     pub fn new(image: &Image, ridges: &Ridges) -> Self {
         let spots = meeting_places(image, ridges);
         let least = LEAST_REACH_SCALES * ridges.scale;
+        // Twice: the first pass gives the spacing, which limits how far stripes are followed in the second.
         let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);
         let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
         // The median spacing limits the distance to which stripes are followed.
@@ -184,6 +185,7 @@ impl Stripe {
                 [t, v, r.strength]
             })
             .collect();
+        // Along the stripe, for the thinning and for the count on each side.
         own.sort_by(|a, b| a[0].total_cmp(&b[0]));
         // Two pixels beside each other may both hold the line: one place for each step.
         own.dedup_by(|b, a| b[0] - a[0] < 0.4);

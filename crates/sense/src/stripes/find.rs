@@ -146,6 +146,8 @@ pub fn read_grid(
         ..GridRejected::default()
     };
     let off_line = |k: &Indexed| Residual::of_line(&crossings.found[k.crossing], grid, &lines, k.stripes);
+    // σ from the noise of the image misses texture; the distances from epipolar lines contain both, and
+    // nothing was fitted to them.
     let by_noise = ridges.unit_sigma(sigma_of_brightness(image, bright(image)));
     let factor = judged(&indexed.iter().flatten().map(off_line).collect::<Vec<_>>());
     let unit = factor.unwrap_or(by_noise);
@@ -203,6 +205,7 @@ fn divide(image: &Image, plain: &Image) -> Result<Image> {
             image.columns, image.rows, plain.columns, plain.rows
         )));
     }
+    // Division instead of subtraction: the reflectance multiplies the light of the stripes.
     let white = plain.values.iter().fold(0.0_f32, |a, b| a.max(*b));
     // Below this share of white, noise would be all that is divided.
     let least = 0.04 * white;

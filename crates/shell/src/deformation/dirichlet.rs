@@ -69,6 +69,8 @@ impl Dirichlet {
             let mut affine = [0.0; AFFINE];
             for w in found {
                 if (w.site as usize) < BOX_CORNERS {
+                    // A corner of the box contributes through four affine functions, not through the controls
+                    // themselves: rows stay short, and the dependence on all controls is in the reduction.
                     let [x, y, z] = scale(1.0 / size, sub(neighbours.site(w.site), center));
                     for (sum, value) in affine.iter_mut().zip([1.0, x, y, z]) {
                         *sum += w.weight * value;
@@ -145,6 +147,8 @@ fn affine_fit(controls: &[[f64; 3]]) -> ([f64; 3], f64, DMatrix<f64>) {
     let reach = controls.iter().map(|p| norm(sub(*p, center))).fold(0.0, f64::max);
     let size = if reach > 0.0 { reach } else { 1.0 };
     let off = DMatrix::from_fn(count, 3, |row, axis| (controls[row][axis] - center[axis]) / size);
+    // The pseudo-inverse leaves directions in which the controls have no extent at zero; normal equations
+    // would be singular there.
     let svd = off.svd(true, true);
     let least = FLAT * svd.singular_values.max();
     let inverse =

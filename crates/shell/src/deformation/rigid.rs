@@ -143,6 +143,7 @@ impl<'a> RigidParts<'a> {
             });
         }
         for index in 0..parts.len() {
+            // A vertex of a part follows that part alone, whatever other parts are near.
             let far = distances(mesh, &part_of, index, blend)?;
             for (v, far) in far.into_iter().enumerate() {
                 let weight = match part_of[v] {
@@ -212,6 +213,7 @@ impl<'a> RigidParts<'a> {
             }
             let rotation =
                 Rotation3::from_matrix_eps(&nearest_rotation(&products), 1e-12, 100, Rotation3::identity());
+            // Times the radius, so that all parameters are lengths and damping treats them alike.
             let turn = rotation.scaled_axis() * part.radius;
             let slide = sub(center, part.center);
             for k in 0..3 {
@@ -317,6 +319,7 @@ fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
         return Matrix3::identity();
     };
+    // The sign keeps a reflection from being taken for a rotation.
     let mut turn = Matrix3::identity();
     turn[(2, 2)] = (u * v).determinant().signum();
     u * turn * v

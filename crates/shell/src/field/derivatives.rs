@@ -40,6 +40,8 @@ impl Shell<'_> {
         let mut flat = Matrix3::identity() - u * u.transpose();
         if self.options.metaball == Metaball::Triangular {
             let corners = self.mesh.corners(near.facet as usize);
+            // Positive barycentric coordinates show whether the nearest point is a corner, on a side or
+            // inside.
             let within: Vec<usize> = (0..3).filter(|&k| near.barycentric[k] > 0.0).collect();
             match within[..] {
                 [_] => {}

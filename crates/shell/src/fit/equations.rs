@@ -210,6 +210,7 @@ pub(super) fn sum(
                     continue;
                 }
                 let mut give = |k: usize, entry: f64| {
+                    // An entry that cancels to zero is listed again, hence `dedup` below.
                     if row[k] == 0.0 {
                         touched.push(k);
                     }
@@ -221,6 +222,7 @@ pub(super) fn sum(
                 for (n, &i) in touched.iter().enumerate() {
                     let scaled = weight * row[i];
                     pass.vector[i] -= scaled * equation.distance;
+                    // Only the lower triangle is summed; it is mirrored once at the end.
                     for &j in &touched[n..] {
                         pass.information[(j, i)] += scaled * row[j];
                     }
@@ -262,6 +264,7 @@ pub(super) fn visit_row(
 
 /// Transforms a sum from the basis of the rows to the parameters; poses are unchanged.
 fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
+    // Once for the whole sum: `Rᵀ N R` for each equation would make its short row dense.
     let Some(r) = deformation.reduction() else {
         return pass;
     };

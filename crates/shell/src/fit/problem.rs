@@ -285,6 +285,7 @@ impl Problem<'_> {
         shares: &mut Vec<FacetShare>,
         made: &mut Equations,
     ) {
+        // Readings of outlines are numbered over all views.
         let before: usize = self.readings.views[..v].iter().map(|view| view.outline.len()).sum();
         for (i, place) in self.readings.views[v].outline.iter().enumerate().take(b).skip(a) {
             let (origin, direction) = (camera.center(), camera.direction(place.pixel));

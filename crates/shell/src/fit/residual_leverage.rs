@@ -62,6 +62,8 @@ pub(super) fn leverage_of_signs(
         .collect();
     let mut sum = DMatrix::zeros(basis + rest, DRAWS);
     sums.iter().for_each(|some| sum += some);
+    // `H s = A N⁻¹ (Aᵀ s)`: the two passes apply `Aᵀ` and `A`, and `H` itself, as large as the square of the
+    // readings, is never formed.
     let factor = Factor::new(information).ok_or_else(undetermined)?;
     let mut moved = DMatrix::zeros(basis + rest, DRAWS);
     for draw in 0..DRAWS {

@@ -127,6 +127,7 @@ impl Sheets {
             });
         }
         let (members, order) = (&mut self.members, &mut self.order);
+        // The most likely facet defines its sheet, and others join it. Ties go by index.
         order.sort_unstable_by(|a, b| members[*b].weight.total_cmp(&members[*a].weight).then(a.cmp(b)));
         for &i in order.iter() {
             let own = members[i];
@@ -155,6 +156,7 @@ impl Sheets {
     /// Computes the probabilities of the sheets.
     fn weigh(&mut self, sigma: f64, loss: &Loss) {
         let cost = |sheet: &Sheet| loss.rho(sheet.height / sigma);
+        // Costs relative to the smallest one: far from all sheets every exponential would be zero.
         let least = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
         let masses: f64 = self.list.iter().map(|sheet| sheet.mass).sum();
         let density = |sheet: &Sheet| sheet.mass * (least - cost(sheet)).exp();
