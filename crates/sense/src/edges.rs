@@ -49,11 +49,10 @@ const NEAR: f64 = 6.0;
 ///
 /// A straight edge blurred by a Gaussian of variance `t²` has gradients `m exp(−d²/2t²)` across it, so that
 /// the logarithms of three neighbouring pixels, on the axis nearer to the gradient, lie on a parabola whose
-/// vertex is the edge. `t²` is the median over the parabolas. Blur moves an edge of curvature `κ` by
-/// `½ κ t²` towards its centre: it is moved back. With noise of `σ_n` in pixels, a smoothing of `s` and a
-/// gradient of `m`, `σ = σ_n √(3/16π) t² / (s³ m)`, of zero crossings of the second derivative, and 0.02
-/// pixels that have other reasons. Noise is taken from the picture (Immerkær), and is at least that of whole
-/// grey levels.
+/// vertex is the edge. `t²` is the median over the parabolas. Blur moves an edge of curvature `κ` by `½ κ t²`
+/// towards its centre; this is corrected. With noise `σ_n` of a pixel, smoothing `s` and gradient `m`, the σ
+/// of a zero crossing of the second derivative is `σ = σ_n √(3/16π) t² / (s³ m)`; 0.02 pixels of other causes
+/// are added. The noise is estimated from the image (Immerkær) and is at least that of whole grey levels.
 ///
 /// Cost: one pass of a separable filter, and a local search per edge pixel.
 ///
@@ -98,8 +97,8 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     if found.is_empty() {
         return Err(Error::undetermined("no edge exceeds the noise of the image"));
     }
-    // The median over all edges, because a single parabola of three logarithms is noisy. The blur is that of
-    // the lens and the smoothing, the same everywhere.
+    // The median over all edges, because a single parabola of three logarithms is noisy. The blur is assumed
+    // to be the same everywhere.
     let mut spreads: Vec<f64> = found.iter().map(|edge| edge.spread).collect();
     spreads.sort_by(f64::total_cmp);
     let spread = spreads[spreads.len() / 2].max(s * s);
@@ -135,7 +134,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     Ok(kept)
 }
 
-/// A pixel of largest gradient, at its place between pixels.
+/// A subpixel position of maximum gradient.
 struct Edge {
     position: [f64; 2],
     /// The direction in which brightness grows.
@@ -143,7 +142,7 @@ struct Edge {
     magnitude: f64,
     /// Variance of the blur across the edge.
     spread: f64,
-    /// Of the level line, positive where its centre is uphill.
+    /// Curvature of the level line; positive if its centre is on the brighter side.
     curvature: f64,
 }
 
@@ -155,7 +154,7 @@ struct Gradients {
 }
 
 impl Gradients {
-    /// Derivatives of the picture smoothed by a Gaussian of σ `s`.
+    /// Derivatives of the image after smoothing by a Gaussian of σ `s`.
     fn new(image: &Image, s: f64) -> Self {
         let reach = (4.0 * s).ceil() as i64;
         let weight = |k: i64| (-0.5 * (k as f64 / s).powi(2)).exp();
@@ -238,7 +237,7 @@ impl Gradients {
     }
 }
 
-/// Edges by cells of a size.
+/// Edges sorted into square cells.
 struct Buckets {
     cell: f64,
     at: std::collections::BTreeMap<[i64; 2], Vec<usize>>,
@@ -253,7 +252,7 @@ impl Buckets {
         Self { cell, at }
     }
 
-    /// Those within a distance of at most a cell.
+    /// Edges within a distance, which is at most the side of a cell.
     fn near<'a>(&'a self, edges: &'a [Edge], p: [f64; 2], within: f64) -> impl Iterator<Item = usize> + 'a {
         let [i, j] = p.map(|c| (c / self.cell).floor() as i64);
         let cells = (-1..=1).flat_map(move |di| (-1..=1).map(move |dj| [i + di, j + dj]));
@@ -264,8 +263,8 @@ impl Buckets {
     }
 }
 
-/// σ of a picture's noise: the median response to the difference of two Laplacians, which sees neither planes
-/// nor most edges.
+/// σ of the noise of an image: the median response to the difference of two Laplacians. It is zero on planes
+/// and small at most edges.
 fn noise_of(image: &Image) -> f64 {
     let mut responses = Vec::new();
     for row in 1..image.rows - 1 {

@@ -119,7 +119,7 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
     Ok(geometry)
 }
 
-/// Normals of the triangles that each grid square's points make, jumps in depth left out.
+/// Normals from the triangles of each grid square, without triangles across a jump in depth.
 fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geometry: &mut ScanGeometry) {
     let count = scan.points.len();
     let mut sums = vec![[0.0; 3]; count];
@@ -133,7 +133,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
             _ => false,
         }
     };
-    // One wild reading must not cost its eight neighbours: it is found first and then counts as absent.
+    // A gross error must not cost its eight neighbours: it is found first and then counts as absent.
     let mut isolated = vec![false; count];
     for row in 0..grid.rows {
         for column in 0..grid.columns {

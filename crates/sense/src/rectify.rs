@@ -73,6 +73,8 @@ impl LensCamera {
         let y = (pixel[1] - second[2]) / second[1];
         let seen = [(pixel[0] - first[2] - first[1] * y) / first[0], y];
         let mut straight = seen;
+        // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
+        // the result is checked below.
         for _ in 0..UNDISTORTIONS {
             let there = self.distorted(straight);
             straight = [0, 1].map(|k| straight[k] + seen[k] - there[k]);
@@ -184,6 +186,7 @@ impl Rectification {
         let ray = [(u - cx - doffs) / self.camera.focal, (v - cy) / self.camera.focal, 1.0];
         let pixel = self.rig.cameras[which].pixel(self.world_from_rectified.rotate(ray))?;
         let [columns, rows] = self.sizes[which];
+        // Without snapping, rounding would resample images that are rectified already.
         let snapped = pixel.map(|c| if (c - c.round()).abs() < ROUNDING { c.round() } else { c });
         let inside = |c: f64, n: usize| (0.0..=(n - 1) as f64).contains(&c);
         (inside(snapped[0], columns) && inside(snapped[1], rows)).then_some(snapped)
@@ -254,7 +257,7 @@ fn turned(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
     upper_triangle(|i, j| dot(r[i], full.map(|row| dot(row, r[j]))))
 }
 
-/// Refuses a picture that shows where the other camera stands, or the place opposite: around it rows cannot
+/// Rejects an image that contains the epipole, or the opposite point: around it rows cannot
 /// correspond.
 fn refuse_epipole(
     camera: &LensCamera,

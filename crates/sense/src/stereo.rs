@@ -250,7 +250,7 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     }
     if !(4..=4096).contains(&options.disparities) {
         return Err(Error::input(format!(
-            "needed from 4 to 4096 disparities to look for, found {}",
+            "needed a search range of 4 to 4096 disparities, found {}",
             options.disparities
         )));
     }
@@ -264,7 +264,7 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     let reach = options.least_disparity.unsigned_abs() as usize;
     if reach >= left.columns {
         return Err(Error::input(format!(
-            "needed a least disparity below the images' width of {}, found {}",
+            "needed a minimum disparity below the images' width of {}, found {}",
             left.columns, options.least_disparity
         )));
     }

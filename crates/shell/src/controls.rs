@@ -18,7 +18,7 @@ const BENDING: f64 = 2.0;
 /// The finest cell of the grids by which disconnected parts are joined, as a share of the mesh's size.
 const FINEST_CELL: f64 = 1.0 / 2048.0;
 /// Relative tolerance of equal distances, so that rounding does not decide which vertex is chosen.
-const ALIKE: f64 = 1e-9;
+const EQUAL_DISTANCE_TOLERANCE: f64 = 1e-9;
 /// Upper limit of a cotangent, so that thin triangles of controls do not dominate the stiffness.
 const MAX_COTANGENT: f64 = 10.0;
 
@@ -36,14 +36,14 @@ pub struct Controls {
 }
 
 /// The edge graph of a mesh with lengths, along which regions grow.
-struct Roads {
+struct EdgeGraph {
     start: Vec<usize>,
     to: Vec<(u32, f64)>,
     /// Pairs of vertices that join disconnected parts.
     bridges: Vec<[u32; 2]>,
 }
 
-impl Roads {
+impl EdgeGraph {
     fn new(mesh: &TriangleMesh) -> Self {
         let normals = mesh.vertex_normals();
         // Ordered sets throughout: the order of a hash table would change the controls from run to run.
@@ -108,7 +108,7 @@ impl Roads {
             }
             for &(to, length) in &self.to[self.start[here as usize]..self.start[here as usize + 1]] {
                 let by_here = reached + length;
-                if by_here < (1.0 - ALIKE) * far[to as usize] {
+                if by_here < (1.0 - EQUAL_DISTANCE_TOLERANCE) * far[to as usize] {
                     far[to as usize] = by_here;
                     regions[to as usize] = region;
                     heap.push(Reverse((by_here.to_bits(), to)));
@@ -182,7 +182,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
     if count == 0 || mesh.triangles.is_empty() {
         return Err(Error::input("controls need a mesh with faces and a count of at least one"));
     }
-    let roads = Roads::new(mesh);
+    let graph = EdgeGraph::new(mesh);
     let mut used = vec![false; mesh.positions.len()];
     for &v in mesh.triangles.iter().flatten() {
         used[v as usize] = true;
@@ -193,7 +193,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
     let mut regions = vec![u32::MAX; mesh.positions.len()];
     let mut vertices = Vec::new();
     while vertices.len() < count {
-        let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + ALIKE);
+        let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + EQUAL_DISTANCE_TOLERANCE);
         let farthest = match vertices.is_empty() {
             true => first,
             false => (0..far.len()).fold(first, |best, v| if farther(v, best) { v } else { best }),
@@ -202,7 +202,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
         if far[farthest] <= 0.0 {
             break;
         }
-        roads.grow(farthest as u32, vertices.len() as u32, &mut far, &mut regions);
+        graph.grow(farthest as u32, vertices.len() as u32, &mut far, &mut regions);
         vertices.push(farthest as u32);
     }
     let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
@@ -220,7 +220,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
             triangles.insert(of);
         }
     }
-    for [a, b] in &roads.bridges {
+    for [a, b] in &graph.bridges {
         let [a, b] = [a, b].map(|v| regions[*v as usize]);
         if a != b {
             edges.insert([a.min(b), a.max(b)]);

@@ -21,6 +21,8 @@ pub struct FieldPoints {
 
 impl Default for FieldPoints {
     fn default() -> Self {
+        // Two points per direction. With a single one in the middle, thin parts of a growing ball came out
+        // too short (`docs/decisions/0001-growing-a-ball.md`).
         let near = 0.5 - 0.5 / 3.0_f64.sqrt();
         let along = [near, 1.0 - near];
         Self { along, value: along.map(|s| cubic(s)[0]), slope: along.map(|s| cubic(s)[1]) }

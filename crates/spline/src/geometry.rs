@@ -207,6 +207,7 @@ impl Surface {
                 }
             }
         }
+        // Cramer's rule: the matrix is well conditioned, because directions cover the whole circle.
         let determinant = dot(m[0], cross(m[1], m[2]));
         let solve = |k: usize| {
             let mut n = m;

@@ -126,6 +126,7 @@ impl HeightField {
             }
         }
         let sides: [f64; 2] = std::array::from_fn(|k| ((high[k] - low[k]) / cell).ceil().max(1.0));
+        // In floating point: for a tiny cell the product does not fit an integer.
         if sides[0] * sides[1] > MAX_CELLS as f64 {
             return Err(Error::input(format!(
                 "a cell size of {cell} gives {} × {} cells: expected at most {MAX_CELLS}",

@@ -97,6 +97,8 @@ impl Hierarchy {
     /// `Input` when a periodic direction has fewer than 4 cells, a ball has fewer than 4 rows, or another
     /// direction has no cell.
     pub fn uniform(shape: Shape, base: [usize; 2]) -> Result<Self> {
+        // In a periodic direction of fewer than four cells a cubic would overlap itself. A ball needs two
+        // rings of functions at each pole and a third one beyond them.
         let minimum =
             [if shape.periodic_u() { 4 } else { 1 }, if shape.periodic_v() || shape.polar() { 4 } else { 1 }];
         for d in 0..2 {
@@ -310,6 +312,7 @@ impl Hierarchy {
     fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
         let [columns, rows] = grid(self.base, level);
         let scale = (1_u64 << level) as f64;
+        // The upper end of the domain belongs to the last cell.
         let i = ((u * scale) as usize).min(columns - 1);
         let j = ((v * scale) as usize).min(rows - 1);
         match self.leaf_number[level][j * columns + i] {
@@ -351,6 +354,7 @@ impl Hierarchy {
             if level >= self.leaf_number.len() {
                 continue;
             }
+            // From fine to coarse: a leaf of this level or the first one above it.
             let shift = usize::from(cell.level) - level;
             let (i, j) = (cell.i as usize >> shift, cell.j as usize >> shift);
             let columns = grid(self.base, level)[0];
@@ -453,6 +457,7 @@ impl Hierarchy {
     /// # Errors
     /// `Input` that names the first violated invariant.
     pub fn sanity_check(&self) -> Result<()> {
+        // Sides are powers of two, so the sum of areas has hardly any rounding.
         let area: f64 = self.leaves.iter().map(|cell| cell.side() * cell.side()).sum();
         if (area - self.extent()[0] * self.extent()[1]).abs() > 1e-9 * area {
             return Err(Error::input("the leaves do not tile the domain"));

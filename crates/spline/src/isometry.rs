@@ -147,6 +147,8 @@ impl SurfaceSystem {
                     let row: [f64; 16] = std::array::from_fn(|k| (a * du[k] + b * dv[k]) / side);
                     let along = directional(&jet, a, b);
                     let square = dot(along, along);
+                    // The quadrature weights of a leaf sum to one, so all its gauges together have the stated
+                    // σ.
                     cell.add_scalar(&row, scale(2.0, along), 1.0 + square, q.weight / sigma[leaf].powi(2));
                 }
                 any = true;

@@ -206,6 +206,7 @@ pub(crate) fn matrix_of_moments(gram: &[[f64; 8]; 7]) -> [[f64; 16]; 16] {
             for r in 0..4 {
                 for q in 0..=r {
                     let sum: f64 = (0..7).map(|j| products[r][q][j] * along[j]).sum();
+                    // Products of weights are symmetric in both directions, so one sum gives four entries.
                     for (r, q) in [(r, q), (q, r)] {
                         matrix[4 * r + k][4 * q + l] = sum;
                         matrix[4 * r + l][4 * q + k] = sum;

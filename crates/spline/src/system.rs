@@ -209,6 +209,7 @@ impl SurfaceSystem {
             .par_iter()
             .with_min_len(256)
             .map(|a| {
+                // Anchors of functions at an open border lie outside the domain.
                 let [u, v] = self.space.wrap(a[0], a[1]);
                 surface.normal(u, v).unwrap_or([0.0; 3])
             })
@@ -224,6 +225,7 @@ impl SurfaceSystem {
         information: &BlockInformation,
         directions: &[[f64; 3]],
     ) -> Result<BlockInformation> {
+        // Information of another source may have a smaller pattern.
         let information = information.on_pattern(&self.pattern)?;
         let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
         let values = information.values();

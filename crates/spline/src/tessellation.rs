@@ -213,6 +213,7 @@ fn divisions(c: &[[f64; 3]; 16], tolerance: f64, max_log2: u32) -> ([u32; 2], bo
     // on surfaces curved in one direction only.
     let mut best: Option<(u32, f64, [u32; 2])> = None;
     for a in 0..=max_log2 {
+        // For each division along u, the smallest sufficient one along v: the bound decreases with both.
         if let Some(b) = (0..=max_log2).find(|&b| chord(a, b) <= tolerance) {
             let found = (a + b, chord(a, b), [a, b]);
             if best.is_none_or(|b| (found.0, found.1) < (b.0, b.1)) {

@@ -73,6 +73,7 @@ fn candidates(
                 continue;
             }
             let refine = || {
+                // Linear interpolation first, then two Newton steps on the fitted parabola.
                 let mut at = (k as f64 + da / (da - db)) * contour.step;
                 for _ in 0..2 {
                     let local = contour.curve.at(at)?;
@@ -83,7 +84,7 @@ fn candidates(
                 Some((at, contour.curve.at(at)?))
             };
             let Some((at, local)) = refine() else { continue };
-            // The tangent along the epipolar line: a frontier point of that view.
+            // A tangent along the epipolar line indicates a frontier point of that view.
             let slant = (line[0] * local.along[0] + line[1] * local.along[1]).abs();
             if local.corner || slant < least {
                 continue;
@@ -145,7 +146,7 @@ pub(super) fn matched(
     }
 }
 
-/// Whether a place projects into, or onto the border of, all other silhouettes, to within its σ.
+/// True if a point projects into all other silhouettes or onto their borders, within its σ.
 pub(super) fn in_all_silhouettes(
     views: &[ContourView],
     own: usize,
@@ -166,13 +167,14 @@ pub(super) fn in_all_silhouettes(
             return true;
         }
         let moved = camera.project(add_scaled(at, sigma, found.sight.way)).unwrap_or(pixel);
+        // σ of the depth, seen from the other view.
         let spread = (moved[0] - pixel[0]).hypot(moved[1] - pixel[1]);
         let allowed = OUTSIDE_PX + SIGMAS * (view.sigma_px + spread);
         near(&view.silhouette, pixel, allowed)
     })
 }
 
-/// Whether a pixel lies within closed contours.
+/// True if a pixel is inside closed contours.
 pub(super) fn inside(contours: &[Contour], at: [f64; 2]) -> bool {
     let mut inside = false;
     for contour in contours {

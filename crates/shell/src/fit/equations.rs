@@ -127,9 +127,9 @@ impl Equations {
     }
 
     /// Sets the probability that the last equation is the correct one of its reading.
-    pub(super) fn last_is_right_by(&mut self, probability: f64, surprise: f64) {
+    pub(super) fn set_last_probability(&mut self, probability: f64, log_ratio: f64) {
         if let Some(last) = self.list.last_mut() {
-            last.chance = (probability, surprise);
+            last.chance = (probability, log_ratio);
         }
     }
 
@@ -172,8 +172,8 @@ pub(super) struct Pass {
 pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f64 {
     (all.iter().flat_map(|some| &some.list))
         .map(|e| {
-            let (probability, surprise) = e.chance;
-            probability * (e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]) + surprise)
+            let (probability, log_ratio) = e.chance;
+            probability * (e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]) + log_ratio)
         })
         .sum()
 }
@@ -192,6 +192,7 @@ pub(super) fn sum(
     let basis = deformation.basis();
     let size = basis + 6 * poses;
     // Groups do not depend on the number of threads, so that sums have a fixed order.
+    // Each group has a matrix of its own, so memory limits their number.
     let groups = (SUMS / (size * size).max(1)).clamp(2, 32);
     let per_group = all.len().div_ceil(groups).max(1);
     let sums: Vec<Pass> = (all.par_chunks(per_group))

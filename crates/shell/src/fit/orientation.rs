@@ -77,12 +77,10 @@ pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
         *votes.entry(part).or_default() += if behind { 1 } else { -1 };
     }
     Ok((mesh.triangles.iter().zip(part))
-        .map(
-            |([a, b, c], part)| {
-                // Equal votes leave a part unchanged: it is a sheet seen from both sides.
-                if votes.get(&part).is_some_and(|votes| *votes > 0) { [*a, *c, *b] } else { [*a, *b, *c] }
-            },
-        )
+        .map(|([a, b, c], part)| {
+            // Equal votes leave a part unchanged: it is a sheet seen from both sides.
+            if votes.get(&part).is_some_and(|votes| *votes > 0) { [*a, *c, *b] } else { [*a, *b, *c] }
+        })
         .collect())
 }
 

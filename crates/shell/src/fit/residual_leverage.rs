@@ -31,6 +31,7 @@ pub(super) fn leverage_of_signs(
     let basis = deformation.basis();
     let parameters = deformation.parameters();
     let rest = information.nrows() - parameters;
+    // Numbers of equations over all groups, from which their signs are hashed.
     let firsts: Vec<usize> = (equations.iter())
         .scan(0, |next, some| {
             let first = *next;

@@ -61,7 +61,7 @@ pub(super) struct Sheet {
     /// The probability that the point was measured on it.
     pub probability: f64,
     /// `ln(p/m)`, with masses `m` that sum to one over the sheets.
-    pub surprise: f64,
+    pub log_ratio: f64,
     mass: f64,
     /// The height over its nearest facet.
     first: f64,
@@ -117,6 +117,7 @@ impl Sheets {
             if mass > 0.0 {
                 self.order.push(self.members.len());
             }
+            // Facets without mass stay in the list, because its indices are those of `shares`.
             self.members.push(Member {
                 normal: over.normal,
                 height: over.height,
@@ -163,7 +164,7 @@ impl Sheets {
         let all: f64 = self.list.iter().map(density).sum();
         for sheet in &mut self.list {
             sheet.probability = density(sheet) / all;
-            sheet.surprise = (least - cost(sheet)).exp().ln() - (all / masses).ln();
+            sheet.log_ratio = (least - cost(sheet)).exp().ln() - (all / masses).ln();
         }
     }
 

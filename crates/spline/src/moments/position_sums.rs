@@ -449,6 +449,8 @@ impl CellsOfBatch<'_> {
             let mut len = 0;
             for part in self.parts {
                 let mut own = part.readings(self.first_leaf + offset);
+                // Long runs are summed where they are; short ones are collected from several parts first. The
+                // order depends on the parts only, not on threads.
                 if own.len() >= RUN {
                     cell.add_run::<FUSED>(own);
                     continue;

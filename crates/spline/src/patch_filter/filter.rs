@@ -520,6 +520,7 @@ fn detail_variances(
         PatchCovariances::of_prior(&coarse, metric, prior.hold)?.covariance(&coarse, 0)?,
         PatchCovariances::of_prior(&fine, metric, prior.hold)?,
     );
+    // Two points per cell are enough for a mean over a whole patch.
     let (mut sum, mut points) = (0.0, 0.0);
     for (p, patch) in fine.patches.iter().enumerate() {
         if patch.parent() != Some(coarse.patches[0]) {

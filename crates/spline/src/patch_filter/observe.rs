@@ -182,6 +182,8 @@ impl PatchFilter {
                     }
                 }
                 (StateLayout::Height, EquationKind::Form(form, mut value)) => {
+                    // The first two coordinates are fixed in this layout, so their contribution moves to the
+                    // value.
                     for (k, f) in form.iter().enumerate() {
                         let known = member.initial[vertex_of(cell, k)];
                         value -= f[0] * known[0] + f[1] * known[1];

@@ -61,6 +61,8 @@ impl SmoothnessPrior {
     pub fn information(&self, system: &SurfaceSystem, metric: &Surface) -> Result<BlockInformation> {
         self.validate()?;
         let stiffest = stiffest(metric);
+        // The median is taken over the base grid and the limit applied to finer leaves, so that it does not
+        // change with subdivision.
         let metric = metric.refined(Arc::clone(system.space()))?;
         let mut leaves = metric.thin_plate(system.space());
         for (leaf, cell) in leaves.iter_mut().zip(system.space().leaves()) {

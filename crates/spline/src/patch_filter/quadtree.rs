@@ -195,6 +195,7 @@ impl Quadtree {
     pub fn subdivided(&self, marked: &[bool]) -> Result<Self> {
         let mut marked = marked.to_vec();
         loop {
+            // Extending grading to whole patches can require further cells, hence the loop.
             let cells: Vec<usize> = (0..self.patches.len())
                 .filter(|&p| marked[p])
                 .flat_map(|p| self.leaves[p])
@@ -220,6 +221,7 @@ impl Quadtree {
         (0..VERTICES)
             .map(|vertex| {
                 let (column, row) = (vertex % PATCH_VERTICES, vertex / PATCH_VERTICES);
+                // All cells of a patch have one level, so any cell that uses a vertex gives the same weights.
                 let (ci, cj) = (column.min(PATCH_CELLS - 1), row.min(PATCH_CELLS - 1));
                 let leaf = self.leaves[patch][cj * PATCH_CELLS + ci] as usize;
                 let k = 4 * (row - cj) + column - ci;

@@ -139,6 +139,8 @@ impl SurfaceReading {
         let (values, variance, directions): (bool, f64, &[[f64; 3]]) = match self {
             Self::Position { point, variance, .. } => (finite(point), *variance, &[]),
             Self::PositionWithCovariance { point, covariance, .. } => {
+                // A covariance is valid if its smallest eigenvalue is not negative; it stands in for the
+                // variance below.
                 let (_, values) = symmetric_eigen(*covariance);
                 (finite(point) && finite(covariance), values[2], &[])
             }
@@ -197,6 +199,7 @@ impl SurfaceReading {
                 let frame = TangentFrame::from_jet(&jet())?;
                 let own = cross(frame.tangents[0], frame.tangents[1]);
                 let facing = dot(normal, own);
+                // At the estimate the row gives `N·t = 0`, so the value is the residual alone.
                 for ((to, along), tangent) in out.iter_mut().zip(frame.from_parameters).zip(frame.tangents) {
                     let weights = first_derivative([s, t], side, along);
                     // Only the normal component of a change turns a tangent; its length does not matter.
@@ -222,6 +225,8 @@ impl SurfaceReading {
                     let second =
                         second_derivative([s, t], side, frame.from_parameters[a], frame.from_parameters[b]);
                     let [bent_a, bent_b] = [a, b].map(|k| bend(frame.tangents[k]));
+                    // Both factors of `S_aᵀ II S_b` are differentiated, so the row contains this term twice.
+                    // The value corrects that.
                     let form = std::array::from_fn(|k| {
                         [0, 1, 2].map(|d| {
                             second[k] * normal[d] - first[a][k] * bent_b[d] - first[b][k] * bent_a[d]

@@ -128,6 +128,8 @@ impl PatchFilter {
         let base = Arc::new(Hierarchy::uniform(state.shape, state.base)?);
         let initial = Surface::new(Arc::clone(&base), state.initial_vertices.clone())?;
         let metric = Surface::new(base, state.metric_vertices.clone())?;
+        // A damaged file may contain any numbers. Saturated ones lie outside the grid and are rejected with a
+        // message.
         let cells: Vec<Cell> = state
             .patches
             .iter()

@@ -89,6 +89,7 @@ impl Facets {
         let size = dot(sub(hi, lo), sub(hi, lo)).sqrt();
         let mut side = FINEST * size;
         let mut cut = group_points(points, normals, lo, side);
+        // Sparse clouds need larger cubes; the smallest cubes with enough readings follow the shape best.
         while side < COARSEST * size && !fits(&cut, points.len()) {
             side *= GROWTH;
             cut = group_points(points, normals, lo, side);

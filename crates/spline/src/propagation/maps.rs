@@ -154,6 +154,8 @@ impl Symmetry {
     /// The same symmetry with its reference point nearest to a given point.
     pub(super) fn near(self, p: [f64; 3]) -> Self {
         match self {
+            // Near the cloud, shifts and tilts are nearly uncorrelated. About a distant point, each tilt
+            // would move the axis far away.
             Self::Rotation { point, direction, order } => Self::Rotation {
                 point: add_scaled(point, dot(sub(p, point), direction), direction),
                 direction,

@@ -210,6 +210,7 @@ impl FittedPrimitive {
             if primitive.radius().is_some_and(|r| !(r > 0.0 && r < MAX_RELATIVE_RADIUS * size)) {
                 return None;
             }
+            // The expected decrease of χ², far below its own scatter.
             if (by.transpose() * right)[(0, 0)] < 1e-6 {
                 break;
             }

@@ -208,6 +208,7 @@ impl LeafPlan {
                 normal: normal(surface, leaf, local, at_pole),
             });
         };
+        // In the order in which `number_vertices` counted: own points of the ring, inner points, centres.
         let places = self.ring_places();
         for &index in &self.own_ring {
             let place = places[index as usize];
