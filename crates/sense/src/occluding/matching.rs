@@ -69,6 +69,7 @@ fn candidates(
                 continue;
             };
             let (da, db) = (off(a.place), off(b.place));
+            // A change of sign, also from zero, so that a crossing at a point is counted once.
             if (da > 0.0) == (db > 0.0) {
                 continue;
             }
@@ -156,6 +157,7 @@ pub(super) fn in_all_silhouettes(
     let sigma = found.placed.depth.sqrt();
     let at = found.placed.position;
     views.iter().zip(ready).enumerate().all(|(k, (view, ready))| {
+        // An open outline has no inside.
         if k == own || view.silhouette.is_empty() || view.silhouette.iter().any(|c| !c.closed) {
             return true;
         }

@@ -96,9 +96,9 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
         )));
     }
     let before = mask.clone();
-    let least = (options.least_share * of_thing as f64) as usize;
-    fill(&mut mask, columns, true, least);
-    fill(&mut mask, columns, false, least);
+    let min_pixels = (options.least_share * object_pixels as f64) as usize;
+    fill(&mut mask, columns, true, min_pixels);
+    fill(&mut mask, columns, false, min_pixels);
     let values: Vec<f64> = (picture.values.iter().zip(&mask).zip(&before))
         .map(|((v, now), was)| match options.threshold.is_none() && now == was {
             true => (f64::from(*v) - low) / (high - low),

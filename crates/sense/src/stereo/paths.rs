@@ -112,6 +112,7 @@ fn along_rows(
     sums: &mut [u16],
 ) {
     let columns = image.columns;
+    // Rows are independent in this direction, so each is a task. The sums of a row belong to one task alone.
     let row_length = columns * disparities;
     let simd = pulp::Arch::new();
     sums.par_chunks_exact_mut(row_length).enumerate().for_each_init(
@@ -201,6 +202,8 @@ fn across_rows(
                 .zip(sums[y * row_length..][..row_length].par_chunks_mut(COLUMNS_A_TASK * disparities))
                 .enumerate();
             tasks.for_each(|(task, (here, sums))| {
+                // The row before is complete when this one starts, so the columns of a row are independent of
+                // each other.
                 simd.dispatch(Across {
                     first: task * COLUMNS_A_TASK,
                     begun: k > 0,
