@@ -66,6 +66,8 @@ impl NestedBatches {
     /// Builds the batches. The same points give the same batches. Cost: `n log n`.
     #[must_use]
     pub fn new(places: &[[f64; 3]]) -> Self {
+        // Indices of four bytes: the order of millions of points then fits the cache twice as well as with
+        // eight.
         let mut order: Vec<u32> = (0..places.len() as u32).collect();
         let axes = oblique();
         let turned: Vec<[f64; 3]> = places.iter().map(|p| axes.map(|axis| dot(axis, *p))).collect();
@@ -90,12 +92,16 @@ impl NestedBatches {
     #[must_use]
     pub fn products(&self, values: &[f64], min_batches: usize) -> Vec<PairProducts> {
         let first = min_batches.max(1).next_power_of_two().ilog2();
+        // Levels are independent, and `collect` keeps their order, so the sums do not depend on the number of
+        // threads.
         (first..self.depth())
             .into_par_iter()
             .rev()
             .map(|depth| {
                 let (mut sum, mut pairs) = (0.0, 0.0);
                 for batch in self.batches(depth) {
+                    // (Σ z)² − Σ z² sums all ordered pairs in linear time; a loop over the pairs of a large
+                    // batch would be quadratic.
                     let (mut all, mut own) = (0.0, 0.0);
                     for &i in batch {
                         let z = values[i as usize];
@@ -127,6 +133,8 @@ fn oblique() -> [[f64; 3]; 3] {
 
 /// Start of the `k`-th batch of a level.
 fn bound(count: usize, k: usize, depth: u32) -> usize {
+    // The bounds of a level are also bounds of the next one, because `2k` at `depth + 1` gives the same
+    // number as `k` at `depth`. That nests the batches, and sizes within a level differ by at most one.
     ((count as u128 * k as u128) >> depth) as usize
 }
 
@@ -144,11 +152,14 @@ fn halve(places: &[[f64; 3]], order: &mut [u32], all: Range<usize>, (k, depth): 
         }
     }
     let side = |axis: &usize| high[*axis] - low[*axis];
+    // Cutting the longest side keeps batches compact. Long and thin ones would mix near and far pairs.
     let longest = (0..3).max_by(|a, b| side(a).total_cmp(&side(b))).unwrap_or(0);
     let start = bound(all.len(), k, depth);
     let middle = bound(all.len(), 2 * k + 1, depth + 1) - start;
     order.select_nth_unstable_by(middle, |a, b| {
         let [x, y] = [a, b].map(|i| places[*i as usize][longest]);
+        // Ties go by index. Otherwise the selection algorithm would decide in which half duplicate points
+        // lie.
         x.total_cmp(&y).then(a.cmp(b))
     });
     let serial = order.len() < SERIAL_POINTS;

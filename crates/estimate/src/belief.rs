@@ -57,6 +57,8 @@ impl Information {
         if !is_finite(design) {
             return Err(Error::input("the design matrix holds a value that is not finite"));
         }
+        // The triple product is symmetric only up to rounding. Factors read one triangle and sums use both,
+        // so both must agree.
         let weighted = weight * design;
         Ok(Self {
             matrix: symmetric_part(&(design.transpose() * &weighted)),
@@ -148,6 +150,8 @@ impl Information {
             return Ok(Self { matrix: matrix(kept, kept), vector: vector(kept) });
         }
         let (coupling, inner) = (matrix(dropped, kept), matrix(dropped, dropped));
+        // A singular block is legitimate: a prior may leave the dropped unknowns free. The complement exists
+        // all the same.
         let (solved_coupling, solved_vector) = match ScaledCholesky::new(&inner) {
             Ok(factor) => (factor.solve_matrix(&coupling), factor.solve(&vector(dropped))),
             Err(_) => {
@@ -163,6 +167,8 @@ impl Information {
 
     /// Conditional information about the unknowns `free`, given that the others equal `values`.
     fn conditional(&self, free: &[usize], known: &[usize], values: &DVector<f64>) -> Self {
+        // Conditioning in information form selects rows and needs no factor. In covariance form it is the
+        // other way round: there the marginal selects and conditioning solves.
         let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| self.matrix[(free[i], free[j])]);
         let vector = DVector::from_fn(free.len(), |i, _| {
             let explained: f64 =
@@ -338,6 +344,21 @@ impl Belief {
     /// `Input` when the dimensions differ; `Undetermined` when neither belief has information along some
     /// direction.
     ///
+    /// # Examples
+    /// Two beliefs that each know one unknown well. The result does not claim more than both together.
+    /// ```
+    /// use nalgebra::{DMatrix, DVector};
+    /// use planish_estimate::Belief;
+    ///
+    /// let belief = |x: f64, y: f64| {
+    ///     Belief::from_covariance(DVector::zeros(2), DMatrix::from_row_slice(2, 2, &[x, 0.0, 0.0, y]))
+    /// };
+    /// let (fused, weight) = belief(1.0, 4.0)?.covariance_intersection(&belief(4.0, 1.0)?)?;
+    /// assert!((weight - 0.5).abs() < 1e-4);
+    /// assert!((fused.covariance()?[(0, 0)] - 1.6).abs() < 1e-4); // independent data would give 0.8
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    ///
     /// # References
     /// Julier, Uhlmann, *A non-divergent estimation algorithm in the presence of unknown correlations*, 1997.
     pub fn covariance_intersection(&self, other: &Self) -> Result<(Self, f64)> {
@@ -348,6 +369,8 @@ impl Belief {
             belief.data.add_scaled(1.0 - weight, &other.data)?;
             Ok(belief)
         };
+        // The logarithm of the determinant is concave in the weight, so a local search finds the global
+        // maximum.
         let log_determinant = |weight: f64| -> Result<f64> {
             Ok(match ScaledCholesky::new(&mixed(weight)?.information().matrix) {
                 Ok(factor) => factor.ln_determinant(),
@@ -356,6 +379,8 @@ impl Belief {
         };
         let inner = maximize_between(0.0, 1.0, 1e-7, 60, log_determinant)?.best;
         let mut best = inner;
+        // The search never evaluates the ends. If one belief contains all information of the other, the
+        // optimum is at an end.
         for at in [0.0, 1.0] {
             let value = log_determinant(at)?;
             if value >= best.value {
@@ -363,6 +388,8 @@ impl Belief {
             }
         }
         let fused = mixed(best.at)?;
+        // No weight gives a regular matrix: factoring it once more creates the error that names the
+        // direction.
         if best.value == f64::NEG_INFINITY {
             fused.information().factor()?;
         }
@@ -380,6 +407,8 @@ impl Belief {
     pub fn marginal(&self, indices: &[usize]) -> Result<Self> {
         let others = complement(self.dimension(), indices)?;
         let prior = self.prior.marginal(indices, &others)?;
+        // Schur complements are not additive: marginalising prior and data separately would lose what both
+        // know together.
         let mut data = self.information().marginal(indices, &others)?;
         data.add_scaled(-1.0, &prior)?;
         Ok(Self { prior, data })

@@ -64,6 +64,8 @@ impl ChiSquareBand {
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
     pub fn of_mean(samples: usize, degrees: f64, confidence: f64) -> Result<Self> {
+        // A sum of independent χ² values is χ² itself, so the band is exact for any number of samples. A
+        // Gaussian band would be symmetric and wrong for few of them.
         let n = samples as f64;
         Self::of_sum(n * degrees, confidence)
             .map(|band| Self { lower: band.lower / n, upper: band.upper / n })
@@ -286,6 +288,7 @@ impl Coverage {
     /// `Input` when the confidence is not between 0 and 1; `Undetermined` for an empty count.
     pub fn band(&self, confidence: f64) -> Result<(f64, f64)> {
         let tail = tail_of(confidence)?;
+        // Kish's effective sample size; the binomial distribution needs an integer.
         let cases = (self.weight * self.weight / self.squared_weight).round();
         if cases.is_nan() || cases < 1.0 {
             return Err(Error::undetermined("a coverage needs at least one case"));
@@ -336,6 +339,7 @@ pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     }
     let n = residuals.len() as f64;
     let mean = residuals.iter().sum::<f64>() / n;
+    // A constant offset would correlate all residuals. It is a matter of bias, not of whiteness.
     let centred: Vec<f64> = residuals.iter().map(|r| r - mean).collect();
     let power: f64 = centred.iter().map(|r| r * r).sum();
     if power <= 0.0 {
@@ -344,6 +348,8 @@ pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     let sum: f64 = (1..=lags)
         .map(|lag| {
             let product: f64 = centred.iter().zip(&centred[lag..]).map(|(a, b)| a * b).sum();
+            // The weight 1/(n − k) is what Ljung and Box change in the test of Box and Pierce, whose
+            // statistic is too small for short sequences.
             (product / power).powi(2) / (n - lag as f64)
         })
         .sum();

@@ -21,6 +21,9 @@ impl ScaledCholesky {
         let scale = diagonal_scale(matrix);
         let scaled = scaled_by(matrix, &scale);
         let threshold = rank_tolerance(matrix.nrows());
+        // After scaling, a squared pivot is the fraction of an unknown's information that the previous
+        // unknowns do not share. Rounding leaves singular matrices tiny positive pivots, which a bare
+        // factorisation accepts.
         match Cholesky::new(scaled.clone()) {
             Some(factor) if factor.l_dirty().diagonal().iter().all(|pivot| pivot * pivot > threshold) => {
                 Ok(Self { scale, factor })
@@ -51,6 +54,8 @@ impl ScaledCholesky {
     /// `xᵀ M⁻¹ x`, never negative.
     pub(crate) fn inverse_form(&self, x: &DVector<f64>) -> f64 {
         let scaled = x.component_mul(&self.scale);
+        // `|L⁻¹ x|²` is a sum of squares. The product of `x` with `M⁻¹ x` can become negative by
+        // cancellation.
         match self.factor.l_dirty().solve_lower_triangular(&scaled) {
             Some(half) => half.norm_squared(),
             None => f64::INFINITY,
@@ -58,6 +63,7 @@ impl ScaledCholesky {
     }
 
     pub(crate) fn ln_determinant(&self) -> f64 {
+        // The sum of logarithms does not overflow, unlike the product of the pivots of a large matrix.
         self.factor.ln_determinant() - 2.0 * self.scale.iter().map(|s| s.ln()).sum::<f64>()
     }
 
@@ -83,6 +89,8 @@ impl NullDirection {
             Some(eigen) => {
                 let tolerance = rank_tolerance(n);
                 let smallest = eigen.eigenvalues.imin();
+                // At least one: the factor rejected a pivot, even if rounding lifts the smallest eigenvalue
+                // above the tolerance.
                 let count = eigen.eigenvalues.iter().filter(|&&value| value <= tolerance).count().max(1);
                 let direction = eigen.eigenvectors.column(smallest).component_mul(scale);
                 Self { finite: true, direction, count }
@@ -162,6 +170,7 @@ pub(crate) fn require_covariance(what: &str, covariance: &DMatrix<f64>, n: usize
     if !is_finite(covariance) {
         return Err(Error::input(format!("{what} holds a value that is not finite")));
     }
+    // Compare after scaling. A fixed tolerance on raw entries would depend on the units of the unknowns.
     let scaled = scaled_by(covariance, &diagonal_scale(covariance));
     for i in 0..n {
         for j in 0..i {

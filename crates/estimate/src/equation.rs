@@ -61,6 +61,7 @@ pub(crate) fn linearize_into<E: MeasurementEquation + ?Sized>(
     if out.dimensions() != dimensions {
         *out = Linearization::zero(dimensions);
     }
+    // The buffer is reused between readings. Storing the point here spares each implementation from doing so.
     out.state.copy_from(x);
     out.noise.copy_from(v);
     equation.linearize(x, v, out);
@@ -231,6 +232,8 @@ fn deviation_of_columns(
     let mut moved = point.clone();
     for j in 0..point.len() {
         let spacing = step * point[j].abs().max(1.0);
+        // Restoring the value exactly, instead of subtracting the shift, keeps rounding from accumulating
+        // over the columns.
         let mut at = |shift: f64| {
             moved[j] = point[j] + shift;
             let value = misclosure(&moved);
@@ -239,6 +242,8 @@ fn deviation_of_columns(
         };
         let (near_up, near_down) = (at(spacing)?, at(-spacing)?);
         let (far_up, far_down) = (at(2.0 * spacing)?, at(-2.0 * spacing)?);
+        // A difference cannot be more accurate than the rounding of `g` divided by the spacing. Far from the
+        // origin this exceeds the truncation error, and a correct Jacobian would seem wrong.
         let rounding = 8.0 * f64::EPSILON * near_up.amax().max(near_down.amax()) / spacing;
         let difference = ((near_up - near_down) * 8.0 - (far_up - far_down)) / (12.0 * spacing);
         let scale = difference.amax().max(stated.column(j).amax());

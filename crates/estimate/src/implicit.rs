@@ -163,6 +163,7 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
 ) -> bool {
     let p = u.len();
     let mut previous = f64::INFINITY;
+    // Fraction of the step that is taken.
     let mut share = 1.0_f64;
     for _ in 0..60 {
         if !at.at(reading, branch, x, u, origin) {
@@ -174,9 +175,13 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
             step[k] = origin[k] + at.normal[k] * at.distance - u[k];
             moved = moved.max(step[k].abs());
         }
+        // Far from the origin, rounding of the reading limits how small a step can get. Steps that no longer
+        // shrink have reached that limit.
         if moved <= 1e-7 * (1.0 + at.distance.abs()) || (moved >= previous && moved <= 1e-5) {
             return true;
         }
+        // Steps contract by the distance times the curvature. Near a factor of 1 they may oscillate, which
+        // shorter steps damp.
         if moved > 0.7 * previous {
             share = (0.5 * share).max(0.05);
         }
@@ -217,10 +222,12 @@ fn descend<R: ImplicitReading + ?Sized>(
     /// Maximum number of halvings of a step.
     const HALVINGS: i32 = 12;
     let p = u.len();
+    // Start at the origin: the iterate that failed to converge can be anywhere.
     u.copy_from_slice(origin);
     if !onto_equation(reading, branch, x, origin, u, at) {
         return false;
     }
+    // Every accepted step shortens `|u − o|²` on the equation, so the iteration cannot cycle.
     let squared = |u: &[f64]| (0..p).map(|k| (u[k] - origin[k]).powi(2)).sum::<f64>();
     for _ in 0..40 {
         let (step, slope) = tangent_step(reading, branch, x, u, origin, at);
@@ -258,6 +265,8 @@ fn onto_equation<R: ImplicitReading + ?Sized>(
     at: &mut Normalized,
 ) -> bool {
     let p = u.len();
+    // This is −g/|∂g/∂u|. Times the slope it is −g, whose size may be compared between points of different
+    // slope.
     let off = |at: &Normalized, u: &[f64]| {
         let along: f64 = (0..p).map(|k| at.normal[k] * (u[k] - origin[k])).sum();
         at.distance - along
@@ -304,6 +313,8 @@ fn tangent_step<R: ImplicitReading + ?Sized>(
     // The matrix is indefinite on a ridge between two foot points. Adding the norm of the form makes it
     // positive definite.
     let norm = bend.norm();
+    // The smallest addition that works keeps the step close to Newton's. With the last one the factor always
+    // exists.
     let solved = [0.0, 0.1, 0.3, 1.0].into_iter().find_map(|share| {
         let raised = DMatrix::identity(p, p) * (1.0 + share * norm) - &bend;
         Some(raised.cholesky()?.solve(&tangent))
@@ -332,6 +343,7 @@ pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize
             continue;
         }
         let mut cost = at.distance * at.distance;
+        // Penalties are not negative, so this branch has lost already and its penalty need not be computed.
         if cost >= best.0 {
             continue;
         }

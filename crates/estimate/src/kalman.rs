@@ -244,11 +244,14 @@ impl KalmanFilter {
                 "a noise-free reading measures a direction that is already known exactly",
             ));
         }
+        // Joseph's form in rank-one updates. `(I − k hᵀ) P` alone costs half, but cancellation can make
+        // variances negative after precise readings.
         let residual = reading - row.dot(&self.mean);
         let gain = spread / total;
         self.mean.axpy(residual, &gain, 1.0);
         let row_spread = self.covariance.tr_mul(row);
         self.covariance.ger(-1.0, &gain, &row_spread, 1.0); // (I − k hᵀ) P
+        // This product uses the covariance that the previous line changed.
         let left_spread = &self.covariance * row;
         self.covariance.ger(-1.0, &left_spread, &gain, 1.0); // … (I − k hᵀ)ᵀ
         self.covariance.ger(variance, &gain, &gain, 1.0);
@@ -265,6 +268,24 @@ impl KalmanFilter {
     /// # Errors
     /// `Input` when shapes differ or the equation is not defined at a state; `Undetermined` when `S` is
     /// singular.
+    ///
+    /// # Examples
+    /// A reading of x² = 9 with a small variance, starting near 2.5:
+    /// ```
+    /// use nalgebra::{DMatrix, DVector};
+    /// use planish_estimate::{EquationUpdate, Explicit, KalmanFilter, Termination};
+    ///
+    /// let square = Explicit::new(DVector::from_element(1, 9.0), 1, |x, prediction, jacobian| {
+    ///     prediction[0] = x[0] * x[0];
+    ///     jacobian[(0, 0)] = 2.0 * x[0];
+    /// });
+    /// let mut filter = KalmanFilter::new(DVector::from_element(1, 2.5), DMatrix::identity(1, 1))?;
+    /// let noise = DMatrix::from_element(1, 1, 1e-6);
+    /// let innovation = filter.update_equation(&square, &noise, &EquationUpdate::iterated())?;
+    /// assert_eq!(innovation.termination, Termination::Converged);
+    /// assert!((filter.mean()[0] - 3.0).abs() < 1e-5); // one linearisation alone gives 3.05
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     ///
     /// # References
     /// Jazwinski, *Stochastic processes and filtering theory*, 1970, section 8.3 (iterated in the state);
@@ -283,6 +304,8 @@ impl KalmanFilter {
         let mut v = DVector::zeros(dimensions.noise);
         let mut iterations = 0;
         let mut previous = f64::INFINITY;
+        // `self` changes only after the last iteration: every step starts from the same prediction, and an
+        // error leaves the filter as it was.
         loop {
             linearize_into(equation, &x, &v, &mut at)?;
             iterations += 1;
@@ -307,6 +330,8 @@ impl KalmanFilter {
             // Far from the origin, rounding of the reading limits how small a step can get.
             let stalled = moved >= previous && moved <= 1e-4;
             previous = moved;
+            // The update is applied even without convergence. The caller decides by `termination` whether to
+            // use it.
             if converged || stalled || iterations >= options.max_iterations {
                 self.covariance = joseph_covariance(
                     &self.covariance,
@@ -332,6 +357,7 @@ impl KalmanFilter {
         reading: &DVector<f64>,
         noise_covariance: &DMatrix<f64>,
     ) -> Result<Innovation> {
+        // Solutions with the factor of S instead of its inverse: fewer operations and no loss of digits.
         let cross = &self.covariance * design.transpose();
         let covariance = symmetric_part(&(design * &cross + noise_covariance));
         let factor = factor_of_innovation(&covariance)?;
@@ -379,6 +405,8 @@ pub fn joseph_covariance(
     noise_covariance: &DMatrix<f64>,
     gain: &DMatrix<f64>,
 ) -> DMatrix<f64> {
+    // The brackets matter: products with the few rows of H cost n² m, while I − K H would be a full n × n
+    // matrix.
     let left = covariance - gain * (design * covariance);
     let both = &left - (&left * design.transpose()) * gain.transpose();
     symmetric_part(&(both + gain * noise_covariance * gain.transpose()))

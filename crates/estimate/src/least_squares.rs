@@ -243,6 +243,7 @@ impl<'a, 'b> Batch<'a, 'b> {
             let covariance = &measurement.noise_covariance;
             require_covariance("the noise covariance", covariance, dimensions.noise)
                 .map_err(|error| error.in_context(format!("measurement {i}")))?;
+            // Moments need thousands of evaluations, and most measurements share their loss and dimension.
             let found =
                 known.iter().find(|(loss, d, _)| (*loss, *d) == (measurement.loss, dimensions.equations));
             moments.push(match found {
@@ -269,6 +270,8 @@ impl<'a, 'b> Batch<'a, 'b> {
         options: &LeastSquaresOptions,
     ) -> Result<Point> {
         let n = x.len();
+        // Relative to the start. The absolute prior term can be huge, and its small changes would drown in
+        // rounding.
         let moved = x - self.start;
         let bent = &self.prior.matrix * &moved;
         let count = self.measurements.len();
@@ -290,6 +293,7 @@ impl<'a, 'b> Batch<'a, 'b> {
             let weight = loss.weight(corrected.normalized_residual);
             point.loss += loss.rho(corrected.normalized_residual);
             let jacobian = &corrected.at.state_jacobian;
+            // The loss scales the information of a reading. The unweighted solution would follow outliers.
             let weighted = corrected.weight.solve_matrix(jacobian) * weight;
             point.information.gemm_tr(1.0, jacobian, &weighted, 1.0);
             point.descent.gemv_tr(1.0, &weighted, &corrected.at.unexplained(), 1.0);
@@ -299,6 +303,7 @@ impl<'a, 'b> Batch<'a, 'b> {
             point.linearizations.push(corrected.at);
         }
         point.objective += point.loss;
+        // Symmetrise the sum once; a product of matrices is symmetric only up to rounding.
         point.information = symmetric_part(&point.information);
         if point.objective.is_finite() {
             Ok(point)
@@ -309,6 +314,8 @@ impl<'a, 'b> Batch<'a, 'b> {
 
     fn finish(&self, point: Point, iterations: usize, termination: Termination) -> Result<LeastSquaresFit> {
         let normal = &self.prior.matrix + &point.information;
+        // `descent` includes the prior. Its gradient is added again, because the result contains the data
+        // alone.
         let vector = &point.information * &point.state
             + &point.descent
             + (&self.prior.matrix * &point.state - &self.prior.vector);
@@ -381,6 +388,8 @@ fn correct(
         linearize_into(measurement.equation, x, &v, &mut at)?;
         let weight = at.weight(covariance)?;
         let unexplained = at.unexplained();
+        // The full solution is computed, not an increment of `v`, so errors of earlier steps do not
+        // accumulate.
         let step = covariance * (at.noise_jacobian.transpose() * weight.solve(&unexplained)) - &v;
         let largest = (0..v.len())
             .map(|i| step[i].abs() / covariance[(i, i)].sqrt().max(f64::MIN_POSITIVE))
@@ -407,6 +416,8 @@ fn damped_factor(normal: &DMatrix<f64>, damping: f64) -> Option<ScaledCholesky> 
     let mut damped = normal.clone();
     for i in 0..damped.nrows() {
         let d = damped[(i, i)];
+        // An unknown without any information has no scale to damp. A unit diagonal keeps it where it is,
+        // since its gradient is zero, and lets the others move.
         damped[(i, i)] = if damping > 0.0 && d <= 0.0 { 1.0 } else { d * (1.0 + damping) };
     }
     ScaledCholesky::new(&damped).ok()

@@ -57,11 +57,14 @@ pub(crate) fn maximize_bracketed(
 ) -> Result<Maximum> {
     let (mut low, mut high) = (below.at, above.at);
     let mut best = inner;
+    // Three best points so far define the parabola. Ends that were not evaluated have value −∞ and yield no
+    // step.
     let (mut second, mut third) = if below.value > above.value { (below, above) } else { (above, below) };
     let (mut step, mut step_before_last) = (0.0_f64, high - low);
     let mut follows_parabola = false;
     for evaluations in 0..limit {
         let middle = 0.5 * (low + high);
+        // Both ends are within two tolerances of the best point.
         if (best.at - middle).abs() <= 2.0 * tolerance - 0.5 * (high - low) {
             return Ok(Maximum { best, evaluations, converged: true });
         }
@@ -73,6 +76,8 @@ pub(crate) fn maximize_bracketed(
         }
         let parabola = candidate.filter(|&candidate| {
             let target = best.at + candidate;
+            // Brent's safeguard: parabolas must at least halve the step every second time, otherwise golden
+            // section takes over. This bounds the number of evaluations for functions far from a parabola.
             candidate.abs() < 0.5 * step_before_last.abs() && target > low && target < high
         });
         follows_parabola = parabola.is_some();
@@ -80,6 +85,8 @@ pub(crate) fn maximize_bracketed(
         step = match parabola {
             Some(candidate) => {
                 let target = best.at + candidate;
+                // So close to an end, one tolerance towards the middle is enough to close the bracket from
+                // the other side.
                 if target - low < 2.0 * tolerance || high - target < 2.0 * tolerance {
                     tolerance.copysign(middle - best.at)
                 } else {
@@ -91,6 +98,7 @@ pub(crate) fn maximize_bracketed(
                 GOLDEN * step_before_last
             }
         };
+        // Values closer than the tolerance differ by rounding only, so a shorter step would compare noise.
         let at = best.at + if step.abs() >= tolerance { step } else { tolerance.copysign(step) };
         let trial = Evaluated { at, value: value_at(at)? };
         if trial.value >= best.value {
@@ -106,6 +114,7 @@ pub(crate) fn maximize_bracketed(
             } else {
                 high = trial.at;
             }
+            // The points keep their order of value, also while some of them still coincide at the start.
             if trial.value >= second.value || second.at == best.at {
                 (third, second) = (second, trial);
             } else if trial.value >= third.value || third.at == best.at || third.at == second.at {

@@ -73,6 +73,7 @@ impl SmoothnessModel {
 
     /// `n − M` as a floating-point number.
     fn contrasts(&self) -> f64 {
+        // In this order the unsigned numbers cannot become negative.
         (self.equations + self.rank) as f64 - self.unknowns as f64
     }
 
@@ -244,6 +245,8 @@ pub fn maximize_restricted_likelihood(
     let mut evaluations = 0;
     let mut value_at = |log_weight: f64| -> Result<f64> {
         evaluations += 1;
+        // The search runs in `log w`: weights span many decades and stay positive. `exp` does not invert `ln`
+        // exactly, and the clamp keeps the weight within its bounds.
         let weight = log_weight.exp().clamp(search.bounds.0, search.bounds.1);
         let found = match solve_at(model, search, weight, &mut evaluate) {
             Ok(found) => found,
@@ -264,6 +267,7 @@ pub fn maximize_restricted_likelihood(
     let start = evaluated(search.start.ln())?;
     let first = evaluated((start.at + search.step).min(highest))?;
     // Bracket the maximum: walk uphill with doubled steps until the likelihood falls or a bound is reached.
+    // At the upper bound the first step has length zero and shows no direction.
     let is_uphill = first.value >= start.value && first.at > start.at;
     let (mut behind, mut inner) = if is_uphill { (start, first) } else { (first, start) };
     let mut step = if is_uphill { search.step } else { -search.step };
@@ -272,6 +276,7 @@ pub fn maximize_restricted_likelihood(
     while left > 0 {
         let ahead = (inner.at + step).clamp(lowest, highest);
         let trial = if ahead == inner.at { inner } else { evaluated(ahead)? };
+        // Only new points count as evaluations.
         left -= usize::from(ahead != inner.at);
         if trial.value < inner.value || ahead == inner.at {
             let bracket = if behind.at < trial.at { [behind, inner, trial] } else { [trial, inner, behind] };
@@ -296,6 +301,34 @@ pub fn maximize_restricted_likelihood(
 /// # Errors
 /// Those of `evaluate`; `Input` when the model or the search is not valid, a likelihood is not finite, or a
 /// trace is missing.
+///
+/// # Examples
+/// The same problem as for [`maximize_restricted_likelihood`]:
+/// ```
+/// use planish_estimate::{
+///     Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, fellner_schall,
+/// };
+///
+/// let model = SmoothnessModel {
+///     rank: 1,
+///     unknowns: 1,
+///     equations: 1,
+///     log_pseudo_determinant: 0.0,
+///     dispersion: Dispersion::Known(1.0),
+/// };
+/// let search = SmoothnessSearch { tolerance: 1e-6, ..SmoothnessSearch::from_start(1.0) };
+/// let found = fellner_schall(&model, &search, |w| {
+///     let x = 3.0 / (1.0 + w);
+///     Ok(SmoothnessEvaluation {
+///         log_determinant: (1.0 + w).ln(),
+///         residual: (3.0 - x) * (3.0 - x),
+///         roughness: x * x,
+///         trace: Some(1.0 / (1.0 + w)),
+///     })
+/// })?;
+/// assert!((1.0 / found.weight - 8.0).abs() < 1e-3);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Wood, Fasiolo, *A generalized Fellner–Schall method for smoothing parameter optimization with application
@@ -329,6 +362,8 @@ pub fn fellner_schall(
         if trial.log_likelihood >= best.log_likelihood - rounding {
             (best, next) = (trial, after);
         } else {
+            // Half of the step in `log w`. It is an ascent direction, so some fraction of it raises the
+            // likelihood.
             next = best.weight * (0.5 * step).exp();
         }
     }

@@ -113,6 +113,7 @@ impl Loss {
             Self::Gaussian => 0.5 * r * r,
             Self::Huber { threshold } if r <= threshold => 0.5 * r * r,
             Self::Huber { threshold } => threshold * (r - 0.5 * threshold),
+            // `ln_1p` keeps the digits of small residuals, where `ln(1 + q)` would round `q` away.
             Self::Cauchy { scale } => 0.5 * scale * scale * (r / scale).powi(2).ln_1p(),
             Self::Tukey { threshold } => {
                 let inside = (1.0 - (r / threshold).powi(2)).max(0.0);
@@ -178,12 +179,17 @@ impl Loss {
             return Err(Error::input("a measurement needs at least one equation"));
         }
         let d = equations as f64;
+        // The density of r is concentrated within a few units of √d; beyond √d + 12 it is below e⁻⁷².
         let far = d.sqrt() + 12.0;
+        // Simpson's rule converges fast only where the integrand is smooth, so the range is split where it is
+        // not.
         let kink = match *self {
             Self::Huber { threshold } | Self::Tukey { threshold } => threshold.min(far),
             _ => far,
         };
         let log_norm = (1.0 - 0.5 * d) * std::f64::consts::LN_2 - ln_gamma(0.5 * d);
+        // In logarithms, because powers and Γ overflow for many equations. One equation needs its own case: 0
+        // · ln 0 is NaN.
         let density = |r: f64| match equations {
             1 => (log_norm - 0.5 * r * r).exp(),
             _ => (log_norm + (d - 1.0) * r.ln() - 0.5 * r * r).exp(),
@@ -425,15 +431,20 @@ pub struct GatedScale {
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
+    // In a narrow gate the density is nearly constant, so that every σ is nearly a fixed point.
     if gate.is_nan() || gate < 1.0 {
         return Err(Error::input(format!(
             "a gate of {gate} standard deviations is too narrow to estimate a scale: use at least 1"
         )));
     }
     let truncated = TruncatedNormal::new(gate)?;
+    // The median is of the order of the true scale even if nearly half of the residuals are outliers. A gate
+    // of root mean squares would contain these outliers.
     let mut sigma = median_magnitude_scale(residuals)?;
     let limit = 200;
     for iterations in 1..=limit {
+        // The set inside the gate changes in discrete steps, so the iteration ends exactly, not
+        // asymptotically.
         let bound = gate * sigma;
         let (mut kept, mut sum) = (0_usize, 0.0);
         for r in residuals.iter().filter(|r| r.abs() <= bound) {
@@ -510,6 +521,7 @@ impl StudentTScale {
             for r in residuals {
                 let u = (nu + 1.0) / (nu + (r / sigma).powi(2));
                 weighted += u * r * r;
+                // Both sums use the weights of one E-step, so sigma and nu are updated together (ECM).
                 log_minus += u.ln() - u;
             }
             let next_sigma = (weighted / n).sqrt();
@@ -540,6 +552,8 @@ impl StudentTScale {
 /// Solves `ln(ν/2) − ψ(ν/2) + constant = 0` for ν; the left side decreases with ν from ∞ to `constant`, so
 /// bisection finds the root.
 fn degrees_from(constant: f64) -> f64 {
+    // Bisection in the logarithm, because the bounds are four decades apart. Newton's method would need a
+    // safeguard where the function is nearly flat.
     let (mut low, mut high) = (StudentTScale::DEGREES.0.ln(), StudentTScale::DEGREES.1.ln());
     for _ in 0..60 {
         let middle = 0.5 * (low + high);

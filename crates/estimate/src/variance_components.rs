@@ -153,6 +153,8 @@ impl VarianceComponents {
             .groups
             .get(group)
             .ok_or_else(|| Error::input(format!("there is no group {group} among {}", self.groups.len())))?;
+        // Each reading fitted by the unknowns reduces its own residual. Dividing by the count alone would
+        // make σ too small.
         let redundancy = sums.count as f64 - sums.leverage;
         if redundancy < 1e-6 {
             return Err(Error::undetermined(format!(
@@ -193,6 +195,23 @@ pub struct IteratedVarianceComponents {
 /// # Errors
 /// Those of `solve`; `Input` when it returns another number of groups.
 ///
+/// # Examples
+/// Residuals of ±3 from a sensor with a stated σ of 1. Nothing else is estimated, so the leverage is zero.
+/// ```
+/// use planish_estimate::{VarianceComponents, iterate_variance_components};
+///
+/// let found = iterate_variance_components(1, 1e-9, 20, |factors| {
+///     let mut sums = VarianceComponents::new(1);
+///     for _ in 0..100 {
+///         sums.add(0, (3.0 / factors[0]).powi(2), 0.0)?;
+///     }
+///     Ok(sums)
+/// })?;
+/// let sensor = found.components[0].expect("a redundant group");
+/// assert!((sensor.sigma_factor - 3.0).abs() < 1e-9);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
 /// # References
 /// Förstner, *Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten*, 1979.
 pub fn iterate_variance_components(
@@ -214,6 +233,7 @@ pub fn iterate_variance_components(
             // would give it infinite weight.
             let step = sums.component(group).ok().filter(|step| step.sigma_factor > 0.0);
             components[group] = step.map(|step| {
+                // In logarithms, halving and doubling count alike.
                 change = change.max(step.sigma_factor.ln().abs());
                 factors[group] *= step.sigma_factor;
                 VarianceComponent {

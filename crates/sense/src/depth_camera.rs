@@ -58,6 +58,7 @@ impl DepthCamera {
 /// depth has the variance `along`: `along d dᵀ`, and `across` in each direction across it.
 pub(crate) fn ray_covariance(d: [f64; 3], along: f64, across: f64) -> [f64; 6] {
     let square = d.iter().map(|c| c * c).sum::<f64>();
+    // The isotropic part already contains `across` along the ray, so it is subtracted there.
     let extra = along - across / square;
     upper_triangle(|i, j| extra * d[i] * d[j] + if i == j { across } else { 0.0 })
 }

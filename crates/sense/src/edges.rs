@@ -49,11 +49,10 @@ const NEAR: f64 = 6.0;
 ///
 /// A straight edge blurred by a Gaussian of variance `t²` has gradients `m exp(−d²/2t²)` across it, so that
 /// the logarithms of three neighbouring pixels, on the axis nearer to the gradient, lie on a parabola whose
-/// vertex is the edge. `t²` is the median over the parabolas. Blur moves an edge of curvature `κ` by
-/// `½ κ t²` towards its centre: it is moved back. With noise of `σ_n` in pixels, a smoothing of `s` and a
-/// gradient of `m`, `σ = σ_n √(3/16π) t² / (s³ m)`, of zero crossings of the second derivative, and 0.02
-/// pixels that have other reasons. Noise is taken from the picture (Immerkær), and is at least that of whole
-/// grey levels.
+/// vertex is the edge. `t²` is the median over the parabolas. Blur moves an edge of curvature `κ` by `½ κ t²`
+/// towards its centre; this is corrected. With noise `σ_n` of a pixel, smoothing `s` and gradient `m`, the σ
+/// of a zero crossing of the second derivative is `σ = σ_n √(3/16π) t² / (s³ m)`; 0.02 pixels of other causes
+/// are added. The noise is estimated from the image (Immerkær) and is at least that of whole grey levels.
 ///
 /// Cost: one pass of a separable filter, and a local search per edge pixel.
 ///
@@ -88,6 +87,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
         )));
     }
     let field = Gradients::new(image, s);
+    // A noise-free image still has the rounding of whole grey levels, of variance 1/12.
     let noise = noise_of(image).max(1.0 / 12f64.sqrt());
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
     let least = LEAST_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
@@ -97,10 +97,14 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     if found.is_empty() {
         return Err(Error::undetermined("no edge exceeds the noise of the image"));
     }
+    // The median over all edges, because a single parabola of three logarithms is noisy. The blur is assumed
+    // to be the same everywhere.
     let mut spreads: Vec<f64> = found.iter().map(|edge| edge.spread).collect();
     spreads.sort_by(f64::total_cmp);
     let spread = spreads[spreads.len() / 2].max(s * s);
     let sigma_at_one = noise * (3.0 / (16.0 * std::f64::consts::PI)).sqrt() * spread / s.powi(3);
+    // Curvature is a second derivative; averaging over the neighbourhood makes its noise small enough for the
+    // correction.
     let grid = Buckets::new(&found, NEAR * s);
     let curvature: Vec<f64> = found
         .iter()
@@ -115,6 +119,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let mut taken = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
         let beside_corner = grid.near(&found, edge.position, NEAR * s).any(|k| corner[k]);
+        // Blur moves points near a corner inwards; points closer than the filter share its noise.
         if beside_corner || grid.near(&found, edge.position, APART * s).any(|k| taken[k]) {
             continue;
         }
@@ -129,7 +134,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     Ok(kept)
 }
 
-/// A pixel of largest gradient, at its place between pixels.
+/// A subpixel position of maximum gradient.
 struct Edge {
     position: [f64; 2],
     /// The direction in which brightness grows.
@@ -137,7 +142,7 @@ struct Edge {
     magnitude: f64,
     /// Variance of the blur across the edge.
     spread: f64,
-    /// Of the level line, positive where its centre is uphill.
+    /// Curvature of the level line; positive if its centre is on the brighter side.
     curvature: f64,
 }
 
@@ -149,13 +154,15 @@ struct Gradients {
 }
 
 impl Gradients {
-    /// Derivatives of the picture smoothed by a Gaussian of σ `s`.
+    /// Derivatives of the image after smoothing by a Gaussian of σ `s`.
     fn new(image: &Image, s: f64) -> Self {
         let reach = (4.0 * s).ceil() as i64;
         let weight = |k: i64| (-0.5 * (k as f64 / s).powi(2)).exp();
         let sum: f64 = (-reach..=reach).map(weight).sum();
         let smooth: Vec<f64> = (-reach..=reach).map(|k| weight(k) / sum).collect();
         // Scaled so that a ramp keeps its slope.
+        // Normalised by the discrete moment: samples of a Gaussian derivative would change the slope for a
+        // small σ.
         let moment: f64 = (-reach..=reach).map(|k| (k * k) as f64 * weight(k)).sum();
         let slope: Vec<f64> = (-reach..=reach).map(|k| k as f64 * weight(k) / moment).collect();
         let values: Vec<f64> = image.values.iter().map(|&v| f64::from(v)).collect();
@@ -197,12 +204,16 @@ impl Gradients {
                     continue;
                 }
                 let [gx, gy] = [self.by[0][at], self.by[1][at]];
+                // Along the axis nearer to the gradient three pixels cross the edge; no interpolation is
+                // needed.
                 let axis = usize::from(gy.abs() > gx.abs());
                 let step = [1, self.columns][axis];
                 let (before, after) = (self.magnitude[at - step], self.magnitude[at + step]);
                 if !(m > before && m >= after && before > 0.0 && after > 0.0) {
                     continue;
                 }
+                // The logarithm of a Gaussian is a parabola, so the vertex is exact. A parabola through the
+                // gradients themselves is biased towards pixel centres.
                 let [a, b, c] = [before, m, after].map(f64::ln);
                 let bend = a - 2.0 * b + c;
                 let mut position = [column as f64, row as f64];
@@ -226,7 +237,7 @@ impl Gradients {
     }
 }
 
-/// Edges by cells of a size.
+/// Edges sorted into square cells.
 struct Buckets {
     cell: f64,
     at: std::collections::BTreeMap<[i64; 2], Vec<usize>>,
@@ -241,7 +252,7 @@ impl Buckets {
         Self { cell, at }
     }
 
-    /// Those within a distance of at most a cell.
+    /// Edges within a distance, which is at most the side of a cell.
     fn near<'a>(&'a self, edges: &'a [Edge], p: [f64; 2], within: f64) -> impl Iterator<Item = usize> + 'a {
         let [i, j] = p.map(|c| (c / self.cell).floor() as i64);
         let cells = (-1..=1).flat_map(move |di| (-1..=1).map(move |dj| [i + di, j + dj]));
@@ -252,8 +263,8 @@ impl Buckets {
     }
 }
 
-/// σ of a picture's noise: the median response to the difference of two Laplacians, which sees neither planes
-/// nor most edges.
+/// σ of the noise of an image: the median response to the difference of two Laplacians. It is zero on planes
+/// and small at most edges.
 fn noise_of(image: &Image) -> f64 {
     let mut responses = Vec::new();
     for row in 1..image.rows - 1 {

@@ -74,7 +74,7 @@ impl GroundOptions {
 const MOST_CELLS: f64 = 4e8;
 /// Minimum side of a cell as a share of the point spacing. At this size a third of the cells hold a point.
 const SPACINGS: f64 = 0.6;
-/// A cell deeper below all of its neighbours than this multiple of its side holds an error, not a pit.
+/// A cell deeper below all of its neighbours than this multiple of its side is an error, not a pit.
 const DEEP: f32 = 5.0;
 
 /// Separates the bare earth from objects on it.
@@ -98,7 +98,7 @@ const DEEP: f32 = 5.0;
 pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<Vec<Ground>> {
     let GroundOptions { widest, slope, height, .. } = *options;
     for (name, value) in
-        [("width of the widest thing", widest), ("cell", options.cell), ("slope", slope), ("height", height)]
+        [("width of the widest object", widest), ("cell", options.cell), ("slope", slope), ("height", height)]
     {
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::input(format!("ground: needed a {name} > 0, found {value}")));
@@ -121,28 +121,37 @@ pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<V
     for (known, deep) in ground.iter_mut().zip(&deep) {
         *known &= !deep;
     }
+    // Discs grow, and each opens the result of the one before: a single opening by the widest disc would also
+    // remove hills.
     let mut surface = filled.clone();
     for radius in radii((0.5 * widest / frame.cell).ceil() as usize) {
         let lower = self::opened(&surface, radius);
         let drop = (slope * radius as f64 * frame.cell) as f32;
         for ((before, after), ground) in surface.values.iter().zip(&lower.values).zip(&mut ground) {
+            // A hill of the permitted slope loses at most slope times radius; a roof loses its whole height
+            // at once.
             *ground &= before - after <= drop;
         }
         surface = lower;
     }
+    // Nothing qualifies as ground, so there is no surface to compare with.
     if !ground.contains(&true) {
         return Ok(vec![Ground::Bare; points.len()]);
     }
-    let first = Judge { ground: self::filled(filled, &ground), share: 1.0, below: 1.0 };
-    let found = first.judged(points, &frame, options);
+    let first = HeightTest { ground: self::filled(filled, &ground), share: 1.0, below: 1.0 };
+    let found = first.classify(points, &frame, options);
+    // Second pass: a membrane through lowest points is biased downwards by noise, one through means is not.
     let means = frame.means(points, &found);
     let known: Vec<bool> = means.values.iter().map(|z| z.is_finite()).collect();
     if !known.contains(&true) {
         return Ok(found);
     }
-    let second =
-        Judge { ground: self::filled(means, &known).smoothed(), share: SECOND_SHARE, below: SECOND_BELOW };
-    Ok(second.judged(points, &frame, options))
+    let second = HeightTest {
+        ground: self::filled(means, &known).smoothed(),
+        share: SECOND_SHARE,
+        below: SECOND_BELOW,
+    };
+    Ok(second.classify(points, &frame, options))
 }
 
 /// Every radius up to eight cells, every second up to sixteen, every fourth up to 32 and so on, and the
@@ -153,31 +162,31 @@ fn radii(widest: usize) -> impl Iterator<Item = usize> {
     (std::iter::successors(Some(1), next).take_while(move |r| *r < widest)).chain([widest])
 }
 
-/// Of the measure, what is left at the second look, and how much wider it is below the ground than above:
-/// nothing stands below it. On the nine samples of Sithole and Vosselman at hand the second look brought the
-/// mean total error from 4.4 % to 4.0 %, and the steps of the radii to 3.65 %.
+/// Tolerance of the second pass relative to the first, and its ratio below the ground to above: there are no
+/// objects below. On nine samples of Sithole and Vosselman, the second pass reduced the mean total error from
+/// 4.35 % to 4.0 %, and the growing steps of the radius to 3.65 % (`docs/decisions/figures.md`).
 const SECOND_SHARE: f64 = 0.8;
 const SECOND_BELOW: f64 = 2.0;
 
-/// The ground as it is known, and how far from it a point of it may lie.
-struct Judge {
+/// Classifies points by their height over a ground.
+struct HeightTest {
     ground: Raster,
-    /// Share of the measure that the options state.
+    /// Tolerance relative to that of the options.
     share: f64,
-    /// How much wider the measure is below.
+    /// Ratio of the tolerance below the ground to that above.
     below: f64,
 }
 
-impl Judge {
-    fn judged(&self, points: &[[f64; 3]], frame: &Frame, options: &GroundOptions) -> Vec<Ground> {
+impl HeightTest {
+    fn classify(&self, points: &[[f64; 3]], frame: &Frame, options: &GroundOptions) -> Vec<Ground> {
         let steepness = self.ground.steepness(frame.cell as f32);
         let judge = |p: &[f64; 3]| {
             let at = frame.place(p);
             let rise = p[2] - frame.base - self.ground.at(at);
-            let most = self.share * (options.height + options.height_per_slope * steepness.at(at));
+            let tolerance = self.share * (options.height + options.height_per_slope * steepness.at(at));
             match rise {
-                r if r > most => Ground::Above,
-                r if r < -self.below * most => Ground::Below,
+                r if r > tolerance => Ground::Above,
+                r if r < -self.below * tolerance => Ground::Below,
                 _ => Ground::Bare,
             }
         };
@@ -185,10 +194,10 @@ impl Judge {
     }
 }
 
-/// Where the cells of a raster lie.
+/// Position and size of a raster.
 struct Frame {
     origin: [f64; 2],
-    /// Height that rasters count from: they are of single precision.
+    /// Zero of the heights of rasters. Subtracted, because rasters have single precision.
     base: f64,
     cell: f64,
     columns: usize,
@@ -228,13 +237,13 @@ impl Frame {
         [0, 1].map(|d| (p[d] - self.origin[d]) / self.cell - 0.5)
     }
 
-    /// The index of the cell that holds a point.
+    /// The index of the cell that contains a point.
     fn index(&self, p: &[f64; 3]) -> usize {
         let [column, row] = [0, 1].map(|d| ((p[d] - self.origin[d]) / self.cell) as usize);
         row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)
     }
 
-    /// The mean height of the bare points of every cell; not a number where there is none.
+    /// The mean height of the bare points of every cell; NaN where there is none.
     fn means(&self, points: &[[f64; 3]], found: &[Ground]) -> Raster {
         let mut sums = vec![[0.0_f32; 2]; self.columns * self.rows];
         for (p, _) in points.iter().zip(found).filter(|(_, what)| **what == Ground::Bare) {
@@ -268,7 +277,7 @@ struct Raster {
     values: Vec<f32>,
 }
 
-/// Rows that one task takes: fixed, so that threads change nothing.
+/// Number of rows per task. Fixed, so that results do not depend on the number of threads.
 const ROWS: usize = 64;
 
 impl Raster {
@@ -276,7 +285,7 @@ impl Raster {
         Self { values: self.values.iter().map(|&z| of(z)).collect(), ..*self }
     }
 
-    /// Between the middles of four cells, linearly; that of the nearest beyond them.
+    /// The bilinear value between the centres of four cells; beyond them, that of the nearest cell.
     fn at(&self, [x, y]: [f64; 2]) -> f64 {
         let split = |c: f64, n: usize| {
             let c = c.clamp(0.0, (n - 1) as f64);
@@ -291,7 +300,7 @@ impl Raster {
         row(j) * (1.0 - t) + row(j + 1) * t
     }
 
-    /// Every cell averaged with those about it, by binomial weights of σ = 1 cell along rows and columns.
+    /// Smooths along rows and columns with binomial weights (σ = 1 cell).
     fn smoothed(&self) -> Self {
         const WEIGHTS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
         let (columns, rows) = (self.columns, self.rows);
@@ -335,17 +344,16 @@ impl Raster {
     }
 }
 
-/// Erosion and then dilation by a disc of this radius in cells: hills that the disc does not fit into are
-/// gone.
+/// Erosion, then dilation, by a disc of this radius in cells. Removes hills that the disc does not fit into.
 fn opened(raster: &Raster, radius: usize) -> Raster {
     let eroded = lowest_in_disc(raster, radius);
     lowest_in_disc(&eroded.map(|z| -z), radius).map(|z| -z)
 }
 
-/// The lowest value of the disc about every cell, cells beyond the border left out.
+/// The minimum of the disc around every cell, without cells beyond the border.
 ///
-/// A disc is a stack of rows, and the lowest of `n` cells of a row is the lower of two overlapping runs of
-/// `2^k ≤ n`: so a cell takes a few comparisons for each row of the disc.
+/// A disc is a stack of rows. The minimum of `n` cells of a row is that of two overlapping runs of `2^k ≤ n`
+/// cells, so each row of the disc costs a few comparisons.
 fn lowest_in_disc(raster: &Raster, radius: usize) -> Raster {
     let (columns, rows) = (raster.columns, raster.rows);
     let halves: Vec<usize> = (0..=radius).map(|dy| (radius * radius - dy * dy).isqrt()).collect();
@@ -355,6 +363,7 @@ fn lowest_in_disc(raster: &Raster, radius: usize) -> Raster {
     values.par_chunks_mut(ROWS * columns).enumerate().for_each(|(chunk, out)| {
         let first = chunk * ROWS;
         let last = (first + ROWS).min(rows);
+        // Each task reads the rows around its own, so no row is written by two tasks.
         let (from, to) = (first.saturating_sub(radius), (last + radius).min(rows));
         // `run[k][x]`: the lowest of 2^k cells from x − radius on.
         let mut run: Vec<Vec<f32>> = vec![vec![f32::INFINITY; width]; runs + 1];
@@ -384,19 +393,20 @@ fn lowest_in_disc(raster: &Raster, radius: usize) -> Raster {
     Raster { values, ..*raster }
 }
 
-/// One instruction, where `f32::min` takes care of what is not a number.
+/// The smaller number in a single instruction; `f32::min` also has to handle NaN.
 #[inline(always)]
 fn lower(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// Sweeps of relaxation on every level.
+/// Sweeps of relaxation on every level. More sweeps smooth the seams between levels at a higher cost.
 const SWEEPS: usize = 8;
 
-/// The raster with a membrane, `Δz = 0`, over the cells that are not known.
+/// Fills unknown cells with a membrane, `Δz = 0`.
 ///
-/// Solved on a pyramid: means of the known are filled on the coarser raster, carried to the finer, and
-/// relaxed there (Gortler, Grzeszczuk, Szeliski and Cohen 1996, *The lumigraph*; the relaxation is added).
+/// Solved on a pyramid: means of known cells are filled on the coarser raster, interpolated on the finer one,
+/// and relaxed there (Gortler, Grzeszczuk, Szeliski and Cohen 1996, *The lumigraph*; the relaxation is an
+/// addition).
 fn filled(mut raster: Raster, known: &[bool]) -> Raster {
     let (columns, rows) = (raster.columns, raster.rows);
     if known.iter().all(|&k| k) || columns * rows == 1 {
@@ -422,6 +432,7 @@ fn filled(mut raster: Raster, known: &[bool]) -> Raster {
             }
         }
     }
+    // The coarse solution gives long waves, which relaxation alone would need many sweeps for.
     let coarse = filled(Raster { values: means, ..half }, &coarse_known);
     let values = &mut raster.values;
     values.par_chunks_mut(columns).enumerate().for_each(|(j, line)| {
@@ -429,6 +440,8 @@ fn filled(mut raster: Raster, known: &[bool]) -> Raster {
             *value = coarse.at([0.5 * i as f64 - 0.25, 0.5 * j as f64 - 0.25]) as f32;
         }
     });
+    // Jacobi sweeps: all cells use the values of the previous sweep, so the result does not depend on the
+    // number of threads.
     let mut before = raster.values.clone();
     for _ in 0..SWEEPS {
         before.copy_from_slice(&raster.values);

@@ -56,6 +56,7 @@ impl Image {
     #[inline]
     #[must_use]
     pub fn between(&self, u: f64, v: f64) -> Option<f32> {
+        // The last interval includes its end, so that the border itself can be interpolated.
         let inside = |t: f64, n: usize| {
             (t >= 0.0 && t <= (n - 1) as f64).then(|| (t as usize).min(n.saturating_sub(2)))
         };
@@ -92,6 +93,7 @@ pub(crate) fn cubic(row: &[f32], place: f32) -> Option<(f32, f32)> {
     if !(place >= 0.0 && place <= (row.len() - 1) as f32) {
         return None;
     }
+    // Beyond the border its pixel is repeated, so the kernel always has four values.
     let k = (place as usize).min(row.len() - 2);
     let t = place - k as f32;
     let p = [row[k.saturating_sub(1)], row[k], row[k + 1], row[(k + 2).min(row.len() - 1)]];

@@ -119,7 +119,7 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
     Ok(geometry)
 }
 
-/// Normals of the triangles that each grid square's points make, jumps in depth left out.
+/// Normals from the triangles of each grid square, without triangles across a jump in depth.
 fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geometry: &mut ScanGeometry) {
     let count = scan.points.len();
     let mut sums = vec![[0.0; 3]; count];
@@ -133,7 +133,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
             _ => false,
         }
     };
-    // One wild reading must not cost its eight neighbours: it is found first and then counts as absent.
+    // A gross error must not cost its eight neighbours: it is found first and then counts as absent.
     let mut isolated = vec![false; count];
     for row in 0..grid.rows {
         for column in 0..grid.columns {
@@ -149,6 +149,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
                     }
                 }
             }
+            // One neighbour may agree by chance, for example a second gross error.
             isolated[own] = neighbours >= LEAST_NEIGHBOURS && jumps + 1 >= neighbours;
         }
     }
@@ -173,6 +174,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
                     return;
                 }
                 let [a, b, c] = t.map(|i| scan.points[i]);
+                // Not normalised: large triangles, whose normals are more accurate, weigh more.
                 let mut n = cross(sub(b, a), sub(c, a));
                 if let Some(ray) = ray_at(scan.viewing, a)
                     && dot(n, ray) > 0.0
@@ -257,6 +259,7 @@ pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
             let middle = mean(&others);
             let spread =
                 (others.iter().map(|q| dot(sub(*q, middle), sub(*q, middle))).sum::<f64>() / count).sqrt();
+            // Far from its neighbours alone is no evidence: sparse parts of a surface are, too.
             let on_surface = flatness < FLAT && norm(sub(*p, middle)) <= SURROUNDED * spread;
             (normal, distance, on_surface)
         })

@@ -271,6 +271,8 @@ pub fn occluding_contours(
             .lines
             .iter()
             .map(|line| {
+                // Results are collected in the order of the points, so they do not depend on the number of
+                // threads.
                 (line.places.par_iter())
                     .map(|place| {
                         let place = place.as_ref().filter(|p| !p.corner).ok_or("corner")?;
@@ -291,6 +293,7 @@ pub fn occluding_contours(
     }
     let asked = found.iter().flatten().map(Vec::len).sum();
     let matched = found.iter().flatten().flatten().filter(|f| f.is_ok()).count();
+    // Joining rejects further points. Causes are counted afterwards, so that each point is counted once.
     let joined = joining::joined(&ready, &neighbours, &mut found, options);
     for cause in found.iter().flatten().flatten().filter_map(|f| f.as_ref().err()) {
         *left_out.entry(cause).or_default() += 1;
@@ -298,12 +301,13 @@ pub fn occluding_contours(
     if joined.points.is_empty() {
         let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
-            "no place of {} views' contours has a depth ({}): are the views in the order of the camera's \
-            motion, and does it move across the lines of sight?",
+            "no point on the contours of {} views has a depth ({}): are the views in the order of the \
+            camera's motion, and does it move across the lines of sight?",
             views.len(),
             causes.join(", ")
         )));
     }
+    // Corners do not follow a parabola; they would raise the χ² although σ is correct.
     let smooth = (ready.iter().flat_map(|r| &r.lines))
         .flat_map(|line| line.places.iter().flatten())
         .filter(|place| !place.corner);

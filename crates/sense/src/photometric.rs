@@ -121,14 +121,14 @@ pub fn photometric_normals(
         None if lights.len() < 5 => 0.0,
         None => find_ambient(&pilot, lights),
     };
-    // Twice: the first time too much is left out, because a pixel's own few residuals decide it.
+    // Twice: without a σ of the image, the few residuals of each pixel decide, and too many are rejected.
     let sigma_of_residuals = (lights.len() > 3).then(|| {
         (0..2).fold(0.0, |sigma, _| {
             typical(residual_variances(&pilot, lights, ambient, sigma), lights.len()).sqrt()
         })
     });
     let sigma = options.sigma_brightness.or(sigma_of_residuals).unwrap_or(0.0);
-    // Half a step of eight bits is the least that a perfect fit may claim.
+    // A perfect fit still has the rounding of eight bits: half a step is the minimum.
     let sigma = if sigma > 0.0 { sigma } else { f64::from(brightest) / 512.0 };
     let light_variance = options.sigma_light_deg.to_radians().powi(2);
     let found: Vec<Option<Option<Found>>> = (0..columns * rows)
@@ -195,13 +195,14 @@ impl Pixel {
             }
             let among: Vec<f64> =
                 residuals.iter().zip(&lit).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.abs()).collect();
-            // With four readings or fewer nothing can be left out: one residual speaks for all.
+            // With four readings or fewer there is a single residual direction, so no outlier can be found.
+            // After the last fit the weights stay, because variance and normal belong to them.
             if count < 5.0 || round == ROUNDS {
                 continue;
             }
-            // Three of the residuals' freedoms are used up.
+            // The fit uses three degrees of freedom of the residuals.
             let spread = 1.4826 * median(among) * (count / (count - 3.0)).sqrt();
-            // A hundredth of the brightest is never an outlier: no surface is wholly matte.
+            // No surface is completely matte, so residuals of this size are never outliers.
             let scale = spread.max(sigma).max(0.005 * most);
             for ((w, lit), r) in weights.iter_mut().zip(&lit).zip(&residuals) {
                 *w = match round + 1 == ROUNDS {
@@ -214,7 +215,7 @@ impl Pixel {
         Some(Self { b, weights, residuals })
     }
 
-    /// Sum of the weighted squares, and the degrees of freedom that are left.
+    /// Sum of the weighted squares, and the remaining degrees of freedom.
     fn squares(&self) -> (f64, f64) {
         let squares = self.residuals.iter().zip(&self.weights).map(|(r, w)| w * r * r).sum();
         (squares, self.weights.iter().sum::<f64>() - 3.0)
@@ -238,6 +239,7 @@ impl Pixel {
         for (l, w) in lights.iter().zip(&self.weights) {
             accumulate(&mut m, *w, *l);
         }
+        // The covariance of `b` with the final weights.
         let inverse = inverse(&m)?;
         let along = |t: [f64; 3]| dot(t, multiply(&inverse, t));
         let (e1, e2) = tangents(n);
@@ -257,19 +259,20 @@ fn residual_variances(pixels: &[Vec<f64>], lights: &[[f64; 3]], ambient: f64, si
     variances.collect()
 }
 
-/// The variance whose estimates, of as many freedoms as lights less three, have this median (Wilson and
-/// Hilferty 1931).
+/// The variance from the median of estimates with `lights − 3` degrees of freedom each (Wilson and Hilferty
+/// 1931).
 fn typical(variances: Vec<f64>, lights: usize) -> f64 {
     let freedom = lights.saturating_sub(3).max(1) as f64;
     median(variances) / (1.0 - 2.0 / (9.0 * freedom)).powi(3)
 }
 
-/// The light from everywhere that leaves the least residuals.
+/// The ambient share that minimises the residuals.
 fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
     let steps = (MAX_AMBIENT / AMBIENT_STEP).round() as usize;
+    // A grid and a parabola: the cost is a median, whose derivative jumps.
     let cost: Vec<f64> = (0..=steps)
         .map(|k| {
-            // The median over all readings, those left out too: what is left out must not flatter.
+            // The median includes rejected readings. Otherwise a share that rejects more would seem better.
             let fits = pixels
                 .par_iter()
                 .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
@@ -423,7 +426,7 @@ fn check(
     }
     if images.len() != lights.len() {
         return Err(Error::input(format!(
-            "needed as many images as lights, found {} and {}",
+            "needed one image per light, found {} and {}",
             images.len(),
             lights.len()
         )));
@@ -446,8 +449,8 @@ fn check(
     }
     if lights.len() == 3 && options.sigma_brightness.is_none() {
         return Err(Error::undetermined(
-            "three lights leave no residual to tell the σ of brightness from: state sigma_brightness, or \
-            use more lights",
+            "three lights leave no residual from which σ of brightness can be estimated: state \
+            sigma_brightness, or use more lights",
         ));
     }
     let mut m = [0.0; 6];

@@ -58,6 +58,7 @@ impl Pose {
         // sin(x)/x by its series where x is small: the next term, x⁴/120, is below rounding.
         let sinc = if half < 1e-4 { 1.0 - half * half / 6.0 } else { half.sin() / half };
         let [x, y, z] = omega.map(|c| 0.5 * sinc * c);
+        // The quaternion is normalised there, so the matrix is orthonormal to rounding.
         Self::from_quaternion_xyzw([x, y, z, half.cos()], translation)
             .unwrap_or(Self { translation, ..Self::identity() })
     }
@@ -67,6 +68,7 @@ impl Pose {
     pub fn rotation_vector(&self) -> [f64; 3] {
         let [x, y, z, w] = self.quaternion_xyzw();
         let sine = norm([x, y, z]);
+        // `atan2` instead of `acos(w)`, which loses half the digits for small angles.
         let factor = if sine < 1e-8 { 2.0 } else { 2.0 * sine.atan2(w) / sine };
         [x, y, z].map(|c| factor * c)
     }
@@ -90,6 +92,7 @@ impl Pose {
             2 => [(r[0][2] + r[2][0]) / s, (r[1][2] + r[2][1]) / s, s / 4.0, (r[1][0] - r[0][1]) / s],
             _ => [(r[2][1] - r[1][2]) / s, (r[0][2] - r[2][0]) / s, (r[1][0] - r[0][1]) / s, s / 4.0],
         };
+        // `q` and `−q` are the same rotation; `w ≥ 0` selects the angle of at most π.
         if q[3] < 0.0 { q.map(|c| -c) } else { q }
     }
 
@@ -144,6 +147,7 @@ impl Pose {
         let turn = self.rotation_vector();
         let angle = norm(turn);
         let factor = if angle < 1e-4 {
+            // The limit for small angles, where the formula below divides two differences that cancel.
             1.0 / 12.0
         } else {
             (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle)
@@ -168,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_motion_after_another_is_both() {
+    fn composition_applies_both_motions() {
         let first = Pose::from_quaternion_xyzw([0.1, -0.7, 0.2, 0.6], [1.0, 2.0, 3.0]).unwrap();
         let then = Pose::from_quaternion_xyzw([0.3, 0.1, -0.2, 0.5], [-4.0, 0.5, 2.0]).unwrap();
         let p = [0.3, -0.4, 0.5];
@@ -195,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn rotation_vector_there_and_back_keeps_the_motion() {
+    fn rotation_vector_round_trips() {
         for omega in [[0.3, -1.2, 0.7], [1e-9, 2e-9, -1e-9], [0.0; 3], [0.0, 3.1, 0.0], [1e-5, 0.0, 0.0]] {
             let pose = Pose::from_rotation_vector(omega, [1.0, 2.0, 3.0]);
             let again = pose.rotation_vector();
@@ -210,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn quaternion_there_and_back_keeps_the_motion() {
+    fn quaternion_round_trips() {
         for q in [
             [0.1, -0.7, 0.2, 0.6],
             [0.9, 0.1, 0.1, -0.2],

@@ -73,6 +73,8 @@ impl LensCamera {
         let y = (pixel[1] - second[2]) / second[1];
         let seen = [(pixel[0] - first[2] - first[1] * y) / first[0], y];
         let mut straight = seen;
+        // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
+        // the result is checked below.
         for _ in 0..UNDISTORTIONS {
             let there = self.distorted(straight);
             straight = [0, 1].map(|k| straight[k] + seen[k] - there[k]);
@@ -99,9 +101,9 @@ pub struct Rectification {
     rig: StereoRig,
     /// Columns and rows of the original images.
     sizes: [[usize; 2]; 2],
-    /// The cameras after it, in the frame of the rectified pictures.
+    /// The rectified cameras, in the frame of the rectified images.
     camera: StereoCamera,
-    /// Columns and rows of the rectified pictures.
+    /// Columns and rows of the rectified images.
     size: [usize; 2],
     world_from_rectified: Pose,
 }
@@ -116,12 +118,14 @@ impl Rectification {
         let centres = rig.cameras.map(|c| c.pinhole.centre());
         let baseline = sub(centres[1], centres[0]);
         let x = unit(baseline)
-            .ok_or_else(|| Error::input("needed two cameras at different places, found both at one"))?;
+            .ok_or_else(|| Error::input("needed two cameras at different positions, found both at one"))?;
         for (camera, (size, which)) in rig.cameras.iter().zip(sizes.iter().zip(["first", "second"])) {
             refuse_epipole(camera, *size, x, which)?;
         }
         let axes = rig.cameras.map(|c| c.pinhole.r[2]);
         let ahead = add(axes[0], axes[1]);
+        // Perpendicular to the baseline and to the mean axis: among the axes that the baseline permits, the
+        // nearest to both cameras.
         let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
         let y = across.ok_or_else(|| {
             Error::input(
@@ -131,6 +135,7 @@ impl Rectification {
         })?;
         let rotation = [x, y, cross(x, y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
+        // Equal focal lengths are kept exactly, so that images that are rectified already are not resampled.
         let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };
         let boxes = [
             outline(&rig.cameras[0], sizes[0], &rotation, focal)?,
@@ -139,9 +144,14 @@ impl Rectification {
         let [low, high] = boxes[0];
         let size = [0, 1].map(|k| {
             let pixels = (high[k] - low[k] - ROUNDING).ceil();
+            // Rectifying strongly converging cameras stretches a border without limit.
             pixels.min(MOST_STRETCH * sizes[0][k] as f64) as usize
         });
+        // Pixel centres have integer coordinates, so the corner of an image is at −0.5.
         let first = [-0.5 - low[0], -0.5 - low[1]];
+        // Both images start at their own left border. The difference of their principal points is `doffs`; a
+        // common origin would leave empty columns in one image. Rows are shared, because they must
+        // correspond.
         let second = -0.5 - boxes[1][0][0];
         Ok(Self {
             rig: *rig,
@@ -181,6 +191,7 @@ impl Rectification {
         let ray = [(u - cx - doffs) / self.camera.focal, (v - cy) / self.camera.focal, 1.0];
         let pixel = self.rig.cameras[which].pixel(self.world_from_rectified.rotate(ray))?;
         let [columns, rows] = self.sizes[which];
+        // Without snapping, rounding would resample images that are rectified already.
         let snapped = pixel.map(|c| if (c - c.round()).abs() < ROUNDING { c.round() } else { c });
         let inside = |c: f64, n: usize| (0.0..=(n - 1) as f64).contains(&c);
         (inside(snapped[0], columns) && inside(snapped[1], rows)).then_some(snapped)
@@ -195,7 +206,7 @@ impl Rectification {
         if [taken.columns, taken.rows] != self.sizes[which] {
             let [columns, rows] = self.sizes[which];
             return Err(Error::input(format!(
-                "needed a picture of {columns} × {rows} pixels, found {} × {}",
+                "needed an image of {columns} × {rows} pixels, found {} × {}",
                 taken.columns, taken.rows
             )));
         }
@@ -251,7 +262,7 @@ fn turned(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
     upper_triangle(|i, j| dot(r[i], full.map(|row| dot(row, r[j]))))
 }
 
-/// Refuses a picture that shows where the other camera stands, or the place opposite: around it rows cannot
+/// Rejects an image that contains the epipole, or the opposite point: around it rows cannot
 /// correspond.
 fn refuse_epipole(
     camera: &LensCamera,
@@ -259,13 +270,14 @@ fn refuse_epipole(
     along: [f64; 3],
     which: &str,
 ) -> Result<()> {
+    // The other camera may be ahead or behind; `pixel` is `None` for the direction behind this camera.
     for towards in [along, scale(-1.0, along)] {
         if let Some([u, v]) = camera.pixel(towards) {
             let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);
             if inside(u, columns) && inside(v, rows) {
                 return Err(Error::input(format!(
-                    "the epipole lies inside the picture of the {which} camera, at ({u:.0}, {v:.0}): \
-                    needed cameras beside each other, that do not look along the line between them"
+                    "the epipole lies inside the image of the {which} camera, at ({u:.0}, {v:.0}): \
+                    needed cameras that do not look along the line between them"
                 )));
             }
         }
@@ -273,7 +285,7 @@ fn refuse_epipole(
     Ok(())
 }
 
-/// The box about a picture's outline on the rectified plane, in pixels from the axis.
+/// The bounding box of an image's outline on the rectified plane, in pixels from the axis.
 fn outline(
     camera: &LensCamera,
     [columns, rows]: [usize; 2],
@@ -284,19 +296,21 @@ fn outline(
     let ends = [columns as f64, rows as f64];
     for k in 0..OUTLINE {
         let share = k as f64 / (OUTLINE - 1) as f64;
+        // Distortion and projection are continuous, so the extremes of the image lie on its border.
         for place in [[share, 0.0], [share, 1.0], [0.0, share], [1.0, share]] {
             let pixel = [0, 1].map(|d| ends[d] * place[d] - 0.5);
             let direction = camera.direction(pixel).ok_or_else(|| {
                 Error::input(format!(
-                    "the distortion cannot be undone at the pixel ({:.0}, {:.0}): needed one that grows \
-                    along every ray of the picture, found {:?}",
+                    "the distortion cannot be inverted at the pixel ({:.0}, {:.0}): needed one that grows \
+                    along every ray of the image, found {:?}",
                     pixel[0], pixel[1], camera.distortion
                 ))
             })?;
             let [x, y, z] = rotation.map(|row| dot(row, direction));
+            // About 87° from the rectified axis.
             if z <= 0.05 * norm(direction) {
                 return Err(Error::input(
-                    "needed cameras that look the same way: rectified, the border of a picture would lie \
+                    "needed cameras with similar directions: rectified, the border of an image would lie \
                     at infinity",
                 ));
             }

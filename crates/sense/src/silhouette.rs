@@ -98,7 +98,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     }
     if !(0.0..=1.0).contains(&options.least_share) {
         return Err(Error::input(format!(
-            "the least share of a part of a silhouette is from 0 to 1, got {}",
+            "the minimum share of a part of a silhouette is from 0 to 1, found {}",
             options.least_share
         )));
     }
@@ -107,16 +107,18 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
     let threshold = options.threshold.unwrap_or(0.5 * (f64::from(low) + f64::from(high)));
     let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
-    let of_thing = mask.iter().filter(|m| **m).count();
-    if of_thing == 0 || of_thing == mask.len() {
+    let object_pixels = mask.iter().filter(|m| **m).count();
+    if object_pixels == 0 || object_pixels == mask.len() {
         return Err(Error::undetermined(format!(
             "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
         )));
     }
-    let least = (options.least_share * of_thing as f64) as usize;
-    fill(&mut mask, columns, true, least);
-    fill(&mut mask, columns, false, least);
+    let minimum = (options.least_share * object_pixels as f64) as usize;
+    fill(&mut mask, columns, true, minimum);
+    fill(&mut mask, columns, false, minimum);
     let values: Vec<f64> = mask.iter().map(|m| f64::from(u8::from(*m))).collect();
+    // The mask itself has steps of whole pixels; after smoothing its level ½ can be interpolated between
+    // them.
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let border = thinned(crossings(&smooth, columns, rows), options.apart_px);
     if border.is_empty() {
@@ -126,9 +128,10 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })
 }
 
-/// Inverts connected parts of one colour that have fewer than `least` pixels.
-pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
+/// Inverts connected parts of one colour that have fewer than `minimum` pixels.
+pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, minimum: usize) {
     let mut seen = vec![false; mask.len()];
+    // An explicit queue: recursion over a large region would overflow the stack.
     let mut part = Vec::new();
     for start in 0..mask.len() {
         if seen[start] || mask[start] != colour {
@@ -154,13 +157,13 @@ pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize
                 }
             }
         }
-        if part.len() < least {
+        if part.len() < minimum {
             part.iter().for_each(|&pixel| mask[pixel] = !colour);
         }
     }
 }
 
-/// A Gaussian along rows, then along columns; beyond the picture the last pixel goes on.
+/// A Gaussian along rows, then along columns. Pixels of the border are repeated beyond it.
 pub(crate) fn smoothed(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
     let reach = (4.0 * sigma).ceil() as isize;
     let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
@@ -187,7 +190,7 @@ pub(crate) fn smoothed(values: &[f64], columns: usize, rows: usize, sigma: f64) 
     })
 }
 
-/// Where values pass one half between neighbours of a row or a column.
+/// Positions where values cross one half between neighbours of a row or a column.
 fn crossings(values: &[f64], columns: usize, rows: usize) -> Vec<[f64; 2]> {
     let mut found = Vec::new();
     for row in 0..rows {
@@ -211,7 +214,7 @@ fn crossings(values: &[f64], columns: usize, rows: usize) -> Vec<[f64; 2]> {
     found
 }
 
-/// Places of which none is nearer than `apart` to one before it.
+/// Drops points closer than `apart` to an earlier one.
 fn thinned(places: Vec<[f64; 2]>, apart: f64) -> Vec<[f64; 2]> {
     let mut kept: std::collections::BTreeMap<[i64; 2], Vec<[f64; 2]>> = std::collections::BTreeMap::new();
     let mut all = Vec::new();
@@ -248,6 +251,7 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
     for row in (first[1]..=last[1]).step_by(step) {
         for column in (first[0]..=last[0]).step_by(step) {
             let own = mask[row * columns + column];
+            // Pixels next to the border may be wrong; those with a margin are certain.
             let clear = (row.saturating_sub(CLEAR)..=(row + CLEAR).min(rows - 1)).all(|r| {
                 (column.saturating_sub(CLEAR)..=(column + CLEAR).min(columns - 1))
                     .all(|c| mask[r * columns + c] == own)

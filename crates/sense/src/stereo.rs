@@ -138,6 +138,7 @@ pub fn match_stereo(
     let sums = paths::sums(left, &cost, disparities, penalties, &mut |share| watch(0.7 * share))?;
     let winners = winner::winners(&sums, columns, disparities, options.least_disparity, options.uniqueness);
     let right_best = winner::right_winners(&sums, columns, disparities, options.least_disparity);
+    // The sums of costs are by far the largest array. They are freed before the refinement allocates.
     drop(sums);
     watch(0.8)?;
 
@@ -150,7 +151,11 @@ pub fn match_stereo(
             u32::from(other.abs_diff(w.best)) <= options.left_right
         });
         let rivals = (k % columns) as i64 - i64::from(options.least_disparity);
+        // Uniqueness compares with the other disparities. With few of them a chance match passes that test,
+        // so the window must also have texture.
         let by_chance = || rivals < FEWEST_RIVALS && local_range(left, k) < 0.5 * contrast;
+        // Only the first test that fails is counted, so that the counts add up to the number of rejected
+        // pixels.
         match () {
             () if !w.clear || by_chance() => rejected.ambiguous += 1,
             () if !agrees => rejected.left_right += 1,
@@ -158,6 +163,7 @@ pub fn match_stereo(
             () => first[k] = w.between + options.least_disparity as f32,
         }
     }
+    // Small regions are removed before the refinement, because the plane of a window would be fitted to them.
     let sizes = winner::region_sizes(&first, columns, SPECKLE_STEP);
     for (value, size) in first.iter_mut().zip(sizes) {
         if value.is_finite() && size < options.speckle {
@@ -168,6 +174,7 @@ pub fn match_stereo(
     watch(0.85)?;
     let refined = subpixel::refine(left, right, &first, 0.5 * contrast);
     watch(1.0)?;
+    // A pixel whose refinement failed had no texture, as for an ambiguous match.
     let known = |count: usize| first.iter().filter(|d| d.is_finite()).count() - count;
     rejected.ambiguous += known(refined.iter().flatten().count());
     let (disparity, sigma) =
@@ -181,27 +188,27 @@ const DARK: f32 = 0.06;
 /// best, so more texture is required there: half the usual contrast.
 const FEWEST_RIVALS: i64 = 32;
 
-/// How much values differ in the 5 × 5 pixels about one.
+/// Range of the values of the 5 × 5 pixels around a pixel.
 fn local_range(image: &Image, pixel: usize) -> f32 {
     let (column, row) = (pixel % image.columns, pixel / image.columns);
     let around = |at: usize, end: usize| at.saturating_sub(2)..(at + 3).min(end);
-    let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
     for r in around(row, image.rows) {
         for c in around(column, image.columns) {
             let value = image.values[r * image.columns + c];
-            least = least.min(value);
-            most = most.max(value);
+            low = low.min(value);
+            high = high.max(value);
         }
     }
-    most - least
+    high - low
 }
 
 /// The σ of a disparity in pixels, from the statistics of its window.
 ///
 /// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of
 /// the window that lies on other surfaces, the distance m by which least squares moved the disparity, and the
-/// roughness r of the first disparities, all but h in pixels. Least squares alone knows nothing of depth
-/// edges, where most gross errors are.
+/// roughness r of the first disparities, all but h in pixels. Least squares alone does not account for
+/// depth edges, where most gross errors are.
 ///
 /// The factors are those of the greatest likelihood of the errors on the image pairs *cones* and *aloe*
 /// (Scharstein and Szeliski 2003, 2006) under Student's t of three degrees, rounded, and enlarged until the
@@ -218,10 +225,11 @@ fn sigma_of(refined: &subpixel::Refined) -> f32 {
     terms.iter().map(|t| t * t).sum::<f32>().sqrt()
 }
 
-/// The median difference of brightness between neighbours of a row that differ at all, times four. Of a thing
-/// before a black background only the thing counts.
+/// Four times the median difference of brightness between neighbours of a row that differ. Dark pixels are
+/// skipped, because a black background would halve the median.
 fn contrast(image: &Image) -> f32 {
     let mut values = image.values.clone();
+    // A quantile instead of the maximum, which a single reflection would determine.
     let bright = values.len() * 99 / 100;
     let dark = DARK * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
     let mut changes: Vec<f32> = (0..image.rows)
@@ -250,7 +258,7 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     }
     if !(4..=4096).contains(&options.disparities) {
         return Err(Error::input(format!(
-            "needed from 4 to 4096 disparities to look for, found {}",
+            "needed a search range of 4 to 4096 disparities, found {}",
             options.disparities
         )));
     }
@@ -264,13 +272,13 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     let reach = options.least_disparity.unsigned_abs() as usize;
     if reach >= left.columns {
         return Err(Error::input(format!(
-            "needed a least disparity below the images' width of {}, found {}",
+            "needed a minimum disparity below the images' width of {}, found {}",
             left.columns, options.least_disparity
         )));
     }
     if left.values.len().saturating_mul(options.disparities) > MOST_CELLS {
         return Err(Error::unsupported(format!(
-            "{} × {} pixels with {} disparities take more than {} GB: look for fewer, or make the images \
+            "{} × {} pixels with {} disparities take more than {} GB: search fewer, or make the images \
             smaller",
             left.columns,
             left.rows,

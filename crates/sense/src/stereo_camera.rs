@@ -107,6 +107,7 @@ impl StereoCamera {
             let k = v * map.columns + u;
             let (disparity, sigma) = (f64::from(map.disparity[k]), map.sigma[k]);
             let (u, v) = (u as f64, v as f64);
+            // NaN, the σ of rejected pixels, fails this comparison.
             let known = f64::from(sigma) <= choice.max_sigma_px;
             let point = if known { self.point(u, v, disparity) } else { None };
             let found = point.zip(self.covariance(u, v, disparity, f64::from(sigma)));
@@ -122,7 +123,7 @@ impl StereoCamera {
         if points.is_empty() {
             return Err(Error::undetermined(format!(
                 "no pixel of {} has a point in front of the cameras: are left and right exchanged, or the \
-                disparities out of the range that was looked for?",
+                disparities outside the search range?",
                 cells.len()
             )));
         }

@@ -114,23 +114,23 @@ pub struct Junction {
     pub image: [f64; 2],
     /// The angles of both stripes in the image, from x to y, in radians.
     pub angles_rad: [f64; 2],
-    /// Its pixel in the projector's picture.
+    /// Its pixel in the projector's image.
     pub projector: [f64; 2],
 }
 
-/// How well junctions are seen.
+/// Accuracy of the measured position and angles of a junction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JunctionSigma {
     /// σ of each coordinate of the pixel, in pixels.
     pub place_px: f64,
-    /// σ of each angle, in radians: `σ_px / √Σ i²` of a line through single places i pixels from the middle,
-    /// each with σ_px.
+    /// σ of each angle, in radians: `σ_px / √Σ i²` of a line through points i pixels from the middle, each
+    /// with σ_px.
     pub angle_rad: f64,
 }
 
 impl JunctionSigma {
-    /// From the σ of single places on a stripe, one a pixel, that a line is drawn through, `reach` pixels to
-    /// both sides.
+    /// The accuracy of a line that is fitted to points on a stripe, one per pixel, up to `reach` pixels to
+    /// both sides, from the σ of a point.
     #[must_use]
     pub fn from_single_places(sigma_px: f64, reach: usize) -> Self {
         let squares: f64 = (1..=reach).map(|i| 2.0 * (i * i) as f64).sum();
@@ -139,7 +139,7 @@ impl JunctionSigma {
 }
 
 impl JunctionSigma {
-    /// Independent errors, and a projector without.
+    /// The covariance of independent errors and an exact projector.
     #[must_use]
     pub fn covariance(&self) -> JunctionCovariance {
         let mut image = [[0.0; 4]; 4];
@@ -150,12 +150,12 @@ impl JunctionSigma {
     }
 }
 
-/// How well a junction is known.
+/// Covariance of a junction in both images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JunctionCovariance {
     /// Covariance of both coordinates of its pixel, in pixels, and of both angles, in radians.
     pub image: [[f64; 4]; 4],
-    /// σ of each coordinate of its pixel in the projector's picture, in pixels.
+    /// σ of each coordinate of its pixel in the projector's image, in pixels.
     pub projector_px: f64,
 }
 
@@ -168,7 +168,7 @@ pub struct Orientation {
     pub covariance: [f64; 6],
     /// The unit normal, towards the camera.
     pub normal: [f64; 3],
-    /// Covariance of the normal; it has none along itself.
+    /// Covariance of the normal; zero along the normal itself.
     pub normal_covariance: [f64; 6],
     /// σ of one tangential component of the normal, in degrees (root mean square of both).
     pub sigma_normal_deg: f64,
@@ -190,9 +190,9 @@ pub fn orientation(
     junction: &Junction,
     covariance: &JunctionCovariance,
 ) -> Result<Orientation> {
-    let nothing = || {
+    let undetermined = || {
         Error::undetermined(format!(
-            "the junction at pixel {} {} determines no orientation",
+            "the junction at pixel {} {} does not determine an orientation",
             junction.image[0], junction.image[1]
         ))
     };
@@ -202,21 +202,24 @@ pub fn orientation(
     };
     let [[x, y], [a, b], [u, v]] = [junction.image, junction.angles_rad, junction.projector];
     let z = [x, y, a, b, u, v];
-    let (point, normal) = of(z).ok_or_else(nothing)?;
+    let (point, normal) = of(z).ok_or_else(undetermined)?;
     let mut by = [([0.0; 3], [0.0; 3]); 6];
     for (k, derivative) in by.iter_mut().enumerate() {
+        // Central differences: the derivative of the whole chain of planes by hand is long. The steps are in
+        // radians and pixels, far above rounding and far below the curvature of the mapping.
         let step = if matches!(k, 2 | 3) { 1e-5 } else { 1e-3 };
-        let beside = |s: f64| {
+        let moved = |s: f64| {
             let mut z = z;
             z[k] += s;
-            of(z).ok_or_else(nothing)
+            of(z).ok_or_else(undetermined)
         };
-        let (ahead, behind) = (beside(step)?, beside(-step)?);
+        let (ahead, behind) = (moved(step)?, moved(-step)?);
         let slope = |a: [f64; 3], b: [f64; 3]| scale(0.5 / step, sub(a, b));
         *derivative = (slope(ahead.0, behind.0), slope(ahead.1, behind.1));
     }
     let carried = |of: &dyn Fn(usize) -> [f64; 3]| {
         upper_triangle(|i, j| {
+            // Errors of the two devices are independent, so the products between them are absent.
             let seen: f64 = (0..4)
                 .map(|k| (0..4).map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j]).sum::<f64>())
                 .sum();
@@ -226,6 +229,8 @@ pub fn orientation(
     };
     let (of_point, of_normal) = (carried(&|k| by[k].0), carried(&|k| by[k].1));
     let (e1, e2) = tangents(normal);
+    // The normal has unit length, so its covariance is zero along it, and the mean of the two tangential
+    // variances describes it.
     let tangential = 0.5 * (variance_along(&of_normal, e1) + variance_along(&of_normal, e2));
     Ok(Orientation {
         point,
@@ -265,12 +270,15 @@ fn point_and_normal(
         }
     }
     let determinant = dot(m[0], cross(m[1], m[2]));
+    // The normals have unit length, so the determinant is a pure number. It is zero if all four planes share
+    // a direction, and the point lies at infinity.
     if determinant < 1e-12 {
         return None;
     }
     // Cramer's rule; the matrix is symmetric, so its rows are its columns.
     let point = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| dot(c, r) / determinant);
     camera.project(point)?;
+    // The order of the tangents leaves the sign of the normal open; a visible surface faces the camera.
     let towards = dot(normal, sub(from_camera, point)).signum();
     Some((point, scale(towards, normal)))
 }
@@ -311,10 +319,13 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Str
             continue;
         }
         let shares = lengths.map(|l| 1.0 / (l * l));
+        // A step d along the surface rises by `κ d²/2`. The mean of `2 (step · n)/d²` over both sides cancels
+        // an error of the normal if the steps are equally long.
         let kappa = shares[0] * dot(steps[0], n) + shares[1] * dot(steps[1], n);
         let of_points: f64 =
             (0..2).map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n)).sum();
         let of_middle = (shares[0] + shares[1]).powi(2) * variance_along(&middle.covariance, n);
+        // What is left of an error of the normal if they are not.
         let lever: [f64; 3] = std::array::from_fn(|k| shares[0] * steps[0][k] + shares[1] * steps[1][k]);
         let of_normal = variance_along(&middle.normal_covariance, lever);
         let weight = 1.0 / (of_points + of_middle + of_normal);
@@ -327,6 +338,7 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Str
     }
     let determinant = dot(m[0], cross(m[1], m[2]));
     let size = m[0][0] + m[1][1] + m[2][2];
+    // Relative to the trace: the matrix has the unit of the weights.
     let determined = determinant > 1e-9 * size.powi(3);
     if !determined {
         return Err(Error::undetermined("needed neighbours in three directions for the curvature"));

@@ -52,7 +52,7 @@ impl Camera {
         for (name, finite) in [("R", r.iter().all(|x| x.is_finite())), ("t", t.iter().all(|x| x.is_finite()))]
         {
             if !finite {
-                return Err(Error::input(format!("{name} holds a number that is not finite")));
+                return Err(Error::input(format!("{name} contains a number that is not finite")));
             }
         }
         let finite = k.iter().all(|x| x.is_finite());
@@ -71,6 +71,8 @@ impl Camera {
                 rows(&r)
             )));
         }
+        // Files round their numbers. The nearest rotation keeps poses orthonormal, on which their derivatives
+        // rely.
         Ok(Self { k, r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(), t })
     }
 
@@ -140,26 +142,26 @@ impl Camera {
     /// `K⁻¹ (x, y, 1)`.
     pub(crate) fn within(&self, pixel: [f64; 2]) -> Vector3<f64> {
         let k = &self.k;
+        // Back substitution, because `K` is triangular.
         let y = (pixel[1] - k[(1, 2)]) / k[(1, 1)];
         Vector3::new((pixel[0] - k[(0, 2)] - k[(0, 1)] * y) / k[(0, 0)], y, 1.0)
     }
 
-    /// `∂x/∂X_camera` of a place in the camera's frame.
+    /// `∂x/∂X_camera` at a point in the camera's frame.
     pub(crate) fn pixel_by_place(&self, inside: &Vector3<f64>) -> nalgebra::Matrix2x3<f64> {
         let seen = self.k * inside;
         let pixel = [seen.x / seen.z, seen.y / seen.z];
         nalgebra::Matrix2x3::from_fn(|i, j| (self.k[(i, j)] - pixel[i] * self.k[(2, j)]) / seen.z)
     }
 
-    /// How the pixel of a place moves along a direction of the picture as the place moves: `∂(uᵀπ(x))/∂x`.
+    /// Derivative of the pixel of a point along an image direction, by the point: `∂(uᵀπ(x))/∂x`.
     pub(crate) fn by_place(&self, at: [f64; 3], along: [f64; 2]) -> [f64; 3] {
         let inside = self.r * Vector3::from(at) + self.t;
         let by_inside = self.pixel_by_place(&inside).tr_mul(&nalgebra::Vector2::from(along));
         self.r.tr_mul(&by_inside).into()
     }
 
-    /// How `D` at a place where the line of sight touches the shell changes with a shift of the pixel:
-    /// `∂D/∂(x, y)`.
+    /// Derivative of `D` by the pixel, where the line of sight touches the shell: `∂D/∂(x, y)`.
     pub(crate) fn by_pixel(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 2] {
         let inside = self.r * Vector3::from(at) + self.t;
         let g = self.r * Vector3::from(gradient);
@@ -170,13 +172,13 @@ impl Camera {
         [by_x, by_y]
     }
 
-    /// The width of a pixel at a place: `∂D/∂(x, y)` of a distance across the line of sight.
-    pub(crate) fn by_pixel_at_most(&self, at: [f64; 3]) -> f64 {
+    /// The width of a pixel at a point: the maximum of `∂D/∂(x, y)`, for a distance across the line of sight.
+    pub(crate) fn pixel_width(&self, at: [f64; 3]) -> f64 {
         let depth = (self.r * Vector3::from(at) + self.t).z;
         depth.abs() / (self.k[(0, 0)] * self.k[(1, 1)]).abs().sqrt()
     }
 
-    /// How `D` at a place on a line of sight changes with the pose `(ω, τ)`, the pixel being held:
+    /// Derivative of `D` at a point on a line of sight by the pose `(ω, τ)`, for a constant pixel:
     /// `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
     pub(crate) fn by_pose(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 6] {
         let inside = self.r * Vector3::from(at) + self.t;

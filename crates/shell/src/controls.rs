@@ -18,7 +18,7 @@ const BENDING: f64 = 2.0;
 /// The finest cell of the grids by which disconnected parts are joined, as a share of the mesh's size.
 const FINEST_CELL: f64 = 1.0 / 2048.0;
 /// Relative tolerance of equal distances, so that rounding does not decide which vertex is chosen.
-const ALIKE: f64 = 1e-9;
+const EQUAL_DISTANCE_TOLERANCE: f64 = 1e-9;
 /// Upper limit of a cotangent, so that thin triangles of controls do not dominate the stiffness.
 const MAX_COTANGENT: f64 = 10.0;
 
@@ -36,16 +36,17 @@ pub struct Controls {
 }
 
 /// The edge graph of a mesh with lengths, along which regions grow.
-struct Roads {
+struct EdgeGraph {
     start: Vec<usize>,
     to: Vec<(u32, f64)>,
     /// Pairs of vertices that join disconnected parts.
     bridges: Vec<[u32; 2]>,
 }
 
-impl Roads {
+impl EdgeGraph {
     fn new(mesh: &TriangleMesh) -> Self {
         let normals = mesh.vertex_normals();
+        // Ordered sets throughout: the order of a hash table would change the controls from run to run.
         let mut pairs: BTreeSet<[u32; 2]> = BTreeSet::new();
         for t in &mesh.triangles {
             for k in 0..3 {
@@ -94,6 +95,8 @@ impl Roads {
 
     /// Assigns to a new source all vertices that are nearer to it than to the sources before (Dijkstra).
     fn grow(&self, source: u32, region: u32, far: &mut [f64], regions: &mut [u32]) {
+        // `far` keeps the distances from earlier sources, so the search visits only the region of the new
+        // one.
         let mut heap = BinaryHeap::from([Reverse((0_u64, source))]);
         far[source as usize] = 0.0;
         regions[source as usize] = region;
@@ -105,7 +108,7 @@ impl Roads {
             }
             for &(to, length) in &self.to[self.start[here as usize]..self.start[here as usize + 1]] {
                 let by_here = reached + length;
-                if by_here < (1.0 - ALIKE) * far[to as usize] {
+                if by_here < (1.0 - EQUAL_DISTANCE_TOLERANCE) * far[to as usize] {
                     far[to as usize] = by_here;
                     regions[to as usize] = region;
                     heap.push(Reverse((by_here.to_bits(), to)));
@@ -134,6 +137,8 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
     };
     let mut cell = (bounds.diagonal() * FINEST_CELL).max(f64::MIN_POSITIVE);
     while count > 1 {
+        // Cells instead of exact nearest pairs: a bridge that is a little too long only changes distances
+        // along it.
         let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
         for &v in &used {
             let at = positions[v as usize];
@@ -177,7 +182,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
     if count == 0 || mesh.triangles.is_empty() {
         return Err(Error::input("controls need a mesh with faces and a count of at least one"));
     }
-    let roads = Roads::new(mesh);
+    let graph = EdgeGraph::new(mesh);
     let mut used = vec![false; mesh.positions.len()];
     for &v in mesh.triangles.iter().flatten() {
         used[v as usize] = true;
@@ -188,15 +193,16 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
     let mut regions = vec![u32::MAX; mesh.positions.len()];
     let mut vertices = Vec::new();
     while vertices.len() < count {
-        let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + ALIKE);
+        let farther = |v: usize, best: usize| far[v] > far[best] * (1.0 + EQUAL_DISTANCE_TOLERANCE);
         let farthest = match vertices.is_empty() {
             true => first,
             false => (0..far.len()).fold(first, |best, v| if farther(v, best) { v } else { best }),
         };
+        // All vertices are controls already.
         if far[farthest] <= 0.0 {
             break;
         }
-        roads.grow(farthest as u32, vertices.len() as u32, &mut far, &mut regions);
+        graph.grow(farthest as u32, vertices.len() as u32, &mut far, &mut regions);
         vertices.push(farthest as u32);
     }
     let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
@@ -208,12 +214,13 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
                 edges.insert([a.min(b), a.max(b)]);
             }
         }
+        // A triangle whose corners belong to three regions is dual to a triangle of their controls.
         of.sort_unstable();
         if of[0] != of[1] && of[1] != of[2] {
             triangles.insert(of);
         }
     }
-    for [a, b] in &roads.bridges {
+    for [a, b] in &graph.bridges {
         let [a, b] = [a, b].map(|v| regions[*v as usize]);
         if a != b {
             edges.insert([a.min(b), a.max(b)]);

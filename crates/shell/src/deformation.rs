@@ -62,6 +62,7 @@ pub trait Deformation: Sync {
 /// ```
 #[must_use]
 pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f64; 3]> {
+    // Once for all vertices; the rows themselves stay short.
     let basis = in_basis(deformation, q);
     (0..deformation.vertices() as u32)
         .into_par_iter()

@@ -41,13 +41,13 @@ pub(crate) struct BorderFace {
     outside: u32,
 }
 
-/// What one search for a cavity leaves to the next: no allocation for each.
+/// A cavity, with buffers that are reused by the next search.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Cavity {
-    /// Tetrahedra whose circumsphere holds the place strictly inside.
+    /// Tetrahedra whose circumsphere contains the point strictly.
     pub tetrahedra: Vec<u32>,
     pub border: Vec<BorderFace>,
-    /// Searches so far, and the search that last looked at each tetrahedron and whether it is in conflict.
+    /// Number of searches, and for each tetrahedron the last search that tested it and its result.
     search: u32,
     looked: Vec<(u32, bool)>,
 }
@@ -93,6 +93,7 @@ impl Delaunay {
         const AXES: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
         let tetrahedra: Vec<Tetrahedron> = (AXES.iter())
             .map(|&[a, b, _]| {
+                // Corners are numbered by bits, one per axis, so walking along an axis sets its bit.
                 let (second, third) = (1 << a, 1 << a | 1 << b);
                 let mut corners = [0, second, third, 7];
                 if orientation(&points, corners) < 0.0 {
@@ -147,6 +148,7 @@ impl Delaunay {
                 self.points[0], self.points[7]
             )));
         }
+        // Successive points are often neighbours, so the walk from the last one is short.
         let start = self.locate(at, self.last);
         let same = (self.corners(start).into_iter()).find(|&c| self.points[c as usize] == at);
         if let Some(same) = same {
@@ -161,8 +163,8 @@ impl Delaunay {
         Ok(new)
     }
 
-    /// The tetrahedron that holds a place, by walking from another towards it: the walk ends, as the
-    /// tetrahedra are Delaunay's (H. Edelsbrunner 1990).
+    /// The tetrahedron that contains a point, by a walk from another one. The walk ends because the
+    /// tetrahedralisation is Delaunay (H. Edelsbrunner 1990).
     pub(crate) fn locate(&self, at: [f64; 3], start: u32) -> u32 {
         let mut here = start;
         loop {
@@ -176,10 +178,12 @@ impl Delaunay {
         }
     }
 
-    /// Tetrahedra whose circumsphere holds the place strictly inside, and the faces around them. The place is
-    /// in `start`, and no corner of it.
+    /// Tetrahedra whose circumsphere contains the point strictly, and the faces around them. The point is in
+    /// `start`, and not one of its corners.
     pub(crate) fn cavity(&self, at: [f64; 3], start: u32, cavity: &mut Cavity) {
         cavity.search += 1;
+        // Marks carry the number of the search and need no clearing. A tetrahedron is tested once, although
+        // up to four faces lead to it.
         cavity.looked.resize(self.tetrahedra.len(), (0, false));
         let search = cavity.search;
         cavity.tetrahedra.clear();
@@ -232,7 +236,8 @@ impl Delaunay {
             self.tetrahedra[t as usize].corners = [OUTSIDE; 4];
         }
         self.free.extend(&cavity.tetrahedra);
-        // Each face that holds the new point is met twice: by its two other corners.
+        // Each face with the new point belongs to two new tetrahedra. The edge of its other corners is the
+        // key.
         let mut open: HashMap<[u32; 2], (u32, usize)> = HashMap::with_capacity(2 * cavity.border.len());
         for face in &cavity.border {
             let [a, b, c] = face.corners;

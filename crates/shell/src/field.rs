@@ -229,6 +229,8 @@ impl<'a> Shell<'a> {
             Metaball::Triangular => count as f64,
             Metaball::Spherical => total / smallest,
         };
+        // A far sphere with a large radius can contribute more than a near small one, so the range of radii
+        // is added.
         let (least, most) = (skeletons.iter().map(|s| s.radius))
             .fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
         let reach = |others: f64| options.reach.unwrap_or_else(|| (others / DEFAULT_TRUNCATION).ln());
@@ -268,6 +270,7 @@ impl<'a> Shell<'a> {
             let radius =
                 (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
             let exponent = -k * (near.distance - radius);
+            // The sum is rescaled when a larger term arrives: one pass, without overflow at any sharpness.
             if exponent > largest {
                 sum = sum * (largest - exponent).exp() + 1.0;
                 largest = exponent;
@@ -342,6 +345,8 @@ impl<'a> Shell<'a> {
         shares.clear();
         let mut nearest: Option<NearFacet> = None;
         self.tree.visit_near(at, self.slack, |near| {
+            // Ties go by index. The orientation follows the nearest facet and must not depend on the order of
+            // the tree.
             let nearer = |best: &NearFacet| (near.distance, near.facet) < (best.distance, best.facet);
             if nearest.as_ref().is_none_or(nearer) {
                 nearest = Some(*near);
@@ -368,6 +373,7 @@ impl<'a> Shell<'a> {
             sums.add(at, &alone, self.height(at, &nearest, facing));
         }
         let mean = sums.height / sums.share;
+        // The second term is the change of the weights. It vanishes on a plane, where all heights are equal.
         let gradient = sums.normal - k * (sums.away_by_height - mean * sums.away);
         Some(ShellDistance {
             distance: mean,

@@ -288,6 +288,7 @@ fn undetermined() -> Error {
 }
 
 fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitOptions) -> Result<()> {
+    // All checks come before the first stage: a fit can take minutes.
     mesh.sanity_check()?;
     options.loss.validate()?;
     if deformation.vertices() != mesh.positions.len() {
@@ -300,8 +301,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let parameters = deformation.parameters();
     if parameters == 0 || parameters > MAX_PARAMETERS {
         return Err(Error::unsupported(format!(
-            "{parameters} parameters: needed between 1 and {MAX_PARAMETERS}, as a third as many control \
-            points"
+            "{parameters} parameters: needed between 1 and {MAX_PARAMETERS}, three for each control point"
         )));
     }
     let sizes = [
@@ -324,7 +324,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     for (name, vector) in lengths {
         if let Some(q) = vector.filter(|q| q.len() != parameters) {
             return Err(Error::input(format!(
-                "{name} is of {} parameters, and there are {parameters}",
+                "{name} has {} parameters, and there are {parameters}",
                 q.len()
             )));
         }

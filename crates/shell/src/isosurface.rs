@@ -11,7 +11,7 @@
 //!
 //! The distance of the nearest facet shows which cells cannot contain the surface; these are not evaluated.
 //!
-//! Not guaranteed: what is thinner than a cell; sharp edges, which are cut off by chords.
+//! Not guaranteed: parts thinner than a cell are lost, and sharp edges are cut off by chords.
 
 use crate::field::Shell;
 use planish_estimate::vector3::norm;
@@ -139,6 +139,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
              of the object, and cells smaller than either",
         ));
     }
+    // A sample is enough for a root mean square.
     let every = mesh.triangles.len().div_ceil(MAX_DEVIATION_SAMPLES).max(1);
     let places: Vec<[f64; 3]> =
         (0..mesh.triangles.len()).step_by(every).map(|t| mesh.point_at(t, [1.0 / 3.0; 3])).collect();
@@ -152,23 +153,25 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     })
 }
 
-/// How far a place near a zero surface is from it, to first order: value over slope.
+/// Distance of a point from the zero surface nearby, to first order: value divided by slope.
 fn deviation(at: [f64; 3], cell: f64, value: &(impl Fn([f64; 3]) -> f64 + Sync)) -> f64 {
     let here = value(at);
     let step = STEP * cell;
+    // One-sided differences: the estimate is of first order anyway, and each value costs a search.
     let slope: [f64; 3] = std::array::from_fn(|k| {
         let mut at = at;
         at[k] += step;
         (value(at) - here) / step
     });
-    // Between two facets the value has a ridge, and is a distance all the same.
+    // The value is a distance, whose slope is 1. On a ridge between two facets the difference is smaller.
     here.abs() / norm(slope).clamp(0.5, 1.0)
 }
 
-/// A mesh with vertices at one place made one.
+/// A mesh with coincident vertices merged.
 fn welded(mesh: &TriangleMesh) -> TriangleMesh {
     let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
     let of: Vec<u32> = (mesh.positions.iter().enumerate())
+        // Adding zero turns −0 into 0, whose bits differ.
         .map(|(v, p)| *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
         .collect();
     TriangleMesh {

@@ -70,12 +70,13 @@ pub struct NaturalNeighbours {
 #[derive(Default)]
 struct Query {
     cavity: Cavity,
-    /// Circumcentres of the tetrahedra in conflict and of the new ones over the border, from the place.
+    /// Circumcentres of the tetrahedra in conflict and of the new ones over the border, relative to the
+    /// point.
     old_centers: Vec<[f64; 3]>,
     new_centers: Vec<[f64; 3]>,
-    /// For each tetrahedron its place in the cavity, where it is in it.
+    /// For each tetrahedron of the cavity, its index in it.
     place_in_cavity: Vec<u32>,
-    /// Volumes, by site; zero but during a query.
+    /// Volumes, by site; zero between queries.
     volumes: Vec<f64>,
     touched: Vec<u32>,
     edges: Vec<([u32; 2], u32, bool)>,
@@ -83,8 +84,8 @@ struct Query {
 }
 
 impl NaturalNeighbours {
-    /// Sites in a box that holds them and the places `also`, twice as large as both. Its corners are sites 0
-    /// to 7. Points that coincide are one site.
+    /// Sites in a box around them and the points `also`, twice as large as both together. The corners of the
+    /// box are sites 0 to 7. Coincident points are one site.
     ///
     /// # Errors
     /// `Input` for points that are not finite, or none at all.
@@ -174,6 +175,7 @@ impl NaturalNeighbours {
         }
         let points = self.delaunay.points();
         let start = self.delaunay.locate(at, query.last);
+        // Neighbouring queries start near each other; the walk is then a few steps.
         query.last = start;
         let near = |site: &u32| distance(points[*site as usize], at) < COINCIDENT * self.size;
         if let Some(site) = self.delaunay.corners(start).into_iter().find(near) {
@@ -185,7 +187,7 @@ impl NaturalNeighbours {
         self.measure(at, &cavity, query);
         query.cavity = cavity;
         for site in query.touched.drain(..) {
-            // A sum that passed through zero is in the list twice; the second time it is gone.
+            // A sum that passed through zero is listed twice; the second entry finds zero.
             let weight = std::mem::take(&mut query.volumes[site as usize]);
             if weight > 0.0 {
                 weights.push(Weight { site, weight });
@@ -225,8 +227,7 @@ impl NaturalNeighbours {
             }
             *own += volume;
         };
-        // Sides dual to a triangle `abc` of old points, which is counter-clockwise seen from where the side
-        // ends.
+        // Sides dual to a triangle `abc` of old points, counter-clockwise as seen from the end of the side.
         let mut old = |[a, b, c]: [u32; 3], from: [f64; 3], to: [f64; 3]| {
             let w = cross(from, to);
             let [pa, pb, pc] = [a, b, c].map(from_place);
@@ -255,6 +256,7 @@ impl NaturalNeighbours {
                 query.edges.push(([p.min(q), p.max(q)], k as u32, p < q));
             }
         }
+        // Each edge of the border belongs to exactly two faces, so sorting pairs them without a table.
         query.edges.sort_unstable_by_key(|(edge, _, forward)| (*edge, !*forward));
         for pair in query.edges.chunks_exact(2) {
             let ([a, b], of) = (pair[0].0, [pair[0].1, pair[1].1]);
@@ -268,12 +270,14 @@ impl NaturalNeighbours {
         }
     }
 
-    /// Makes both sums exact by the least change `δw_j = w_j (λ₀ + λ·p_j)`, which keeps signs and zeros.
+    /// Makes both sums exact by the smallest relative change `δw_j = w_j (λ₀ + λ·p_j)`, which preserves signs
+    /// and zeros.
     fn exact(&self, at: [f64; 3], weights: &mut [Weight]) {
         let reach = (weights.iter()).map(|w| distance(self.site(w.site), at)).fold(0.0, f64::max);
         if reach == 0.0 {
             return;
         }
+        // The second round removes the rounding of the first.
         for _ in 0..2 {
             let (mut normal, mut left) = (Matrix4::zeros(), Vector4::new(1.0, 0.0, 0.0, 0.0));
             for w in weights.iter() {
@@ -282,8 +286,8 @@ impl NaturalNeighbours {
                 normal += w.weight * row * row.transpose();
                 left -= w.weight * row;
             }
-            // A place on a line or in a plane with all its neighbours leaves directions open in which nothing
-            // is to be done.
+            // If the point and all its neighbours are on a line or in a plane, the matrix is singular in the
+            // other directions, where no correction is needed.
             let ridge = 1e-14 * normal.trace();
             let Some(factor) = (normal + Matrix4::from_diagonal_element(ridge)).cholesky() else {
                 return;
@@ -292,13 +296,14 @@ impl NaturalNeighbours {
             for w in weights.iter_mut() {
                 let [x, y, z] = scale(1.0 / reach, sub(self.site(w.site), at));
                 let change = multiplier.dot(&Vector4::new(1.0, x, y, z));
+                // The limit keeps signs, whatever the condition of the system.
                 w.weight *= 1.0 + change.clamp(-0.5, 0.5);
             }
         }
     }
 }
 
-/// The circumcentre of the origin and three points; far away where they are all but in a plane with it.
+/// The circumcentre of the origin and three points; zero if it is not finite, because they are coplanar.
 fn circumcenter_from([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
     let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
     let six = dot(a, bc);

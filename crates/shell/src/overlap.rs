@@ -3,12 +3,12 @@
 use crate::camera::Camera;
 use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 
-/// Vertices of a mesh in the image of a camera, as a depth buffer takes them.
+/// Vertices of a mesh in the image of a camera, as input of a depth buffer.
 #[must_use]
 pub fn projected_vertices(mesh: &TriangleMesh, camera: &Camera) -> Vec<Projected> {
     (mesh.positions.iter())
         .map(|p| match camera.project(*p) {
-            // Pixel centres are at integers, the middle of the buffer's first place is at one half.
+            // Pixel centres are at integers here, and at half integers in the buffer.
             Some((at, depth)) => Projected { at: at.map(|x| x + 0.5), depth },
             None => Projected { at: [0.0; 2], depth: -1.0 },
         })
@@ -37,5 +37,6 @@ pub fn intersection_over_union(
         both += usize::from(*a && *b);
         either += usize::from(*a || *b);
     }
+    // Two empty masks give zero instead of NaN.
     both as f64 / either.max(1) as f64
 }

@@ -128,6 +128,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     }
     let neighbours = vertex_neighbours(&kept);
     for _ in 0..smoothing_passes {
+        // Steps towards the mean alone would shrink the mesh.
         for share in [SHRINKING_STEP, INFLATING_STEP] {
             kept.positions = towards_neighbours(&kept.positions, &neighbours, share);
         }
@@ -196,6 +197,7 @@ fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
     let mut new_of = vec![u32::MAX; mesh.positions.len()];
     let mut kept = TriangleMesh::default();
     for (triangle, part) in mesh.triangles.iter().zip(of) {
+        // A negative volume is a cavity, which stays filled.
         if volumes[part as usize] <= 0.0 || volumes[part as usize] < least * largest {
             continue;
         }

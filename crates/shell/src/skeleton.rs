@@ -1,10 +1,9 @@
 //! The spheres of spherical metaballs: centre and radius for each facet, and the derivative of the centre by
 //! the corners.
 //!
-//! In: a facet. Out: the centre of the smallest circle around it, which is its circumcentre where
-//! no angle is obtuse (C eq. 2) and the middle of its longest side elsewhere: the circumcentre of an obtuse
-//! facet lies outside of it, and that of a facet without area is nowhere. At a right angle both are the same
-//! point.
+//! In: a facet. Out: the centre of the smallest circle around it. Without an obtuse angle it is the
+//! circumcentre (C eq. 2), otherwise the middle of the longest side: the circumcentre of an obtuse facet lies
+//! outside of it, and a facet without area has none. At a right angle both points coincide.
 //!
 //! Not guaranteed: a derivative at right angles, where it jumps.
 
@@ -21,7 +20,7 @@ pub(crate) struct Skeleton {
     pub by_corner: [Matrix3<f64>; 3],
 }
 
-/// Which corner has an angle of 90° or more, or all but so; of several the one opposite the longest side.
+/// The corner opposite the longest side, if its angle is at least 90°.
 fn obtuse_corner(t: &[[f64; 3]; 3]) -> Option<usize> {
     let at = |k: usize| {
         let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
@@ -60,6 +59,7 @@ fn circumcenter(t: &[[f64; 3]; 3]) -> Option<Skeleton> {
         return None;
     }
     let row = |v: [f64; 3]| Vector3::from(v).transpose();
+    // The third row keeps the centre in the plane of the facet, which two equations of distances do not.
     let inverse = Matrix3::from_rows(&[row(b), row(c), row(n)]).try_inverse()?;
     let skew = |v: [f64; 3]| Vector3::from(v).cross_matrix();
     // With b alone moving: (b − C)·db in the first row; −C·dn in the third, dn = db × c.

@@ -66,6 +66,7 @@ impl BaseShape {
     pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
         let [e1, e2, e3] = self.frame;
         let (sin, cos) = (TAU * u).sin_cos();
+        // All four shapes in their own frame; the frame is applied once below.
         let local = match self.shape {
             Shape::Sheet => [(2.0 * u - 1.0) * self.size[0], (2.0 * v - 1.0) * self.size[1], 0.0],
             Shape::Tube => [self.size[0] * cos, self.size[1] * sin, (2.0 * v - 1.0) * self.size[2]],
@@ -87,6 +88,15 @@ impl BaseShape {
     }
 
     /// Parameters `(u, v)` of the base point below a point, from its direction from the axis or centre.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]);
+    /// let [_, v] = ball.parameters([0.0, 0.0, 5.0]);
+    /// assert_eq!(v, 1.0); // above the north pole
+    /// ```
     #[must_use]
     pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
         let d = sub(p, self.centre);
@@ -170,6 +180,7 @@ impl BaseShape {
 /// ```
 pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) -> Result<Surface> {
     if space.shape() == Shape::Ball {
+        // The three anchors of a pole are one point, so collocation on the ball itself is singular.
         let tube = fit_function(&Arc::new(Hierarchy::uniform(Shape::Tube, space.base())?), f)?;
         let vertices = space.vertices_from(|cell| tube.cell_coefficients(cell).unwrap_or([[0.0; 3]; 16]));
         return Surface::new(Arc::clone(space), vertices);
@@ -190,6 +201,7 @@ pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) ->
             })
             .collect();
         surface = Surface::new(Arc::clone(space), vertices)?;
+        // Corrections at the level of rounding cannot get smaller.
         if largest < 1e-15 * norm(target[0]).max(1e-300) {
             break;
         }
@@ -245,6 +257,7 @@ pub fn choose_base_shape(
     if variances[0] <= 0.0 {
         return Err(Error::undetermined("all points coincide: they do not determine a surface"));
     }
+    // A ratio of variances of 1e-12 is a ratio of lengths of 1e-6, far below the noise of any sensor.
     if variances[1] <= 1e-12 * variances[0] {
         return Err(Error::undetermined("all points lie on one line: they do not determine a surface"));
     }
@@ -257,36 +270,7 @@ pub fn choose_base_shape(
         )));
     }
     match shape {
-        Shape::Sheet => {
-            let mut normal = axes[2];
-            let sum = known.iter().fold([0.0; 3], |s, n| add(s, *n));
-            if let Some(direction) = unit(sum)
-                && norm(sum) > 0.5 * known.len() as f64
-            {
-                // Use the mean normal: a folded sheet overlaps less along it than along the direction of
-                // least variance.
-                normal = direction;
-            }
-            let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
-            // Rotate the frame so that the sides of the sheet are those of the smallest box around the
-            // points.
-            let (u, v) = smallest_box(points, u, cross(normal, u));
-            let (lo, hi) = bounds(points, [u, v]);
-            let centre = add(
-                add_scaled(
-                    add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u),
-                    0.5 * (lo[1] + hi[1]) - dot(mean, v),
-                    v,
-                ),
-                [0.0; 3],
-            );
-            // A margin of 0.5 % keeps the outermost points inside.
-            Ok(BaseShape::plane(
-                centre,
-                [u, v],
-                [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * variances[0].sqrt())),
-            ))
-        }
+        Shape::Sheet => Ok(rectangle_around(points, &known, mean, axes, variances[0].sqrt())),
         Shape::Tube => {
             let axis = perpendicular_axis(&known).unwrap_or(axes[0]);
             let (e1, e2) = tangents(axis);
@@ -312,6 +296,7 @@ pub fn choose_base_shape(
             let frame = [axes[0], axes[1], cross(axes[0], axes[1])];
             let size = [0, 1, 2].map(|d| 0.5 * (hi[d] - lo[d]));
             let largest = size[0].max(size[1]).max(size[2]);
+            // A flatter ball would have two sides so close that foot points confuse them.
             Ok(BaseShape { shape, centre, frame, size: size.map(|s| s.max(0.2 * largest)) })
         }
         Shape::Torus => {
@@ -331,6 +316,42 @@ pub fn choose_base_shape(
     }
 }
 
+/// The smallest rectangle around points, perpendicular to the mean of the known normals or to the direction
+/// of least variance. `spread` is the standard deviation of the cloud along its longest axis.
+fn rectangle_around(
+    points: &[[f64; 3]],
+    known: &[[f64; 3]],
+    mean: [f64; 3],
+    axes: [[f64; 3]; 3],
+    spread: f64,
+) -> BaseShape {
+    let mut normal = axes[2];
+    let sum = known.iter().fold([0.0; 3], |s, n| add(s, *n));
+    if let Some(direction) = unit(sum)
+        && norm(sum) > 0.5 * known.len() as f64
+    {
+        // Use the mean normal: a folded sheet overlaps less along it than along the direction of
+        // least variance.
+        normal = direction;
+    }
+    // The principal axis is perpendicular to the third axis but not to the mean normal.
+    let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
+    // Rotate the frame so that the sides of the sheet are those of the smallest box around the
+    // points.
+    let (u, v) = smallest_box(points, u, cross(normal, u));
+    let (lo, hi) = bounds(points, [u, v]);
+    let centre = add(
+        add_scaled(
+            add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u),
+            0.5 * (lo[1] + hi[1]) - dot(mean, v),
+            v,
+        ),
+        [0.0; 3],
+    );
+    // A margin of 0.5 % keeps the outermost points inside.
+    BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * spread)))
+}
+
 /// Sheet, tube or ball from the distribution of normals.
 fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
     if normals.is_empty() {
@@ -340,6 +361,7 @@ fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
     let count = normals.len() as f64;
     let mean = scale(1.0 / count, normals.iter().fold([0.0; 3], |s, n| add(s, *n)));
     if let Some(direction) = unit(mean) {
+        // A few normals may face away: outliers, and noise at the edges of a scan.
         let behind = normals.iter().filter(|n| dot(**n, direction) < 0.1).count() as f64;
         if norm(mean) > 0.5 && behind < 0.03 * count {
             return Shape::Sheet;
@@ -347,8 +369,10 @@ fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
     }
     if let Some(axis) = perpendicular_axis(normals) {
         let along = normals.iter().map(|n| dot(*n, axis).powi(2)).sum::<f64>() / count;
+        // Normals along the axis are caps; a capped cylinder is closed and therefore a ball.
         let caps = normals.iter().filter(|n| dot(**n, axis).abs() > 0.8).count() as f64;
         let (e1, e2) = tangents(axis);
+        // Part of a cylinder is a curved sheet, so a tube needs normals in every sector.
         let mut sectors = [0_usize; 12];
         for n in normals {
             let angle = dot(*n, e2).atan2(dot(*n, e1)).rem_euclid(TAU);
@@ -367,6 +391,7 @@ fn perpendicular_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
     if normals.len() < 3 {
         return None;
     }
+    // Moments about zero, not about the mean: the axis is perpendicular to the normals themselves.
     let mut m = [0.0; 6];
     for n in normals {
         accumulate(&mut m, *n);
@@ -385,6 +410,7 @@ pub fn principal_axes(points: &[[f64; 3]]) -> ([f64; 3], [[f64; 3]; 3], [f64; 3]
         accumulate(&mut m, sub(*p, mean));
     }
     let (mut axes, values) = symmetric_eigen(m.map(|x| x / count));
+    // The signs of eigenvectors are arbitrary and could give a left-handed frame.
     axes[2] = cross(axes[0], axes[1]);
     (mean, axes, values)
 }
@@ -411,6 +437,8 @@ fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
 /// ```
 #[must_use]
 pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
+    // Jacobi rotations instead of the closed form: the roots of the cubic lose half of their digits if two
+    // eigenvalues are close, and the eigenvectors even more.
     let mut a = [[m[0], m[1], m[2]], [m[1], m[3], m[4]], [m[2], m[4], m[5]]];
     let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for _ in 0..60 {
@@ -423,6 +451,8 @@ pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
                 continue;
             }
             let theta = 0.5 * (a[q][q] - a[p][p]) / a[p][q];
+            // The smaller of the two angles that zero the entry (at most 45°). The larger one would exchange
+            // the axes in every sweep (Golub and Van Loan, section 8.5).
             let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
             let t = if theta == 0.0 { 1.0 } else { t };
             let c = 1.0 / t.hypot(1.0);
@@ -446,6 +476,7 @@ pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
     order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
     let axes = order.map(|i| {
         let e = v[i];
+        // The margin decides between components of equal size by position, not by rounding.
         let largest = e.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
         scale(if largest < 0.0 { -1.0 } else { 1.0 }, e)
     });
@@ -468,6 +499,7 @@ fn bounds3(points: &[[f64; 3]], directions: [[f64; 3]; 3]) -> ([f64; 3], [f64; 3
 
 /// Rotates u and v within their plane to the box of minimum area, in steps of 3°.
 fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    // A sample is enough for a frame in steps of 3°.
     let stride = points.len().div_ceil(4000);
     let some: Vec<[f64; 3]> = points.iter().copied().step_by(stride).collect();
     let turned = |degrees: f64| {
@@ -487,6 +519,7 @@ fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f6
 /// Centre of the circle fitted to the projected points (Kåsa's linear fit), in coordinates of e1 and e2.
 fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
     let count = points.len() as f64;
+    // About the mean: third powers of large coordinates would cancel.
     let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]);
     let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points {
@@ -506,83 +539,4 @@ fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() {
-        let r = 2.5;
-        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8]).surface([64, 32]).unwrap();
-        let mut worst = 0.0_f64;
-        for b in 0..=64 {
-            for a in 0..32 {
-                let curvature = sphere.curvature(2.0 * a as f64 + 0.3, b as f64 / 2.0).unwrap();
-                worst = worst.max((curvature.gaussian() * r * r - 1.0).abs());
-                assert!(
-                    (curvature.mean() * r + 1.0).abs() < 0.02,
-                    "outward normals make H = −1/r, at row {b}"
-                );
-            }
-        }
-        assert!(worst < 0.02, "the error of K r² is {worst}");
-    }
-
-    #[test]
-    fn parameters_undo_points() {
-        for base in [
-            BaseShape::plane([1.0, 2.0, 3.0], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]),
-            BaseShape::cylinder([1.0, 2.0, 3.0], [0.0, 0.6, 0.8], 2.0, 3.0),
-            BaseShape::sphere([1.0, 2.0, 3.0], 2.0, [0.6, 0.0, 0.8]),
-            BaseShape::torus([1.0, 2.0, 3.0], [0.6, 0.0, 0.8], 3.0, 1.0),
-        ] {
-            for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.5)] {
-                let back = base.parameters(base.point(u, v));
-                assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12, "{:?}", base.shape);
-            }
-        }
-    }
-
-    #[test]
-    fn shapes_are_recognised_from_their_clouds() {
-        let sample = |base: BaseShape, u_range: f64| -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-            let mut points = Vec::new();
-            let mut normals = Vec::new();
-            for a in 0..60 {
-                for b in 0..30 {
-                    let (u, v) = (u_range * a as f64 / 60.0, (b as f64 + 0.5) / 30.0);
-                    let h = 1e-5;
-                    let p = base.point(u, v);
-                    let (du, dv) = (sub(base.point(u + h, v), p), sub(base.point(u, v + h), p));
-                    points.push(p);
-                    normals.push(unit(cross(du, dv)).unwrap());
-                }
-            }
-            (points, normals)
-        };
-        let sheet = BaseShape::plane([0.0; 3], [[0.8, 0.6, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]);
-        let tube = BaseShape::cylinder([5.0, 0.0, 0.0], [0.6, 0.0, 0.8], 1.0, 4.0);
-        let ball = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]);
-        for (base, range) in [(sheet, 1.0), (tube, 1.0), (ball, 1.0)] {
-            let (points, normals) = sample(base, range);
-            let found = choose_base_shape(&points, &normals, None).unwrap();
-            assert_eq!(found.shape, base.shape);
-            if base.shape == Shape::Tube {
-                assert!(
-                    (found.size[0] - 1.0).abs() < 0.01 && dot(found.frame[2], base.frame[2]).abs() > 0.9999
-                );
-            }
-        }
-        // A quarter of a cylinder is a curved sheet.
-        let (points, normals) = sample(tube, 0.25);
-        assert_eq!(choose_base_shape(&points, &normals, None).unwrap().shape, Shape::Sheet);
-    }
-
-    #[test]
-    fn too_few_or_collinear_points_are_undetermined() {
-        use planish_estimate::ErrorKind;
-        let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 1.0]).collect();
-        for cloud in [&line[..], &line[..3], &[[1.0; 3]; 20][..]] {
-            assert_eq!(choose_base_shape(cloud, &[], None).unwrap_err().kind(), ErrorKind::Undetermined);
-        }
-    }
-}
+mod tests;

@@ -6,7 +6,8 @@
 
 use planish_estimate::{Error, Result};
 
-/// Maximum degree.
+/// Maximum degree. Values fit arrays of fixed length on the stack; a larger maximum makes each of them
+/// larger.
 pub const MAX_DEGREE: usize = 9;
 
 /// Condition at the ends of the domain.
@@ -53,10 +54,10 @@ impl UniformBasis {
         if degree > MAX_DEGREE {
             return Err(Error::input(format!("degree {degree} is above the maximum of {MAX_DEGREE}")));
         }
-        let least = if end == End::Periodic { degree + 1 } else { 1 };
-        if cells < least {
+        let minimum = if end == End::Periodic { degree + 1 } else { 1 };
+        if cells < minimum {
             return Err(Error::input(format!(
-                "degree {degree} needs at least {least} cells here, found {cells}"
+                "degree {degree} needs at minimum {minimum} cells here, found {cells}"
             )));
         }
         Ok(Self { degree, cells, end })
@@ -119,6 +120,7 @@ impl UniformBasis {
         for r in 0..order {
             // Raise the degree by one: the k-th derivative piece is w[k−1] − w[k] of the lower degree.
             let top = self.degree - order + r;
+            // In place from the last piece down: each one needs the old value of its left neighbour.
             let mut above = 0.0;
             for k in (0..=top + 1).rev() {
                 let below = if k == 0 { 0.0 } else { values[k - 1] };
@@ -149,6 +151,17 @@ impl UniformBasis {
     ///
     /// # Panics
     /// When the numbers of coefficients and functions differ.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{End, UniformBasis};
+    ///
+    /// let coarse = UniformBasis::new(3, 1, End::Open)?;
+    /// // Greville points are the coefficients of x = t; on halved cells they are half as far apart.
+    /// let fine = coarse.refine(&[-1.0, 0.0, 1.0, 2.0]);
+    /// assert_eq!(fine, [-0.5, 0.0, 0.5, 1.0, 1.5]);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn refine(&self, coefficients: &[f64]) -> Vec<f64> {
         assert_eq!(coefficients.len(), self.functions(), "one coefficient per function");
@@ -158,6 +171,7 @@ impl UniformBasis {
             for (m, w) in self.two_scale().iter().enumerate() {
                 let j = 2 * i as i64 - self.degree as i64 + m as i64;
                 match self.end {
+                    // Fine functions outside an open domain vanish on it.
                     End::Open if (0..out.len() as i64).contains(&j) => out[j as usize] += w * c,
                     End::Open => {}
                     End::Periodic => out[j.rem_euclid(fine.cells as i64) as usize] += w * c,
@@ -180,6 +194,7 @@ fn uniform_values(degree: usize, t: f64, values: &mut [f64; MAX_DEGREE + 1]) {
     values[0] = 1.0;
     for p in 1..=degree {
         let pf = p as f64;
+        // In place from the last piece down, so that each piece still finds the values of the lower degree.
         for k in (0..=p).rev() {
             let left = if k == 0 { 0.0 } else { values[k - 1] };
             let here = if k == p { 0.0 } else { values[k] };
@@ -190,9 +205,21 @@ fn uniform_values(degree: usize, t: f64, values: &mut [f64; MAX_DEGREE + 1]) {
 }
 
 /// Values and first to third derivatives of the four cubic pieces at `t ∈ [0, 1]`: `out[order][piece]`.
+///
+/// # Examples
+/// ```
+/// use planish_spline::cubic;
+///
+/// let [values, slopes, ..] = cubic(0.0);
+/// // At a knot three functions are nonzero.
+/// assert_eq!(values, [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0]);
+/// assert_eq!(slopes, [-0.5, 0.0, 0.5, 0.0]);
+/// ```
 #[inline]
 #[must_use]
 pub fn cubic(t: f64) -> [[f64; 4]; 4] {
+    // Mirrored pieces are written in `s`: near t = 1 the same polynomials in `t` would lose digits by
+    // cancellation.
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
     [

@@ -16,6 +16,7 @@ type Triangle = [[f64; 16]; 16];
 /// Number of filled entries of row `k`.
 #[inline(always)]
 fn filled(k: usize) -> usize {
+    // Complete rows would double the work; exact triangles would leave SIMD groups half empty.
     4 * (k / 4 + 1)
 }
 
@@ -54,6 +55,7 @@ impl CellInformation {
     /// measured normal, `c` are derivative weights. Cost: about 1,000 multiply-adds in SIMD groups of four.
     #[inline]
     pub fn add_scalar(&mut self, c: &[f64; 16], a: [f64; 3], value: f64, information: f64) {
+        // The block `w a aᵀ` is the same for all pairs of coefficients, up to the factor `c_k c_l`.
         let w = information;
         let outer = [
             w * a[0] * a[0],
@@ -139,6 +141,7 @@ impl CellInformation {
             .map(|w| w.iter().copied().enumerate().filter(|(_, w)| *w != 0.0).collect())
             .collect();
         for a in 0..n {
+            // In two steps, first `E Λ` and then `(E Λ) Eᵀ`: fewer products than over all pairs at once.
             let mut half = [[0.0; 16]; 6];
             for &(k, w) in &sparse[a] {
                 let filled = filled(k);
@@ -146,6 +149,7 @@ impl CellInformation {
                     for (h, m) in half[..filled].iter_mut().zip(&triangle[k][..filled]) {
                         *h += w * m;
                     }
+                    // Only the lower triangle is filled, so the rest of the row is a column.
                     for (h, row) in half[filled..].iter_mut().zip(&triangle[filled..]) {
                         *h += w * row[k];
                     }
@@ -261,6 +265,8 @@ impl CellCovariance {
     pub fn new(space: &Hierarchy, leaf: usize, covariance: &[f64]) -> Self {
         let (nodes, weights) = space.extraction(leaf);
         let n = nodes.len();
+        // Blocks of different coefficients are not symmetric (the transpose belongs to the mirrored pair), so
+        // all nine entries are stored.
         let mut half = vec![[0.0; 9]; n * 16];
         for a in 0..n {
             for b in 0..n {

@@ -35,6 +35,7 @@ impl DirectedMoments {
     /// (1/variance).
     #[inline]
     pub fn add(&mut self, local: [f64; 2], a: [f64; 3], value: f64, information: f64) {
+        // On [−1, 1] the map from moments to information is well conditioned; on [0, 1] all powers are alike.
         let [s, t] = local.map(|x| 2.0 * x - 1.0);
         let (s2, w) = (s * s, information);
         let s4 = s2 * s2;
@@ -117,6 +118,7 @@ impl DirectedSums {
         }
         system.accumulate(|leaf, cell| {
             let moments = &self.leaves[leaf];
+            // For any direction at least one of the entries xx, yy and zz is positive.
             let any = moments.gram.iter().any(|gram| gram[0][0] != 0.0);
             if any {
                 moments.add_to(cell);

@@ -74,6 +74,15 @@ pub fn quadrature() -> [QuadraturePoint; 16] {
 
 impl Surface {
     /// The area of a leaf, integrated by [`quadrature`].
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, 1.0]).surface([4,
+    /// 4])?; assert!((sheet.leaf_area(0) - 8.0 / 16.0).abs() < 1e-12);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn leaf_area(&self, leaf: usize) -> f64 {
         let side = self.space().leaves()[leaf].side();
@@ -123,12 +132,15 @@ impl Surface {
         let own = std::ptr::eq(space, &**self.space());
         for basis in bases {
             let [s, t] = basis.point.local;
+            // The usual case: the leaf is known and need not be located.
             let jet = if own {
                 self.leaf_jet(leaf, s, t)
             } else {
                 let [u, v] = space.parameters(leaf, [s, t]);
                 self.jet(u, v)
             };
+            // Gauss points are inside the leaf and never at a pole, so only a fold is singular. Its energy
+            // would be infinite.
             let Some((rows, area)) = basis.hessian_rows(&jet, side) else {
                 continue;
             };
@@ -184,6 +196,7 @@ impl PointBasis {
         let a2 = -f / e * b2;
         // Coefficients of uu, uv and vv in each row of the frame, and those of u and v by the Christoffel
         // symbols.
+        // The factor √2 of the mixed row makes the sum of squares equal to `|∇∇f|²`, which counts 12 and 21.
         let frame = [
             [a1 * a1, 0.0, 0.0],
             [SQRT_2 * a1 * a2, SQRT_2 * a1 * b2, 0.0],

@@ -21,6 +21,8 @@ pub struct FieldPoints {
 
 impl Default for FieldPoints {
     fn default() -> Self {
+        // Two points per direction. With a single one in the middle, thin parts of a growing ball came out
+        // too short (`docs/decisions/0001-growing-a-ball.md`).
         let near = 0.5 - 0.5 / 3.0_f64.sqrt();
         let along = [near, 1.0 - near];
         Self { along, value: along.map(|s| cubic(s)[0]), slope: along.map(|s| cubic(s)[1]) }
@@ -41,6 +43,7 @@ impl FieldPoints {
     #[inline]
     #[must_use]
     pub fn frames(&self, coefficients: &[[f64; 3]; 16], side: f64) -> [[[f64; 3]; 3]; Self::COUNT] {
+        // Rows first, then columns: the sums along a row are shared by two points.
         let mut sums = [[[0.0; 4]; 3]; Self::COUNT];
         for r in 0..4 {
             let mut row = [[[0.0; 4]; 2]; 2];
@@ -123,6 +126,7 @@ impl SurfaceSystem {
                 for (value, w) in values.iter_mut().zip(&weights[leaf]) {
                     *value = value.map(|x| w * x);
                 }
+                // Leaves are independent. Their sums at the nodes are formed afterwards in a fixed order.
                 points.spread(&values)
             })
             .collect();

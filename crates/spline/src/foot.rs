@@ -97,6 +97,8 @@ pub(crate) fn project_onto(
         let r = sub(jet.point, z);
         let gradient = [dot(jet.du, r), dot(jet.dv, r)];
         for d in 0..2 {
+            // A bound is active only while the point pulls outwards. Otherwise the foot could never leave the
+            // border.
             held[d] =
                 open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
         }
@@ -135,6 +137,7 @@ pub(crate) fn project_onto(
             };
             let next_jet = jet_at(next_leaf, next_local);
             let next2 = squared(sub(next_jet.point, z));
+            // Near the foot point, the distance changes by less than its rounding.
             if next2 <= distance2 * (1.0 + 1e-12) {
                 (at, leaf, local, jet, distance2) = (next, next_leaf, next_local, next_jet, next2);
                 moved = true;
@@ -173,6 +176,8 @@ fn squared(a: [f64; 3]) -> f64 {
 #[inline(always)]
 fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2] {
     let [e, f, gg] = jet.first_form();
+    // Beyond the centre of curvature the Hessian is indefinite and Newton's method climbs to a maximum. Close
+    // to it, its steps are very long. Gauss–Newton always descends.
     let full = [e + dot(jet.duu, r), f + dot(jet.duv, r), gg + dot(jet.dvv, r)];
     let one = |a: f64, a_full: f64, g: f64| {
         let a = if a_full > 0.1 * a { a_full } else { a };
@@ -190,6 +195,7 @@ fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2]
             } else {
                 [e, f, gg, area2]
             };
+            // At a pole S_u is zero, and only v can move.
             if det > 1e-14 * a * c {
                 [-(c * g[0] - b * g[1]) / det, -(a * g[1] - b * g[0]) / det]
             } else {
@@ -215,7 +221,9 @@ enum SampleTree {
     WithNormals(ImmutableKdTree<f64, 6>),
 }
 
-/// Minimum cosine (60°) between all normals and the mean normal for a sheet to be a single layer.
+/// Minimum cosine (60°) between all normals and the mean normal for a sheet to be a single layer. Beyond 90°
+/// the layer would overlap itself in the plane; the margin covers normals between samples (test
+/// `a_rolled_up_sheet_is_not_a_single_layer`).
 const MIN_LAYER_COSINE: f64 = 0.5;
 
 /// For each cell of a raster in a plane, the sample nearest to its centre.
@@ -342,8 +350,22 @@ impl FootPointSearch {
     ///
     /// # Errors
     /// `Undetermined` when no sample of the surface is usable.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{BaseShape, FootPointSearch, ProjectionOptions};
+    ///
+    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+    /// let search = FootPointSearch::new(&ball, 2, 0.0)?;
+    /// let point = [0.0, -2.5, 0.1];
+    /// let foot = ball.project(point, search.nearest(point, [0.0; 3]), &ProjectionOptions::default());
+    /// assert!(foot.converged && (foot.height - 0.5).abs() < 0.01);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn new(surface: &Surface, per_side: usize, normal_scale: f64) -> Result<Self> {
         let space = surface.space();
+        // Positions alone cannot distinguish the two sides of a thin wall, so normals may take part in the
+        // search.
         let (mut samples, mut normals, mut parameters) = (Vec::new(), Vec::new(), Vec::new());
         for leaf in 0..space.leaves().len() {
             for b in 0..per_side {

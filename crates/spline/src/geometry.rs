@@ -40,6 +40,7 @@ impl Curvature {
     /// Computes curvatures from the symmetric second fundamental form `[[a, b], [b, c]]` in an orthonormal
     /// tangent frame.
     fn from_orthonormal(normal: [f64; 3], e1: [f64; 3], e2: [f64; 3], [a, b, c]: [f64; 3]) -> Self {
+        // By the half difference: `√(H² − K)` of nearly equal curvatures would lose half of the digits.
         let mean = 0.5 * (a + c);
         let half = 0.5 * (a - c);
         let radius = half.hypot(b);
@@ -188,6 +189,8 @@ impl Surface {
         let count = 8 * self.space().base()[0];
         // Least squares for [a, b, c] in a x² + 2 b x y + c y² = κ over unit directions (x, y).
         let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+        // A ball is only C¹ at a pole: curvatures differ from meridian to meridian, so many of them are
+        // averaged.
         for n in 0..count {
             let jet = self.jet(extent * n as f64 / count as f64, v);
             let speed = dot(jet.dv, jet.dv);
@@ -204,6 +207,7 @@ impl Surface {
                 }
             }
         }
+        // Cramer's rule: the matrix is well conditioned, because directions cover the whole circle.
         let determinant = dot(m[0], cross(m[1], m[2]));
         let solve = |k: usize| {
             let mut n = m;
@@ -218,6 +222,7 @@ impl Surface {
     /// Direction of v (+1 or −1) away from the pole, if `v` is at a pole of a ball.
     fn pole_direction(&self, v: f64) -> Option<f64> {
         let extent = self.space().extent()[1];
+        // Farther from a pole, `S_u` has correct digits and the usual formulas hold.
         let near = 1e-9 * extent;
         if self.space().shape() != Shape::Ball {
             None

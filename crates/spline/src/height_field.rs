@@ -25,7 +25,8 @@ use planish_estimate::{
 use std::sync::Arc;
 
 /// `ε`: weight of the second-order term relative to the sixth-order term. A small value closes the null
-/// space; a large one flattens the field.
+/// space; a large one flattens the field (tests `only_planes_have_zero_energy` and
+/// `heights_are_recovered_with_a_correct_sigma`).
 const SECOND_ORDER: f64 = 1e-2;
 /// Maximum number of control heights. More indicate a cell size that is too small by mistake.
 const MAX_CELLS: usize = 250_000;
@@ -125,6 +126,7 @@ impl HeightField {
             }
         }
         let sides: [f64; 2] = std::array::from_fn(|k| ((high[k] - low[k]) / cell).ceil().max(1.0));
+        // In floating point: for a tiny cell the product does not fit an integer.
         if sides[0] * sides[1] > MAX_CELLS as f64 {
             return Err(Error::input(format!(
                 "a cell size of {cell} gives {} × {} cells: expected at most {MAX_CELLS}",
@@ -160,6 +162,7 @@ impl HeightField {
         let mut all = vec![None; places.len()];
         let mut covariance = Vec::new();
         for of_cell in order.chunk_by(|a, b| located[*a].0 == located[*b].0) {
+            // One look-up for all points of the cell.
             let nodes = self.grid.nodes(located[of_cell[0]].0);
             if !self.covariance.dense_into(&nodes, &mut covariance) {
                 continue;
@@ -242,6 +245,8 @@ impl Grid {
             vec![Vec::new(); self.cells[0] * self.cells[1]];
         for r in readings {
             let (first, local) = self.locate(r.place);
+            // Sum the readings of a cell in a dense element first: one scatter per cell instead of one per
+            // reading.
             of_cell[first[1] * self.cells[0] + first[0]].push((r, local));
         }
         for (at, members) in of_cell.iter().enumerate().filter(|(_, m)| !m.is_empty()) {
@@ -270,6 +275,7 @@ impl Grid {
             Ok((factor, x))
         };
         let model = SmoothnessModel {
+            // Planes have no energy, so the prior leaves three unknowns free.
             rank: unknowns - 3,
             unknowns,
             equations: readings.len(),
@@ -288,6 +294,7 @@ impl Grid {
                 trace: None,
             })
         };
+        // Start where data and prior have equal traces.
         let total = |of: &BlockInformation| of.diagonal().iter().sum::<f64>();
         let search = SmoothnessSearch {
             tolerance: 0.05,
@@ -426,16 +433,16 @@ mod tests {
     }
 
     #[test]
-    fn invalid_input_is_named() {
+    fn messages_name_the_invalid_value() {
         let readings = noisy(10, 0.1, 1, false);
-        let said = |readings: &[HeightReading], cell: f64| {
+        let message = |readings: &[HeightReading], cell: f64| {
             HeightField::fit(readings, cell, Dispersion::Known(1.0)).unwrap_err().to_string()
         };
-        assert!(said(&readings, 0.0).contains("positive"));
-        assert!(said(&readings, 1e-6).contains("at most"));
-        assert!(said(&readings[..3], 1.0).contains("four"));
+        assert!(message(&readings, 0.0).contains("positive"));
+        assert!(message(&readings, 1e-6).contains("at most"));
+        assert!(message(&readings[..3], 1.0).contains("four"));
         let mut bad = readings;
         bad[7].information = 0.0;
-        assert!(said(&bad, 1.0).contains("height 7"));
+        assert!(message(&bad, 1.0).contains("height 7"));
     }
 }

@@ -50,7 +50,7 @@ impl Cell {
     }
 }
 
-/// Maximum level.
+/// Maximum level. With base grids of at most 2^14 cells, cell numbers of one direction stay below 2^26.
 pub const MAX_LEVEL: usize = 12;
 
 const NOT_A_LEAF: u32 = u32::MAX;
@@ -97,6 +97,8 @@ impl Hierarchy {
     /// `Input` when a periodic direction has fewer than 4 cells, a ball has fewer than 4 rows, or another
     /// direction has no cell.
     pub fn uniform(shape: Shape, base: [usize; 2]) -> Result<Self> {
+        // In a periodic direction of fewer than four cells a cubic would overlap itself. A ball needs two
+        // rings of functions at each pole and a third one beyond them.
         let minimum =
             [if shape.periodic_u() { 4 } else { 1 }, if shape.periodic_v() || shape.polar() { 4 } else { 1 }];
         for d in 0..2 {
@@ -125,6 +127,16 @@ impl Hierarchy {
     ///
     /// # Errors
     /// `Input` when the cells do not tile the domain exactly once, or a pole is not split all around.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape};
+    ///
+    /// let refined = Hierarchy::uniform(Shape::Tube, [6, 4])?.refine(&[7, 8, 13, 14]);
+    /// let rebuilt = Hierarchy::from_leaves(Shape::Tube, [6, 4], refined.leaves())?;
+    /// assert_eq!(rebuilt.leaves(), refined.leaves());
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn from_leaves(shape: Shape, base: [usize; 2], leaves: &[Cell]) -> Result<Self> {
         let mut hierarchy = Self::uniform(shape, base)?;
         let mut split = std::mem::take(&mut hierarchy.split);
@@ -143,6 +155,8 @@ impl Hierarchy {
                 split[level][j * columns + i] = true;
             }
         }
+        // The given cells must satisfy grading already. If `close` had to split more, the leaves would not be
+        // those given.
         let before = split.clone();
         close(shape, base, &mut split, usize::MAX);
         if before.iter().flatten().filter(|&&s| s).count() != split.iter().flatten().filter(|&&s| s).count() {
@@ -298,6 +312,7 @@ impl Hierarchy {
     fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
         let [columns, rows] = grid(self.base, level);
         let scale = (1_u64 << level) as f64;
+        // The upper end of the domain belongs to the last cell.
         let i = ((u * scale) as usize).min(columns - 1);
         let j = ((v * scale) as usize).min(rows - 1);
         match self.leaf_number[level][j * columns + i] {
@@ -339,6 +354,7 @@ impl Hierarchy {
             if level >= self.leaf_number.len() {
                 continue;
             }
+            // From fine to coarse: a leaf of this level or the first one above it.
             let shift = usize::from(cell.level) - level;
             let (i, j) = (cell.i as usize >> shift, cell.j as usize >> shift);
             let columns = grid(self.base, level)[0];
@@ -380,6 +396,7 @@ impl Hierarchy {
     /// of this hierarchy. The coefficient of a truncated function equals that of the untruncated one on any
     /// leaf of its level (preservation of coefficients), so one leaf per function is sufficient.
     pub fn vertices_from(&self, mut coefficients: impl FnMut(Cell) -> [[f64; 3]; 16]) -> Vec<[f64; 3]> {
+        // Each function needs a single leaf of its level, so most leaves need no coefficients at all.
         let mut of_function: Vec<Option<[f64; 3]>> = vec![None; self.functions.len()];
         let index: HashMap<Cell, usize> = self.functions.iter().enumerate().map(|(n, &f)| (f, n)).collect();
         for &cell in &self.leaves {
@@ -409,6 +426,7 @@ impl Hierarchy {
             let columns = grid(self.base, pole.level)[0];
             // β1 = (c1 + c2/2)/1.5, then p, a and b by least squares over the ring. This is exact for a polar
             // surface.
+            // The splines of cosine and sine are orthogonal around the ring, so the three unknowns separate.
             let mut sums = [[0.0; 3]; 3];
             let mut squares = [0.0; 2];
             for i in 0..columns {
@@ -439,6 +457,7 @@ impl Hierarchy {
     /// # Errors
     /// `Input` that names the first violated invariant.
     pub fn sanity_check(&self) -> Result<()> {
+        // Sides are powers of two, so the sum of areas has hardly any rounding.
         let area: f64 = self.leaves.iter().map(|cell| cell.side() * cell.side()).sum();
         if (area - self.extent()[0] * self.extent()[1]).abs() > 1e-9 * area {
             return Err(Error::input("the leaves do not tile the domain"));

@@ -91,6 +91,7 @@ impl Metric {
         let leaf_change = |(then, now): (&[[f64; 3]; POINTS], &[[f64; 3]; POINTS])| {
             let mut change = MetricChange::default();
             for (q, ([e, f, g], [e1, f1, g1])) in quadrature().iter().zip(then.iter().zip(now)) {
+                // Relative changes do not depend on the parametrisation of the leaf.
                 let scale = [*e, (e * g).sqrt(), *g].map(|s| s.max(f64::MIN_POSITIVE));
                 let sizes = [(e1 - e) / scale[0], (f1 - f) / scale[1], (g1 - g) / scale[2]].map(f64::abs);
                 for d in 0..3 {
@@ -140,10 +141,14 @@ impl SurfaceSystem {
             for ((q, [du, dv]), form) in points.iter().zip(&metric.forms[leaf]) {
                 let Some(gauges) = rosette(form) else { continue };
                 let jet = surface.leaf_jet(leaf, q.local[0], q.local[1]);
+                // Lengths instead of E, F and G: a row of the sparse equations weighs its vertices along one
+                // direction, and F couples two.
                 for [a, b] in gauges {
                     let row: [f64; 16] = std::array::from_fn(|k| (a * du[k] + b * dv[k]) / side);
                     let along = directional(&jet, a, b);
                     let square = dot(along, along);
+                    // The quadrature weights of a leaf sum to one, so all its gauges together have the stated
+                    // σ.
                     cell.add_scalar(&row, scale(2.0, along), 1.0 + square, q.weight / sigma[leaf].powi(2));
                 }
                 any = true;

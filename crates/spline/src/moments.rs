@@ -92,6 +92,7 @@ impl CellMoments {
         for d in 0..3 {
             self.squares[d] += factor * other.squares[d];
         }
+        // The count is a number of positions, not information.
         self.squares[3] += other.squares[3];
     }
 
@@ -103,6 +104,7 @@ impl CellMoments {
         let [along_u, along_v] = quarter.map(|half| &POWERS_OF_HALF[half]);
         for j in 0..7 {
             // Sum over powers of t first.
+            // Separable: 7 × 7 sums along v and then along u, instead of one sum over all pairs.
             let mut row = [0.0; 7];
             for (l, weight) in along_v[j][..=j].iter().enumerate() {
                 for (sum, m) in row.iter_mut().zip(&fine.gram[l]) {
@@ -130,6 +132,7 @@ impl CellMoments {
     /// Adds a run of positions. Sums of the matrix and then of the vector stay in registers.
     #[inline(always)]
     fn add_run<const FUSED: bool>(&mut self, run: &[Reading]) {
+        // Local copies stay in registers during a run. Through the reference, each addition would be a store.
         let mut gram = self.gram;
         for reading in run {
             let ([s, t], w) = (reading.local, reading.information);
@@ -203,6 +206,7 @@ pub(crate) fn matrix_of_moments(gram: &[[f64; 8]; 7]) -> [[f64; 16]; 16] {
             for r in 0..4 {
                 for q in 0..=r {
                     let sum: f64 = (0..7).map(|j| products[r][q][j] * along[j]).sum();
+                    // Products of weights are symmetric in both directions, so one sum gives four entries.
                     for (r, q) in [(r, q), (q, r)] {
                         matrix[4 * r + k][4 * q + l] = sum;
                         matrix[4 * r + l][4 * q + k] = sum;

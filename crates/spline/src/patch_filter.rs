@@ -3,13 +3,18 @@
 //! Input: an initial surface, a smoothness prior, and readings at known parameters in any order. Output: a
 //! surface and its σ at any time. Memory and the cost of a reading do not depend on the number of readings.
 //!
-//! | module | what |
-//! |---|---| | quadtree | leaf patches of 4 × 4 cells and 7 × 7 vertices, and what neighbours share | |
-//! belief | mean and covariance of one patch, scalar updates | | reading | positions, normals, curvatures as
-//! scalar equations | | observe | update with one reading, or its rejection | | prior | the smoothness prior,
-//! the same as in the global filter | | reconcile | exchange of information between neighbours, without
-//! counting it twice | | criterion | criteria for subdivision | | filter | the filter built from these
-//! modules |
+//! | module | content |
+//! |---|---|
+//! | quadtree | leaf patches of 4 × 4 cells and 7 × 7 vertices, and the vertices that neighbours share |
+//! | belief | mean and covariance of one patch, scalar updates |
+//! | reading | positions, normals, curvatures as scalar equations |
+//! | observe | update with one reading, or its rejection |
+//! | prior | the smoothness prior, the same as in the global filter |
+//! | reconcile | exchange of information between neighbours, without counting it twice |
+//! | criterion | criteria for subdivision |
+//! | evaluate | surface, σ and curvatures |
+//! | state | state as plain data, for saving and resuming |
+//! | filter | the filter built from these modules |
 //!
 //! A single patch is the global filter in covariance form. With several patches, a reading updates its own
 //! patch at once and the others at the next [`PatchFilter::reconcile`]. On a strip of patches the result

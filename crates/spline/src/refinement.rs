@@ -74,6 +74,23 @@ pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<
 ///
 /// # Errors
 /// `Undetermined` when `prior_fine` has a null space beyond that of the coarse vertices.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DMatrix;
+/// use planish_spline::{detail_covariance, energy_projection};
+///
+/// // Two fine values from one coarse value; the energy is the square of their difference.
+/// let alpha = DMatrix::from_row_slice(2, 1, &[1.0, 1.0]);
+/// let energy = DMatrix::from_row_slice(2, 2, &[1.0, -1.0, -1.0, 1.0]);
+/// let null_space = DMatrix::from_element(2, 1, 0.5_f64.sqrt());
+/// let detail = detail_covariance(&alpha, &energy, &null_space)?;
+/// // The difference has variance 1; the coarse projection has none.
+/// assert!((detail[(0, 0)] - 2.0 * detail[(0, 1)] + detail[(1, 1)] - 1.0).abs() < 1e-12);
+/// let projection = energy_projection(&alpha, &energy, &null_space)?;
+/// assert!((&projection * &detail * projection.transpose()).amax() < 1e-12);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn detail_covariance(
     alpha: &DMatrix<f64>,
     prior_fine: &DMatrix<f64>,
@@ -81,6 +98,7 @@ pub fn detail_covariance(
 ) -> Result<DMatrix<f64>> {
     // K + N Nᵀ is proper. N is in the coarse space, so the added term affects only c.
     let scale = prior_fine.diagonal().mean();
+    // Scaled to the size of the energy, so that the sum stays well conditioned.
     let proper = prior_fine + scale * null_space * null_space.transpose();
     let inverse = proper
         .clone()

@@ -106,6 +106,7 @@ impl Surface {
         let leaf = self.space.leaf_over(cell)?;
         let mut coefficients = self.local[leaf];
         let depth = cell.level - self.space.leaves()[leaf].level;
+        // From the highest bit down: the quarter, then the quarter of the quarter.
         for d in (0..depth).rev() {
             coefficients = quarter3(&coefficients, (cell.i >> d) as usize & 1, (cell.j >> d) as usize & 1);
         }
@@ -175,6 +176,7 @@ impl Surface {
         if finer.shape() != self.space.shape() || finer.base() != self.space.base() {
             return Err(Error::input("refinement needs the same shape and base grid"));
         }
+        // `vertices_from` needs coefficients on every cell, so this is checked first.
         if let Some(cell) = finer.leaves().iter().find(|&&cell| self.space.leaf_over(cell).is_none()) {
             return Err(Error::input(format!(
                 "the other hierarchy is coarser at {cell:?} and cannot represent this surface"
@@ -208,6 +210,7 @@ pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
 #[inline(always)]
 pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
     let (bu, bv) = (cubic(s), cubic(t));
+    // Padded to four lanes: each inner loop is one vector operation.
     let mut sums = [[0.0; 4]; 6];
     for r in 0..4 {
         // Three derivatives along the row, then down the columns.
@@ -228,6 +231,7 @@ pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
             }
         }
     }
+    // Scaled once at the end instead of in every weight.
     let part = |n: usize, scale: f64| [scale * sums[n][0], scale * sums[n][1], scale * sums[n][2]];
     Jet {
         point: part(0, 1.0),

@@ -113,6 +113,23 @@ impl SurfaceSystem {
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape, SurfaceSystem, leaf_weights};
+    /// use std::sync::Arc;
+    ///
+    /// let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4])?);
+    /// let system = SurfaceSystem::new(&space)?;
+    /// let up = [0.0, 0.0, 1.0];
+    /// let information = system.accumulate_along(&vec![up; space.node_count()], |leaf, add| {
+    ///     if leaf == 5 {
+    ///         add(&leaf_weights(0.5, 0.5), up, 0.2, 100.0); // z = 0.2 with σ = 0.1
+    ///     }
+    /// })?;
+    /// assert!((information.quadratic_form(&vec![1.0; space.node_count()])? - 100.0).abs() < 1e-9);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn accumulate_along(
         &self,
         directions: &[[f64; 3]],
@@ -132,6 +149,7 @@ impl SurfaceSystem {
                     .flat_map(|(a, w)| w.iter().enumerate().map(move |(k, w)| (a, k, *w)))
                     .filter(|(_, _, w)| *w != 0.0)
                     .collect();
+                // Leaves without readings allocate nothing and add nothing.
                 let mut made: Option<(Vec<f64>, Vec<f64>)> = None;
                 let mut row = vec![0.0; n];
                 rows(leaf, &mut |c, direction, value, w| {
@@ -172,6 +190,8 @@ impl SurfaceSystem {
                 .with_min_len(16)
                 .map_init(&scratch, |scratch, k| element(scratch, number * BATCH + k))
                 .collect();
+            // Additions of floating-point numbers are not associative, so the elements are added serially in
+            // their order.
             for (scatter, element) in scatters.iter().zip(&elements) {
                 if let Some((matrix, vector)) = element {
                     information.add_scattered(scatter, matrix, vector)?;
@@ -189,6 +209,7 @@ impl SurfaceSystem {
             .par_iter()
             .with_min_len(256)
             .map(|a| {
+                // Anchors of functions at an open border lie outside the domain.
                 let [u, v] = self.space.wrap(a[0], a[1]);
                 surface.normal(u, v).unwrap_or([0.0; 3])
             })
@@ -204,6 +225,7 @@ impl SurfaceSystem {
         information: &BlockInformation,
         directions: &[[f64; 3]],
     ) -> Result<BlockInformation> {
+        // Information of another source may have a smaller pattern.
         let information = information.on_pattern(&self.pattern)?;
         let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
         let values = information.values();
@@ -387,6 +409,8 @@ impl SurfaceSystem {
         let symbolic = match self.symbolic.get() {
             Some(symbolic) => symbolic,
             None => {
+                // The analysis can fail, so it is done outside `get_or_init`. Two threads may both do it; the
+                // results are equal.
                 let made = Arc::new(SymbolicFactor::analyse(&self.pattern, &self.ordering, 3)?);
                 self.symbolic.get_or_init(|| made)
             }

@@ -59,6 +59,19 @@ pub struct TangentRows {
 
 impl Surface {
     /// Frame and rows at leaf-local coordinates; `None` if the parametrisation is singular.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape, fit_function};
+    ///
+    /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
+    /// let plane = fit_function(&space, |u, v| [u, v, 0.0])?;
+    /// let rows = plane.tangent_rows(5, [0.5, 0.5]).expect("a tangent plane");
+    /// // A measured normal that leans by 0.01 rad towards u.
+    /// let [along_u, along_v] = rows.tilt([0.01, 0.0, 1.0]);
+    /// assert!((along_u - 0.01).abs() < 1e-12 && along_v.abs() < 1e-12);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn tangent_rows(&self, leaf: usize, [s, t]: [f64; 2]) -> Option<TangentRows> {
         let jet = self.leaf_jet(leaf, s, t);
@@ -76,6 +89,7 @@ impl TangentRows {
         let e2 = cross(normal, e1);
         let (m, q) = (dot(jet.dv, e1), dot(jet.dv, e2));
         let frame = [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]];
+        // Tangents that are parallel up to rounding have a normal, but no usable frame.
         if !frame.iter().flatten().all(|x| x.is_finite()) {
             return None;
         }
@@ -148,8 +162,18 @@ impl TangentRows {
     }
 }
 
-/// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`, as `[xx, xy, xz, yy, yz, zz]`;
-/// The normal component of `d1` is removed. `None` if nothing remains or the normal is not a unit vector.
+/// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`, as `[xx, xy, xz, yy, yz, zz]`.
+///
+/// The normal component of `d1` is removed. `None` if nothing remains or the normal is zero.
+///
+/// # Examples
+/// ```
+/// use planish_spline::curvature_tensor;
+///
+/// // A cylinder of radius 2 along z, at its point on the x axis: curved around y only.
+/// let tensor = curvature_tensor([-0.5, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]);
+/// assert_eq!(tensor, Some([0.0, 0.0, 0.0, -0.5, 0.0, 0.0]));
+/// ```
 #[must_use]
 pub fn curvature_tensor([k1, k2]: [f64; 2], direction: [f64; 3], normal: [f64; 3]) -> Option<[f64; 6]> {
     let n = unit(normal)?;
@@ -199,7 +223,7 @@ mod tests {
                 .zip(surface.leaf_coefficients(leaf))
                 .map(|(a, b)| dot(sub(*a, *b), rows.normal))
                 .collect();
-            let told = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
+            let predicted = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
             let tensor = |rows: &TangentRows, e: [f64; 3], f: [f64; 3]| {
                 // II(e, f) of fixed directions in the frame of the current surface.
@@ -217,15 +241,18 @@ mod tests {
                 };
                 let e = rows.tangents[i];
                 let change = (tilt(&now, e) - tilt(&rows, e)) / step;
-                assert!((change - told(&rows.slopes[i])).abs() < 5e-3 * (1.0 + change.abs()), "{change}");
+                assert!(
+                    (change - predicted(&rows.slopes[i])).abs() < 5e-3 * (1.0 + change.abs()),
+                    "{change}"
+                );
             }
             for (n, (i, j)) in [(0, 0), (0, 1), (1, 1)].into_iter().enumerate() {
                 let (e, f) = (rows.tangents[i], rows.tangents[j]);
                 let change = (tensor(&now, e, f) - tensor(&rows, e, f)) / step;
                 assert!(
-                    (change - told(&rows.bends[n])).abs() < 1e-4 * (1.0 + change.abs()),
+                    (change - predicted(&rows.bends[n])).abs() < 1e-4 * (1.0 + change.abs()),
                     "{n}: {change} {}",
-                    told(&rows.bends[n])
+                    predicted(&rows.bends[n])
                 );
             }
         }
@@ -251,7 +278,7 @@ mod tests {
         let leaf = (0..leaves.len()).find(|&leaf| leaves[leaf].j == 6).unwrap();
         let rows = ball.tangent_rows(leaf, [0.4, 0.3]).unwrap();
         let unit_change = 1.0 / (radius * radius);
-        let told = |motion: &dyn Fn([f64; 3]) -> [f64; 3], row: &[f64; 16]| -> f64 {
+        let predicted = |motion: &dyn Fn([f64; 3]) -> [f64; 3], row: &[f64; 16]| -> f64 {
             let coefficients = ball.leaf_coefficients(leaf);
             (row.iter().zip(coefficients)).map(|(w, p)| w * dot(motion(*p), rows.normal)).sum()
         };
@@ -259,12 +286,12 @@ mod tests {
         // Translation along the normal of the point: each vertex moves by the component along its own normal.
         let shifted = |p: [f64; 3]| scale(dot(grown(p), rows.normal), grown(p));
         for n in [0, 2] {
-            let growth = told(&grown, &rows.bends_along_normals[n]);
+            let growth = predicted(&grown, &rows.bends_along_normals[n]);
             assert!((growth - unit_change).abs() < 0.06 * unit_change, "{growth} {unit_change}");
-            let shift = told(&shifted, &rows.bends_along_normals[n]);
+            let shift = predicted(&shifted, &rows.bends_along_normals[n]);
             assert!(shift.abs() < 0.05 * unit_change, "{shift}");
             // The row for motions along one normal has the wrong sign for growth.
-            assert!(told(&grown, &rows.bends[n]) < -0.9 * unit_change);
+            assert!(predicted(&grown, &rows.bends[n]) < -0.9 * unit_change);
         }
     }
 
@@ -295,13 +322,13 @@ mod tests {
                 (after.leaf_coefficients(leaf).iter().zip(cylinder.leaf_coefficients(leaf)))
                     .map(|(a, b)| dot(sub(*a, *b), rows.normal))
                     .collect();
-            let told = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
+            let predicted = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
             for n in 0..3 {
                 // The first tangent stays in the plane of the first direction, to first order.
                 let change = (now.form[n] - rows.form[n]) / step;
-                plain += (change - told(&rows.bends[n])).powi(2);
-                along += (change - told(&rows.bends_along_normals[n])).powi(2);
+                plain += (change - predicted(&rows.bends[n])).powi(2);
+                along += (change - predicted(&rows.bends_along_normals[n])).powi(2);
             }
         }
         assert!(along < 0.01 * plain, "{along} {plain}");
@@ -318,9 +345,9 @@ mod tests {
         assert!(norm(jet.duu) > 0.3);
         // A tilt of the plane does not change its curvature. Covariant rows are zero, plain second
         // derivatives are not.
-        let told =
+        let predicted =
             |w: &[f64; 16]| -> f64 { w.iter().zip(plane.leaf_coefficients(5)).map(|(w, c)| w * c[0]).sum() };
-        assert!(told(&rows.bends[0]).abs() < 1e-12);
+        assert!(predicted(&rows.bends[0]).abs() < 1e-12);
     }
 
     #[test]

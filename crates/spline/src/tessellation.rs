@@ -93,10 +93,10 @@ pub struct Tessellation {
 pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Tessellation> {
     let divided = divide(surface, options)?;
     let count = divided.len();
-    let least = triangles_of(&divided);
-    if least > 1 << 31 {
+    let minimum = triangles_of(&divided);
+    if minimum > 1 << 31 {
         return Err(Error::input(format!(
-            "a mesh tolerance of {} needs at least {least} triangles, more than the limit of 2^31: use a \
+            "a mesh tolerance of {} needs at least {minimum} triangles, more than the limit of 2^31: use a \
              larger tolerance",
             options.tolerance
         )));
@@ -148,6 +148,16 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
 ///
 /// # Errors
 /// `Input` when the tolerance is not positive or the divisions are not in 1 to 64.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{BaseShape, TessellationOptions, min_triangles};
+///
+/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// let count = |tolerance| min_triangles(&ball, &TessellationOptions { tolerance, ..Default::default() });
+/// assert!(count(0.01)? > 4 * count(0.1)?);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn min_triangles(surface: &Surface, options: &TessellationOptions) -> Result<u64> {
     divide(surface, options).map(|divided| triangles_of(&divided))
 }
@@ -163,11 +173,11 @@ fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32;
             options.max_divisions
         )));
     }
-    let most = options.max_divisions.ilog2();
+    let max_log2 = options.max_divisions.ilog2();
     Ok((0..surface.space().leaves().len())
         .into_par_iter()
         .with_min_len(CHUNK)
-        .map(|leaf| divisions(surface.leaf_coefficients(leaf), options.tolerance, most))
+        .map(|leaf| divisions(surface.leaf_coefficients(leaf), options.tolerance, max_log2))
         .collect())
 }
 
@@ -177,7 +187,7 @@ fn triangles_of(divided: &[([u32; 2], bool)]) -> u64 {
 }
 
 /// Binary logarithms of the divisions along u and v, and true if the limit was reached.
-fn divisions(c: &[[f64; 3]; 16], tolerance: f64, most: u32) -> ([u32; 2], bool) {
+fn divisions(c: &[[f64; 3]; 16], tolerance: f64, max_log2: u32) -> ([u32; 2], bool) {
     // Derivatives in leaf-local coordinates are convex combinations of these differences.
     let (mut uu, mut uv, mut vv) = (0.0_f64, 0.0_f64, 0.0_f64);
     for r in 0..4 {
@@ -199,16 +209,19 @@ fn divisions(c: &[[f64; 3]; 16], tolerance: f64, most: u32) -> ([u32; 2], bool) 
         let (hu, hv) = (0.5_f64.powi(a as i32), 0.5_f64.powi(b as i32));
         (hu * hu * uu + 2.0 * hu * hv * uv + hv * hv * vv) / 8.0
     };
+    // Fewest rectangles first, then the smaller error. Dividing both directions alike would waste triangles
+    // on surfaces curved in one direction only.
     let mut best: Option<(u32, f64, [u32; 2])> = None;
-    for a in 0..=most {
-        if let Some(b) = (0..=most).find(|&b| chord(a, b) <= tolerance) {
+    for a in 0..=max_log2 {
+        // For each division along u, the smallest sufficient one along v: the bound decreases with both.
+        if let Some(b) = (0..=max_log2).find(|&b| chord(a, b) <= tolerance) {
             let found = (a + b, chord(a, b), [a, b]);
             if best.is_none_or(|b| (found.0, found.1) < (b.0, b.1)) {
                 best = Some(found);
             }
         }
     }
-    best.map_or(([most; 2], true), |(_, _, n)| (n, false))
+    best.map_or(([max_log2; 2], true), |(_, _, n)| (n, false))
 }
 
 /// The sides of a leaf, counter-clockwise from v = 0.
@@ -252,6 +265,8 @@ impl<'a> Lattice<'a> {
         let length = 1_u32 << (shift + self.depth);
         let [columns, rows] = space.base().map(|n| (n as u64) << (self.finest + self.depth));
         let start = [cell.i, cell.j].map(|c| u64::from(c) * u64::from(length));
+        // Integers instead of coordinates: vertices of neighbours are identified exactly, without a
+        // tolerance.
         let key = |x: u64, y: u64| {
             let x = if space.shape().periodic_u() { x % columns } else { x };
             let y = if space.shape().periodic_v() { y % rows } else { y };
@@ -326,6 +341,7 @@ impl<'a> Lattice<'a> {
                 let there = Cell { level: self.finest as u8, i: i as u32, j: j as u32 };
                 if let Some(neighbour) = space.leaf_over(there) {
                     let s = self.finest - u32::from(space.leaves()[neighbour].level);
+                    // A side can have several finer neighbours, each with its own steps.
                     end = end.min(((at >> s) + 1) << s);
                     step = step.min(self.steps[neighbour][direction]);
                 }
@@ -342,6 +358,7 @@ impl<'a> Lattice<'a> {
 /// Numbers all vertices in the order of the leaves: lattice points on borders once, then inner vertices.
 fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
     let ring: usize = plans.iter().map(|plan| plan.ring.len()).sum();
+    // Numbers follow the order of the leaves; the table is only searched, so its own order does not matter.
     let mut known: HashMap<u64, u32> = HashMap::with_capacity(ring / 2);
     let mut next = 0_u32;
     let full = || Error::input("the mesh has more than 2^32 vertices: use a larger mesh tolerance");

@@ -115,7 +115,12 @@ fn simulated_grid_gives_points_normals_and_curvatures() {
     assert!(near["backward"]["p95"].as_f64().expect("a number").abs() < 1.0, "{near}");
     let wrong =
         planish(folder.path(), &["sense", "grid", "s/plain-1.png", "--calib", "s/grid.toml", "-o", "p.ply"]);
-    assert!(wrong.code == 1 && wrong.stderr.contains("cannot be told"), "{} {}", wrong.code, wrong.stderr);
+    assert!(
+        wrong.code == 1 && wrong.stderr.contains("could not be identified"),
+        "{} {}",
+        wrong.code,
+        wrong.stderr
+    );
 }
 
 #[test]

@@ -84,6 +84,42 @@ pub struct ImplicitFit {
 /// # Errors
 /// `Input` when shapes differ, or when no reading has a foot point at the start.
 ///
+/// # Examples
+/// Radius of a circle about the origin from three points with σ = 0.1 in both coordinates:
+/// ```
+/// use nalgebra::DVector;
+/// use planish_estimate::implicit::{ImplicitOptions, ImplicitReading, fit_implicit};
+///
+/// struct OnCircle([f64; 2]);
+///
+/// impl ImplicitReading for OnCircle {
+///     fn state(&self) -> usize {
+///         1
+///     }
+///     fn noise(&self) -> usize {
+///         2
+///     }
+///     fn gradient(&self, _: usize, x: &[f64], u: &[f64], by_x: &mut [f64], by_u: &mut [f64]) -> f64 {
+///         let p = [self.0[0] - 0.1 * u[0], self.0[1] - 0.1 * u[1]];
+///         let radius = p[0].hypot(p[1]);
+///         by_x[0] = -1.0;
+///         by_u[0] = -0.1 * p[0] / radius;
+///         by_u[1] = -0.1 * p[1] / radius;
+///         radius - x[0]
+///     }
+/// }
+///
+/// let readings = [[2.1, 0.0], [0.0, 1.9], [-2.0, 0.0]].map(OnCircle);
+/// let start = DVector::from_element(1, 1.5);
+/// let options = ImplicitOptions { correct_bias: false, ..ImplicitOptions::default() };
+/// let fit = fit_implicit(&readings, None, &start, &options)?;
+/// assert!((fit.state[0] - 2.0).abs() < 1e-6);
+/// // Noise along the circle makes it seem larger by about σ²/2R.
+/// let corrected = fit_implicit(&readings, None, &start, &ImplicitOptions::default())?;
+/// assert!((corrected.state[0] - (2.0 - 0.1 * 0.1 / 4.0)).abs() < 1e-4);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
 /// # References
 /// Helmert 1907; Pope 1972, as [`least_squares`](crate::least_squares); Kanatani and Rangarajan 2011, *Hyper
 /// least squares fitting of circles and ellipses* (second-order bias).
@@ -217,6 +253,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                     return Err(Error::input("with shared noise every reading needs a group"));
                 }
                 for (i, &group) in shared.groups.iter().enumerate() {
+                    // Without gaps there are no more groups than readings. The check also bounds the
+                    // allocation below.
                     if group >= readings.len() {
                         return Err(Error::input(
                             "groups of shared noise must be numbered from 0 without gaps",
@@ -286,6 +324,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 let branch = best_branch(reading, &x[..m]);
                 let origin = [0.0; MAX_NOISE];
                 let noise = &mut point.noises[i];
+                // The noise of the previous state is a good start, but only on the branch for which it was
+                // found.
                 if branch != point.branches[i] {
                     noise.fill(0.0);
                 }
@@ -314,6 +354,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 }
                 let distance = self.at.distance - biases.map_or(0.0, |b| b.distances[i]);
                 point.distances[i] = distance;
+                // Its distance is still computed, so that the next round can decide about it again.
                 if self.rejected[i] {
                     point.weights[i] = 0.0;
                     continue;
@@ -326,6 +367,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 for a in 0..m {
                     let scaled = weight * row[a];
                     right[a] += scaled * distance;
+                    // The lower triangle is sufficient; it is mirrored once per group.
                     for b in 0..=a {
                         full[(a, b)] += scaled * row[b];
                     }
@@ -342,6 +384,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
     /// Adds the equations of a group to those of the state and eliminates its shared noise.
     fn eliminate(&self, point: &mut Point, full: &DMatrix<f64>, right: &DVector<f64>) {
         let (n, q) = (self.dimension, self.size);
+        // Groups are eliminated one by one. The full system, with the noise of all groups, would grow with
+        // the number of groups.
         point.normal += full.view((0, 0), (n, n));
         point.right += right.rows(0, n);
         if q == 0 {
@@ -374,6 +418,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         for iteration in 1..=self.options.max_iterations {
             let mut damped = point.normal.clone();
             for k in 0..self.dimension {
+                // Damping relative to the diagonal does not depend on the units of the unknowns (Marquardt).
                 damped[(k, k)] += damping * point.normal[(k, k)].max(f64::MIN_POSITIVE);
             }
             let Ok(factor) = ScaledCholesky::new(&damped) else {
@@ -388,12 +433,15 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             let mut trial = self.moved(point, &step);
             self.evaluate(&mut trial, None);
             // A state that loses all readings has a small loss but is useless.
+            // Equality counts as success: at the optimum a step can be too small to change the loss.
             let better = trial.loss <= point.loss && trial.used > 0;
             let gained = point.loss - trial.loss;
             if better {
                 *point = trial;
                 damping = if damping > 1e-6 { 0.1 * damping } else { 0.0 };
             }
+            // A strongly damped step is short anywhere, so its length shows convergence only if damping is
+            // weak.
             if decrement <= self.options.step_tolerance && damping <= 1e-3 {
                 return (iteration, Termination::Converged);
             }
@@ -415,6 +463,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
     fn reject_near_ends(&mut self, point: &mut Point, margin: f64) {
         let m = self.dimension + self.size;
         let mut x = [0.0; MAX_STATE];
+        // The state decides who is near an end, and the readings kept decide the state. Few rounds settle
+        // this; more could alternate between two sets.
         for _ in 0..3 {
             let mut next = vec![false; self.readings.len()];
             x[..self.dimension].copy_from_slice(point.state.as_slice());
@@ -423,6 +473,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 for &i in members {
                     let reading = &self.readings[i];
                     let noise = &point.noises[i][..reading.noise()];
+                    // The corrected place along the branch is independent of the distance, so this selection
+                    // does not bias the fit. A selection by distance would.
                     next[i] = point.distances[i].is_finite()
                         && reading.margin(point.branches[i], &x[..m], noise) < margin;
                 }

@@ -84,16 +84,20 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
 ) -> f64 {
     let (n, p) = (x.len(), u.len());
     row_bias.fill(0.0);
+    // A single noise component leaves no tangent along which an equation could be curved.
     if p < 2 || reading.second_order_variance(branch, x, u) > 0.0 {
         return 0.0;
     }
     let form = second_form(reading, branch, x, u, at);
     let total: f64 = (0..p).map(|k| form[k][k]).sum();
     let square: f64 = form[..p].iter().flat_map(|row| &row[..p]).map(|f| f * f).sum();
+    // Most readings end here, before the costly derivatives of curvature.
     if square < SECOND_ORDER_CURVATURE * SECOND_ORDER_CURVATURE {
         return -0.5 * total;
     }
     let (curvature, along) = principal(&form, p);
+    // Only the most curved direction gets the full series. The others enter to second order, which suffices
+    // where they are flatter.
     let rest = total - curvature;
     let mut sides = [0.0; 2];
     let mut nodes = [Normalized::new(), Normalized::new()];
@@ -110,6 +114,8 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
             return -rice(curvature) - 0.5 * rest;
         }
         let form = second_form(reading, branch, x, &place[..p], node);
+        // The trace changes with the main curvature alone if the other curvatures stay. This needs no second
+        // eigenvector.
         *side = (0..p).map(|k| form[k][k]).sum::<f64>() - rest;
     }
     let squared = REACH * REACH;
@@ -137,6 +143,8 @@ pub(super) fn second_form<R: ImplicitReading + ?Sized>(
     if !reading.noise_hessian(branch, x, u, &mut hessian) {
         differences(reading, branch, x, u, &mut hessian);
     }
+    // `T g_uu T` with `T = I − n nᵀ`, multiplied out: one product with the normal instead of two matrix
+    // products.
     let normal = &at.normal;
     let mut image = [0.0; MAX_NOISE];
     let mut twice = 0.0;
@@ -183,6 +191,7 @@ fn differences<R: ImplicitReading + ?Sized>(
 fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MAX_NOISE]) {
     let square = |k: usize| form[k][..p].iter().map(|f| f * f).sum::<f64>();
     let largest = (0..p).max_by(|&a, &b| square(a).total_cmp(&square(b))).unwrap_or(0);
+    // A row of the matrix is its product with a unit vector, so this is already one step of the iteration.
     let mut vector = form[largest];
     let mut value = 0.0_f64;
     for _ in 0..12 {
@@ -208,6 +217,8 @@ fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MAX_NOISE]) {
 /// `κ`. Rice: `√(π/2) L(−r²/2) − r` with `L(−2z) = e^{−z} ((1 + 2z) I₀(z) + 2z I₁(z))`.
 fn rice(curvature: f64) -> f64 {
     let squared = curvature * curvature;
+    // The closed form subtracts the radius from a mean that is hardly larger. Cancellation would amplify the
+    // error of the Bessel functions, which are accurate to seven digits only.
     if squared < 0.04 {
         return curvature * (0.5 + squared * (0.125 + 0.1875 * squared));
     }

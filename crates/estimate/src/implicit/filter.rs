@@ -120,6 +120,7 @@ impl KalmanFilter {
                 return Err(undefined());
             }
             innovation.iterations += 1;
+            // The equation is divided by its standard deviation, so the variance of the reading is 1.
             innovation.variance = 1.0 + self.spread_of(&at.row[..n], &mut spread[..n]);
             innovation.residual = at.distance;
             for k in 0..n {
@@ -130,13 +131,7 @@ impl KalmanFilter {
                 break;
             }
             let step = innovation.residual / innovation.variance;
-            let mut moved = 0.0_f64;
-            for k in 0..n {
-                let next = self.mean()[k] + spread[k] * step;
-                let sigma = self.covariance()[(k, k)].max(f64::MIN_POSITIVE).sqrt();
-                moved = moved.max((next - x[k]).abs() / sigma);
-                x[k] = next;
-            }
+            let mut moved = self.move_state(&spread[..n], step, &mut x[..n]);
             if options.relinearization == Relinearization::StateAndNoise {
                 for k in 0..p {
                     let next = at.normal[k] * step;
@@ -148,18 +143,22 @@ impl KalmanFilter {
                 innovation.termination = Termination::Converged;
                 break;
             }
+            // Growing steps will not converge. The last linearisation is used, and `Limit` reports it.
             if innovation.iterations >= options.max_iterations || (moved > 4.0 * previous && moved > 10.0) {
                 break;
             }
             previous = moved;
         }
         let mut row_bias = [0.0; MAX_STATE];
-        // Bias correction, gate and margin decide on the final linearisation.
+        // Bias correction, gate and margin use the final linearisation. The correction assumes the foot
+        // point: at the noisy reading, gradient and misclosure are correlated, and an EKF would get another
+        // bias.
         if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
             innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at, &mut row_bias[..n]);
         }
         innovation.normalized_squared = innovation.residual * innovation.residual / innovation.variance;
         let length = innovation.normalized_squared.sqrt();
+        // NaN fails every comparison and would pass a gate that only tests for excess.
         if options.gate.is_some_and(|gate| length.is_nan() || length > gate) {
             innovation.accepted = false;
             return Ok(innovation);
@@ -176,6 +175,7 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
+        // The loss changes the variance of the reading, 1, to 1/weight. That of the prediction stays.
         self.update_with_spread(&spread[..n], innovation.residual, innovation.variance - 1.0 + 1.0 / weight);
         if row_bias[..n].iter().any(|c| *c != 0.0) {
             // The bias of the score beyond the mean distance shifts the state. It needs the updated
@@ -183,6 +183,19 @@ impl KalmanFilter {
             self.shift(&row_bias[..n], -weight);
         }
         Ok(innovation)
+    }
+
+    /// Sets `x` to the mean plus `step · spread`. Returns the largest change of a component in standard
+    /// deviations.
+    fn move_state(&self, spread: &[f64], step: f64, x: &mut [f64]) -> f64 {
+        let mut moved = 0.0_f64;
+        for (k, x) in x.iter_mut().enumerate() {
+            let next = self.mean()[k] + spread[k] * step;
+            let sigma = self.covariance()[(k, k)].max(f64::MIN_POSITIVE).sqrt();
+            moved = moved.max((next - *x).abs() / sigma);
+            *x = next;
+        }
+        moved
     }
 
     /// Updates with a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, for `R ≥ 1`.

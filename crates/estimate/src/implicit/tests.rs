@@ -136,9 +136,9 @@ fn foot_points_beyond_the_radius_of_curvature_are_found() {
         }
         let is_outside = point[0].hypot(point[1]) > 1.0;
         if is_outside {
-            let least = (0..20_000).map(|k| squared(std::f64::consts::TAU * f64::from(k) / 20_000.0));
-            let least = least.fold(f64::INFINITY, f64::min);
-            assert!((found - least).abs() < 1e-2 * (1.0 + least), "{point:?}: {found}, {least}");
+            let minimum = (0..20_000).map(|k| squared(std::f64::consts::TAU * f64::from(k) / 20_000.0));
+            let minimum = minimum.fold(f64::INFINITY, f64::min);
+            assert!((found - minimum).abs() < 1e-2 * (1.0 + minimum), "{point:?}: {found}, {minimum}");
         }
         repelled += usize::from(found.sqrt() * (UNEVEN[0] * angle.sin()).powi(2) > UNEVEN[1]);
     }
@@ -224,10 +224,10 @@ fn a_gated_reading_does_not_change_the_filter() {
     let mut filter = KalmanFilter::new(DVector::from_column_slice(&TRUTH), DMatrix::identity(3, 3) * 1e-4)
         .expect("a filter");
     let before = filter.clone();
-    let wild = OnCircle { point: [9.0, 9.0], sigma: 0.1 };
+    let outlier = OnCircle { point: [9.0, 9.0], sigma: 0.1 };
     let options = ImplicitUpdate { gate: Some(4.0), ..ImplicitUpdate::noise_updated() };
-    let said = filter.update_implicit(&wild, &options).expect("an update");
-    assert!(!said.accepted && said.normalized_squared > 16.0);
+    let innovation = filter.update_implicit(&outlier, &options).expect("an update");
+    assert!(!innovation.accepted && innovation.normalized_squared > 16.0);
     assert_eq!(filter, before);
 }
 

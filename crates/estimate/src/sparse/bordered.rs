@@ -114,6 +114,8 @@ impl Bordered {
                 p.len()
             )));
         }
+        // Block elimination in three steps: solve for x as if p were zero, solve for p, then correct x.
+        // `A⁻¹C` is stored, so the sparse factor is used once.
         factor.solve_in_place(x)?;
         if m == 0 {
             return Ok(());
@@ -148,6 +150,7 @@ impl Bordered {
         if p.len() != m {
             return Err(Error::input(format!("expected {m} shared unknowns, found {}", p.len())));
         }
+        // `|Lᵀ p|²` instead of `pᵀ (S p)`: a sum of squares cannot become negative by cancellation.
         Ok((0..m).map(|column| (column..m).map(|row| l[(row, column)] * p[row]).sum::<f64>().powi(2)).sum())
     }
 
@@ -173,6 +176,8 @@ impl Bordered {
         if noise.len() != m * m || floor.len() != m * m {
             return Err(wrong());
         }
+        // Work in common eigenvectors: noise in one direction must not cost information in others, as a
+        // common factor would.
         let before = DMatrix::from_column_slice(m, m, &self.shared_information());
         let noise = DMatrix::from_column_slice(m, m, noise);
         let kept = with_eigenvalues(&self.complement.l(), &noise, |share| {
@@ -180,6 +185,8 @@ impl Bordered {
             (1.0 - share).max(0.0) * trust.clamp(0.0, 1.0)
         });
         let floor = Cholesky::new(DMatrix::from_column_slice(m, m, floor)).ok_or_else(wrong)?;
+        // The limit applies in the metric of `floor` itself. Limiting the entries could make the matrix
+        // indefinite.
         let after = (kept.and_then(|kept| with_eigenvalues(&floor.l(), &kept, |value| value.max(1.0))))
             .ok_or_else(wrong)?;
         let change = (&after - before).as_slice().to_vec();
@@ -204,6 +211,8 @@ impl Bordered {
         }
         let l = Cholesky::new(DMatrix::from_column_slice(m, m, prior)).ok_or_else(wrong)?.l();
         let covariance = self.complement.inverse().view((of.start, of.start), (m, m)).into_owned();
+        // In units of the prior, eigenvalues are ratios of variances. They do not depend on units of the
+        // unknowns.
         let whitened = l.transpose() * covariance * &l;
         let eigen = (0.5 * (&whitened + whitened.transpose())).symmetric_eigen();
         let upper = l.transpose();
@@ -255,6 +264,7 @@ fn reduce(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<(
     // Both are row-major, so reading them as column-major gives their transposes.
     let (c, f) = (DMatrix::from_column_slice(m, n, coupling), DMatrix::from_column_slice(m, n, &solved));
     let reduced = DMatrix::from_column_slice(m, m, corner) - &c * f.transpose();
+    // Cholesky reads one triangle; the rounding of the other one would be ignored.
     let symmetric = 0.5 * (&reduced + reduced.transpose());
     Ok((solved, symmetric))
 }

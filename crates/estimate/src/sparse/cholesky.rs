@@ -103,6 +103,7 @@ impl CholeskyFactor {
     /// `ln det Λ = 2 Σ ln L_ii`.
     #[must_use]
     pub fn log_determinant(&self) -> f64 {
+        // Serial, because the order of a sum decides its last digits.
         let mut sum = 0.0;
         for s in 0..self.symbolic.supernodes() {
             let (top, _) = self.panel(s);
@@ -120,6 +121,8 @@ impl CholeskyFactor {
     /// # Errors
     /// `Input` when the length of `x` is no multiple of the dimension.
     pub fn solve_in_place(&self, x: &mut [f64]) -> Result<()> {
+        // The vectors are copied to the order of the supernodes. Each subtree then owns a contiguous range,
+        // so threads need no locks and kernels read memory in order.
         let mut parts = SupernodeVectors::from_rows(&self.symbolic, x, |row| self.place_of(row))?;
         self.forward(&mut parts);
         self.backward(&mut parts);
@@ -177,8 +180,12 @@ impl CholeskyFactor {
         let done: std::result::Result<(), std::convert::Infallible> = Walk::new(symbolic, &x.start, &work)
             .ascend(&mut x.values, &|s, own, parts, spare| {
                 let (columns, height) = (symbolic.columns(s), symbolic.height(s));
+                // `take` returns old contents. The updates of the children are summed here before the own
+                // columns are applied.
                 let mut below = spare.take(height * vectors);
                 below[..height * vectors].fill(0.0);
+                // The children are added in a fixed order, so the sum has the same bytes for any number of
+                // threads.
                 for (part, &child) in parts.iter().zip(symbolic.children(s)) {
                     let size = symbolic.height(child as usize);
                     for v in 0..vectors {
@@ -341,6 +348,8 @@ fn eliminate(
     let work = |s: usize| symbolic.tree_flops(s);
     Walk::new(symbolic, &symbolic.value_start, &work).ascend(panels, &|s, panel, updates, spare| {
         let (columns, height) = (symbolic.columns(s), symbolic.height(s));
+        // Columns of the front: entries of the matrix, then updates of the children, then the dense
+        // factorisation.
         assemble(symbolic, s, information, panel);
         let children = || updates.iter().zip(symbolic.children(s).iter().map(|&child| child as usize));
         for (update, child) in children() {
@@ -361,8 +370,13 @@ fn eliminate(
         let (mut top, mut below) = front.split_at_row_mut(columns);
         let params = faer::Spec::default();
         let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(columns, Par::Seq, params));
+        // Sequential: the tree supplies the parallelism, and a fixed order of operations gives the same
+        // bytes.
         cholesky_in_place(top.rb_mut(), Default::default(), Par::Seq, MemStack::new(&mut scratch), params)
             .map_err(|LltError::NonPositivePivot { index }| Breakdown { unknown: first + index })?;
+        // The kernel rejects only pivots that are not positive. Rounding can leave a small positive pivot of
+        // a singular matrix, so each one is compared with its entry before elimination. The ratio has no
+        // unit.
         for k in 0..columns {
             let unknown = first + k;
             let old = symbolic.old_from_new[unknown / b] as usize * b + unknown % b;
@@ -373,6 +387,8 @@ fn eliminate(
         }
         let mut update = spare.take(height * height);
         if height > 0 {
+            // The update: product first, because it replaces the contents of its buffer and saves a pass of
+            // zeros. The remaining updates of the children are added to it.
             solve_rows(top.rb(), below.rb_mut());
             let square = &mut update[..height * height];
             minus_square(below.rb(), square);
@@ -402,6 +418,8 @@ const SOLVED_ROWS: usize = 192;
 /// `B ← B L⁻ᵀ`, in parallel over blocks of rows.
 fn solve_rows(top: MatRef<'_, f64>, mut below: MatMut<'_, f64>) {
     if below.nrows() > SOLVED_ROWS {
+        // The cut depends on the size only, not on the number of threads. A multiple of 8 keeps both parts on
+        // full SIMD widths.
         let half = (below.nrows() / 2).next_multiple_of(8);
         let (upper, lower) = below.split_at_row_mut(half);
         rayon::join(|| solve_rows(top, upper), || solve_rows(top, lower));
@@ -451,6 +469,7 @@ fn extend_add(
             let source = &child[(from + k) * size..(from + k + 1) * size];
             let target = &mut target[(to + k - shift) * stride..(to + k - shift + 1) * stride];
             add(&mut target[to + k - shift..to + length - shift], &source[from + k..from + length]);
+            // Runs ascend, so the later ones lie below this one: together they cover the lower triangle.
             for below in &runs[at + 1..] {
                 let (from, to, length) = (below.from as usize, below.to as usize, below.length as usize);
                 add(&mut target[to - shift..to + length - shift], &source[from..from + length]);

@@ -212,6 +212,7 @@ impl BlockInformation {
         expect_length("an element's vector", k * b * columns, vector.len())?;
 
         let mut slots = scatter.slots.iter();
+        // The usual case of a fit: no flags to test in the innermost loop.
         if b == 1 && !scatter.repeats {
             for a in 0..k {
                 let row = &matrix[a * k..a * k + a + 1];
@@ -233,6 +234,8 @@ impl BlockInformation {
                             }
                         }
                     }
+                    // A repeated node maps the pair and its mirror image to one diagonal block, so both are
+                    // added there.
                     if slot & (TRANSPOSED | REPEATED) != 0 {
                         for r in 0..b {
                             for s in 0..b {
@@ -260,6 +263,7 @@ impl BlockInformation {
     /// # Errors
     /// `Input` when patterns, block sizes or numbers of columns differ.
     pub fn add_scaled(&mut self, other: &Self, weight: f64) -> Result<()> {
+        // Entries are added by position. Different patterns would add unrelated entries.
         if !BlockPattern::same(&self.pattern, &other.pattern) {
             return Err(Error::input(
                 "cannot add information over different patterns: use the union of both patterns",
@@ -385,6 +389,8 @@ impl BlockInformation {
     fn multiply_scalars(&self, x: &[f64], y: &mut [f64]) {
         for (node, &of_node) in x.iter().enumerate() {
             let range = self.pattern.column_range(node);
+            // Each stored entry is read once for both triangles. The sum of the column stays in a register,
+            // instead of a store per entry.
             let mut sum = 0.0;
             for (&value, &row) in self.values[range].iter().zip(self.pattern.column(node)) {
                 let row = row as usize;
@@ -398,6 +404,8 @@ impl BlockInformation {
     }
 
     /// Transforms to information about `x + by`: `η ← η + Λ by`. `by` is node-major, as long as `η`.
+    ///
+    /// Information about a step becomes information about the state in this way, without a new accumulation.
     ///
     /// # Errors
     /// `Input` when `by` has another length.
@@ -438,6 +446,7 @@ impl BlockInformation {
         }
         let mut expanded = Self::zeros(Arc::clone(&self.pattern), block, self.columns / block)?;
         for (target, &value) in expanded.values.chunks_exact_mut(block * block).zip(&self.values) {
+            // Coordinates stay independent, so only the diagonal of each block is filled.
             for k in 0..block {
                 target[k * block + k] = value;
             }

@@ -163,10 +163,13 @@ impl Cut {
 impl Dissection<'_> {
     fn dissect(&mut self, mut piece: Vec<u32>) {
         if piece.len() <= LEAF_NODES {
+            // Sorted, so that the order does not depend on the selection algorithm of the cuts.
             piece.sort_unstable();
             self.order.append(&mut piece);
             return;
         }
+        // Both directions are tried. The longer side is not always better: refined regions and periodic
+        // directions change the size of a separator.
         let (first, second) = (self.cut(&piece, 0), self.cut(&piece, 1));
         let (mut cut, along) = if second.cost() < first.cost() { (second, 0) } else { (first, 1) };
         if cut.low.is_empty() && cut.high.is_empty() {
@@ -175,11 +178,15 @@ impl Dissection<'_> {
             self.order.append(&mut piece);
             return;
         }
+        // Freed before recursion; otherwise a copy of every level would be alive.
         drop(piece);
+        // The separator comes last. Eliminating it earlier would couple both halves.
         self.dissect(cut.low);
         self.dissect(cut.high);
         let coordinates = self.coordinates;
         let place = |node: u32| coordinates[node as usize];
+        // Sorted along its own direction, so that rows of a front are contiguous in that of the parent and
+        // are added in long runs.
         cut.separator.sort_unstable_by(|&a, &b| {
             place(a)[along]
                 .total_cmp(&place(b)[along])
@@ -195,6 +202,7 @@ impl Dissection<'_> {
         let mut sorted = piece.to_vec();
         let middle = sorted.len() / 2;
         let by_rank = |a: &u32, b: &u32| value(*a).total_cmp(&value(*b)).then(a.cmp(b));
+        // Selection is linear; sorting each part at every level would add a factor of log n.
         let (_, &mut median, _) = sorted.select_nth_unstable_by(middle, by_rank);
         let at = value(median);
         // Nodes with exactly the coordinate of the median go to the same side, so that grid lines are not
@@ -244,6 +252,7 @@ impl Dissection<'_> {
                 cut.high.push(node);
             }
         }
+        // Nodes outside the current part must not count as neighbours of a later one.
         for &node in piece {
             self.side[node as usize] = OUTSIDE;
         }

@@ -33,6 +33,8 @@ impl WithSimd for Elimination<'_> {
             let panel = &panel[k * stride..(k + width) * stride];
             for v in 0..vectors {
                 let (done, rest) = own[v * columns..(v + 1) * columns].split_at_mut(k + width);
+                // Solve the small triangle first. Its values then leave the rest of the panel in one pass
+                // over memory, which is what limits the speed.
                 let x = &mut done[k..];
                 for j in 0..width {
                     let column = &panel[j * stride + k..(j + 1) * stride];
@@ -74,6 +76,7 @@ impl WithSimd for BackSubstitution<'_> {
                 let x = &mut before[k..];
                 subtract_products(simd, panel, stride, k + width, rest, x);
                 subtract_products(simd, panel, stride, columns, &known[v * height..(v + 1) * height], x);
+                // Rows below are known, so the triangle is solved upwards.
                 for j in (0..width).rev() {
                     let column = &panel[j * stride + k..(j + 1) * stride];
                     for i in j + 1..width {
@@ -136,10 +139,12 @@ fn subtract_products<S: Simd>(
     let n = y.len();
     let part = |j: usize| S::as_simd_f64s(&columns[j * stride + first..][..n]);
     let (y, y_rest) = S::as_simd_f64s(y);
+    // The few rows that do not fill a SIMD register.
     let rest = |a: &[f64]| a.iter().zip(y_rest).map(|(a, y)| a * y).sum::<f64>();
     let zero = simd.splat_f64s(0.0);
     if let [x0, x1, x2, x3] = x {
         let [(a0, r0), (a1, r1), (a2, r2), (a3, r3)] = [part(0), part(1), part(2), part(3)];
+        // Independent sums: a single one would wait for the latency of each addition.
         let (mut s0, mut s1, mut s2, mut s3) = (zero, zero, zero, zero);
         for ((((&y, &a0), &a1), &a2), &a3) in y.iter().zip(a0).zip(a1).zip(a2).zip(a3) {
             s0 = simd.mul_add_f64s(a0, y, s0);

@@ -51,6 +51,7 @@ impl BlockPattern {
             sorted.clear();
             sorted.extend_from_slice(element.as_ref());
             sorted.sort_unstable();
+            // A node may repeat; it would otherwise be counted twice in its column.
             sorted.dedup();
             if let Some(&last) = sorted.last()
                 && last as usize >= nodes
@@ -83,12 +84,15 @@ impl BlockPattern {
         let mut column_start = Vec::with_capacity(nodes + 1);
         column_start.push(0);
         let mut rows = Vec::new();
+        // Marks with the number of the column need no clearing between columns.
         let mut seen_by = vec![u32::MAX; nodes];
         for node in 0..nodes {
             let column = node as u32;
             let begin = rows.len();
             rows.push(column);
             seen_by[node] = column;
+            // Nodes of an element are sorted and the range begins at this one, so only the lower triangle is
+            // visited.
             for &(from, to) in &tails[memberships[node]..memberships[node + 1]] {
                 for &row in &element_nodes[from..to] {
                     if seen_by[row as usize] != column {

@@ -43,6 +43,25 @@ pub struct SelectedInverse {
 
 impl SelectedInverse {
     /// Computes the selected inverse from a factor.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::sparse::{
+    ///     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SelectedInverse, SymbolicFactor,
+    /// };
+    /// use std::sync::Arc;
+    ///
+    /// let pattern = Arc::new(BlockPattern::from_elements(2, [[0, 1]])?);
+    /// let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::natural(2), 1)?);
+    /// let mut information = BlockInformation::zeros(pattern, 1, 0)?;
+    /// information.add_element(&[0, 1], &[2.0, 1.0, 1.0, 2.0], &[])?;
+    /// let covariance = SelectedInverse::new(&CholeskyFactor::factorize(&symbolic, &information)?);
+    /// let block = covariance.dense(&[0, 1]).expect("both nodes share an element");
+    /// for (found, expected) in block.iter().zip([2.0, -1.0, -1.0, 2.0]) {
+    ///     assert!((found - expected / 3.0).abs() < 1e-15);
+    /// }
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     #[must_use]
     pub fn new(factor: &CholeskyFactor) -> Self {
         Self { symbolic: Arc::clone(factor.symbolic()), values: vec![0.0; factor.symbolic().stored_values()] }
@@ -64,6 +83,8 @@ impl SelectedInverse {
             children
                 .map(|&child| {
                     let size = symbolic.height(child as usize);
+                    // A contiguous copy per child: dense kernels need one stride, and children can run in
+                    // parallel without a reference to the panel of their parent.
                     let mut part = spare.take(size * size);
                     gather(
                         symbolic.runs(child as usize),
@@ -260,6 +281,7 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
     inverse_values[..columns * columns].fill(0.0);
     let mut inverse =
         MatMut::from_column_major_slice_mut(&mut inverse_values[..columns * columns], columns, columns);
+    // An explicit inverse, because `Z_CC` needs `L_CC⁻ᵀ L_CC⁻¹`. With it, `Y` is a plain product.
     invert_lower_triangular(inverse.rb_mut(), top, Par::Seq);
     let inverse = inverse.rb();
     let (mut z_own, mut z_below) =
@@ -306,6 +328,7 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
         spare.give_back(gain);
     }
     spare.give_back(inverse_values);
+    // Kernels compute lower triangles only. Children gather columns from the panel and need both.
     mirror(panel, columns + height, columns);
 }
 

@@ -128,6 +128,7 @@ impl SymbolicFactor {
         let given = ordering.old_from_new();
         let given_from_old = inverse(given);
         let graph = Graph::renamed(pattern, |node| given_from_old[node as usize]);
+        // The tree needs the given order. Supernodes renumber the nodes, so the graph is built again below.
         let (tree, counts) = elimination_tree(&graph, nodes);
         let groups = relaxed_supernodes(&tree, &counts, block);
 
@@ -205,6 +206,7 @@ impl SymbolicFactor {
             let (begin, end) = (self.supernode_start[s], self.supernode_start[s + 1]);
             self.supernode_of[begin as usize..end as usize].fill(s as u32);
             let first = self.rows.len();
+            // Rows above the end of the supernode belong to its own columns.
             let mut keep = |rows: &mut Vec<u32>, row: u32| {
                 if row >= end && seen_by[row as usize] != s as u32 {
                     seen_by[row as usize] = s as u32;
@@ -216,6 +218,8 @@ impl SymbolicFactor {
                     keep(&mut self.rows, row);
                 }
             }
+            // Children come before their parents in the order, so their rows are complete. Fill of deeper
+            // descendants has already passed through them.
             for child in self.child_start[s]..self.child_start[s + 1] {
                 let child = self.children[child] as usize;
                 for at in self.row_start[child]..self.row_start[child + 1] {
@@ -239,6 +243,8 @@ impl SymbolicFactor {
                 let parent = self.parent[s] as usize;
                 let (begin, end) = (self.supernode_start[parent], self.supernode_start[parent + 1]);
                 let first = self.runs.len();
+                // Rows of child and parent are ascending, and every row of the child occurs in the front of
+                // the parent. One pass over both finds all positions.
                 let mut at = self.row_start[parent];
                 for (from, &row) in (0..).zip(&self.rows[self.row_start[s]..self.row_start[s + 1]]) {
                     let to = if row < end {
@@ -259,6 +265,8 @@ impl SymbolicFactor {
         }
     }
 
+    /// Finds the target of each entry of the pattern once, so that a factorisation needs no search. Sorted by
+    /// supernode, each thread finds its own entries in one range.
     fn find_slots(&mut self) {
         let mut start = vec![0_usize; self.supernodes() + 1];
         let column_of =
@@ -359,6 +367,7 @@ impl SymbolicFactor {
 
     fn flops_of(&self, s: usize) -> f64 {
         let (c, r) = (self.columns(s) as f64, self.height(s) as f64);
+        // Factor of the diagonal block, solution of the rows below, update of the parent.
         c * c * c / 3.0 + c * c * r + c * r * r
     }
 

@@ -109,7 +109,7 @@ fn problems() -> Vec<(&'static str, Problem)> {
 
 fn assert_close(what: &str, found: &[f64], expected: &[f64], relative: f64) {
     assert_eq!(found.len(), expected.len(), "{what}");
-    let scale = expected.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let scale = expected.iter().fold(0.0_f64, |max, value| max.max(value.abs()));
     for (at, (a, b)) in found.iter().zip(expected).enumerate() {
         assert!((a - b).abs() <= relative * scale, "{what}: entry {at} is {a}, expected {b}");
     }

@@ -27,6 +27,24 @@ pub struct TraceEstimate {
 /// # Errors
 /// `Input` when the dimensions differ or `probes` is zero.
 ///
+/// # Examples
+/// A diagonal matrix has no cross terms, so a single probe is exact:
+/// ```
+/// use planish_estimate::sparse::{
+///     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor, stochastic_trace,
+/// };
+/// use std::sync::Arc;
+///
+/// let pattern = Arc::new(BlockPattern::from_elements(3, [[0], [1], [2]])?);
+/// let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::natural(3), 1)?);
+/// let mut information = BlockInformation::zeros(pattern, 1, 0)?;
+/// information.add_diagonal(4.0);
+/// let factor = CholeskyFactor::factorize(&symbolic, &information)?;
+/// let trace = stochastic_trace(&factor, &information, 1, 42)?;
+/// assert!((trace.value - 3.0).abs() < 1e-12);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
 /// # References
 /// Hutchinson, *A stochastic estimator of the trace of the influence matrix for Laplacian smoothing splines*,
 /// 1989.
@@ -44,9 +62,12 @@ pub fn stochastic_trace(
             matrix.dimension()
         )));
     }
+    // Signs have the smallest variance of all probes: their squares are 1, so diagonal entries contribute no
+    // error.
     let mut signs = Signs { state: seed, bits: 0, left: 0 };
     let mut samples: Vec<f64> = Vec::with_capacity(probes);
     while samples.len() < probes {
+        // Together, because a solution is limited by reading the factor from memory, once per batch.
         let columns = BATCH.min(probes - samples.len());
         // Draw probe by probe, so that the first probes do not depend on the total number.
         let mut z = vec![0.0; dimension * columns];

@@ -55,6 +55,8 @@ impl<'a> Walk<'a> {
         work: &'a (dyn Fn(usize) -> f64 + Sync),
     ) -> Self {
         let total: f64 = symbolic.roots().iter().map(|&root| work(root as usize)).sum();
+        // The share of the total work, not the number of threads, decides about tasks: the split is the same
+        // on every machine.
         Self { symbolic, start, work, grain: (SERIAL_SHARE * total).max(MIN_PARALLEL_WORK) }
     }
 
@@ -97,6 +99,8 @@ impl<'a> Walk<'a> {
                 || self.ascend_each(left, before, visit),
                 || self.ascend_each(right, after, visit),
             );
+            // The left error comes first although both sides have run, so that the message does not depend on
+            // timing.
             let mut parts = left?;
             parts.append(&mut right?);
             return Ok(parts);
@@ -128,6 +132,7 @@ impl<'a> Walk<'a> {
         let (mut parts, mut spare) = (Vec::<Vec<f64>>::new(), Spare::default());
         for s in first..=last {
             let own = &mut data[self.start[s] - self.start[first]..self.start[s + 1] - self.start[first]];
+            // In postorder, the results of the children are the last ones on the stack.
             let first_part = parts.len() - self.symbolic.children(s).len();
             let part = visit(s, own, &parts[first_part..], &mut spare)?;
             parts.drain(first_part..).for_each(|part| spare.give_back(part));

@@ -52,7 +52,7 @@ impl Eye {
         self.directions.map(|row| dot(row, [p[0], p[1], 1.0]))
     }
 
-    /// `l` with `l·(x, y, 1) = 0` for pixels that look along a plane with this normal.
+    /// `l` with `l·(x, y, 1) = 0` for pixels whose lines of sight lie in a plane with this normal.
     pub fn line(&self, normal: [f64; 3]) -> [f64; 3] {
         [0, 1, 2].map(|j| (0..3).map(|i| self.directions[i][j] * normal[i]).sum())
     }
@@ -69,7 +69,7 @@ pub(super) struct Sight {
     pub centre: [f64; 3],
     /// Unit direction.
     pub way: [f64; 3],
-    /// Unit normal of the surface, outwards: it stands on the line of sight and on the tangent of the
+    /// Unit normal of the surface, outwards: perpendicular to the line of sight and the tangent of the
     /// contour.
     pub normal: [f64; 3],
 }
@@ -92,7 +92,7 @@ impl Sight {
         (norm(normal) > 2e-3).then(|| unit(normal)).flatten()
     }
 
-    /// Outwards, in a plane that holds the line of sight; and its cosine to the normal.
+    /// The outward direction in a plane that contains the line of sight, and its cosine to the normal.
     pub fn outward_in(&self, plane: [f64; 3]) -> Option<([f64; 3], f64)> {
         let m = unit(cross(plane, self.way))?;
         let cosine = dot(m, self.normal);
@@ -130,7 +130,7 @@ pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
     }
     let [[a, b, c], [d, e, f]] = rows;
     let determinant = a * e - b * d;
-    // On one side only, both say nearly the same.
+    // Two views on the same side give nearly the same equation.
     if a * d >= 0.0 || determinant == 0.0 {
         return None;
     }
@@ -139,14 +139,14 @@ pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
     (solved.depth.is_finite() && solved.radius.is_finite()).then_some(solved)
 }
 
-/// The place on the line `place + t along` that an epipolar line passes, and `t`.
+/// The intersection of the line `place + t along` with an epipolar line, and `t`.
 pub(super) fn meet(line: [f64; 3], place: [f64; 2], along: [f64; 2]) -> Option<([f64; 2], f64)> {
     let rate = line[0] * along[0] + line[1] * along[1];
     let t = -(line[0] * place[0] + line[1] * place[1] + line[2]) / rate;
     t.is_finite().then(|| ([0, 1].map(|k| place[k] + t * along[k]), t))
 }
 
-/// A place with what its covariance follows from.
+/// A point with its covariance.
 pub(super) struct Placed {
     pub solved: Solved,
     pub position: [f64; 3],
@@ -157,7 +157,7 @@ pub(super) struct Placed {
     pub radius: f64,
 }
 
-/// Solves with the contours' tangents as they are known, and carries the σ of all three contours over, by
+/// Solves with the estimated tangents of the contours, and propagates the σ of all three contours by
 /// differences.
 pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Option<Placed> {
     let solve_at = |shift: [f64; 2], across: [f64; 2]| -> Option<(Solved, [f64; 3])> {
@@ -180,7 +180,7 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
     let (solved, position) = solve_at([0.0; 2], [0.0; 2])?;
     let sigmas = [
         here.sigma_across,
-        // Along itself a contour says where it was asked, to no more than it says across.
+        // Along the contour the position is a choice; σ across is used for its error, too.
         here.sigma_across,
         others[0].sigma_across,
         others[1].sigma_across,
@@ -188,6 +188,8 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
     let mut covariance = [[0.0; 3]; 3];
     let (mut depth, mut radius) = (0.0, 0.0);
     for (k, sigma) in sigmas.into_iter().enumerate() {
+        // Differences over a tenth of σ: derivatives of matches and planes by hand would be long, and the
+        // step is far from both rounding and curvature.
         let step = 0.1 * sigma;
         let moved = |by: f64| {
             let mut e = [0.0; 4];
@@ -207,7 +209,7 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
     Some(Placed { solved, position, covariance, depth, radius })
 }
 
-/// What the circle leaves out, along the line of sight.
+/// Adds the model error of the circle, a variance along the line of sight.
 pub(super) fn add_along(covariance: &mut [[f64; 3]; 3], way: [f64; 3], variance: f64) {
     for i in 0..3 {
         for j in 0..3 {

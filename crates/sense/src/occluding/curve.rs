@@ -109,8 +109,9 @@ impl<'a> Curve<'a> {
     pub fn at(&self, s: f64) -> Option<Local> {
         let s = self.wrapped(s);
         let count = self.contour.places.len();
-        // (length relative to s, index) of what lies in the window.
+        // (length relative to s, index) of the points in the window.
         let mut near: Vec<(f64, usize)> = Vec::new();
+        // From the position outwards on both sides, across the seam of a closed contour.
         let start = self.lengths.partition_point(|l| *l < s);
         for (by, way) in [(0, 1_isize), (-1, -1)] {
             let mut k = start as isize + by;
@@ -136,7 +137,7 @@ impl<'a> Curve<'a> {
         if low.0 > -LEAST_SIDE * self.half || high.0 < LEAST_SIDE * self.half {
             return None;
         }
-        // In coordinates of the place that lies nearest and of the chord.
+        // In coordinates along and across the chord, with the origin at the nearest point.
         let middle = near.iter().min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
         let place = |k: usize| self.contour.places[k];
         let (a, b) = (place(low.1), place(high.1));
@@ -172,8 +173,9 @@ impl<'a> Curve<'a> {
                 (y - c[0] - c[1] * x - c[2] * x * x).powi(2)
             })
             .sum();
-        // Places that err alike count as one.
+        // Points with correlated errors count as one.
         let spacing = (high.0 - low.0) / (near.len() - 1) as f64;
+        // The variance of a mean of correlated errors is that of fewer independent ones.
         let alike = (self.apart / spacing).max(1.0);
         let variance = self.sigma * self.sigma * alike;
         let freedom = near.len() as f64 - 3.0;

@@ -96,6 +96,8 @@ impl SilhouetteBound {
                 return true;
             }
             let value = view.at(at);
+            // `far/(far − reach)` is the magnification of the near side of the ball; the factor 2 is a
+            // margin.
             let bound = 2.0 * reach * far / (far - reach);
             if value < -bound {
                 return false;
@@ -175,8 +177,9 @@ impl Distances {
         }
         let first = low.map(|x| x.floor() - 2.0);
         let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
-        // Squared distances to the border's places next to each pixel, then spread by the lower envelope of
-        // parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled functions*, 2012).
+        // Squared distances to the points of the border next to each pixel, then propagated by the lower
+        // envelope of parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled
+        // functions*, 2012). Two one-dimensional passes give exact Euclidean distances in linear time.
         let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
         for contour in &view.silhouette {
             for p in &contour.places {
@@ -213,7 +216,7 @@ impl Distances {
         Self { camera: view.camera, first, columns, rows, values }
     }
 
-    /// Signed distance to the border, in the unit of space at the place's distance.
+    /// Signed distance to the border, converted to the unit of space at the distance of the point.
     fn at(&self, place: [f64; 3]) -> f64 {
         let width =
             distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
@@ -222,6 +225,8 @@ impl Distances {
         };
         let at = [0, 1].map(|k| pixel[k] - self.first[k]);
         let limits = [self.columns, self.rows].map(|n| (n - 2) as f64 + 0.999);
+        // Beyond the raster: the distance at its border plus the way to it, a lower bound that keeps the
+        // sign.
         let held = [0, 1].map(|k| at[k].clamp(0.0, limits[k]));
         let outside = (at[0] - held[0]).hypot(at[1] - held[1]);
         let (i, j) = (held[0] as usize, held[1] as usize);
@@ -233,7 +238,7 @@ impl Distances {
     }
 }
 
-/// Where a row crosses closed contours, in order: behind an odd number of them it is within.
+/// Positions where a row crosses closed contours, in order. A pixel after an odd number of them is inside.
 fn crossings(contours: &[Contour], y: f64) -> Vec<f64> {
     let mut found: Vec<f64> = (contours.iter())
         .flat_map(|c| c.places.iter().zip(c.places.iter().cycle().skip(1)))

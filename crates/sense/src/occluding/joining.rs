@@ -25,7 +25,7 @@ type Places = Vec<Vec<Vec<Result<Found, &'static str>>>>;
 /// View, line and place.
 type Key = (usize, usize, usize);
 
-/// The place of a line that is nearest to a length along it.
+/// The point of a line that is nearest to a length along it.
 fn nearest(of: &Ready<'_>, spot: Spot) -> usize {
     let line = &of.lines[spot.line];
     let count = line.places.len();
@@ -37,7 +37,7 @@ fn found(places: &Places, (view, line, place): Key) -> Option<&Found> {
     places[view][line][place].as_ref().ok()
 }
 
-/// The place next to the match in the neighbouring view, on side 0 or 1.
+/// The point next to the match in the neighbouring view, on side 0 or 1.
 fn linked(
     ready: &[Ready<'_>],
     neighbours: &[[Option<usize>; 2]],
@@ -50,7 +50,7 @@ fn linked(
     Some((other, spot.line, nearest(&ready[other], spot)))
 }
 
-/// What is left, strip after strip.
+/// The accepted points, strip by strip.
 pub(super) struct Joined {
     pub points: Vec<OccludingPoint>,
     /// Their positions with regularised depths.
@@ -59,7 +59,7 @@ pub(super) struct Joined {
     pub strips: usize,
 }
 
-/// Takes out what contradicts itself, and gives what is left.
+/// Rejects points with inconsistent matches, and joins the others to strips.
 pub(super) fn joined(
     ready: &[Ready<'_>],
     neighbours: &[[Option<usize>; 2]],
@@ -91,7 +91,7 @@ pub(super) fn joined(
             let apart = distance(points[k].position, points[other].position);
             let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
-            // Between views a place glides by its radius times the turn.
+            // Between views a contour point slides over the surface by its radius times the angle.
             let glide = if is_along { 0.0 } else { 2.0 * turn(places, *key) * points[k].radius.abs() };
             if apart <= JUMP * step + unsure + glide {
                 union(&mut parent, k, other);
@@ -106,6 +106,7 @@ pub(super) fn joined(
     let mut size = vec![0; keys.len()];
     roots.iter().for_each(|r| size[*r] += 1);
     let mut order: Vec<usize> = (0..keys.len()).filter(|r| size[*r] >= options.least_places.max(1)).collect();
+    // Largest strip first; ties by number, so that the order is the same in every run.
     order.sort_by_key(|r| (std::cmp::Reverse(size[*r]), *r));
     let strip_of: std::collections::BTreeMap<usize, usize> =
         order.iter().enumerate().map(|(s, r)| (*r, s)).collect();
@@ -143,7 +144,8 @@ fn keys(places: &Places) -> Vec<Key> {
     keys
 }
 
-/// Whether the match on a side comes back. A view at the end of its sequence has no depths and cannot tell.
+/// True if the match on a side is mutual. A view at the end of its sequence has no depths, so that its
+/// matches cannot be checked.
 fn comes_back(
     ready: &[Ready<'_>],
     neighbours: &[[Option<usize>; 2]],
@@ -188,8 +190,8 @@ fn turn(places: &Places, key: Key) -> f64 {
     found(places, key).map_or(0.0, |f| f.placed.solved.angles.iter().fold(0.0, |a, b| a.max(b.abs())))
 }
 
-/// `R'²`: the square of how the radius changes with the turn, less what σ alone makes of it; the square of
-/// the radius itself where no neighbour tells.
+/// `R'²`: the squared change of the radius with the angle, corrected for noise. Without a neighbour, the
+/// square of the radius itself.
 fn changing(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Places, key: Key) -> f64 {
     let Some(own) = found(places, key) else { return 0.0 };
     let side = |side: usize| {
@@ -206,6 +208,7 @@ fn changing(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Pla
         (None, None) => return own.placed.solved.radius.powi(2),
     };
     let turn = a.2 + b.2;
+    // The difference of two noisy radii is too large on average by the sum of their variances.
     ((b.0 - a.0).powi(2) - a.1 - b.1) / (turn * turn)
 }
 
@@ -218,7 +221,7 @@ fn point(
 ) -> OccludingPoint {
     let Some(own) = found(places, key) else { unreachable!("keys are of places that were found") };
     let (view, line, place) = key;
-    // Neighbours along the contour change alike.
+    // The change of radius is smooth along the contour, so that an average reduces its noise.
     let count = places[view][line].len();
     let closed = ready[view].lines[line].curve.closed();
     let (mut sum, mut of) = (0.0, 0.0);
@@ -236,11 +239,12 @@ fn point(
     let mut covariance = own.placed.covariance;
     add_along(&mut covariance, own.sight.way, circle * circle);
     let depth = own.placed.depth + circle * circle;
-    // Off by δ along the line of sight the place is δ²/2R off the surface, and no farther than δ.
+    // An error δ along the line of sight moves the point off the surface by δ²/2R, but at most by δ.
     let radius = solved.radius.max(own.placed.radius.sqrt());
     let bend = (0.75 * depth * depth / (radius * radius)).min(depth);
     add_along(&mut covariance, own.sight.normal, bend);
-    // About the contour's tangent a depth that is off tilts it, about the line of sight the tangent does.
+    // An error of depth tilts the normal about the tangent of the contour; an error of the tangent tilts it
+    // about the line of sight.
     let tilt = (0.5 * (depth / (radius * radius) + own.here.sigma_turn.powi(2))).sqrt();
     OccludingPoint {
         view,

@@ -69,10 +69,12 @@ fn candidates(
                 continue;
             };
             let (da, db) = (off(a.place), off(b.place));
+            // A change of sign, also from zero, so that a crossing at a point is counted once.
             if (da > 0.0) == (db > 0.0) {
                 continue;
             }
             let refine = || {
+                // Linear interpolation first, then two Newton steps on the fitted parabola.
                 let mut at = (k as f64 + da / (da - db)) * contour.step;
                 for _ in 0..2 {
                     let local = contour.curve.at(at)?;
@@ -83,7 +85,7 @@ fn candidates(
                 Some((at, contour.curve.at(at)?))
             };
             let Some((at, local)) = refine() else { continue };
-            // The tangent along the epipolar line: a frontier point of that view.
+            // A tangent along the epipolar line indicates a frontier point of that view.
             let slant = (line[0] * local.along[0] + line[1] * local.along[1]).abs();
             if local.corner || slant < least {
                 continue;
@@ -131,6 +133,7 @@ pub(super) fn matched(
                 doubtful = true;
                 continue;
             }
+            // The smallest radius: a wrong match on a farther contour makes a large circle.
             let score = solved.radius.abs();
             if best.as_ref().is_none_or(|(least, _)| score < *least) {
                 best = Some((score, Found { placed, sight, here: *local, spots: [a.spot, b.spot] }));
@@ -144,7 +147,7 @@ pub(super) fn matched(
     }
 }
 
-/// Whether a place projects into, or onto the border of, all other silhouettes, to within its σ.
+/// True if a point projects into all other silhouettes or onto their borders, within its σ.
 pub(super) fn in_all_silhouettes(
     views: &[ContourView],
     own: usize,
@@ -154,6 +157,7 @@ pub(super) fn in_all_silhouettes(
     let sigma = found.placed.depth.sqrt();
     let at = found.placed.position;
     views.iter().zip(ready).enumerate().all(|(k, (view, ready))| {
+        // An open outline has no inside.
         if k == own || view.silhouette.is_empty() || view.silhouette.iter().any(|c| !c.closed) {
             return true;
         }
@@ -165,13 +169,14 @@ pub(super) fn in_all_silhouettes(
             return true;
         }
         let moved = camera.project(add_scaled(at, sigma, found.sight.way)).unwrap_or(pixel);
+        // σ of the depth, seen from the other view.
         let spread = (moved[0] - pixel[0]).hypot(moved[1] - pixel[1]);
         let allowed = OUTSIDE_PX + SIGMAS * (view.sigma_px + spread);
         near(&view.silhouette, pixel, allowed)
     })
 }
 
-/// Whether a pixel lies within closed contours.
+/// True if a pixel is inside closed contours.
 pub(super) fn inside(contours: &[Contour], at: [f64; 2]) -> bool {
     let mut inside = false;
     for contour in contours {

@@ -58,7 +58,7 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
         };
         both(&following.across).into_iter().zip(both(&following.along)).map(|(a, b)| [a, b]).collect()
     };
-    // How far the middle of two neighbours lies from a place, along its line of sight.
+    // Distance of the midpoint of two neighbours from a point, along its line of sight.
     let off = |positions: &[[f64; 3]], k: usize, [a, b]: [usize; 2]| {
         let middle = scale(0.5, add(positions[a], positions[b]));
         dot(ways[k], sub(middle, positions[k]))
@@ -76,6 +76,7 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
                     Some(off(&positions, k, pair).powi(2) / MEDIAN_SQUARE - own - 0.25 * others)
                 })
                 .collect();
+            // The median, because a few points at sharp edges deviate arbitrarily.
             squares.sort_by(f64::total_cmp);
             *spread = squares.get(squares.len() / 2).copied().unwrap_or(0.0).max(0.0);
         }
@@ -95,7 +96,7 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
                         information += weight;
                     }
                 }
-                // Half of the way, or neighbours change places for ever.
+                // Half of the step; with full steps, neighbours would exchange their values for ever.
                 add_scaled(positions[k], 0.5 * sum / information, ways[k])
             })
             .collect();

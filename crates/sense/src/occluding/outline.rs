@@ -89,16 +89,16 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     let (low, high) = (f64::from(low), f64::from(high));
     let threshold = options.threshold.unwrap_or(0.5 * (low + high));
     let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
-    let of_thing = mask.iter().filter(|m| **m).count();
-    if of_thing == 0 || of_thing == mask.len() {
+    let object_pixels = mask.iter().filter(|m| **m).count();
+    if object_pixels == 0 || object_pixels == mask.len() {
         return Err(Error::undetermined(format!(
             "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
         )));
     }
     let before = mask.clone();
-    let least = (options.least_share * of_thing as f64) as usize;
-    fill(&mut mask, columns, true, least);
-    fill(&mut mask, columns, false, least);
+    let min_pixels = (options.least_share * object_pixels as f64) as usize;
+    fill(&mut mask, columns, true, min_pixels);
+    fill(&mut mask, columns, false, min_pixels);
     let values: Vec<f64> = (picture.values.iter().zip(&mask).zip(&before))
         .map(|((v, now), was)| match options.threshold.is_none() && now == was {
             true => (f64::from(*v) - low) / (high - low),
@@ -139,8 +139,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
             }
             let middle: f64 = corners.iter().map(|k| values[*k]).sum::<f64>() / 4.0;
             for &leave in &leaves {
-                // Where both halves of the thing meet in the middle, the line cuts off what is outside, else
-                // what is inside.
+                // In an ambiguous square the mean decides: if it belongs to the object, the lines separate
+                // the two outside corners, otherwise the two inside corners.
                 let steps: [usize; 3] = match leaves.len() == 2 && middle <= 0.5 {
                     true => [3, 2, 1],
                     false => [1, 2, 3],

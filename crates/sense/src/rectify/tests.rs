@@ -116,7 +116,7 @@ fn cameras_that_cannot_be_rectified_are_refused() {
         Rectification::new(&rig, [SIZE; 2]).unwrap_err().to_string()
     };
     let e = with(camera([0.1, 0.0, 3.0], [0.0; 3], [0.0; 5]));
-    assert!(e.contains("epipole lies inside the picture of the first camera"), "{e}");
+    assert!(e.contains("epipole lies inside the image of the first camera"), "{e}");
     assert!(with(camera([0.0; 3], [0.1, 0.0, 0.0], [0.0; 5])).contains("different places"));
     assert!(with(camera([1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0; 5])).contains("90° apart"));
     assert!(with(camera([1.0, 0.0, 0.0], [0.0; 3], [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be undone"));

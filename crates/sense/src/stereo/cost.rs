@@ -28,13 +28,12 @@ const MOST_DIFFERENCE: i16 = 40;
 /// Hundredths of the contrast: twice the deviation of the brightness is 100.
 const CONTRAST_STEPS: f32 = 100.0;
 
-/// The two images as the cost sees them; rows of the right one run backwards, so that disparities run
-/// forwards.
+/// Both images, prepared for the cost. Rows of the right one are reversed, so that disparities run forwards.
 pub(super) struct MatchingCost {
     columns: usize,
     least: i32,
     census: [Vec<u64>; 2],
-    /// Brightness, and the least and greatest within half a pixel along the row.
+    /// Brightness, and its minimum and maximum within half a pixel along the row.
     level: [[Vec<i16>; 3]; 2],
 }
 
@@ -48,6 +47,7 @@ impl MatchingCost {
             census: [census(left), census(right)],
             level: [levels(left), levels(right)],
         };
+        // Disparities then run forwards in memory, which vector instructions need.
         all.census[1].chunks_exact_mut(columns).for_each(<[u64]>::reverse);
         for level in &mut all.level[1] {
             level.chunks_exact_mut(columns).for_each(<[i16]>::reverse);
@@ -113,7 +113,8 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
     levels
 }
 
-/// Which pixels of the window are darker than its middle; windows are continued beyond the border.
+/// One bit per pixel of the window: true if it is darker than the centre. Pixels of the border are repeated
+/// beyond it.
 fn census(image: &Image) -> Vec<u64> {
     let [half_columns, half_rows] = CENSUS;
     let inside = |k: usize, half: usize, n: usize| k.saturating_sub(half).min(n - 1);

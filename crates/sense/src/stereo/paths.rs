@@ -24,10 +24,10 @@ use crate::Image;
 /// An infinite cost, small enough that adding a penalty does not overflow.
 const NEVER: u16 = 1 << 14;
 
-/// Columns that one task of a row takes.
+/// Number of columns of a row per task. Trades parallel work against the cost of tasks.
 const COLUMNS_A_TASK: usize = 64;
 
-/// Rows whose costs are made together.
+/// Number of rows whose costs are computed together. Trades memory against parallel work.
 const ROWS_OF_COSTS: usize = 32;
 
 /// Penalties of a path.
@@ -48,12 +48,13 @@ impl Penalties {
     }
 }
 
-/// The costs of one path at one pixel, with a border on both sides that no step takes, and their least
-/// behind.
+/// Advances one path by one pixel. Each path stores its costs between two infinite entries, which no step
+/// takes, followed by their minimum.
 #[inline(always)]
 fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sums: &mut [u16]) {
     let n = costs.len();
     let least = before[n + 2];
+    // The minimum over all disparities is found once per pixel, which makes a step linear in their number.
     let jump = least.wrapping_add(more);
     let neighbours = before[..n].iter().zip(&before[2..n + 2]);
     let from = before[1..=n].iter().zip(neighbours);
@@ -62,6 +63,8 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sum
         here[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
     {
         let beside = below.min(above).wrapping_add(one);
+        // Subtracting the minimum keeps the cost of a path at most `WORST + P2`, however long it is, so eight
+        // of them fit 16 bits.
         let path = u16::from(cost).wrapping_add(same.min(beside).min(jump).wrapping_sub(least));
         *here = path;
         *sum = sum.wrapping_add(path);
@@ -70,7 +73,7 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sum
     here[n + 2] = smallest;
 }
 
-/// A path's memory of one pixel before it has begun.
+/// The state of paths before their first pixel.
 fn fresh(disparities: usize, pixels: usize) -> Vec<u16> {
     let mut all = vec![0; (disparities + 3) * pixels];
     for pixel in all.chunks_exact_mut(disparities + 3) {
@@ -82,7 +85,7 @@ fn fresh(disparities: usize, pixels: usize) -> Vec<u16> {
 
 /// The sums of all pixels and disparities, pixel by pixel.
 ///
-/// `watch` is told the share of the work that is done, and may stop it.
+/// `watch` receives the share of the work that is done; its error stops the computation.
 pub(super) fn sums(
     image: &Image,
     cost: &MatchingCost,
@@ -109,6 +112,7 @@ fn along_rows(
     sums: &mut [u16],
 ) {
     let columns = image.columns;
+    // Rows are independent in this direction, so each is a task. The sums of a row belong to one task alone.
     let row_length = columns * disparities;
     let simd = pulp::Arch::new();
     sums.par_chunks_exact_mut(row_length).enumerate().for_each_init(
@@ -174,11 +178,11 @@ fn across_rows(
     let row_length = columns * disparities;
     let width = disparities + 3;
     let simd = pulp::Arch::new();
-    // Pixel after pixel, three paths each.
+    // Pixel by pixel, three paths each.
     let mut before = fresh(disparities, 3 * columns);
     let mut here = before.clone();
     let start = fresh(disparities, 1);
-    // Costs of many rows at once: they depend on nothing.
+    // Costs of many rows at once, in parallel: they do not depend on each other.
     let mut costs = vec![0; row_length * ROWS_OF_COSTS.min(rows)];
     for first in (0..rows).step_by(ROWS_OF_COSTS) {
         let block = ROWS_OF_COSTS.min(rows - first);
@@ -198,6 +202,8 @@ fn across_rows(
                 .zip(sums[y * row_length..][..row_length].par_chunks_mut(COLUMNS_A_TASK * disparities))
                 .enumerate();
             tasks.for_each(|(task, (here, sums))| {
+                // The row before is complete when this one starts, so the columns of a row are independent of
+                // each other.
                 simd.dispatch(Across {
                     first: task * COLUMNS_A_TASK,
                     begun: k > 0,

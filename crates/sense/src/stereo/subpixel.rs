@@ -114,6 +114,7 @@ impl Window {
                 }
                 let change = (left.at(column, row) - brightness) / contrast;
                 let (dx, dy) = (column as i32 - x as i32, row as i32 - y as i32);
+                // Pixels of another brightness are more likely on another surface.
                 let w = 1.0 / (1.0 + change * change);
                 members.push((dx, dy, w));
                 let (i, j) = (dx as f32, dy as f32);
@@ -209,6 +210,7 @@ impl Sums {
 
     /// The step of the disparity, the residual variance after it, `Σ w (g − ḡ)²` and `Σ w² (g − ḡ)²`.
     fn solve(&self) -> Option<(f32, f32, f32, f32)> {
+        // Two unknowns; with unequal weights each uses up `Σ w²/Σ w` of the total weight.
         let freedom = self.weight - 2.0 * self.ww / self.weight;
         if !(self.weight > 0.0 && freedom > 1.0) {
             return None;

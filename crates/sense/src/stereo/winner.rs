@@ -24,9 +24,9 @@ pub(super) struct Winner {
 
 /// The winners of all pixels.
 ///
-/// `share` is how much more than the least the next minimum must cost, in hundredths; `least` is the
-/// disparity of index 0, of which a row of `columns` pixels has fewer the nearer to its beginning: beyond,
-/// the right image ends. A least sum at either end is no minimum.
+/// `share` is the minimum excess of the next best sum, in hundredths. `least` is the disparity of index 0.
+/// Near the beginning of a row, large disparities are outside the right image. A smallest sum at either end
+/// of the range is not a minimum.
 pub(super) fn winners(
     sums: &[u16],
     columns: usize,
@@ -49,7 +49,9 @@ pub(super) fn winners(
 fn winner(sums: &[u16], share: u32) -> Winner {
     let least = sums.iter().copied().min().unwrap_or(0);
     let best = sums.iter().position(|s| *s == least).unwrap_or(0);
+    // Direct neighbours of a minimum always have similar sums.
     let others = sums[..best.saturating_sub(1)].iter().chain(sums.iter().skip(best + 2));
+    // In integers, so that the comparison below is exact.
     let next = others.copied().min().unwrap_or(u16::MAX);
     Winner {
         best: best as u16,
@@ -59,8 +61,8 @@ fn winner(sums: &[u16], share: u32) -> Winner {
     }
 }
 
-/// Where the minimum lies between whole numbers: two lines of equal slope through three sums (Shimizu and
-/// Okutomi 2001), which sums of absolute differences and Hamming distances follow rather than a parabola.
+/// Position of the minimum between whole numbers, from two lines of equal slope through three sums (Shimizu
+/// and Okutomi 2001). Sums of absolute differences and Hamming distances follow lines rather than a parabola.
 fn offset(sums: &[u16], best: usize) -> f32 {
     if best == 0 || best + 1 >= sums.len() {
         return 0.0;
@@ -70,8 +72,8 @@ fn offset(sums: &[u16], best: usize) -> f32 {
     if rise > 0.0 { 0.5 * (below - above) / rise } else { 0.0 }
 }
 
-/// For every pixel of the right image the index of its disparity, row by row; `least` is the disparity of
-/// index 0.
+/// The index of the disparity of each pixel of the right image, row by row; `least` is the disparity of index
+/// 0.
 pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, least: i32) -> Vec<u16> {
     let rows = sums.len() / (columns * disparities);
     let mut all = vec![0; columns * rows];
@@ -106,6 +108,7 @@ pub(super) fn region_sizes(values: &[f32], columns: usize, step: f32) -> Vec<u32
         label[start] = name;
         stack.push(start);
         let mut size = 0_u32;
+        // An explicit stack: recursion over a large region would overflow that of the thread.
         while let Some(k) = stack.pop() {
             size += 1;
             let x = k % columns;

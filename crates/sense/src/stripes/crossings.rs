@@ -38,7 +38,7 @@ pub(super) struct Crossing {
     /// The angles of both stripes there, from x to y; the second is a positive turn of less than half from
     /// the first.
     pub angles_rad: [f64; 2],
-    /// Covariance of x, y and both angles, for places of strength one with σ 1.
+    /// Covariance of x, y and both angles, if ridge points of strength one have σ 1.
     pub covariance: [[f64; 4]; 4],
 }
 
@@ -50,12 +50,12 @@ impl Crossing {
     }
 }
 
-/// What is known of all crossings together.
+/// All crossings of an image.
 pub(super) struct Crossings {
     pub found: Vec<Crossing>,
-    /// The usual distance of neighbours, in pixels.
+    /// Median distance of neighbours, in pixels.
     pub spacing: f64,
-    /// Places that turned out to be none.
+    /// Number of candidates that are not crossings.
     pub no_crossing: usize,
 }
 
@@ -64,6 +64,7 @@ impl Crossings {
     pub fn new(image: &Image, ridges: &Ridges) -> Self {
         let spots = meeting_places(image, ridges);
         let least = LEAST_REACH_SCALES * ridges.scale;
+        // Twice: the first pass gives the spacing, which limits how far stripes are followed in the second.
         let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);
         let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
         // The median spacing limits the distance to which stripes are followed.
@@ -74,7 +75,7 @@ impl Crossings {
     }
 }
 
-/// Those that are not the same as one before.
+/// Drops crossings that coincide with an earlier one.
 fn different(all: impl Iterator<Item = Crossing>, least: f64) -> Vec<Crossing> {
     let mut found: Vec<Crossing> = Vec::new();
     for new in all {
@@ -89,8 +90,8 @@ pub(super) fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Where the straight lines through places meet: each pair of places nearby whose lines cross has a vote for
-/// where they do.
+/// Candidates for crossings: each pair of nearby ridge points whose tangents intersect votes for the
+/// intersection.
 fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     let (columns, rows) = (image.columns, image.rows);
     let reach = VOTING_SCALES * ridges.scale;
@@ -123,7 +124,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
                 continue;
             }
             let around = (y - 2..=y + 2).flat_map(|j| (x - 2..=x + 2).map(move |i| (i, j)));
-            // Of equal neighbours the first counts.
+            // Of equal neighbours only the first is a maximum.
             let top = around.into_iter().all(|(i, j)| {
                 let other = height[j * columns + i];
                 other < here || other == here && (j, i) >= (y, x)
@@ -136,7 +137,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     found
 }
 
-/// The median distance to the nearest other.
+/// The median distance to the nearest neighbour.
 fn usual_distance(spots: &[[f64; 2]]) -> f64 {
     let mut nearest: Vec<f64> = (spots.iter().enumerate())
         .filter_map(|(k, spot)| {
@@ -151,9 +152,9 @@ fn usual_distance(spots: &[[f64; 2]]) -> f64 {
 /// A parabola over its own axis through a centre.
 struct Stripe {
     centre: [f64; 2],
-    /// Unit vector along.
+    /// Unit vector along the stripe.
     axis: [f64; 2],
-    /// `a`, `b`, `c`, and their covariance for places of strength one with σ 1.
+    /// `a`, `b`, `c`, and their covariance if ridge points of strength one have σ 1.
     curve: [f64; 3],
     covariance: [[f64; 3]; 3],
 }
@@ -175,7 +176,7 @@ impl Stripe {
         [x - slope * y, y + slope * x]
     }
 
-    /// The parabola through the places of a line near a centre.
+    /// The parabola through the ridge points of a line near a centre.
     fn through(ridges: &Ridges, places: &[&Ridge], centre: [f64; 2], axis: [f64; 2]) -> Option<Self> {
         let mut own: Vec<[f64; 3]> = (places.iter())
             .map(|r| {
@@ -184,8 +185,9 @@ impl Stripe {
                 [t, v, r.strength]
             })
             .collect();
+        // Along the stripe, for the thinning and for the count on each side.
         own.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        // Two pixels beside each other may both hold the line: one place for each step.
+        // Two adjacent pixels may both contain the line: keep one point per step.
         own.dedup_by(|b, a| b[0] - a[0] < 0.4);
         for last in [false, true] {
             let sides = own.iter().filter(|p| p[0] < 0.0).count();
@@ -196,7 +198,7 @@ impl Stripe {
             if last {
                 return Some(Self { centre, axis, curve, covariance: sandwich(ridges, &own, &inverse) });
             }
-            // What is no part of the stripe lies far from it.
+            // Points of other lines are far from the parabola.
             let off = |p: &[f64; 3]| (p[1] - curve[0] - p[0] * (curve[1] + p[0] * curve[2])).abs();
             let mut sizes: Vec<f64> = own.iter().map(off).collect();
             sizes.sort_by(f64::total_cmp);
@@ -221,7 +223,7 @@ fn parabola(places: &[[f64; 3]]) -> Option<([f64; 3], [[f64; 3]; 3])> {
     Some((super::times(&inverse, r), inverse))
 }
 
-/// `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹` with the correlated errors of places on one line.
+/// `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹` with the correlated errors of points on one line.
 fn sandwich(ridges: &Ridges, places: &[[f64; 3]], inverse: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
     let gains: Vec<[f64; 3]> = (places.iter())
         .map(|[t, _, strength]| super::times(inverse, [1.0, *t, t * t]).map(|g| g / strength))
@@ -238,7 +240,7 @@ fn sandwich(ridges: &Ridges, places: &[[f64; 3]], inverse: &[[f64; 3]; 3]) -> [[
     sum
 }
 
-/// The crossing near a place, if two stripes run through there.
+/// The crossing near a candidate, if two stripes pass through it.
 fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> {
     let mut centre = spot;
     let mut axes: Option<[[f64; 2]; 2]> = None;
@@ -276,7 +278,7 @@ fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> 
     made
 }
 
-/// Whether the line of a place runs through a centre, more or less.
+/// True if the tangent of a ridge point passes near a centre.
 fn passes(ridge: &Ridge, centre: [f64; 2]) -> bool {
     let d = [ridge.place[0] - centre[0], ridge.place[1] - centre[1]];
     (d[1] * ridge.direction[0] - d[0] * ridge.direction[1]).abs() <= OFF_LINE
@@ -286,8 +288,7 @@ fn aligned(ridge: &Ridge, axis: [f64; 2]) -> f64 {
     (ridge.direction[0] * axis[0] + ridge.direction[1] * axis[1]).abs()
 }
 
-/// The two directions about which those of the places gather, by two means of doubled angles, which have no
-/// ends.
+/// The two main directions of ridge points, by 2-means clustering of doubled angles: lines have no sign.
 fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
     let doubled: Vec<[f64; 2]> = (around.iter())
         .map(|r| {
@@ -323,7 +324,7 @@ fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
     (crossing.abs() >= LEAST_CROSSING).then_some(axes)
 }
 
-/// Where two parabolas meet, by Newton's method, with the covariance of place and angles.
+/// The intersection of two parabolas, by Newton's method, with the covariance of position and angles.
 fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
     let (mut s, mut t) = (0.0, 0.0);
     let mut determinant = 0.0;
@@ -381,7 +382,7 @@ fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
             }
         }
     }
-    // The second stripe a positive turn from the first.
+    // The second direction is a positive turn from the first.
     let mut second = angles[1];
     if determinant < 0.0 {
         second += std::f64::consts::PI;

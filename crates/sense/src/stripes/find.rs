@@ -132,22 +132,24 @@ pub fn read_grid(
     let net = pieces(&crossings, &ridges);
     let indexed: Vec<Vec<Indexed>> =
         (net.iter()).filter_map(|piece| index(piece, &crossings.found, &lines, &grid.pattern)).collect();
-    let told: usize = indexed.iter().map(Vec::len).sum();
-    if told == 0 {
+    let identified: usize = indexed.iter().map(Vec::len).sum();
+    if identified == 0 {
         return Err(Error::undetermined(format!(
-            "{} places where stripes cross were found, but which stripes they are cannot be told: needed \
-            pieces of {LEAST_KNOTS} or more that agree with the calibration",
+            "{} crossings of stripes were found, but their stripes could not be identified: needed connected \
+            pieces of {LEAST_KNOTS} crossings or more that agree with the calibration",
             crossings.found.len()
         )));
     }
     let mut rejected = GridRejected {
         no_crossing: crossings.no_crossing,
-        no_index: crossings.found.len() - told,
+        no_index: crossings.found.len() - identified,
         ..GridRejected::default()
     };
     let off_line = |k: &Indexed| Residual::of_line(&crossings.found[k.crossing], grid, &lines, k.stripes);
+    // σ from the noise of the image misses texture; the distances from epipolar lines contain both, and
+    // nothing was fitted to them.
     let by_noise = ridges.unit_sigma(sigma_of_brightness(image, bright(image)));
-    let factor = judged(&indexed.iter().flatten().map(off_line).collect::<Vec<_>>());
+    let factor = calibrated(&indexed.iter().flatten().map(off_line).collect::<Vec<_>>());
     let unit = factor.unwrap_or(by_noise);
     let mut made = GridReadings {
         readings: Vec::new(),
@@ -157,7 +159,7 @@ pub fn read_grid(
         viewpoint: grid.camera.centre(),
     };
     let near = |k: &&Indexed| off_line(k).normalised(unit) <= GATE * GATE;
-    let told_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
+    let identified_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
         .map(|piece| {
             let of =
                 |k: &Indexed| (k.stripes, OrderedCrossing::new(&crossings.found[k.crossing], k.first, unit));
@@ -168,8 +170,9 @@ pub fn read_grid(
         let all = piece.keys().flat_map(|at| off_chords(piece, *at));
         all.flatten().filter(|r| r.scaled == 1.0).collect()
     };
-    let sigma_angle = judged(&told_pieces.iter().flat_map(both_sides).collect::<Vec<_>>()).unwrap_or(0.0);
-    for piece in &told_pieces {
+    let sigma_angle =
+        calibrated(&identified_pieces.iter().flat_map(both_sides).collect::<Vec<_>>()).unwrap_or(0.0);
+    for piece in &identified_pieces {
         let straight = |at: &[i32; 2]| {
             off_chords(piece, *at).iter().flatten().all(|r| r.normalised(sigma_angle) <= GATE * GATE)
         };
@@ -177,7 +180,7 @@ pub fn read_grid(
             piece.iter().filter(|(at, _)| straight(at)).map(|(at, t)| (*at, t)).collect();
         rejected.undetermined += made.add_piece(&kept, sigma_angle, grid);
     }
-    rejected.off_line = told - made.readings.len() - rejected.undetermined;
+    rejected.off_line = identified - made.readings.len() - rejected.undetermined;
     made.rejected = rejected;
     if made.readings.is_empty() {
         return Err(Error::undetermined("no crossing of stripes determines an orientation"));
@@ -194,8 +197,8 @@ fn check(value: f64, name: &str, least: f64, most: f64) -> Result<()> {
     }
 }
 
-/// Brightness over that of the plain picture, in the scale of the picture; where the plain one is nearly
-/// black, nothing is left.
+/// Brightness divided by that of the plain image, in the scale of the image; zero where the plain one is
+/// nearly black.
 fn divide(image: &Image, plain: &Image) -> Result<Image> {
     if (image.columns, image.rows) != (plain.columns, plain.rows) {
         return Err(Error::input(format!(
@@ -203,15 +206,16 @@ fn divide(image: &Image, plain: &Image) -> Result<Image> {
             image.columns, image.rows, plain.columns, plain.rows
         )));
     }
+    // Division instead of subtraction: the reflectance multiplies the light of the stripes.
     let white = plain.values.iter().fold(0.0_f32, |a, b| a.max(*b));
-    // Below this share of white, noise would be all that is divided.
+    // Below this share of white, the quotient would be noise.
     let least = 0.04 * white;
     let ratio =
         (image.values.iter().zip(&plain.values)).map(|(i, p)| if *p > least { i * white / p } else { 0.0 });
     Image::try_new(image.columns, image.rows, ratio.collect())
 }
 
-/// A fifth of the brightness that only one of a hundred pixels exceeds.
+/// A fifth of the 99th percentile of the brightness.
 fn bright(image: &Image) -> f32 {
     let mut values = image.values.clone();
     let k = values.len() * 99 / 100;
@@ -236,7 +240,7 @@ impl Residual {
         let s = &crossing.covariance;
         Self {
             square: dot([a, b, c], [x, y, 1.0]).powi(2),
-            // Of both pictures.
+            // For both images.
             known: 2.0 * grid.sigma_px.powi(2),
             scaled: a * a * s[0][0] + 2.0 * a * b * s[0][1] + b * b * s[1][1],
         }
@@ -247,15 +251,15 @@ impl Residual {
     }
 }
 
-/// The x with which the residuals are as large as they should be, from about zero; none of too few.
-fn judged(residuals: &[Residual]) -> Option<f64> {
+/// The x for which the residuals have the expected size; `None` for too few residuals.
+fn calibrated(residuals: &[Residual]) -> Option<f64> {
     if residuals.len() < MIN_CALIBRATION_CROSSINGS {
         return None;
     }
     let mean = |x: f64| {
         residuals.iter().map(|r| r.normalised(x).min(MAX_SQUARE)).sum::<f64>() / residuals.len() as f64
     };
-    // The mean falls as x grows: halved in logarithms.
+    // The mean decreases with x, so bisection (in logarithms) finds the root.
     let strength = residuals.iter().map(|r| r.scaled).sum::<f64>() / residuals.len() as f64;
     let (mut low, mut high) = (1e-5 / strength.sqrt(), 10.0 / strength.sqrt());
     for _ in 0..60 {
@@ -269,7 +273,7 @@ fn judged(residuals: &[Residual]) -> Option<f64> {
 struct OrderedCrossing {
     image: [f64; 2],
     angles_rad: [f64; 2],
-    /// Of x, y and both angles, by the noise of the picture.
+    /// Covariance of x, y and both angles due to the noise of the image.
     covariance: [[f64; 4]; 4],
 }
 
@@ -284,7 +288,7 @@ impl OrderedCrossing {
         }
     }
 
-    /// Variance of a coordinate of its place.
+    /// Variance of a coordinate of its position.
     fn place(&self) -> f64 {
         0.5 * (self.covariance[0][0] + self.covariance[1][1])
     }
@@ -292,12 +296,13 @@ impl OrderedCrossing {
 
 /// The deviation of each stripe's angle at a crossing from the chords to the adjacent crossings on the
 /// stripe.
-/// On a parabola the chord from the one before to the one after is as steep as the middle, and a chord as
-/// steep as the mean of both ends. x is the σ of an angle that noise does not make.
+///
+/// On a parabola, the chord between the two neighbours has the slope of the middle, and the chord to one
+/// neighbour has the mean slope of both ends. x is the σ of an angle that is not due to noise.
 fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Option<Residual>; 2] {
     let own = &piece[&at];
     [0, 1].map(|set| {
-        // Along a stripe of one set those of the other are counted.
+        // Along a stripe of one set, the index of the other set changes.
         let beside = |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
         let chord = |a: &OrderedCrossing, b: &OrderedCrossing| {
             let d = [b.image[0] - a.image[0], b.image[1] - a.image[1]];
@@ -329,7 +334,7 @@ fn half_turn(angle: f64) -> f64 {
 }
 
 impl GridReadings {
-    /// Adds a piece of the net; returns how many of its crossings determine nothing.
+    /// Adds a piece of the net. Returns the number of its crossings that do not determine an orientation.
     fn add_piece(
         &mut self,
         piece: &BTreeMap<[i32; 2], &OrderedCrossing>,
@@ -337,20 +342,20 @@ impl GridReadings {
         grid: &GridCamera,
     ) -> usize {
         let mut found: BTreeMap<[i32; 2], (Orientation, [f64; 2], f64)> = BTreeMap::new();
-        for (stripes, told) in piece {
+        for (stripes, crossing) in piece {
             let junction = Junction {
-                image: told.image,
-                angles_rad: told.angles_rad,
+                image: crossing.image,
+                angles_rad: crossing.angles_rad,
                 projector: grid.pattern.crossing(stripes.map(f64::from)),
             };
-            let mut image = told.covariance;
+            let mut image = crossing.covariance;
             (0..2).for_each(|i| image[i][i] += grid.sigma_px.powi(2));
             (2..4).for_each(|i| image[i][i] += sigma_angle.powi(2));
             let covariance = JunctionCovariance { image, projector_px: grid.sigma_px };
             let directions = grid.pattern.directions();
             if let Ok(made) = orientation(&grid.camera, &grid.projector, directions, &junction, &covariance) {
                 let sigma = (0.5 * (image[0][0] + image[1][1])).sqrt();
-                found.insert(*stripes, (made, told.image, sigma));
+                found.insert(*stripes, (made, crossing.image, sigma));
             }
         }
         for (at, (made, image, sigma)) in &found {

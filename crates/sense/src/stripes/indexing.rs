@@ -40,7 +40,7 @@ pub(super) struct EpipolarLines {
 }
 
 impl EpipolarLines {
-    /// None where a matrix of intrinsics has no inverse.
+    /// `None` if a matrix of intrinsics is singular.
     pub fn new(camera: &Pinhole, projector: &Pinhole) -> Option<Self> {
         let rows = |m: &[[f64; 3]; 3], k: usize| m.map(|row| row[k]);
         let (of_projector, of_camera) = (inverse(&projector.k)?, inverse(&camera.k)?);
@@ -63,7 +63,7 @@ impl EpipolarLines {
 /// A crossing with its stripes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Indexed {
-    /// Which of the crossings.
+    /// Index of the crossing.
     pub crossing: usize,
     /// Its stripes of both sets.
     pub stripes: [i32; 2],
@@ -71,7 +71,7 @@ pub(super) struct Indexed {
     pub first: usize,
 }
 
-/// The stripes of a piece; none where no guess, or more than one, is good.
+/// The stripes of a piece; `None` if no hypothesis, or more than one, is accepted.
 pub(super) fn index(
     piece: &[Knot],
     crossings: &[Crossing],
@@ -82,10 +82,11 @@ pub(super) fn index(
         return None;
     }
     let [d0, d1] = pattern.directions();
+    // The piece's coordinates are counted in the image's orientation, the stripes in the pattern's.
     let sense = if d0[0] * d1[1] - d0[1] * d1[0] > 0.0 { 1 } else { -1 };
     // How the stripes change along the first set's direction, and after quarter turns.
     let steps = [[0, -sense], [1, 0], [0, sense], [-1, 0]];
-    // Lines do not depend on the guess: one for each crossing of the pattern.
+    // Lines depend only on the crossing of the pattern, and each is used by many hypotheses.
     let [[a0, a1], [b0, b1]] = pattern.range;
     let width = (b1 - b0 + 1) as usize;
     let known: Vec<Option<[f64; 3]>> = (a0..=a1)
@@ -103,6 +104,8 @@ pub(super) fn index(
             (of.clone().min().unwrap_or(0), of.max().unwrap_or(0))
         };
         let ((low0, high0), (low1, high1)) = (reach(0), reach(1));
+        // All shifts that keep the piece inside of the pattern. The cost is the number of shifts times that
+        // of crossings, which is small for a pattern of some hundred stripes.
         for first in a0 - low0..=a1 - high0 {
             for other in b0 - low1..=b1 - high1 {
                 let off = |(k, r): (&Knot, &[i32; 2])| {
@@ -112,6 +115,8 @@ pub(super) fn index(
                     distance.powi(2).min(FAR_OFF_PX * FAR_OFF_PX)
                 };
                 let mean = piece.iter().zip(&relative).map(off).sum::<f64>() / piece.len() as f64;
+                // The second best is tracked as well: a hypothesis is accepted only if it is much better than
+                // all others.
                 match best {
                     Some((least, ..)) if mean >= least => second = second.min(mean),
                     _ => {

@@ -27,7 +27,7 @@ const STEADY: f64 = 0.8;
 /// A crossing of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Knot {
-    /// Which of the crossings.
+    /// Index of the crossing.
     pub crossing: usize,
     /// Its coordinates in the piece.
     pub at: [i32; 2],
@@ -38,12 +38,13 @@ pub(super) struct Knot {
 /// The next crossing in one of four directions, and which of that one's directions goes on.
 type Next = [Option<(usize, usize)>; 4];
 
-/// The pieces of the net, each with its crossings in the order of their coordinates; crossings that
-/// contradict each other are left out.
+/// The pieces of the net, each with its crossings in the order of their coordinates, without contradictory
+/// crossings.
 pub(super) fn pieces(crossings: &Crossings, ridges: &Ridges) -> Vec<Vec<Knot>> {
     let all = &crossings.found;
     let ways: Vec<Next> =
         (0..all.len()).map(|k| [0, 1, 2, 3].map(|way| follow(crossings, ridges, k, way))).collect();
+    // Only mutual links: a stripe that was lost may reach a crossing that itself leads elsewhere.
     let both: Vec<Next> = (0..all.len())
         .map(|k| {
             [0, 1, 2, 3].map(|way| {
@@ -59,6 +60,8 @@ pub(super) fn pieces(crossings: &Crossings, ridges: &Ridges) -> Vec<Vec<Knot>> {
                 .map(|way| both[k][way].filter(|_| closes(&both, k, way, 1) || closes(&both, k, way, 3)))
         })
         .collect();
+    // The test starts at one end of a side. If directions are inconsistent, the result may differ from that
+    // of the other end.
     let closed: Vec<Next> = (0..all.len())
         .map(|k| {
             [0, 1, 2, 3]
@@ -87,6 +90,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
     let mut place = all[from].image;
     let mut direction = way_direction(&all[from], way);
     let arrived = (ARRIVED * crossings.spacing).max(ARRIVED_PX);
+    // The candidates once per stripe, not once per step of a pixel.
     let near: Vec<usize> = (0..all.len())
         .filter(|&k| k != from && apart(all[k].image, place) <= FARTHEST * crossings.spacing + arrived)
         .collect();
@@ -106,6 +110,8 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
             return (along(on) >= STEADY).then_some((to, on));
         }
         let turned = |d: [f64; 2]| d[0] * direction[0] + d[1] * direction[1];
+        // The search radius covers the 1.3 pixels below plus the half pixel between a ridge and its pixel's
+        // centre. Points behind the last one are excluded, because the walk would stop there.
         let on_line = (ridges.near(next, 1.6))
             .filter(|r| {
                 let ahead = turned([r.place[0] - place[0], r.place[1] - place[1]]);
@@ -121,6 +127,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
                 missing = 0.0;
             }
             None => {
+                // Straight on through a gap.
                 place = next;
                 missing += 1.0;
             }
@@ -129,8 +136,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
     None
 }
 
-/// Whether the side of a mesh that a way is, with the mesh to one hand (1 or 3 quarter turns), belongs to one
-/// that closes.
+/// Whether the mesh on one side (`hand`: 1 or 3 quarter turns) of a link is closed.
 fn closes(next: &[Next], from: usize, way: usize, hand: usize) -> bool {
     let round = || {
         let (b, on) = next[from][way]?;
@@ -160,6 +166,7 @@ fn piece(next: &[Next], start: usize, seen: &mut [bool]) -> Vec<Knot> {
                 turn: (absolute + 4 - on) % 4,
             };
             match knots.get(&to) {
+                // The other way around leads to different coordinates. Both ends are removed.
                 Some(known) if *known != arrived => wrong.extend([from, to]),
                 Some(_) => {}
                 None => {
@@ -170,6 +177,8 @@ fn piece(next: &[Next], start: usize, seen: &mut [bool]) -> Vec<Knot> {
             }
         }
     }
+    // Two crossings with the same coordinates: one of the links was wrong, and nothing shows which. An
+    // ordered map keeps the result independent of hashing.
     let mut by_place: BTreeMap<[i32; 2], Vec<Knot>> = BTreeMap::new();
     for knot in knots.into_values().filter(|k| !wrong.contains(&k.crossing)) {
         by_place.entry(knot.at).or_default().push(knot);

@@ -4,7 +4,7 @@
 //! line, the line's direction and its strength.
 //!
 //! Across a line, along the eigenvector n of the Hessian with the eigenvalue λ of greatest size, the smoothed
-//! brightness is `I + g·n t + λ t²/2`: its top lies at `t = −g·n/λ`. White noise of σ in the picture moves
+//! brightness is `I + g·n t + λ t²/2`: its top lies at `t = −g·n/λ`. White noise of σ in the image moves
 //! that by `σ / (√(8π) s² |λ|)`, and along the line by errors that are correlated as `exp(−Δ²/4s²)`.
 //!
 //! # References
@@ -22,7 +22,7 @@ const KERNEL_SCALES: f64 = 4.0;
 /// A point on a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ridge {
-    /// Where it is, in pixels.
+    /// Position in pixels.
     pub place: [f64; 2],
     /// Unit vector along the line, either way.
     pub direction: [f64; 2],
@@ -35,11 +35,11 @@ pub(super) struct Ridges {
     columns: usize,
     rows: usize,
     at: Vec<Option<Ridge>>,
-    /// The scale that it was smoothed with, in pixels.
+    /// Smoothing scale in pixels.
     pub scale: f64,
 }
 
-/// Smoothed derivatives of a picture.
+/// Smoothed derivatives of an image.
 pub(super) struct Derivatives {
     /// The gradient.
     pub slopes: [Image; 2],
@@ -50,7 +50,7 @@ pub(super) struct Derivatives {
 }
 
 impl Derivatives {
-    /// Those at a scale, by separable kernels; the border is carried on outwards.
+    /// Derivatives at a scale, by separable kernels; border pixels are repeated outwards.
     pub fn new(image: &Image, scale: f64) -> Self {
         let kernels = [0, 1, 2].map(|order| kernel(scale, order));
         let rows = [0, 1, 2].map(|order| along_rows(image, &kernels[order]));
@@ -70,7 +70,7 @@ impl Derivatives {
         let (a, b, c) = (f64::from(self.xx[k]), f64::from(self.xy[k]), f64::from(self.yy[k]));
         let (mean, half) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());
         let first = if mean < 0.0 { mean - half } else { mean + half };
-        // The angle of the eigenvector of the larger eigenvalue; that of the smaller stands on it.
+        // The angle of the eigenvector of the larger eigenvalue; that of the smaller is perpendicular.
         let angle = 0.5 * (2.0 * b).atan2(a - c);
         let (sin, cos) = angle.sin_cos();
         let vector = if mean < 0.0 { [-sin, cos] } else { [cos, sin] };
@@ -110,6 +110,7 @@ fn along_rows(image: &Image, kernel: &[f32]) -> Vec<f32> {
     let (columns, reach) = (image.columns, kernel.len() / 2);
     let mut out = vec![0.0; image.values.len()];
     out.par_chunks_mut(columns).enumerate().for_each(|(y, out)| {
+        // A padded copy instead of a test of the border at every tap: the inner loop vectorises.
         let row = image.row(y);
         let mut padded = vec![row[0]; reach];
         padded.extend_from_slice(row);
@@ -127,6 +128,8 @@ fn along_columns(values: &[f32], columns: usize, kernel: &[f32]) -> Vec<f32> {
     out.par_chunks_mut(columns).enumerate().for_each(|(y, out)| {
         for (i, weight) in kernel.iter().enumerate() {
             let from = (y + i).saturating_sub(reach).min(rows - 1);
+            // Whole rows are added, so memory is read in order. Columns one by one would use one value of
+            // each cache line.
             let row = &values[from * columns..][..columns];
             out.iter_mut().zip(row).for_each(|(o, v)| *o += weight * v);
         }
@@ -141,14 +144,14 @@ pub(super) fn smoothed(values: Vec<f32>, columns: usize, scale: f64) -> Vec<f32>
     along_columns(&along_rows(&image, &kernel), columns, &kernel)
 }
 
-/// A strength that those of strong lines are of the order of: the mean weighed by itself.
+/// Typical strength of strong lines: the mean weighted by strength, in which many weak lines count little.
 pub(super) fn typical(strengths: impl Iterator<Item = f64>) -> f64 {
     let (sum, squares) = strengths.fold((0.0, 0.0), |(sum, squares), s| (sum + s, squares + s * s));
     if sum > 0.0 { squares / sum } else { 0.0 }
 }
 
 impl Ridges {
-    /// The bright lines of a picture.
+    /// The bright lines of an image.
     pub fn new(image: &Image, scale: f64) -> Self {
         let bent = Derivatives::new(image, scale);
         let (columns, rows) = (image.columns, image.rows);
@@ -173,17 +176,18 @@ impl Ridges {
                 here.then(|| Ridge { place: at(off), direction: [-across[1], across[0]], strength: -bend })
             })
             .collect();
+        // The threshold is relative to the image itself, because strength depends on exposure and contrast.
         let least = LEAST_STRENGTH * typical(at.iter().flatten().map(|r| r.strength));
         at.iter_mut().for_each(|r| *r = r.filter(|r| r.strength > 0.0 && r.strength >= least));
         Self { columns, rows, at, scale }
     }
 
-    /// Every place on a line.
+    /// All points on lines.
     pub fn all(&self) -> impl Iterator<Item = &Ridge> {
         self.at.iter().flatten()
     }
 
-    /// The places on lines whose pixels lie within `reach` of a place, in both directions.
+    /// The points on lines whose pixels lie within `reach` of a position in both coordinates.
     pub fn near(&self, place: [f64; 2], reach: f64) -> impl Iterator<Item = &Ridge> {
         let span = |c: f64, n: usize| {
             let from = (c - reach).ceil().max(0.0) as usize;
@@ -196,31 +200,32 @@ impl Ridges {
         })
     }
 
-    /// σ of a place on a line of strength one: [`Ridge::strength`] divides it. `sigma_brightness` is that of
-    /// a pixel of the picture.
+    /// σ of a point on a line of strength one, to be divided by [`Ridge::strength`]. `sigma_brightness` is
+    /// the σ of a pixel's brightness.
     pub fn unit_sigma(&self, sigma_brightness: f64) -> f64 {
         sigma_brightness / ((8.0 * std::f64::consts::PI).sqrt() * self.scale * self.scale)
     }
 
-    /// Correlation of the errors of two places on one line, so many pixels apart.
+    /// Correlation of the errors of two points on one line at a distance in pixels.
     pub fn correlation(&self, apart: f64) -> f64 {
         (-0.25 * (apart / self.scale).powi(2)).exp()
     }
 }
 
-/// σ of the pixels of a picture that are brighter than `least`: a robust mean of second differences along
-/// both axes, in which smooth brightness cancels.
+/// σ of pixels brighter than `darkest`, from the median of second differences along both axes, in which
+/// smooth brightness cancels.
 ///
 /// # References
-/// Immerkær, *Fast noise variance estimation*, CVIU 1996; the median is ours.
-pub(super) fn sigma_of_brightness(image: &Image, least: f32) -> f64 {
+/// Immerkær, *Fast noise variance estimation*, CVIU 1996, with a median in place of the mean.
+pub(super) fn sigma_of_brightness(image: &Image, darkest: f32) -> f64 {
     let mut found = Vec::new();
     for y in 1..image.rows.saturating_sub(1) {
         for x in 1..image.columns.saturating_sub(1) {
             let p = |i: usize, j: usize| image.at(x + i - 1, y + j - 1);
-            if p(1, 1) < least {
+            if p(1, 1) < darkest {
                 continue;
             }
+            // The kernel [1 −2 1] in both directions: linear and bilinear brightness cancel.
             let sides = p(1, 0) + p(0, 1) + p(2, 1) + p(1, 2);
             let corners = p(0, 0) + p(2, 0) + p(0, 2) + p(2, 2);
             found.push((corners - 2.0 * sides + 4.0 * p(1, 1)).abs());
@@ -259,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn places_on_a_line_are_found_to_a_fraction_of_a_pixel() {
+    fn points_on_a_line_have_subpixel_accuracy() {
         for angle in [0.0, 0.3, 0.8, 1.4, 2.2] {
             let ridges = Ridges::new(&line(angle, 0.0, 0), 1.5);
             let found: Vec<&Ridge> = ridges.near([20.0, 20.0], 10.0).collect();
@@ -273,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn their_sigma_and_its_correlation_are_those_of_many_pictures() {
+    fn sigma_and_correlation_match_a_simulation() {
         let (angle, sigma) = (0.0, 3.0);
         let (mut squares, mut stated, mut products, mut n) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..400 {
@@ -287,14 +292,14 @@ mod tests {
             }
         }
         assert!(n > 390.0);
-        // The standard error of a variance of so many draws is 7 %.
+        // The standard error of a variance from 400 draws is 7 %.
         assert!((squares / stated - 1.0).abs() < 0.2, "{}", squares / stated);
         let expected = (-0.25_f64 * (2.0_f64 / 1.5).powi(2)).exp();
         assert!((products / squares - expected).abs() < 0.12, "{}", products / squares);
     }
 
     #[test]
-    fn the_noise_of_a_picture_is_found_beside_its_lines() {
+    fn lines_do_not_affect_the_estimated_noise() {
         let found = sigma_of_brightness(&line(0.7, 4.0, 5), 0.0);
         assert!((found / 4.0 - 1.0).abs() < 0.12, "{found}");
     }

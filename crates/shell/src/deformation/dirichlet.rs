@@ -42,7 +42,7 @@ const AFFINE: usize = 4;
 #[derive(Debug, Clone)]
 pub struct Dirichlet {
     controls: Vec<[f64; 3]>,
-    /// Handles are the controls, then the four of an affine motion.
+    /// First weight of each vertex. Handles are the controls, then the four of an affine motion.
     start: Vec<u32>,
     weights: Vec<(u32, f64)>,
     reduction: DMatrix<f64>,
@@ -69,12 +69,14 @@ impl Dirichlet {
             let mut affine = [0.0; AFFINE];
             for w in found {
                 if (w.site as usize) < BOX_CORNERS {
+                    // A corner of the box contributes through four affine functions, not through the controls
+                    // themselves: rows stay short, and the dependence on all controls is in the reduction.
                     let [x, y, z] = scale(1.0 / size, sub(neighbours.site(w.site), center));
                     for (sum, value) in affine.iter_mut().zip([1.0, x, y, z]) {
                         *sum += w.weight * value;
                     }
                 } else {
-                    // Controls at one place share its weight.
+                    // Coincident controls share the weight of their site.
                     let own = &of_site[w.site as usize];
                     weights.extend(own.iter().map(|&control| (control, w.weight / own.len() as f64)));
                 }
@@ -136,19 +138,20 @@ impl Deformation for Dirichlet {
     }
 }
 
-/// The affine motion `a0 + A (x − center)/size` that fits displacements of controls best: the four rows that
-/// displacements are multiplied by. Of many motions that fit as well it is the one that changes least in
-/// space.
+/// The affine motion `a0 + A (x − center)/size` that best fits displacements of the controls, as four rows to
+/// be multiplied by the displacements. If several motions fit equally well, that of minimum norm.
 fn affine_fit(controls: &[[f64; 3]]) -> ([f64; 3], f64, DMatrix<f64>) {
     let count = controls.len();
     let center = scale(1.0 / count as f64, controls.iter().fold([0.0; 3], |sum, p| add(sum, *p)));
     let reach = controls.iter().map(|p| norm(sub(*p, center))).fold(0.0, f64::max);
     let size = if reach > 0.0 { reach } else { 1.0 };
     let off = DMatrix::from_fn(count, 3, |row, axis| (controls[row][axis] - center[axis]) / size);
+    // The pseudo-inverse leaves directions in which the controls have no extent at zero; normal equations
+    // would be singular there.
     let svd = off.svd(true, true);
-    let least = FLAT * svd.singular_values.max();
+    let threshold = FLAT * svd.singular_values.max();
     let inverse =
-        svd.pseudo_inverse(least.max(f64::MIN_POSITIVE)).unwrap_or_else(|_| DMatrix::zeros(3, count));
+        svd.pseudo_inverse(threshold.max(f64::MIN_POSITIVE)).unwrap_or_else(|_| DMatrix::zeros(3, count));
     let mut fit = DMatrix::from_element(AFFINE, count, 1.0 / count as f64);
     fit.rows_mut(1, 3).copy_from(&inverse);
     (center, size, fit)

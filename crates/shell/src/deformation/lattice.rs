@@ -134,6 +134,7 @@ impl Deformation for Lattice {
 
 /// Bernstein polynomials of a degree, by de Casteljau's triangle.
 fn bernstein(degree: usize, t: f64) -> Vec<f64> {
+    // Sums of nonnegative terms, unlike powers of `t`, which cancel for higher degrees.
     let mut values = vec![0.0; degree + 1];
     values[0] = 1.0;
     for raised in 1..=degree {

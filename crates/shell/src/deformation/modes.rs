@@ -76,6 +76,7 @@ impl Modes {
             return Err(Error::undetermined("the meshes of the family are all the same: there are no modes"));
         }
         order.retain(|&k| deviation(k) > ROUNDING * largest);
+        // The mean uses up one degree of freedom.
         order.truncate(max_modes.min(count - 1));
         let modes = (order.iter())
             .map(|&k| {

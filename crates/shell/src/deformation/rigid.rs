@@ -112,6 +112,7 @@ impl<'a> RigidParts<'a> {
             for &v in &part.vertices {
                 match part_of.get(v as usize) {
                     Some(None) => part_of[v as usize] = Some(index),
+                    // A repeated vertex of one part is harmless; a vertex of two parts could not follow both.
                     Some(Some(other)) if *other != index => {
                         return Err(Error::input(format!(
                             "vertex {v} is in two rigid parts, {other} and {index}"
@@ -143,6 +144,7 @@ impl<'a> RigidParts<'a> {
             });
         }
         for index in 0..parts.len() {
+            // A vertex of a part follows that part alone, whatever other parts are near.
             let far = distances(mesh, &part_of, index, blend)?;
             for (v, far) in far.into_iter().enumerate() {
                 let weight = match part_of[v] {
@@ -154,6 +156,8 @@ impl<'a> RigidParts<'a> {
                 }
             }
         }
+        // The products keep the sum of weights at most one, and a vertex of one part has weight zero in all
+        // others.
         let following: Vec<Vec<(u32, f64)>> = (weights.into_iter())
             .map(|near| {
                 let of = |k: usize| {
@@ -212,6 +216,7 @@ impl<'a> RigidParts<'a> {
             }
             let rotation =
                 Rotation3::from_matrix_eps(&nearest_rotation(&products), 1e-12, 100, Rotation3::identity());
+            // Times the radius, so that all parameters are lengths and damping treats them alike.
             let turn = rotation.scaled_axis() * part.radius;
             let slide = sub(center, part.center);
             for k in 0..3 {
@@ -272,6 +277,7 @@ impl Deformation for RigidParts<'_> {
         for &(part, weight) in &self.following[v] {
             let part = &self.parts[part as usize];
             let Some(first) = part.first else { continue };
+            // `d·(ω × r) = ω·(r × d)`.
             let turn = cross(sub(self.rest[v], part.center), direction);
             for k in 0..3 {
                 visit(self.inner.basis() + first + k, weight * direction[k]);
@@ -300,6 +306,7 @@ fn distances(mesh: &TriangleMesh, part_of: &[Option<usize>], index: usize, blend
     let mut triangles: Vec<[u32; 3]> =
         (mesh.triangles.iter().copied()).filter(|t| t.iter().all(is_in)).collect();
     if triangles.is_empty() {
+        // Degenerate triangles stand for single vertices in the search.
         triangles = (0..mesh.positions.len() as u32).filter(is_in).map(|v| [v; 3]).collect();
     }
     let search = MeshSearch::try_new(&TriangleMesh { positions: mesh.positions.clone(), triangles })?;
@@ -317,6 +324,7 @@ fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
         return Matrix3::identity();
     };
+    // The sign keeps a reflection from being taken for a rotation.
     let mut turn = Matrix3::identity();
     turn[(2, 2)] = (u * v).determinant().signum();
     u * turn * v

@@ -31,8 +31,8 @@ impl Shell<'_> {
         sum
     }
 
-    /// The Hessian of the distance from a skeleton: 0 over a face, one curvature of `1/r` beside an edge, two
-    /// beside a corner or a point.
+    /// The Hessian of the distance from a skeleton: 0 over a face, one curvature of `1/r` if the nearest
+    /// point is on an edge, two if it is a corner or a point.
     fn bending(&self, near: &NearFacet, u: Vector3<f64>) -> Matrix3<f64> {
         if near.distance == 0.0 {
             return Matrix3::zeros();
@@ -40,6 +40,8 @@ impl Shell<'_> {
         let mut flat = Matrix3::identity() - u * u.transpose();
         if self.options.metaball == Metaball::Triangular {
             let corners = self.mesh.corners(near.facet as usize);
+            // Positive barycentric coordinates show whether the nearest point is a corner, on a side or
+            // inside.
             let within: Vec<usize> = (0..3).filter(|&k| near.barycentric[k] > 0.0).collect();
             match within[..] {
                 [_] => {}

@@ -6,10 +6,10 @@
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
 
-/// Subdivides a mesh until no circle about a facet is larger than `radius`, halving longest sides all over;
-/// stops before there are more than `most` facets.
+/// Subdivides the facets of a mesh into similar ones until no circle around a facet is larger than `radius`,
+/// or there would be more than `max_facets` facets.
 ///
-/// The second result has, for every new vertex, the corners of the facet that it lies on, and their weights.
+/// The second result has, for every new vertex, the corners of the facet that contains it, and their weights.
 ///
 /// # Examples
 /// ```
@@ -24,13 +24,13 @@ use planish_mesh::TriangleMesh;
 pub fn subdivide_for_spheres(
     mesh: &TriangleMesh,
     radius: f64,
-    most: usize,
+    max_facets: usize,
 ) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
     let mut positions = mesh.positions.clone();
     let mut origins: Vec<[(u32, f64); 3]> =
         (0..positions.len() as u32).map(|v| [(v, 1.0), (v, 0.0), (v, 0.0)]).collect();
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
-    let room = most.max(mesh.triangles.len());
+    let room = max_facets.max(mesh.triangles.len());
     let mut total: usize = 0;
     let pieces: Vec<usize> = (mesh.triangles.iter())
         .map(|t| {

@@ -62,6 +62,7 @@ impl ResidualCorrelation {
         if residuals.len() < MIN_RESIDUALS {
             return Self::NONE;
         }
+        // Normalised, so that readings with different σ can be compared. A common factor on σ cancels below.
         let normalized: Vec<f64> = residuals.iter().map(|r| r.distance / r.sigma).collect();
         let variance = normalized.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64;
         if !(variance > 0.0 && variance.is_finite()) {
@@ -74,6 +75,7 @@ impl ResidualCorrelation {
             batches.products(&values, MIN_BATCHES)
         };
         let levels = batches.products(&normalized, MIN_BATCHES);
+        // The sum over pairs that the fit itself removes, estimated from random signs.
         let mut taken = vec![0.0; levels.len()];
         for draw in 0..DRAWS {
             let [signs, left] = [products(&|r| r.signs[draw]), products(&|r| r.left[draw])];
@@ -86,6 +88,8 @@ impl ResidualCorrelation {
         let mut most = 0.0;
         for ((level, taken), weights) in levels.iter().zip(taken).zip(weights) {
             let alike = (level.sum / variance + taken) / level.pairs;
+            // A level counts only if its correlation is significant; the most significant one gives the
+            // variance of the shape.
             let sure = alike - SIGNIFICANT * level.mean_sigma();
             if sure <= 0.0 {
                 continue;

@@ -127,9 +127,9 @@ impl Equations {
     }
 
     /// Sets the probability that the last equation is the correct one of its reading.
-    pub(super) fn last_is_right_by(&mut self, probability: f64, surprise: f64) {
+    pub(super) fn set_last_probability(&mut self, probability: f64, log_ratio: f64) {
         if let Some(last) = self.list.last_mut() {
-            last.chance = (probability, surprise);
+            last.chance = (probability, log_ratio);
         }
     }
 
@@ -172,8 +172,8 @@ pub(super) struct Pass {
 pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f64 {
     (all.iter().flat_map(|some| &some.list))
         .map(|e| {
-            let (probability, surprise) = e.chance;
-            probability * (e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]) + surprise)
+            let (probability, log_ratio) = e.chance;
+            probability * (e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]) + log_ratio)
         })
         .sum()
 }
@@ -192,6 +192,7 @@ pub(super) fn sum(
     let basis = deformation.basis();
     let size = basis + 6 * poses;
     // Groups do not depend on the number of threads, so that sums have a fixed order.
+    // Each group has a matrix of its own, so memory limits their number.
     let groups = (SUMS / (size * size).max(1)).clamp(2, 32);
     let per_group = all.len().div_ceil(groups).max(1);
     let sums: Vec<Pass> = (all.par_chunks(per_group))
@@ -210,6 +211,7 @@ pub(super) fn sum(
                     continue;
                 }
                 let mut give = |k: usize, entry: f64| {
+                    // An entry that cancels to zero is listed again, hence `dedup` below.
                     if row[k] == 0.0 {
                         touched.push(k);
                     }
@@ -221,6 +223,7 @@ pub(super) fn sum(
                 for (n, &i) in touched.iter().enumerate() {
                     let scaled = weight * row[i];
                     pass.vector[i] -= scaled * equation.distance;
+                    // Only the lower triangle is summed; it is mirrored once at the end.
                     for &j in &touched[n..] {
                         pass.information[(j, i)] += scaled * row[j];
                     }
@@ -262,6 +265,7 @@ pub(super) fn visit_row(
 
 /// Transforms a sum from the basis of the rows to the parameters; poses are unchanged.
 fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
+    // Once for the whole sum: `Rᵀ N R` for each equation would make its short row dense.
     let Some(r) = deformation.reduction() else {
         return pass;
     };

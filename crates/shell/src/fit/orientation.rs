@@ -20,6 +20,7 @@ const RAYS: usize = 48;
 
 /// The index of the part of each triangle.
 fn parts(mesh: &TriangleMesh) -> Vec<u32> {
+    // Seams of textures duplicate vertices; without welding a part would end at each seam.
     let welded = mesh.welded();
     let mut at_edge: HashMap<[u32; 2], Vec<(u32, bool)>> = HashMap::new();
     for (i, t) in welded.triangles.iter().enumerate() {
@@ -29,6 +30,7 @@ fn parts(mesh: &TriangleMesh) -> Vec<u32> {
         }
     }
     let mut part = DisjointSets::new(mesh.triangles.len());
+    // The order of a hash table varies, but it only changes the labels of parts, not the parts.
     for facets in at_edge.values() {
         if let [(a, along), (b, other)] = facets[..]
             && along != other
@@ -75,11 +77,10 @@ pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
         *votes.entry(part).or_default() += if behind { 1 } else { -1 };
     }
     Ok((mesh.triangles.iter().zip(part))
-        .map(
-            |([a, b, c], part)| {
-                if votes.get(&part).is_some_and(|votes| *votes > 0) { [*a, *c, *b] } else { [*a, *b, *c] }
-            },
-        )
+        .map(|([a, b, c], part)| {
+            // Equal votes leave a part unchanged: it is a sheet seen from both sides.
+            if votes.get(&part).is_some_and(|votes| *votes > 0) { [*a, *c, *b] } else { [*a, *b, *c] }
+        })
         .collect())
 }
 

@@ -79,6 +79,8 @@ impl Priors<'_> {
         if rest == 0 {
             return Ok(Pass { information: own, vector });
         }
+        // Only the block of the poses is used. It needs its priors: poses that no reading determines would
+        // make the corner singular.
         let (all, slope) = self.add(state, 0.0, pass);
         let corner = all.view((parameters, parameters), (rest, rest)).into_owned();
         let mixed = pass.information.view((parameters, 0), (rest, parameters)).into_owned();

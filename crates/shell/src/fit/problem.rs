@@ -67,7 +67,7 @@ pub(super) struct Weighing<'a> {
 }
 
 impl Weighing<'_> {
-    fn leaves_out(&self, source: Source, normalized: f64) -> bool {
+    fn omits(&self, source: Source, normalized: f64) -> bool {
         let factor = OMISSION_MARGIN * self.factors[source.scale()];
         source.loss(self.loss).weight(normalized / factor) <= 0.0
     }
@@ -148,6 +148,8 @@ impl Problem<'_> {
         let bounds = own.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
         let sight =
             search.as_ref().map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
+        // One list of tasks for all kinds of readings keeps all threads busy to the end. `collect` keeps the
+        // order.
         let mut work: Vec<Work> =
             pieces(self.chosen.len(), POINTS).map(|(a, b)| Work::Points(a, b)).collect();
         for (v, view) in self.readings.views.iter().enumerate().filter(|_| lines) {
@@ -187,7 +189,7 @@ impl Problem<'_> {
                         continue;
                     }
                     let residual = (found.distance, point.sigma(found.gradient));
-                    if weighing.is_some_and(|w| w.leaves_out(Source::Point, residual.0 / residual.1)) {
+                    if weighing.is_some_and(|w| w.omits(Source::Point, residual.0 / residual.1)) {
                         made.push_without_derivatives(Source::Point, i, residual);
                         continue;
                     }
@@ -214,8 +216,9 @@ impl Problem<'_> {
                 let camera = &state.cameras[v];
                 for pixel in &self.readings.views[v].inside[a..b] {
                     let (origin, direction) = (camera.center(), camera.direction(*pixel));
+                    // A hit satisfies the inequality; only a miss is an equation.
                     if sight.search.first_hit(origin, direction).is_none() {
-                        let found = sight.least(origin, direction, &mut shares);
+                        let found = sight.minimum(origin, direction, &mut shares);
                         if let Some(touch) = found.filter(|touch| touch.distance > 0.0) {
                             self.line(
                                 Source::Region,
@@ -234,7 +237,7 @@ impl Problem<'_> {
             }
             (Work::Outside(v, a, b), Some(sight)) => {
                 for pixel in &self.readings.views[v].outside[a..b] {
-                    self.reaching_over(v, *pixel, &state.cameras[v], sight, &mut made);
+                    self.beyond_mask(v, *pixel, &state.cameras[v], sight, &mut made);
                 }
             }
             (_, None) => {}
@@ -262,7 +265,7 @@ impl Problem<'_> {
         for (g, sheet) in sheets.likely() {
             any = true;
             let residual = (sheet.height, point.sigma(sheet.normal));
-            if weighing.leaves_out(Source::Point, residual.0 / residual.1) {
+            if weighing.omits(Source::Point, residual.0 / residual.1) {
                 made.push_without_derivatives(Source::Point, i, residual);
             } else {
                 sheets.by_vertices(g, shell, point.at, shares, |v, by| {
@@ -270,7 +273,7 @@ impl Problem<'_> {
                 });
                 made.push(Source::Point, i, residual, gathered.take(), &[]);
             }
-            made.last_is_right_by(sheet.probability, sheet.surprise);
+            made.set_last_probability(sheet.probability, sheet.log_ratio);
         }
         gathered.sheets = sheets;
         any
@@ -285,12 +288,14 @@ impl Problem<'_> {
         shares: &mut Vec<FacetShare>,
         made: &mut Equations,
     ) {
+        // Readings of outlines are numbered over all views.
         let before: usize = self.readings.views[..v].iter().map(|view| view.outline.len()).sum();
         for (i, place) in self.readings.views[v].outline.iter().enumerate().take(b).skip(a) {
             let (origin, direction) = (camera.center(), camera.direction(place.pixel));
             let found = match place.kind {
-                OutlineKind::Border => sight.least(origin, direction, shares),
-                // A contour may have several minima; the one with the smallest residual is taken.
+                OutlineKind::Border => sight.minimum(origin, direction, shares),
+                // A line of sight on a contour may have several minima; the one with the smallest residual is
+                // used.
                 OutlineKind::Contour => (sight.minima(origin, direction, shares).into_iter())
                     .min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs())),
             };
@@ -307,7 +312,7 @@ impl Problem<'_> {
     /// The equation is `uᵀ(π(x) − b) = 0`, with `u` from the border point `b` to the pixel, and `x` moving
     /// with its facet. The depth of the line inside the mesh is not used instead: for a thin part that faces
     /// the camera it is half the thickness, whatever the distance to the rim.
-    fn reaching_over(
+    fn beyond_mask(
         &self,
         v: usize,
         pixel: [f64; 2],
@@ -331,6 +336,7 @@ impl Problem<'_> {
         if away == 0.0 {
             return;
         }
+        // The residual in pixels along the direction to the border.
         let along = off.map(|x| x / away);
         let last = sight.last_hit(origin, direction);
         for hit in [Some(first), last.filter(|last| last.triangle != first.triangle)].into_iter().flatten() {
@@ -384,7 +390,7 @@ impl Problem<'_> {
             }
         }
         let [x, y] = camera.by_pixel(touch.at, touch.gradient);
-        let whole = camera.by_pixel_at_most(touch.at);
+        let whole = camera.pixel_width(touch.at);
         let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * whole);
         let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
         made.push(source, reading, (touch.distance, sigma), &mut vertices, by_pose.as_slice());

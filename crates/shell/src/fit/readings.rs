@@ -18,6 +18,7 @@ impl PointReading {
         let [xx, xy, xz, yy, yz, zz] = self.covariance;
         let [x, y, z] = along;
         let variance = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z);
+        // Gradients of the field are shorter than one near edges; the σ belongs to the unit direction.
         let length = (x * x + y * y + z * z).sqrt();
         // A covariance may be singular; the floor keeps the weight of the equation finite.
         let least = 1e-12 * (xx + yy + zz);

@@ -31,6 +31,7 @@ pub(super) fn leverage_of_signs(
     let basis = deformation.basis();
     let parameters = deformation.parameters();
     let rest = information.nrows() - parameters;
+    // Numbers of equations over all groups, from which their signs are hashed.
     let firsts: Vec<usize> = (equations.iter())
         .scan(0, |next, some| {
             let first = *next;
@@ -62,6 +63,8 @@ pub(super) fn leverage_of_signs(
         .collect();
     let mut sum = DMatrix::zeros(basis + rest, DRAWS);
     sums.iter().for_each(|some| sum += some);
+    // `H s = A N⁻¹ (Aᵀ s)`: the two passes apply `Aᵀ` and `A`, and `H` itself, as large as the square of the
+    // readings, is never formed.
     let factor = Factor::new(information).ok_or_else(undetermined)?;
     let mut moved = DMatrix::zeros(basis + rest, DRAWS);
     for draw in 0..DRAWS {

@@ -39,6 +39,8 @@ pub(super) fn finished(
             && e.is_likely()
             && e.source.loss(loss).weight(e.normalized() / factors[e.source.scale()]) >= OUTLIER_WEIGHT
     };
+    // The correlation is found from the residuals first; the information then counts correlated readings as
+    // fewer.
     let left = leverage_of_signs(equations, deformation, (&with_priors, moments.slope), factors, counts)?;
     let misfits = misfits(equations, &left, priors, counts);
     let together = misfits.map(|misfit| misfit.together);

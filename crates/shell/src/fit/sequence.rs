@@ -127,6 +127,7 @@ impl<'a> ShellTracker<'a> {
         let share = COMMON_MOTION_COST * k.trace() / parameters as f64;
         let stiff = k + DMatrix::identity(parameters, parameters) * share.max(f64::MIN_POSITIVE);
         let mut smooth = stiff.cholesky().ok_or_else(undetermined)?.inverse();
+        // Normalised, so that `c` is the mean variance of a parameter.
         smooth *= parameters as f64 / smooth.trace();
         Ok(Self {
             mesh,
@@ -251,6 +252,8 @@ impl<'a> ShellTracker<'a> {
         let n = &fit.data_information;
         let innovation =
             n * (&fit.parameters - &own_mean) + &prior.information * (&fit.parameters - &prior.mean);
+        // `P (I + N P)⁻¹` equals `(P⁻¹ + N)⁻¹` and needs no inverse of `N`, which is singular where a frame
+        // has no readings.
         let both = (&identity + n * &own).lu();
         let by_readings = both.solve(&innovation).ok_or_else(undetermined)?;
         let gain = both.solve(n).ok_or_else(undetermined)?;

@@ -61,7 +61,7 @@ pub(super) struct Sheet {
     /// The probability that the point was measured on it.
     pub probability: f64,
     /// `ln(p/m)`, with masses `m` that sum to one over the sheets.
-    pub surprise: f64,
+    pub log_ratio: f64,
     mass: f64,
     /// The height over its nearest facet.
     first: f64,
@@ -117,6 +117,7 @@ impl Sheets {
             if mass > 0.0 {
                 self.order.push(self.members.len());
             }
+            // Facets without mass stay in the list, because its indices are those of `shares`.
             self.members.push(Member {
                 normal: over.normal,
                 height: over.height,
@@ -127,6 +128,7 @@ impl Sheets {
             });
         }
         let (members, order) = (&mut self.members, &mut self.order);
+        // The most likely facet defines its sheet, and others join it. Ties go by index.
         order.sort_unstable_by(|a, b| members[*b].weight.total_cmp(&members[*a].weight).then(a.cmp(b)));
         for &i in order.iter() {
             let own = members[i];
@@ -155,13 +157,14 @@ impl Sheets {
     /// Computes the probabilities of the sheets.
     fn weigh(&mut self, sigma: f64, loss: &Loss) {
         let cost = |sheet: &Sheet| loss.rho(sheet.height / sigma);
+        // Costs relative to the smallest one: far from all sheets every exponential would be zero.
         let least = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
         let masses: f64 = self.list.iter().map(|sheet| sheet.mass).sum();
         let density = |sheet: &Sheet| sheet.mass * (least - cost(sheet)).exp();
         let all: f64 = self.list.iter().map(density).sum();
         for sheet in &mut self.list {
             sheet.probability = density(sheet) / all;
-            sheet.surprise = (least - cost(sheet)).exp().ln() - (all / masses).ln();
+            sheet.log_ratio = (least - cost(sheet)).exp().ln() - (all / masses).ln();
         }
     }
 

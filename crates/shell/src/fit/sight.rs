@@ -117,7 +117,7 @@ impl<'a> Sight<'a> {
     }
 
     /// The minimum of `D` on a line; `None` if no value is finite.
-    pub(super) fn least(
+    pub(super) fn minimum(
         &self,
         origin: [f64; 3],
         direction: [f64; 3],

@@ -33,6 +33,7 @@ impl Smoothness {
             Some(own) => (own, 3),
             None => (stiffness.clone(), 1),
         };
+        // The rank is needed once per fit; the stiffness does not change.
         let eigen = own.symmetric_eigenvalues();
         let largest = eigen.iter().copied().fold(0.0, f64::max);
         if eigen.iter().any(|e| *e < -1e-8 * largest) {
@@ -66,6 +67,7 @@ impl Smoothness {
         if self.weight == 0.0 {
             self.weight = (0.01 * natural).min(self.max_weight);
         }
+        // The prior concerns total displacements from the start, not the increment of this iteration.
         let target = information * q + vector;
         let model = SmoothnessModel {
             equations: q.len() + 1,

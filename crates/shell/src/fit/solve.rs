@@ -90,6 +90,7 @@ pub(super) fn solve(
     let mut search = Search::new(deformation.parameters(), poses, readings, options)?;
     let unknowns = deformation.parameters() + 6 * search.priors.poses.len();
     let setup = Setup::new(mesh, deformation, readings, options, slots, oriented, unknowns)?;
+    // From coarse to sharp: each field only has to bring the mesh within reach of the next one.
     for step in 0..options.steps - 1 {
         run_stage(&setup, &mut search, step, 1.0, watch)?;
     }
@@ -561,6 +562,7 @@ fn bounded_step(
     longest: Option<f64>,
 ) -> Result<DVector<f64>> {
     let change = damped_step(equations, damping, right)?;
+    // The whole step is shortened, so that its direction stays that of descent.
     let share = longest.map_or(1.0, |longest| longest / change.rows(0, parameters).amax().max(longest));
     Ok(change * share)
 }
@@ -570,6 +572,8 @@ fn damped_step(equations: &DMatrix<f64>, damping: f64, right: &DVector<f64>) -> 
     let mut damped = equations.clone();
     let mean = equations.trace() / equations.nrows() as f64;
     for k in 0..damped.nrows() {
+        // Relative to the diagonal, so that damping does not depend on units. The floor damps parameters
+        // without information.
         let own = damped[(k, k)];
         damped[(k, k)] += damping * own.max(1e-12 * mean);
     }

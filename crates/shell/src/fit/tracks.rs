@@ -30,6 +30,7 @@ fn triangulated(track: &FeatureTrack, cameras: &[Camera]) -> Option<Vector3<f64>
         b += across * Vector3::from(camera.center());
     }
     let eigen = n.symmetric_eigenvalues();
+    // Nearly parallel lines leave the depth open.
     (eigen.min() > 1e-6 * eigen.max()).then_some(())?;
     n.try_inverse().map(|inverse| inverse * b)
 }
@@ -96,6 +97,7 @@ pub(super) fn add(
             break;
         }
     }
+    // Once more at the final position, because `shares` may belong to a rejected step.
     let (residual, by_place, _) = linearized(track, cameras, shell, &at, shares)?;
     let found = shell.distance(at.into(), shares)?;
     // A full orthogonal basis: its columns beyond the third are the left null space.

@@ -60,6 +60,8 @@ impl SparseExtraction {
         for node in 0..space.node_count() {
             count[node + 1] += count[node];
         }
+        // Stored in both orders, so that both maps gather. Scattering from several threads would need locks,
+        // and the order of additions would vary.
         let mut by_node = Rows { start: count.clone(), entries: vec![(0, 0.0); entries.len()] };
         let by_coefficient = Rows { start, entries };
         for row in 0..16 * leaves {

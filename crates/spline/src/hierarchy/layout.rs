@@ -17,6 +17,8 @@ pub(super) struct Layout {
 
 impl Layout {
     pub(super) fn new(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
+        // Exactly one level without split cells follows the last split one, so equal cells give equal
+        // hierarchies.
         while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
             split.pop();
         }
@@ -72,6 +74,7 @@ impl Layout {
                         continue;
                     }
                     in_level[j * fu + i] = true;
+                    // A function whose cells are all split is replaced by functions of the next level.
                     if !cells.all(|cell| hierarchy.split[level][cell]) {
                         number[j * fu + i] = hierarchy.functions.len() as u32;
                         hierarchy.functions.push(Cell { level: level as u8, i: i as u32, j: j as u32 });
@@ -116,6 +119,8 @@ impl Walk<'_> {
         for k in 0..16 {
             let f = hierarchy.function_on_cell(cell, k);
             let index = f.j as usize * fu + f.i as usize;
+            // Truncation: functions of this level, active or split further, take over this coefficient from
+            // coarser ones. Without it the functions would not sum to one.
             if self.layout.inside[level][index] {
                 for (_, w) in &mut list {
                     w[k] = 0.0;
@@ -123,6 +128,7 @@ impl Walk<'_> {
             }
             own[k] = self.layout.active[level][index];
         }
+        // Truncation often removes a function completely; dropping it keeps lists short.
         list.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
         for (k, &function) in own.iter().enumerate() {
             if function != NOT_A_LEAF {
@@ -167,6 +173,7 @@ impl Walk<'_> {
             }
         }
         merged.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
+        // Sorted, so that elements and their order of addition do not depend on the traversal.
         merged.sort_unstable_by_key(|(node, _)| *node);
         self.found.cells.push(cell);
         self.found.counts.push(merged.len() as u32);

@@ -62,6 +62,8 @@ impl Hierarchy {
                     cosine.push(angle.cos());
                     sine.push(angle.sin());
                 }
+                // The splines of cosine and sine come from the base grid and are refined with it. Computed
+                // anew at each level they would be other splines, and levels would not be nested.
                 for l in 0..level {
                     let basis = crate::basis::UniformBasis::new(3, n << l, crate::basis::End::Periodic)
                         .expect("a ball has at least four columns");
@@ -127,6 +129,7 @@ impl Hierarchy {
                 for (k, w) in ring.iter().enumerate() {
                     let node = pole.first_node + k as u32;
                     first.push((node, 1.5 * w));
+                    // `6 β0`: the pole is the mean of the three vertices, so each has weight 6/3.
                     zeroth.push((node, 2.0 - 6.0 * w));
                 }
                 expansion.insert(at(1), first);

@@ -44,6 +44,14 @@ impl Shape {
     }
 
     /// The shape with the given name.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::Shape;
+    ///
+    /// assert_eq!(Shape::from_name("torus"), Some(Shape::Torus));
+    /// assert_eq!(Shape::from_name("cube"), None);
+    /// ```
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::Sheet, Self::Tube, Self::Ball, Self::Torus].into_iter().find(|shape| shape.name() == name)

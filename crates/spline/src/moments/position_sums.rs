@@ -95,6 +95,7 @@ impl Part {
         let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
         let (inside_u, inside_v) =
             (range(nu, space.shape().periodic_u()), range(nv, space.shape().periodic_v()));
+        // Counting sort by leaf: first count, then fill. It is stable, so the order of arrival is kept.
         self.leaves.clear();
         self.start.clear();
         self.start.resize(space.leaves().len() + 1, 0);
@@ -241,6 +242,8 @@ impl PositionSums {
             self.parts.resize_with(parts, Part::default);
         }
         let parts = &mut self.parts[..parts];
+        // Two phases: sort the parts in parallel, then let each cell sum its readings in the order of the
+        // parts. No cell is written by two threads.
         (parts.par_iter_mut().enumerate()).try_for_each(|(p, part)| {
             let first = numbers.start + p * PART;
             part.sort(space, origin, first..numbers.end.min(first + PART), read)
@@ -277,6 +280,7 @@ impl PositionSums {
         let Some(from) = other.origin else {
             return Ok(());
         };
+        // Sums about different origins cannot be added; moving them is exact in the moments.
         let to = *self.origin.get_or_insert(from);
         let by = std::array::from_fn(|d| from[d] - to[d]);
         (self.cells.par_iter_mut().zip(&other.cells))
@@ -361,6 +365,7 @@ impl PositionSums {
             }
         }
         let weight = gram[0][0];
+        // About the mean: far from the origin, the raw normal equations are nearly singular.
         let mean = [gram[0][1] / weight, gram[0][2] / weight];
         let spread = |a: usize, b: usize| gram[a][b] - weight * mean[a - 1] * mean[b - 1];
         let (uu, uv, vv) = (spread(1, 1), spread(1, 2), spread(2, 2));
@@ -444,6 +449,8 @@ impl CellsOfBatch<'_> {
             let mut len = 0;
             for part in self.parts {
                 let mut own = part.readings(self.first_leaf + offset);
+                // Long runs are summed where they are; short ones are collected from several parts first. The
+                // order depends on the parts only, not on threads.
                 if own.len() >= RUN {
                     cell.add_run::<FUSED>(own);
                     continue;

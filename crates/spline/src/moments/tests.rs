@@ -125,7 +125,7 @@ fn sums_of_two_sessions_with_different_origins_add() {
 }
 
 #[test]
-fn invalid_readings_are_named() {
+fn messages_name_the_invalid_reading() {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
     let mut sums = PositionSums::new(&space);
     sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();

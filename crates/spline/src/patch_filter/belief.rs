@@ -169,6 +169,7 @@ impl PatchBelief {
             }
         }
         let expected: f64 = row.iter().map(|&(i, w)| w * spread[usize::from(i)]).sum();
+        // Rounding can make the variance of an exactly known value slightly negative.
         let total = expected.max(0.0) + variance;
         if !(total > 0.0 && total.is_finite()) {
             return Err(Error::undetermined(
@@ -189,6 +190,8 @@ impl PatchBelief {
             }
         }
         // Products are arranged so that entries (i, j) and (j, i) have the same rounding.
+        // With `s = Σ h` the Joseph form is `Σ − k sᵀ − s kᵀ + S k kᵀ`: three rank-one terms and no matrix
+        // product.
         for ((line, &k), &s) in self.covariance.chunks_exact_mut(n).zip(gain).zip(spread.iter()) {
             for ((entry, &kj), &sj) in line.iter_mut().zip(gain).zip(spread.iter()) {
                 *entry -= (k * sj + s * kj) - total * (k * kj);

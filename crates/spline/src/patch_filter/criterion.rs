@@ -88,11 +88,14 @@ pub struct InnovationSum {
 /// Maximum fraction of readings beyond the gate that are treated as outliers. More of them indicate shape
 /// that the patch cannot represent.
 ///
-/// A lower value subdivides patches at outliers; a higher one rejects good readings of small features.
+/// A lower value subdivides patches at outliers; a higher one rejects good readings of small features (test
+/// `outliers_are_rejected_and_shape_is_not`).
 const MAX_OUTLIER_FRACTION: f64 = 0.25;
-/// Minimum number of readings beyond the gate that indicate shape.
+/// Minimum number of readings beyond the gate that indicate shape. A single outlier among the first few
+/// readings of a cell would exceed the fraction above.
 const MIN_FAR: u64 = 6;
-/// Contribution of a reading beyond the gate to a sum of squares, the square of 4 standard deviations.
+/// Contribution of a reading beyond the gate to a sum of squares, the square of 4 standard deviations (the
+/// usual gate). The actual squares are unbounded, so a few gross errors would dominate the sum.
 const FAR_SQUARED: f64 = 16.0;
 
 impl InnovationSum {
@@ -127,6 +130,7 @@ impl SubdivisionCriteria {
                 return Some(SubdivisionReason::ChiSquare(worst));
             }
         }
+        // Curvatures come last: with their σ they cost far more than the sums of innovations.
         let variation = curvature_variation(&curvatures()?, self.discount_noise);
         (variation > self.curvature_variation?).then_some(SubdivisionReason::CurvatureVariation(variation))
     }
@@ -171,6 +175,8 @@ fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
             }
             let n = (all.count + far) as f64;
             let sum = all.normalized_squared + FAR_SQUARED * far as f64;
+            // The cube root of a χ² value is nearly normal even for a few degrees of freedom. χ² itself is
+            // skewed, and a limit in its standard deviations would be exceeded too often.
             let spread = 2.0 / (9.0 * n);
             worst = worst.max(((sum / n).cbrt() - 1.0 + spread) / spread.sqrt());
         }
@@ -184,8 +190,10 @@ pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [[f64; 3]; 5])> {
     let value = jet.curvature()?.gaussian();
     let mut gradient = [[0.0; 3]; 5];
     let first = jet.du.iter().chain(&jet.dv).fold(0.0_f64, |m, x| m.max(x.abs()));
+    // A flat surface has no second derivatives from which a step could be derived.
     let second = jet.duu.iter().chain(&jet.duv).chain(&jet.dvv).fold(1e-3 * first, |m, x| m.max(x.abs()));
     for (which, by) in gradient.iter_mut().enumerate() {
+        // Near the cube root of the rounding unit, the best relative step of a central difference.
         let h = 1e-5 * if which < 2 { first } else { second };
         for (d, slope) in by.iter_mut().enumerate() {
             let at = |step: f64| {

@@ -44,6 +44,8 @@ impl PatchFilter {
     pub fn variance_along(&self, u: f64, v: f64, direction: [f64; 3]) -> f64 {
         let (leaf, [s, t]) = self.quadtree.space.locate(u, v);
         let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
+        // The patch of the point, not an average of copies: its covariance contains the readings of the patch
+        // itself.
         let form = leaf_weights(s, t).map(|w| direction.map(|a| w * a));
         self.variance_of_form(patch as usize, usize::from(cell), &form)
     }

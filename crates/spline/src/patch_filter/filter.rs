@@ -12,7 +12,7 @@ use super::observe::ScalarReading;
 use super::options::{PatchFilterOptions, StateLayout};
 use super::prior::{PatchCovariances, SmoothnessPrior, positive_part};
 use super::quadtree::{FilterPatch, Quadtree, VERTICES, quarter_matrix, vertex_of};
-use super::reconcile::{News, spread};
+use super::reconcile::{PatchChange, spread};
 use crate::hierarchy::{Hierarchy, MAX_LEVEL};
 use crate::surface::{Surface, leaf_weights};
 use nalgebra::DMatrix;
@@ -190,6 +190,7 @@ impl PatchFilter {
             .transpose()?;
         let members = (0..quadtree.patches.len())
             .map(|p| {
+                // The prior is computed for weight 1 and scaled, because a weight only divides a covariance.
                 let covariance = priors.covariance(&quadtree, p)? / prior.weight;
                 let known = match &known {
                     Some(known) => known.covariance(&quadtree, p)?,
@@ -331,19 +332,21 @@ impl PatchFilter {
     /// # Errors
     /// `Undetermined` when noise-free readings are inconsistent.
     pub fn reconcile(&mut self) -> Result<()> {
-        let news: Vec<News> = self
+        // All messages start from the state before any of them arrives. Otherwise a patch would forward what
+        // it has just received as its own.
+        let changes: Vec<PatchChange> = self
             .members
             .iter_mut()
             .enumerate()
             .filter_map(|(patch, member)| {
-                Some(News { patch, before: member.before.take()?, after: member.belief.clone() })
+                Some(PatchChange { patch, before: member.before.take()?, after: member.belief.clone() })
             })
             .collect();
         let mut beliefs: Vec<&mut PatchBelief> = self.members.iter_mut().map(|m| &mut m.belief).collect();
         spread(
             &self.quadtree,
             &mut beliefs,
-            &news,
+            &changes,
             self.options.layout == StateLayout::Full,
             self.options.min_gain,
         )
@@ -354,6 +357,28 @@ impl PatchFilter {
     ///
     /// # Errors
     /// As for [`Self::reconcile`].
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{
+    ///     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout,
+    ///     SubdivisionCriteria, SurfaceReading, parameter_plane,
+    /// };
+    ///
+    /// let plane = parameter_plane(&Hierarchy::uniform(Shape::Sheet, [4, 4])?.into())?;
+    /// let prior = SmoothnessPrior { weight: 1.0, hold: 0.01 };
+    /// let options = PatchFilterOptions { layout: StateLayout::Height, ..PatchFilterOptions::default() };
+    /// let mut filter = PatchFilter::new(&plane, &plane, prior, options)?;
+    /// // Waves that one patch cannot follow, read with σ = 0.001.
+    /// for k in 0..400 {
+    ///     let parameters = [0.2 * f64::from(k % 20), 0.2 * f64::from(k / 20)];
+    ///     let point = [parameters[0], parameters[1], 0.1 * (6.0 * parameters[0]).sin()];
+    ///     filter.observe(&SurfaceReading::Position { parameters, point, variance: 1e-6 })?;
+    /// }
+    /// assert_eq!(filter.refine(&SubdivisionCriteria::default())?.len(), 1);
+    /// assert_eq!(filter.patches().len(), 4);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn refine(&mut self, criteria: &SubdivisionCriteria) -> Result<Vec<Subdivision>> {
         self.reconcile()?;
         let deepest = self.options.maximum_depth;
@@ -376,14 +401,14 @@ impl PatchFilter {
                 reasons[p] = None;
             }
         }
-        self.divide_for(reasons)
+        self.subdivide_for(reasons)
     }
 
     /// Subdivides the given patches and those that grading requires, and returns them with reasons.
     ///
     /// # Errors
     /// `Input` for a patch that is not a leaf or has the maximum depth; otherwise as for [`Self::reconcile`].
-    pub fn divide(&mut self, patches: &[FilterPatch]) -> Result<Vec<Subdivision>> {
+    pub fn subdivide(&mut self, patches: &[FilterPatch]) -> Result<Vec<Subdivision>> {
         let mut reasons = vec![None; self.members.len()];
         for patch in patches {
             let at = self
@@ -397,13 +422,13 @@ impl PatchFilter {
             reasons[at] = Some(SubdivisionReason::Requested);
         }
         self.reconcile()?;
-        self.divide_for(reasons)
+        self.subdivide_for(reasons)
     }
 
     /// Subdivides patches. Children inherit `α Σ αᵀ + Q`, which contains all readings. The prior of other
     /// patches grows, too: neighbours gain detail that grading had excluded, and the energy projection of new
     /// detail reaches beyond the divided patches.
-    fn divide_for(&mut self, reasons: Vec<Option<SubdivisionReason>>) -> Result<Vec<Subdivision>> {
+    fn subdivide_for(&mut self, reasons: Vec<Option<SubdivisionReason>>) -> Result<Vec<Subdivision>> {
         let marked: Vec<bool> = reasons.iter().map(Option::is_some).collect();
         if !marked.contains(&true) {
             return Ok(Vec::new());
@@ -429,6 +454,8 @@ impl PatchFilter {
                     (None, None) => return Err(Error::input(format!("{patch:?} has no parent"))),
                 };
                 let from = &self.members[from];
+                // The difference is positive semidefinite only for a plane. In other metrics the quadrature
+                // of fine leaves differs from that of coarse ones.
                 let detail = positive_part(&prior - &alpha * &from.prior * alpha.transpose());
                 let carry = expanded(&alpha, layout);
                 let covariance =
@@ -437,6 +464,8 @@ impl PatchFilter {
                     belief: PatchBelief::from_matrices(&(carry * from.belief.mean_matrix()), &covariance),
                     before: None,
                     prior,
+                    // Children start with empty sums: the innovations of the parent contain the misfit that
+                    // caused the subdivision.
                     innovations: known.map_or([InnovationSum::default(); 16], |_| from.innovations),
                     initial: quadtree.coefficients(p, |leaf| *initial.leaf_coefficients(leaf)),
                 })
@@ -491,6 +520,7 @@ fn detail_variances(
         PatchCovariances::of_prior(&coarse, metric, prior.hold)?.covariance(&coarse, 0)?,
         PatchCovariances::of_prior(&fine, metric, prior.hold)?,
     );
+    // Two points per cell are enough for a mean over a whole patch.
     let (mut sum, mut points) = (0.0, 0.0);
     for (p, patch) in fine.patches.iter().enumerate() {
         if patch.parent() != Some(coarse.patches[0]) {

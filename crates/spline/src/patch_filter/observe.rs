@@ -71,11 +71,13 @@ impl PatchFilter {
             local,
             side: self.quadtree.space.leaves()[leaf].side(),
         };
+        // Moved out and back instead of borrowed: the rows of the last reading are reused without an
+        // allocation.
         let mut scalars = std::mem::take(&mut self.scalars);
         let count = self.scalar_rows(reading, place, &mut scalars);
-        let taken = count.and_then(|count| self.update_patch(place, &mut scalars[..count], gate));
+        let update = count.and_then(|count| self.update_patch(place, &mut scalars[..count], gate));
         self.scalars = scalars;
-        taken
+        update
     }
 
     fn update_patch(
@@ -91,6 +93,8 @@ impl PatchFilter {
             within_gate: true,
         };
         let member = &mut self.members[place.patch];
+        // All equations of a reading are judged before any is used; a reading that is half used could not be
+        // withdrawn.
         let far = if gate.is_finite() { farthest(member, scalars, gate) } else { None };
         if let Some(square) = far {
             update.within_gate = false;
@@ -103,6 +107,7 @@ impl PatchFilter {
                 scalar.variance += square;
             }
         }
+        // One copy per reconciliation, not per reading.
         if member.before.is_none() {
             member.before = Some(member.belief.clone());
         }
@@ -154,7 +159,7 @@ impl PatchFilter {
                     let there: f64 = offset.weights.iter().zip(&there).map(|(w, p)| w * p[d]).sum();
                     there + offset.residual * offset.direction[d]
                 });
-                let variance = offset.variance + offset.sees_detail * detail;
+                let variance = offset.variance + offset.detail_fraction * detail;
                 add(value, variance, 1, &mut (0..16).map(|k| (at(k), offset.weights[k])));
             }
             return Ok(count);
@@ -162,7 +167,7 @@ impl PatchFilter {
         let mut equations = [None; 3];
         reading.equations(local, side, jet, &mut equations)?;
         for equation in equations.iter().flatten() {
-            let variance = equation.variance + equation.sees_detail * detail;
+            let variance = equation.variance + equation.detail_fraction * detail;
             match (layout, equation.what) {
                 (StateLayout::Height, EquationKind::Point(weights, p)) => {
                     add([p[2], 0.0, 0.0], variance, 1, &mut (0..16).map(|k| (at(k), weights[k])));
@@ -177,6 +182,8 @@ impl PatchFilter {
                     }
                 }
                 (StateLayout::Height, EquationKind::Form(form, mut value)) => {
+                    // The first two coordinates are fixed in this layout, so their contribution moves to the
+                    // value.
                     for (k, f) in form.iter().enumerate() {
                         let known = member.initial[vertex_of(cell, k)];
                         value -= f[0] * known[0] + f[1] * known[1];
@@ -241,8 +248,8 @@ fn dot3(x: &[f64]) -> f64 {
 /// Updates a patch with one row. Returns the squared innovation divided by its variance, summed over all
 /// columns.
 fn filtered(member: &mut Member, scalar: &ScalarReading, workspace: &mut Workspace) -> Result<f64> {
-    let surprise = (member.belief).update(&scalar.row, scalar.value, scalar.variance, workspace)?;
-    Ok(dot(surprise.residual, surprise.residual) / surprise.variance)
+    let innovation = (member.belief).update(&scalar.row, scalar.value, scalar.variance, workspace)?;
+    Ok(dot(innovation.residual, innovation.residual) / innovation.variance)
 }
 
 #[cfg(test)]

@@ -61,6 +61,8 @@ impl SmoothnessPrior {
     pub fn information(&self, system: &SurfaceSystem, metric: &Surface) -> Result<BlockInformation> {
         self.validate()?;
         let stiffest = stiffest(metric);
+        // The median is taken over the base grid and the limit applied to finer leaves, so that it does not
+        // change with subdivision.
         let metric = metric.refined(Arc::clone(system.space()))?;
         let mut leaves = metric.thin_plate(system.space());
         for (leaf, cell) in leaves.iter_mut().zip(system.space().leaves()) {
@@ -138,6 +140,8 @@ impl PatchCovariances {
     /// Covariances from information of one coordinate over the nodes.
     pub fn of_information(quadtree: &Quadtree, information: &BlockInformation) -> Result<Self> {
         let space = &quadtree.space;
+        // Each patch is one element, although the energy couples less. This puts all its covariances into the
+        // factor.
         let coupled = (0..quadtree.patches.len()).map(|patch| nodes_of(&quadtree.extraction(patch)));
         let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), coupled)?);
         let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;

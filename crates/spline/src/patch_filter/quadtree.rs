@@ -195,6 +195,7 @@ impl Quadtree {
     pub fn subdivided(&self, marked: &[bool]) -> Result<Self> {
         let mut marked = marked.to_vec();
         loop {
+            // Extending grading to whole patches can require further cells, hence the loop.
             let cells: Vec<usize> = (0..self.patches.len())
                 .filter(|&p| marked[p])
                 .flat_map(|p| self.leaves[p])
@@ -220,6 +221,7 @@ impl Quadtree {
         (0..VERTICES)
             .map(|vertex| {
                 let (column, row) = (vertex % PATCH_VERTICES, vertex / PATCH_VERTICES);
+                // All cells of a patch have one level, so any cell that uses a vertex gives the same weights.
                 let (ci, cj) = (column.min(PATCH_CELLS - 1), row.min(PATCH_CELLS - 1));
                 let leaf = self.leaves[patch][cj * PATCH_CELLS + ci] as usize;
                 let k = 4 * (row - cj) + column - ci;
@@ -293,6 +295,8 @@ impl Quadtree {
                 }
             }
         }
+        // The order of a `HashMap` differs from run to run. It decides the paths of messages and so the last
+        // digits.
         separators.sort_by_key(|s| s.patches);
         self.separators_of = vec![Vec::new(); self.patches.len()];
         for (n, separator) in (0..).zip(&separators) {
@@ -353,6 +357,8 @@ impl Side {
     /// Shared functions of a patch and its coarser neighbour beyond this side: vertices of the coarser patch,
     /// recovered from the finer one by the left inverse of the two-scale relation.
     fn separator(self, coarser: u32, finer: u32, patch: FilterPatch) -> Separator {
+        // Shared functions are the 15 coarse values. The 21 fine vertices are linear functions of them, so
+        // their covariance would be singular.
         let across = DMatrix::from_row_slice(3, 3, &[0.5, 0.5, 0.0, 0.125, 0.75, 0.125, 0.0, 0.5, 0.5]);
         let along = two_scale_rows();
         let inverse = |m: &DMatrix<f64>| {

@@ -4,10 +4,12 @@
 //! `a · Σ_k c_k P_k = z` with independent noise.
 //!
 //! | reading | equations |
-//! |---|---| | position, isotropic noise | `S = z`, three coordinates at once | | position with covariance
-//! `R` | `e_i · S = e_i · z`, variance `λ_i`, along the eigenvectors of `R` | | along a direction |
-//! `a · S = z` | | normal `n` | `n · t1 = 0`, `n · t2 = 0` | | principal curvatures | `n · S_ab = II_ab` for
-//! ab = 11, 12, 22 with `II = κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` |
+//! |---|---|
+//! | position, isotropic noise | `S = z`, three coordinates at once |
+//! | position with covariance `R` | `e_i · S = e_i · z`, variance `λ_i`, along the eigenvectors of `R` |
+//! | along a direction | `a · S = z` |
+//! | normal `n` | `n · t1 = 0`, `n · t2 = 0` |
+//! | principal curvatures | `n · S_ab = II_ab` for ab = 11, 12, 22; `II = κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` |
 //!
 //! Normals and curvatures use an orthonormal tangent frame `t1 ∥ S_u`, `t2` of the estimate. In this basis
 //! the noise components of a normal or of a curvature matrix are independent. Equations are linearised at the
@@ -94,7 +96,7 @@ pub(super) struct Equation {
     pub what: EquationKind,
     pub variance: f64,
     /// Fraction of the detail variance that affects the equation; 1 for positions.
-    pub sees_detail: f64,
+    pub detail_fraction: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -114,7 +116,7 @@ impl Equation {
         Self {
             what: EquationKind::Form(weights.map(|w| direction.map(|a| w * a)), value),
             variance,
-            sees_detail: dot(direction, direction),
+            detail_fraction: dot(direction, direction),
         }
     }
 }
@@ -137,6 +139,8 @@ impl SurfaceReading {
         let (values, variance, directions): (bool, f64, &[[f64; 3]]) = match self {
             Self::Position { point, variance, .. } => (finite(point), *variance, &[]),
             Self::PositionWithCovariance { point, covariance, .. } => {
+                // A covariance is valid if its smallest eigenvalue is not negative; it stands in for the
+                // variance below.
                 let (_, values) = symmetric_eigen(*covariance);
                 (finite(point) && finite(covariance), values[2], &[])
             }
@@ -178,10 +182,11 @@ impl SurfaceReading {
                 out[0] = Some(Equation {
                     what: EquationKind::Point(leaf_weights(s, t), point),
                     variance,
-                    sees_detail: 1.0,
+                    detail_fraction: 1.0,
                 });
             }
             Self::PositionWithCovariance { point, covariance, .. } => {
+                // Along the eigenvectors the three components are independent, so each is one scalar update.
                 let (axes, values) = symmetric_eigen(covariance);
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
                     *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
@@ -194,11 +199,12 @@ impl SurfaceReading {
                 let frame = TangentFrame::from_jet(&jet())?;
                 let own = cross(frame.tangents[0], frame.tangents[1]);
                 let facing = dot(normal, own);
+                // At the estimate the row gives `N·t = 0`, so the value is the residual alone.
                 for ((to, along), tangent) in out.iter_mut().zip(frame.from_parameters).zip(frame.tangents) {
                     let weights = first_derivative([s, t], side, along);
                     // Only the normal component of a change turns a tangent; its length does not matter.
                     *to = Some(Equation {
-                        sees_detail: 0.0,
+                        detail_fraction: 0.0,
                         ..Equation::along(
                             weights,
                             own.map(|x| facing * x),
@@ -219,6 +225,8 @@ impl SurfaceReading {
                     let second =
                         second_derivative([s, t], side, frame.from_parameters[a], frame.from_parameters[b]);
                     let [bent_a, bent_b] = [a, b].map(|k| bend(frame.tangents[k]));
+                    // Both factors of `S_aᵀ II S_b` are differentiated, so the row contains this term twice.
+                    // The value corrects that.
                     let form = std::array::from_fn(|k| {
                         [0, 1, 2].map(|d| {
                             second[k] * normal[d] - first[a][k] * bent_b[d] - first[b][k] * bent_a[d]
@@ -227,7 +235,7 @@ impl SurfaceReading {
                     *to = Some(Equation {
                         what: EquationKind::Form(form, -dot(frame.tangents[a], bent_b)),
                         variance: sigma * sigma * if a == b { 1.0 } else { 0.5 },
-                        sees_detail: 0.0,
+                        detail_fraction: 0.0,
                     });
                 }
             }
@@ -243,7 +251,7 @@ pub(super) struct Offset {
     pub direction: [f64; 3],
     pub residual: f64,
     pub variance: f64,
-    pub sees_detail: f64,
+    pub detail_fraction: f64,
 }
 
 impl SurfaceReading {
@@ -266,7 +274,7 @@ impl SurfaceReading {
                     direction,
                     residual: value - dot(direction, jet().point),
                     variance,
-                    sees_detail: 1.0,
+                    detail_fraction: 1.0,
                 });
             }
             Self::Normal { normal, sigma_rad, .. } => {
@@ -277,7 +285,7 @@ impl SurfaceReading {
                         direction: rows.normal,
                         residual: -tilt,
                         variance: sigma_rad * sigma_rad,
-                        sees_detail: 0.0,
+                        detail_fraction: 0.0,
                     });
                 }
             }
@@ -292,7 +300,7 @@ impl SurfaceReading {
                         direction: rows.normal,
                         residual,
                         variance: sigma * sigma * share,
-                        sees_detail: 0.0,
+                        detail_fraction: 0.0,
                     });
                 }
             }

@@ -33,7 +33,8 @@ use planish_estimate::Result;
 use std::collections::VecDeque;
 
 /// Directions with a variance below this fraction of the largest are ignored, because they are dominated by
-/// rounding.
+/// rounding. A larger fraction loses information about precisely known directions (test
+/// `a_message_gives_the_neighbour_the_joint_estimate`).
 const MIN_RELATIVE_VARIANCE: f64 = 1e-11;
 
 /// New information about shared vertices: independent scalar readings of them.
@@ -57,6 +58,7 @@ impl Message {
     pub fn between(before: &PatchBelief, after: &PatchBelief, rows: &[SparseRow], min_gain: f64) -> Self {
         let old = shared_covariance(before, rows);
         let lost = &old - shared_covariance(after, rows);
+        // Nothing but rounding has changed.
         if lost.amax() <= 1e-15 * old.amax() {
             return Self::default();
         }
@@ -72,6 +74,8 @@ impl Message {
         let (mean, moved) = (shared_mean(before, rows), shared_mean(after, rows));
         let readings = (0..kept.len())
             .filter_map(|k| {
+                // A noise-free reading has γ = 1 and would give a reading of variance zero, or slightly below
+                // by rounding.
                 let gain = gained.eigenvalues[k].min(1.0 - 1e-12);
                 (gain > min_gain).then(|| {
                     let row: DVector<f64> = whiten.tr_mul(&gained.eigenvectors.column(k));
@@ -146,7 +150,7 @@ fn for_coordinates(rows: &[SparseRow]) -> Vec<SparseRow> {
 }
 
 /// A patch with new readings: its index, and its belief before and after.
-pub(super) struct News {
+pub(super) struct PatchChange {
     pub patch: usize,
     pub before: PatchBelief,
     pub after: PatchBelief,
@@ -159,7 +163,7 @@ pub(super) struct News {
 pub(super) fn spread(
     quadtree: &Quadtree,
     beliefs: &mut [&mut PatchBelief],
-    news: &[News],
+    changes: &[PatchChange],
     three_coordinates: bool,
     min_gain: f64,
 ) -> Result<()> {
@@ -173,10 +177,11 @@ pub(super) fn spread(
         .collect();
     let mut workspace = Workspace::default();
     let mut reached = vec![usize::MAX; beliefs.len()];
-    for (number, learned) in news.iter().enumerate() {
-        reached[learned.patch] = number;
+    // Breadth first: information is attenuated on its path, least on the shortest one.
+    for (number, change) in changes.iter().enumerate() {
+        reached[change.patch] = number;
         let mut queue: VecDeque<(usize, PatchBelief)> =
-            VecDeque::from([(learned.patch, learned.before.clone())]);
+            VecDeque::from([(change.patch, change.before.clone())]);
         while let Some((from, before)) = queue.pop_front() {
             for &separator in &quadtree.separators_of[from] {
                 let pair = quadtree.separators[separator as usize].patches;
@@ -185,12 +190,14 @@ pub(super) fn spread(
                 if reached[to] == number {
                     continue;
                 }
-                let after = if from == learned.patch { &learned.after } else { &*beliefs[from] };
+                let after = if from == change.patch { &change.after } else { &*beliefs[from] };
                 let rows = &rows[separator as usize];
                 let message = Message::between(&before, after, &rows[side], min_gain);
                 if message.is_empty() {
                     continue;
                 }
+                // Marked even if a later path would carry more: a second message would count the same
+                // readings twice.
                 reached[to] = number;
                 let earlier = beliefs[to].clone();
                 message.apply(beliefs[to], &rows[1 - side], &mut workspace)?;

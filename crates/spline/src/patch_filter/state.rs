@@ -102,6 +102,20 @@ impl PatchFilter {
     ///
     /// # Errors
     /// `Input` when parts of the state are inconsistent.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{
+    ///     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, parameter_plane,
+    /// };
+    ///
+    /// let plane = parameter_plane(&Hierarchy::uniform(Shape::Sheet, [4, 4])?.into())?;
+    /// let prior = SmoothnessPrior { weight: 1.0, hold: 0.01 };
+    /// let filter = PatchFilter::new(&plane, &plane, prior, PatchFilterOptions::default())?;
+    /// let restored = PatchFilter::from_state(&filter.state())?;
+    /// assert_eq!(restored.state(), filter.state());
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn from_state(state: &PatchFilterState) -> Result<Self> {
         state.prior.validate()?;
         let deepest = state.options.maximum_depth;
@@ -114,6 +128,8 @@ impl PatchFilter {
         let base = Arc::new(Hierarchy::uniform(state.shape, state.base)?);
         let initial = Surface::new(Arc::clone(&base), state.initial_vertices.clone())?;
         let metric = Surface::new(base, state.metric_vertices.clone())?;
+        // A damaged file may contain any numbers. Saturated ones lie outside the grid and are rejected with a
+        // message.
         let cells: Vec<Cell> = state
             .patches
             .iter()

@@ -230,8 +230,8 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
         let readings = positions(base, 400, 0.05, seed);
         for (k, reading) in readings.iter().enumerate() {
             match k {
-                _ if k == first => drop(filter.divide(&[filter.patches()[0]]).unwrap()),
-                _ if k == 3 * first + 1 => drop(filter.divide(&[filter.patches()[1]]).unwrap()),
+                _ if k == first => drop(filter.subdivide(&[filter.patches()[0]]).unwrap()),
+                _ if k == 3 * first + 1 => drop(filter.subdivide(&[filter.patches()[1]]).unwrap()),
                 _ => {}
             }
             filter.observe(reading).unwrap();
@@ -268,7 +268,7 @@ fn expected_detail_increases_sigma() {
     let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
     assert!(ratio > 1.5, "{ratio}");
     for filter in [&mut plain, &mut careful] {
-        filter.divide(&[filter.patches()[0]]).unwrap();
+        filter.subdivide(&[filter.patches()[0]]).unwrap();
         let reading =
             SurfaceReading::Position { parameters: [1.7, 2.4], point: [1.7, 2.4, 0.0], variance: 1e-8 };
         filter.observe(&reading).unwrap();
@@ -333,7 +333,7 @@ fn a_resumed_filter_continues_bit_for_bit() {
     for reading in &readings[..40] {
         filter.observe(reading).unwrap();
     }
-    filter.divide(&[filter.patches()[1]]).unwrap();
+    filter.subdivide(&[filter.patches()[1]]).unwrap();
     for reading in &readings[40..60] {
         filter.observe(reading).unwrap();
     }
@@ -487,5 +487,5 @@ fn wrong_readings_and_options_are_rejected_and_change_nothing() {
     let even = plane([4, 4]);
     let flat = SmoothnessPrior { hold: 0.0, ..PRIOR };
     assert!(PatchFilter::new(&even, &even, flat, PatchFilterOptions::default()).is_err());
-    assert!(filter.divide(&[FilterPatch { depth: 1, i: 0, j: 0 }]).is_err());
+    assert!(filter.subdivide(&[FilterPatch { depth: 1, i: 0, j: 0 }]).is_err());
 }

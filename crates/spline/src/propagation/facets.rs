@@ -13,7 +13,8 @@ use std::collections::BTreeMap;
 
 /// Coefficients of a quadric: `c0 + c1 x + c2 y + c3 x² + c4 xy + c5 y²`.
 pub(super) const COEFFICIENTS: usize = 6;
-/// Minimum number of readings of a facet: three times the number of coefficients of a quadric.
+/// Minimum number of readings of a facet: three times the number of coefficients of a quadric. With fewer,
+/// the scatter about the quadric hardly determines the noise.
 const MIN_READINGS: usize = 18;
 /// Maximum number of facets, and minimum fraction of readings in facets. More and smaller facets follow the
 /// shape better, but each has fewer readings and the search for pairs is slower.
@@ -25,7 +26,7 @@ const GROWTH: f64 = 1.25;
 const COARSEST: f64 = 1.0 / 5.0;
 /// Minimum length of the mean normal of a facet. It excludes sharp edges, which are not quadrics.
 const MIN_MEAN_NORMAL: f64 = 0.85;
-/// Minimum number of facets for a symmetry.
+/// Minimum number of facets for a symmetry. Fewer can agree with many axes or planes by chance.
 const MIN_FACETS: usize = 12;
 /// The median of χ² is smaller than its degrees of freedom by this (for many of them).
 const MEDIAN_BELOW_MEAN: f64 = 2.0 / 3.0;
@@ -88,6 +89,7 @@ impl Facets {
         let size = dot(sub(hi, lo), sub(hi, lo)).sqrt();
         let mut side = FINEST * size;
         let mut cut = group_points(points, normals, lo, side);
+        // Sparse clouds need larger cubes; the smallest cubes with enough readings follow the shape best.
         while side < COARSEST * size && !fits(&cut, points.len()) {
             side *= GROWTH;
             cut = group_points(points, normals, lo, side);
@@ -112,6 +114,7 @@ impl Facets {
             )));
         }
         let middle = factors.len() / 2;
+        // The median, because facets over an edge or unresolved shape have arbitrarily large residuals.
         let factor = *factors.select_nth_unstable_by(middle, f64::total_cmp).1;
         made.variance_factor = if trusted { factor.max(1.0) } else { factor };
         for facet in &mut made.all {
@@ -128,12 +131,14 @@ fn group_points(
     lo: [f64; 3],
     side: f64,
 ) -> BTreeMap<[i64; 4], Vec<u32>> {
+    // Ordered, so that facets are numbered alike in every run.
     let mut cut: BTreeMap<[i64; 4], Vec<u32>> = BTreeMap::new();
     for ((i, p), n) in (0..).zip(points).zip(normals) {
         let axis = (0..3).max_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
         if n[axis] == 0.0 {
             continue;
         }
+        // A cube can contain both sides of a thin wall; the main direction of the normal separates them.
         let facing = 2 * axis as i64 + i64::from(n[axis] < 0.0);
         let [x, y, z] = [0, 1, 2].map(|d| ((p[d] - lo[d]) / side).floor() as i64);
         cut.entry([x, y, z, facing]).or_default().push(i);
@@ -196,6 +201,8 @@ impl Facet {
         let units = monomials(1.0 / spread, 1.0 / spread);
         let coefficients = scaled.component_mul(&units);
         let covariance = SMatrix::from_fn(|i, j| inverse[(i, j)] * units[i] * units[j]);
+        // The height at the mean is twice as uncertain as a single reading: the readings lie on a line or a
+        // ring, and the quadric extrapolates.
         if covariance[(0, 0)] > 4.0 * variance[members[0] as usize] {
             return None;
         }

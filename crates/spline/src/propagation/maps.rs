@@ -87,6 +87,16 @@ impl Symmetry {
 
     /// The image of a point and its normal: rotated by the angle about the axis, or reflected if there is no
     /// angle.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::Symmetry;
+    ///
+    /// let mirror = Symmetry::Mirror { point: [1.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0] };
+    /// let (point, normal) = mirror.image(None, [3.0, 2.0, 0.0], [0.6, 0.8, 0.0]);
+    /// assert_eq!(point, [-1.0, 2.0, 0.0]);
+    /// assert!((normal[0] + 0.6).abs() < 1e-15);
+    /// ```
     #[must_use]
     pub fn image(&self, angle: Option<f64>, point: [f64; 3], normal: [f64; 3]) -> ([f64; 3], [f64; 3]) {
         let map = angle.map_or(Map::Reflect, Map::turn);
@@ -144,6 +154,8 @@ impl Symmetry {
     /// The same symmetry with its reference point nearest to a given point.
     pub(super) fn near(self, p: [f64; 3]) -> Self {
         match self {
+            // Near the cloud, shifts and tilts are nearly uncorrelated. About a distant point, each tilt
+            // would move the axis far away.
             Self::Rotation { point, direction, order } => Self::Rotation {
                 point: add_scaled(point, dot(sub(p, point), direction), direction),
                 direction,

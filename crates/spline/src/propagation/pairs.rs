@@ -70,6 +70,7 @@ fn images(facets: &Facets, symmetry: &Symmetry, maps: &[Map], reach: f64, from: 
             .filter(|&to| distance2(image, facets.all[to as usize].point) < (MAX_DISTANCE * reach).powi(2))
             .filter_map(|to| pair(facets, symmetry, map, from, to, reach))
             .collect();
+        // Two partners at most: more neighbours of one image repeat the same information.
         near.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         near.truncate(2);
         found.append(&mut near);

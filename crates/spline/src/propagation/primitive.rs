@@ -189,6 +189,7 @@ impl FittedPrimitive {
                 right -= row * (d / v);
                 chi_square += d * d / v;
             }
+            // Unused parameters get a unit diagonal, so that one matrix size serves all shapes.
             for k in p..MAX_PARAMETERS {
                 matrix[(k, k)] = 1.0;
             }
@@ -199,6 +200,8 @@ impl FittedPrimitive {
             let by = matrix.cholesky()?.solve(&right);
             let mut share = 1.0;
             let mut next = primitive.moved(&by);
+            // Distances to a curved shape are not linear, so a full step from an algebraic start can
+            // overshoot.
             while share > 1e-3 && normal_equations(&next).2 > before * (1.0 + 1e-12) {
                 share *= 0.5;
                 next = primitive.moved(&(by * share));
@@ -207,6 +210,7 @@ impl FittedPrimitive {
             if primitive.radius().is_some_and(|r| !(r > 0.0 && r < MAX_RELATIVE_RADIUS * size)) {
                 return None;
             }
+            // The expected decrease of χ², far below its own scatter.
             if (by.transpose() * right)[(0, 0)] < 1e-6 {
                 break;
             }
@@ -279,6 +283,8 @@ pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> 
     let best = candidates.first()?;
     let weights: Vec<f64> = candidates.iter().map(|c| (-0.5 * (c.bic - best.bic)).exp()).collect();
     let total: f64 = weights.iter().sum();
+    // A deviation smaller than one standard deviation of the reduced χ² cannot be detected, so it remains
+    // possible.
     let typical = variance.iter().sum::<f64>() / variance.len() as f64;
     let excess = (best.chi_square / best.degrees - 1.0).max(0.0);
     let doubt = typical * (excess + (2.0 / best.degrees).sqrt());
@@ -338,6 +344,7 @@ fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Pr
 fn algebraic_sphere(points: &[[f64; 3]], middle: [f64; 3]) -> Option<Primitive> {
     let (mut matrix, mut right) = (Matrix4::zeros(), Vector4::zeros());
     for p in points {
+        // Relative to the middle: fourth powers of large coordinates would cancel.
         let r = sub(*p, middle);
         let row = Vector4::new(2.0 * r[0], 2.0 * r[1], 2.0 * r[2], 1.0);
         matrix += row * row.transpose();

@@ -50,6 +50,7 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> V
 /// Symmetries of random pairs of facets that can be images of each other.
 fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry>) -> Vec<Symmetry> {
     let count = facets.all.len() as u64;
+    // A fixed seed: the same cloud gives the same symmetry.
     let mut state = 0x9E37_79B9_7F4A_7C15_u64;
     let mut next = || {
         // An xorshift generator (Marsaglia 2003).
@@ -120,6 +121,7 @@ impl LineComplex {
         let mut made = Self {
             moments: Matrix3::zeros(),
             mixed: Matrix3::zeros(),
+            // Normals of a plane or cylinder span less than space; the small term keeps the matrix regular.
             normals: Matrix3::identity() * (1e-9 * facets.all.len() as f64),
         };
         for facet in &facets.all {

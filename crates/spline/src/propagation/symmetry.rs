@@ -36,14 +36,18 @@ const STEPS: usize = 16;
 /// Number of facets used to compare starts, and number of starts to refine.
 const START_SOURCES: usize = 160;
 const FOLLOWED: usize = 8;
-/// Maximum deviation from symmetry beyond noise, relative to the size of the cloud.
+/// Maximum deviation from symmetry beyond noise, relative to the size of the cloud. A larger value accepts
+/// shapes that are only nearly symmetric, a smaller one rejects facets that are not quite quadrics (test
+/// `proposed_symmetries_exist_and_a_freeform_surface_has_none`).
 const MAX_DEPARTURE: f64 = 0.001;
 /// Initial deviation, relative to the size.
 const FIRST_DEPARTURE: f64 = 0.03;
 /// Tukey's constant (95 % efficiency), and the number of σ within which a facet agrees.
 const TUKEY: f64 = 4.685;
 const AGREES: f64 = 3.5;
-/// Minimum fraction of agreeing facets, in a one-sided test at 5 %.
+/// Minimum fraction of agreeing facets, in a one-sided test at 5 %. The remaining fifth may be attachments
+/// and damage (tests `a_handle_does_not_belong_to_the_revolution` and
+/// `proposed_symmetries_exist_and_a_freeform_surface_has_none`).
 const MIN_AGREEMENT: f64 = 0.8;
 const ONE_SIDED: f64 = 1.645;
 /// Minimum number and fraction of compared facets.
@@ -185,6 +189,8 @@ fn agreement(found: &[Pair], within: f64) -> f64 {
 fn refine(facets: &Facets, start: Symmetry, middle: [f64; 3], steps: usize, stride: usize) -> Symmetry {
     let mut symmetry = start.near(middle);
     for step in 0..steps {
+        // Reach and expected deviation shrink during the first 60 % of the steps; the rest converges with the
+        // final values.
         let share = (step as f64 / (steps as f64 * 0.6)).min(1.0);
         let reach = facets.side * (FIRST_REACH + share * (LAST_REACH - FIRST_REACH));
         let found = pairs(facets, &symmetry, reach, stride);
@@ -235,6 +241,8 @@ impl Normal {
             let variance = pair.variance + departure * departure;
             let far = pair.residual / (TUKEY * variance.sqrt());
             let w = pair.weight * (1.0 - far * far).max(0.0).powi(2) / variance;
+            // The product with an instrument is not symmetric. Its symmetric part has the same expectation,
+            // and Cholesky needs it.
             let product = pair.instrument * pair.by_symmetry.transpose() * (0.5 * w);
             made.matrix += product + product.transpose();
             made.right -= pair.instrument * (w * pair.residual);
@@ -264,6 +272,7 @@ impl Normal {
         let mut covariance = inverse * self.before * inverse;
         for (facet, gain) in facets.all.iter().zip(&by_facet) {
             let mut own = *facet.covariance();
+            // Half for each of the two facets of a pair.
             own[(0, 0)] += 0.5 * departure * departure;
             covariance += gain * own * gain.transpose();
         }
@@ -294,6 +303,8 @@ fn evaluate(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     let compared = means.iter().filter(met).count();
     let agreeing = means.iter().filter(met).filter(|m| agrees(m)).count();
     let ring = matches!(symmetry, Symmetry::Rotation { order: None, .. });
+    // A finite symmetry may map a facet to an unobserved place, which is to be completed. On a ring, a facet
+    // without a partner is an attachment such as a handle, and must not be copied.
     let obeys = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
     let mut made = FittedSymmetry {
         symmetry,

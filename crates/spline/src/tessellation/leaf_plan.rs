@@ -156,6 +156,7 @@ impl LeafPlan {
         if a == 0 {
             out.extend(between(3, y, y + self.steps[1]).rev());
         }
+        // At a pole two corners of the rectangle are one vertex.
         out.dedup();
         if out.first() == out.last() {
             out.pop();
@@ -172,6 +173,8 @@ impl LeafPlan {
     /// centre.
     pub(super) fn for_each_polygon(&self, mut visit: impl FnMut(u32, u32, &[u32], bool)) {
         let [nu, nv] = self.grid();
+        // Numbering and triangulation visit the same rectangles, so both use this function and cannot
+        // disagree.
         let mut polygon = Vec::new();
         for b in 0..nv {
             for a in 0..nu {
@@ -205,6 +208,7 @@ impl LeafPlan {
                 normal: normal(surface, leaf, local, at_pole),
             });
         };
+        // In the order in which `number_vertices` counted: own points of the ring, inner points, centres.
         let places = self.ring_places();
         for &index in &self.own_ring {
             let place = places[index as usize];
@@ -244,6 +248,7 @@ impl LeafPlan {
             } else if let [a, b, c, d] = *polygon {
                 let [a, b, c, d] = [a, b, c, d].map(number);
                 let length = |p: u32, q: u32| distance(positions[p as usize], positions[q as usize]);
+                // The shorter diagonal gives the rounder triangles.
                 if length(a, c) <= length(b, d) {
                     out.extend([[a, b, c], [a, c, d]]);
                 } else {

@@ -19,6 +19,8 @@ pub(super) fn elimination_tree(graph: &Graph, nodes: usize) -> (Vec<u32>, Vec<u3
     let mut ancestor = vec![NONE; nodes];
     for row in 0..nodes as u32 {
         for &column in graph.neighbours(row as usize).iter().filter(|&&column| column < row) {
+            // Climb from each entry to the root found so far. `ancestor` skips paths that were climbed before
+            // (path compression); without it, long chains take quadratic time.
             let mut at = column;
             while at != row {
                 let next = std::mem::replace(&mut ancestor[at as usize], row);
@@ -66,6 +68,8 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
     let mut group_of = vec![0_u32; nodes];
     let mut top = Vec::new();
     for (k, &node) in order.iter().enumerate() {
+        // A column of the factor contains the rows of its children below it. A count smaller by one therefore
+        // means equal rows, and no rows need to be compared.
         let joins = k > 0 && {
             let before = order[k - 1] as usize;
             parent[before] == node && counts[before] == counts[node as usize] + 1
@@ -99,6 +103,8 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
     }
     let mut merged_into: Vec<u32> = (0..groups as u32).collect();
     for g in 0..groups {
+        // Greedy: the child that adds the fewest zeros first. Larger panels are faster in dense kernels,
+        // which pays for some zeros.
         loop {
             let zeros_with = |child: usize| {
                 let merged = trapezoid(columns[g] + columns[child], rows[g]);
@@ -111,7 +117,7 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
             let width = (columns[g] + columns[child]) * block;
             let fits = MERGE_COLUMNS_AND_ZEROS
                 .iter()
-                .any(|&(most, part)| width <= most && zeros as f64 <= part * merged as f64);
+                .any(|&(max_columns, part)| width <= max_columns && zeros as f64 <= part * merged as f64);
             if !fits {
                 break;
             }
@@ -119,6 +125,7 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
             entries[g] += entries[child];
             merged_into[child] = g as u32;
             children[g].swap_remove(at);
+            // Grandchildren become candidates of the enlarged supernode.
             let grandchildren = std::mem::take(&mut children[child]);
             for &grandchild in &grandchildren {
                 group_parent[grandchild as usize] = g as u32;
@@ -127,12 +134,24 @@ pub(super) fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -
         }
     }
 
-    // Final order: supernodes along their tree, columns within a supernode in postorder.
+    ordered_groups(&order, &group_of, &group_parent, merged_into)
+}
+
+/// Numbers the groups that remain after merging: supernodes along their tree, columns within a supernode in
+/// postorder.
+fn ordered_groups(
+    order: &[u32],
+    group_of: &[u32],
+    group_parent: &[u32],
+    mut merged_into: Vec<u32>,
+) -> Groups {
+    let (nodes, groups) = (order.len(), merged_into.len());
+    // Parents have higher numbers, so going down resolves chains of merges in one pass.
     for g in (0..groups).rev() {
         merged_into[g] = merged_into[merged_into[g] as usize];
     }
     let mut members: Vec<Vec<u32>> = vec![Vec::new(); groups];
-    for &node in &order {
+    for &node in order {
         members[merged_into[group_of[node as usize] as usize] as usize].push(node);
     }
     let mut final_of = vec![NONE; groups];

@@ -54,7 +54,7 @@ fn along_one_normal_it_equals_the_filter_of_heights() {
         for reading in readings(base, 120, 0.03, 3) {
             filter.observe(&reading).unwrap();
         }
-        filter.divide(&[filter.patches()[0]]).unwrap();
+        filter.subdivide(&[filter.patches()[0]]).unwrap();
         for reading in readings(base, 60, 0.03, 4) {
             filter.observe(&reading).unwrap();
         }
@@ -125,25 +125,25 @@ fn outliers_are_rejected_and_shape_is_not() {
         filter.observe_within(&reading, 4.0).unwrap();
     }
     let before = filter.belief(0).clone();
-    let wild =
+    let outlier =
         |u: f64| SurfaceReading::Along { parameters: [u, 2.5], direction: UP, value: 0.9, variance: 4e-4 };
-    let told = filter.observe_within(&wild(2.5), 4.0).unwrap();
-    assert!(!told.within_gate && told.normalized_squared == 0.0);
+    let update = filter.observe_within(&outlier(2.5), 4.0).unwrap();
+    assert!(!update.within_gate && update.normalized_squared == 0.0);
     assert_eq!(filter.belief(0), &before);
     assert_eq!(filter.readings(), 200);
     let criteria = SubdivisionCriteria { curvature_variation: None, ..SubdivisionCriteria::default() };
     assert!(filter.clone().refine(&criteria).unwrap().is_empty(), "a single outlier is not shape");
     for k in 0..60 {
-        filter.observe_within(&wild(2.2 + 0.01 * f64::from(k)), 4.0).unwrap();
+        filter.observe_within(&outlier(2.2 + 0.01 * f64::from(k)), 4.0).unwrap();
     }
-    assert!(filter.readings() > 220, "{} taken in", filter.readings());
-    let divided = filter.refine(&criteria).unwrap();
+    assert!(filter.readings() > 220, "{} readings used", filter.readings());
+    let subdivided = filter.refine(&criteria).unwrap();
     assert!(
-        matches!(divided[..], [one] if matches!(one.reason, SubdivisionReason::ChiSquare(_))),
-        "{divided:?}"
+        matches!(subdivided[..], [one] if matches!(one.reason, SubdivisionReason::ChiSquare(_))),
+        "{subdivided:?}"
     );
     for k in 0..300 {
-        filter.observe_within(&wild(2.2 + 0.01 * f64::from(k % 60)), 4.0).unwrap();
+        filter.observe_within(&outlier(2.2 + 0.01 * f64::from(k % 60)), 4.0).unwrap();
     }
     let height = filter.jet(2.5, 2.5).point[2];
     assert!((height - 0.9).abs() < 0.1, "{height}");

@@ -10,7 +10,7 @@ fn reconciling_inherited_information_changes_nothing() {
     for reading in positions([4, 4], 30, 0.05, 17) {
         filter.observe(&reading).unwrap();
     }
-    filter.divide(&[filter.patches()[0]]).unwrap();
+    filter.subdivide(&[filter.patches()[0]]).unwrap();
     let before = filter.state();
     filter.reconcile().unwrap();
     assert_eq!(before, filter.state(), "there is no new reading");
@@ -39,7 +39,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
     }
     let parent = filter.belief(0).covariance_matrix();
     let before = filter.surface().unwrap();
-    filter.divide(&[filter.patches()[0]]).unwrap();
+    filter.subdivide(&[filter.patches()[0]]).unwrap();
     let after = filter.surface().unwrap();
     for (p, patch) in filter.patches().iter().enumerate() {
         let alpha = quarter_matrix([patch.i as usize, patch.j as usize]);
@@ -64,7 +64,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
     let global = Global::new(filter.space(), PRIOR).solve();
     let fresh = {
         let mut fresh = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
-        fresh.divide(&[fresh.patches()[0]]).unwrap();
+        fresh.subdivide(&[fresh.patches()[0]]).unwrap();
         fresh
     };
     let (mean, sigma) = differences(&fresh, &global, [0.0, 0.0, 1.0]);
@@ -77,7 +77,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
 fn priors_follow_the_hierarchy_when_neighbours_are_subdivided() {
     let mut filter = filter_to_depth(3, [8, 8], StateLayout::Isotropic, PRIOR);
     for patch in [0, 0, 0] {
-        filter.divide(&[filter.patches()[patch]]).unwrap();
+        filter.subdivide(&[filter.patches()[patch]]).unwrap();
         let global = Global::new(filter.space(), PRIOR).solve();
         let (mean, sigma) = differences(&filter, &global, [0.0, 0.0, 1.0]);
         assert!(mean < 1e-6 && sigma < 1e-6, "{mean:e} {sigma:e}");
