@@ -61,7 +61,7 @@ impl Cells<'_> {
                 }
             }
         }
-        if !kind.nearest_is_least() {
+        if !kind.depth_increases_away() {
             // Seen from the other end: a break lies where its cell ends.
             let mut turned = Vec::with_capacity(sequence.len());
             for n in (0..sequence.len()).rev() {

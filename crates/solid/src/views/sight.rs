@@ -355,7 +355,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
     let plan = cells.plan;
     let kind = plan.views[view].kind;
     let [right, up, along] = kind.axes();
-    let sign = if kind.nearest_is_least() { 1.0 } else { -1.0 };
+    let sign = if kind.depth_increases_away() { 1.0 } else { -1.0 };
     let mut normal = [0.0; 3];
     match entry.surface {
         SurfaceId::Grid(..) => {
