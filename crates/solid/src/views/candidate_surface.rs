@@ -82,7 +82,7 @@ impl CandidateSurface {
     /// Its tangent continuation (see [`CandidateSurface::value_of`]) cannot be a face, so it does not count.
     pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
         match self {
-            Self::Turned(wall) => wall.is_meant(side, p) && wall.value(p).abs() < near,
+            Self::Turned(wall) => wall.is_on_side(side, p) && wall.value(p).abs() < near,
             Self::Oblique(wall) => wall.is_within(p) && wall.value(p).abs() < near,
         }
     }
