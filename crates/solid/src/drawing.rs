@@ -19,7 +19,14 @@ impl ViewKind {
     /// The three that files hold by default: front, top, side.
     pub const ALL: [Self; 3] = [Self::Front, Self::Top, Self::Side];
 
-    /// The axes that run right, up, and along the line of sight.
+    /// The axes (0 = x, 1 = y, 2 = z) that run right, up, and along the line of sight.
+    ///
+    /// ```
+    /// use planish_solid::views::ViewKind;
+    ///
+    /// // From above: x to the right, y up, z along the line of sight.
+    /// assert_eq!(ViewKind::Top.axes(), [0, 1, 2]);
+    /// ```
     #[must_use]
     pub fn axes(self) -> [usize; 3] {
         match self {
@@ -31,7 +38,7 @@ impl ViewKind {
 
     /// True if the coordinate along the line of sight increases away from the viewer.
     #[must_use]
-    pub fn nearest_is_least(self) -> bool {
+    pub fn depth_increases_away(self) -> bool {
         matches!(self, Self::Front | Self::Left)
     }
 
@@ -63,22 +70,32 @@ pub enum Curve2 {
     Segment([f64; 2], [f64; 2]),
     /// A part of a circle, counter-clockwise; angles in radians.
     Arc {
-        /// Its centre.
+        /// Centre of the circle.
         center: [f64; 2],
-        /// Its radius, > 0.
+        /// Radius, > 0.
         radius: f64,
-        /// The angle at which it begins.
+        /// Angle of the start, from the axis that runs right.
         start: f64,
-        /// How far it runs, in (0, 2π].
+        /// Angle between start and end, in (0, 2π].
         sweep: f64,
     },
-    /// Any other curve, by points along it: the images of edges between curved faces.
+    /// Any other curve, for example the image of an edge between curved faces: a polygon through its points.
     Chain(Vec<[f64; 2]>),
 }
 
 impl Curve2 {
-    /// Points along the curve, from its start to its end; a segment's ends, an arc's points every few
-    /// degrees.
+    /// Points along the curve, from its start to its end.
+    ///
+    /// A segment has two. Points of an arc are at most 3.75° apart, and there are at least five.
+    ///
+    /// ```
+    /// use planish_solid::views::Curve2;
+    ///
+    /// let quarter = Curve2::Arc { center: [1.0, 0.0], radius: 2.0, start: 0.0, sweep: 1.5 };
+    /// let points = quarter.points();
+    /// assert_eq!(points.len(), 24);
+    /// assert_eq!(points[0], [3.0, 0.0]);
+    /// ```
     #[must_use]
     pub fn points(&self) -> Vec<[f64; 2]> {
         match self {
@@ -96,8 +113,17 @@ impl Curve2 {
         }
     }
 
-    /// The curve where a rigid motion `to` of the plane takes it; `mirrored` where that also mirrors x, which
-    /// runs arcs the other way.
+    /// The curve after `to`, a translation or, with `mirrored`, a translation after the map x → −x.
+    ///
+    /// Angles of arcs are not rotated, so `to` must not contain a rotation.
+    ///
+    /// ```
+    /// use planish_solid::views::Curve2;
+    ///
+    /// let line = Curve2::Segment([1.0, 0.0], [3.0, 2.0]);
+    /// let moved = line.moved(|p| [10.0 - p[0], p[1]], true);
+    /// assert_eq!(moved, Curve2::Segment([9.0, 0.0], [7.0, 2.0]));
+    /// ```
     #[must_use]
     pub fn moved(&self, to: impl Fn([f64; 2]) -> [f64; 2], mirrored: bool) -> Self {
         match self {
@@ -105,6 +131,8 @@ impl Curve2 {
             Self::Arc { center, radius, start, sweep } => Self::Arc {
                 center: to(*center),
                 radius: *radius,
+                // A mirror takes the angle θ to π − θ and reverses the direction. Arcs stay
+                // counter-clockwise, so the mirrored end becomes the start.
                 start: if mirrored { PI - start - sweep } else { *start },
                 sweep: *sweep,
             },
@@ -112,7 +140,9 @@ impl Curve2 {
         }
     }
 
-    /// Its length, by its points.
+    /// Length of the polygon through [`Curve2::points`].
+    ///
+    /// Chords make the length of an arc too small, by less than 0.02 % for chords of 3.75°.
     #[must_use]
     pub fn length(&self) -> f64 {
         let points = self.points();
@@ -130,7 +160,15 @@ pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// The distance of a point to a straight line between two points.
+/// The distance of a point to the segment between two points.
+///
+/// ```
+/// use planish_solid::views::distance_to_segment;
+///
+/// assert_eq!(distance_to_segment([4.0, 3.0], [0.0, 0.0], [10.0, 0.0]), 3.0);
+/// // Beyond its end, the end is nearest.
+/// assert_eq!(distance_to_segment([13.0, 4.0], [0.0, 0.0], [10.0, 0.0]), 5.0);
+/// ```
 #[must_use]
 pub fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let d = [b[0] - a[0], b[1] - a[1]];
@@ -155,7 +193,8 @@ pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
     if let Curve2::Arc { center, radius, start, sweep } = curve {
         let angle = (p[1] - center[1]).atan2(p[0] - center[0]);
         let along = (angle - start).rem_euclid(TAU);
-        // Beyond the arc, the nearer of its ends.
+        // Beyond the arc, the end nearer by angle is also nearer by distance. A clamp of `along` would always
+        // give its end, because angles before the start wrap to values above the sweep.
         let along = match (along <= *sweep, along - sweep < TAU - along) {
             (true, _) => along,
             (false, true) => *sweep,
@@ -181,11 +220,11 @@ pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
 /// A curve with its style and its name in the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrawnCurve {
-    /// Where it runs.
+    /// The curve.
     pub curve: Curve2,
-    /// How it is drawn.
+    /// Line style.
     pub style: LineStyle,
-    /// The entity in words: its kind, handle or number, and line of the file.
+    /// Name of the entity in messages: its kind, handle or number, and line of the file.
     pub entity: String,
 }
 
@@ -238,7 +277,19 @@ impl Drawing {
         scaled
     }
 
-    /// The larger side of the box around everything that is drawn.
+    /// The larger side of the box around all curves. Tolerances are relative to this size.
+    ///
+    /// ```
+    /// use planish_solid::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind};
+    ///
+    /// let line = DrawnCurve {
+    ///     curve: Curve2::Segment([5.0, 5.0], [25.0, 12.0]),
+    ///     style: LineStyle::Visible,
+    ///     entity: "LINE 1".to_owned(),
+    /// };
+    /// let drawing = Drawing { views: vec![View { kind: ViewKind::Front, curves: vec![line] }] };
+    /// assert_eq!(drawing.size(), 20.0);
+    /// ```
     #[must_use]
     pub fn size(&self) -> f64 {
         let points = || self.views.iter().flat_map(|v| &v.curves).flat_map(|c| c.curve.points());

@@ -85,8 +85,9 @@ const MAX_WALLS: usize = 24;
 
 /// Range of drawing sizes that are processed without scaling.
 ///
-/// Some tolerances are absolute lengths. Drawings outside of this range are scaled to a size from 100 to
-/// 1000.
+/// Some tolerances are absolute lengths, such as the rounding of six decimals. Drawings outside of this range
+/// are scaled to a size from 100 to 1000. Scaling rounds coordinates, so it is avoided where it is not
+/// needed.
 const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
 
 /// Distance below which edges and vertices touch, relative to the size of the drawing.
@@ -128,9 +129,12 @@ impl Solution {
     }
 
     /// True if volume, area and centroid agree to a relative 1e-8, which ignores slivers.
+    ///
+    /// Equal measures do not prove equal solids: a hole may be in two places (see `solve_grid`).
     fn measures_the_same(&self, other: &Self) -> bool {
         let (a, b) = (&self.measures, &other.measures);
         let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-8 * size;
+        // Each is compared relative to a size of its own unit; a centroid may be at the origin.
         near(a.volume, b.volume, a.volume)
             && near(a.area, b.area, a.area)
             && (0..3).all(|k| near(a.centroid[k], b.centroid[k], a.area.sqrt()))
@@ -197,6 +201,8 @@ impl Solutions {
     /// If no solution is manifold, only those with touching bodies are rejected.
     fn keep_manifold(&mut self) {
         self.solutions.sort_by(Solution::compared);
+        // Some parts have only solids that touch themselves, for example two pockets that meet at a corner;
+        // CAD programs read these. They do not read bodies that only touch.
         let any = self.solutions.iter().any(|s| s.touches.is_none());
         let (kept, touching): (Vec<_>, Vec<_>) = std::mem::take(&mut self.solutions)
             .into_iter()
@@ -228,7 +234,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     if !(size > 0.0 && size.is_finite()) || (USUAL_SIZE[0]..USUAL_SIZE[1]).contains(&size) {
         return solve_scaled(drawing, 1.0);
     }
-    // By a power of ten, so that round coordinates stay round.
+    // By a power of ten, so that round coordinates stay round: `representative` prefers round values.
     let scale = 10_f64.powi(size.log10().floor() as i32 - 2);
     let mut found = solve_scaled(&drawing.scaled(1.0 / scale), scale).map_err(|e| {
         let in_what = format!("in units of {scale:e}");
@@ -243,6 +249,8 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
 
 /// Runs [`solve`] on a scaled drawing. Positions in messages are multiplied by `scale`.
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
+    // Drafting does not draw tangent edges, so drawings are first read without them. With them, each tangent
+    // line would be one more explanation of a line that is really a sharp edge.
     let plain = solve_with(drawing, SmoothEdges::NotDrawn, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
     if is_too_large || best_agreeing(&plain, drawing).is_some() {
@@ -264,6 +272,8 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
     let tidy = tidy::tidied(drawing);
     let plan = drawing_grid::DrawingGrid::new(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
+    // Lines explained by oblique faces are left out of the grid. Otherwise a block in general position would
+    // have thousands of cells, each cut by prisms that bound nothing.
     if let Some(found) = oblique {
         let plan = drawing_grid::DrawingGrid::without(&tidy, &found.explained).with_walls(found.walls);
         let solved = solve_grid(&tidy, &plan, smooth_edges, scale);
@@ -279,6 +289,7 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
         // informative; of two solved drawings, the solid with fewer faces is better.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
+        // Strict candidates come first because the centre of every fillet also makes a false torus.
         let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
         if is_too_large || !strict && !are_tried {
             break;
@@ -312,6 +323,8 @@ fn best_cost(found: &Result<Solutions>) -> Option<f64> {
 }
 
 /// The best solid whose reprojection agrees with the drawing.
+///
+/// The search tests sampled positions and can miss a line, so its solids are checked before they compete.
 fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solution> {
     let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &ReprojectionOptions::default()).is_empty();
     found.as_ref().ok()?.solutions.iter().find(agrees).cloned()
@@ -342,6 +355,9 @@ fn solve_grid(
                     return Vec::new();
                 }
             };
+            // Two assignments may differ only in slivers and then give one solid. Cells alone do not show
+            // this, because samples miss small cells; measures alone do not, because a hole may be in two
+            // places with the same volume, area and centroid. Both are required.
             for (first, same) in known.iter_mut().filter(|k| k.1.measures_the_same(&solution)) {
                 let differs = |cell: &&u32| first.get(cell) != assignment.get(cell);
                 let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
@@ -362,6 +378,7 @@ fn solve_grid(
     solutions.complete = found.complete;
     solutions.unexplained = unexplained(drawing, &found.unexplained, scale);
     if !solutions.unexplained.is_empty() {
+        // Not an error: the caller reports the lines.
         return Ok(solutions);
     }
     solutions.keep_manifold();
@@ -394,7 +411,7 @@ fn unexplained(
             let what = match style {
                 Some(LineStyle::Visible) => "no solid shows a visible line",
                 Some(LineStyle::Hidden) => "no solid shows a hidden line",
-                None => "every solid shows a line, and none is drawn,",
+                None => "the drawing lacks a line that every solid shows",
             };
             let more = match others {
                 0 => String::new(),
@@ -422,6 +439,7 @@ fn figure(value: f64) -> String {
     }
 }
 
+/// Builds and checks the solid of an assignment. Positions in messages are multiplied by `scale`.
 fn solution(
     cells: &cells::Cells,
     assignment: &search::Assignment,
@@ -446,6 +464,7 @@ fn solution(
         }
     });
     let measures = solid.measures();
+    // The volume is an integral over outward faces, so a negative one means that the loops are reversed.
     if measures.volume <= 0.0 {
         return Err(does_not_close(format!(
             "the boundary is turned inside out: its volume is {}",
@@ -461,6 +480,7 @@ fn solution(
     })
 }
 
+/// Rejects drawings with fewer than two views or with empty views.
 fn check(drawing: &Drawing) -> Result<()> {
     if drawing.views.len() < 2 {
         return Err(Error::input(format!(

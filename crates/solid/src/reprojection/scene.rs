@@ -17,7 +17,7 @@ pub(super) struct Eye {
 
 impl Eye {
     pub(super) fn new(kind: ViewKind) -> Self {
-        Self { axes: kind.axes(), sign: if kind.nearest_is_least() { -1.0 } else { 1.0 } }
+        Self { axes: kind.axes(), sign: if kind.depth_increases_away() { -1.0 } else { 1.0 } }
     }
 
     /// The unit vector to the eye.

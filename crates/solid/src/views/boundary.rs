@@ -20,9 +20,13 @@ use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
 
-/// Pieces of the cubic spline of a curve between two cylinders.
+/// Number of cubic pieces of the intersection curve of two cylinders.
+///
+/// More pieces follow the curve more closely (the error falls with the fourth power) and make files larger.
 const SPLINE_PIECES: usize = 48;
-/// Pieces of the cubic spline of a curve that was followed step by step.
+/// Number of cubic pieces of a traced curve.
+///
+/// The lengths of its derivatives are those of chords, which is less accurate than differences of the curve.
 const TRACED_PIECES: usize = 96;
 
 /// A boundary under construction.
@@ -31,8 +35,11 @@ pub(super) struct BoundaryBuilder<'a> {
     assignment: &'a Assignment,
     pub(super) surfaces: Vec<Candidate>,
     pub(super) solid: Solid,
-    /// Coedges of each surface and side.
+    /// Coedges by surface, and by whether the face's outward normal is the surface's normal.
+    ///
+    /// A surface may bound the solid on either side in different places; these are different faces.
     pub(super) coedges: BTreeMap<(usize, bool), Vec<Coedge>>,
+    /// Distance below which points are equal: five times that of the grid, as intersections amplify rounding.
     pub(super) tolerance: f64,
 }
 
@@ -51,6 +58,7 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> 
     };
     builder.surfaces = builder.used().into_iter().map(|id| Candidate::new(cells, id)).collect();
     builder.make_edges();
+    // Before faces are made: lines along which faces touch must be cut into the loops first.
     builder.part_touching_faces()?;
     builder.make_faces()?;
     builder.solid.drop_unused_edges();
@@ -63,7 +71,7 @@ impl BoundaryBuilder<'_> {
         self.assignment.get(&self.cells.at(p)).copied().unwrap_or(false)
     }
 
-    /// Whether a piece other than the one given passes so near a point of a box.
+    /// True if a wall, or a piece other than `but`, is nearer to a point of a box than `near`.
     fn touched(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
         let plan = self.cells.plan;
         let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
@@ -75,14 +83,14 @@ impl BoundaryBuilder<'_> {
         by_piece || self.touched_by_wall(p, cell, near, None)
     }
 
-    /// Whether a wall other than the one given passes so near a point of a box.
+    /// True if a wall other than `but` is nearer to a point of a box than `near`.
     fn touched_by_wall(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
         let plan = self.cells.plan;
         let mut walls = plan.walls_in(cell).iter().filter(|w| Some(w.0) != but);
         walls.any(|&(wall, side)| plan.walls[wall as usize].is_near(side, p, near))
     }
 
-    /// Whether a wall has different states on its sides anywhere in a box.
+    /// True if a wall has different states on its two sides anywhere in a box.
     fn is_wall_used(&self, cell: [usize; 3], (index, side): (u16, Side), step: f64) -> bool {
         const SAMPLES: [f64; 7] = [0.02, 0.13, 0.33, 0.52, 0.71, 0.88, 0.97];
         let wall = &self.cells.plan.walls[index as usize];
@@ -96,6 +104,8 @@ impl BoundaryBuilder<'_> {
                     p[b] = lo[b] + t * (hi[b] - lo[b]);
                     for depth in wall.crossings(side, along_axis, p, 0.0) {
                         p[along_axis] = depth;
+                        // Points near the side of the box, or near another surface, are skipped: their
+                        // states may differ because of that surface.
                         let inside = (0..3).all(|k| p[k] > lo[k] + 2.0 * step && p[k] < hi[k] - 2.0 * step);
                         if !inside || self.touched_but(p, cell, 3.0 * step, index) {
                             continue;
@@ -111,6 +121,7 @@ impl BoundaryBuilder<'_> {
         false
     }
 
+    /// True if a piece, or a wall other than `wall`, is nearer to a point of a box than `near`.
     fn touched_but(&self, p: [f64; 3], cell: [usize; 3], near: f64, wall: u16) -> bool {
         let plan = self.cells.plan;
         let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
@@ -121,7 +132,10 @@ impl BoundaryBuilder<'_> {
         by_piece || self.touched_by_wall(p, cell, near, Some(wall))
     }
 
-    /// Surfaces with different states on their sides anywhere.
+    /// Surfaces with different states on their two sides anywhere.
+    ///
+    /// Only sample points are tested. A used surface that no sample finds leaves loops of its neighbours
+    /// open, which is reported as an error.
     fn used(&self) -> BTreeSet<SurfaceId> {
         let plan = self.cells.plan;
         let n = [0, 1, 2].map(|a| plan.intervals(a));
@@ -147,6 +161,7 @@ impl BoundaryBuilder<'_> {
                                 shares[(axis + 1) % 3] = *t;
                                 shares[axis] = 0.0;
                                 let mut p = at(shares);
+                                // Not farther than a tenth of a thin box, to stay within it.
                                 let back = step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
                                 let mut before = cell;
                                 before[axis] -= 1;
@@ -182,7 +197,8 @@ impl BoundaryBuilder<'_> {
                                 for t in samples {
                                     let mut on = at([*t; 3]);
                                     (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
-                                    // Beside a border of the box, the other side may be another box's.
+                                    // Near a side of the box, the point across the piece may be in another
+                                    // box.
                                     let beside = (0..2).any(|k| {
                                         let a = axes[k];
                                         let room = (m[k] - lo[a]).min(hi[a] - m[k]);
@@ -210,6 +226,7 @@ impl BoundaryBuilder<'_> {
         used
     }
 
+    /// Intersects all pairs of used surfaces and cuts the curves at all third surfaces.
     fn make_edges(&mut self) {
         let n = self.surfaces.len();
         let bounds = [0, 1, 2].map(|a| {
@@ -226,6 +243,7 @@ impl BoundaryBuilder<'_> {
                         let three = [s, t, u].map(|k| &self.surfaces[k]);
                         points.extend(corners(three, &meeting.curve, bounds, self.tolerance));
                     }
+                    // Surfaces are unbounded, so most points lie outside of the drawing, where all is empty.
                     points.retain(|p| (0..3).all(|a| p[a] > bounds[a][0] && p[a] < bounds[a][1]));
                     self.cut(&meeting.curve, points, [s, t]);
                 }
@@ -233,7 +251,7 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    /// Cuts a curve at points and keeps the stretches that are edges.
+    /// Cuts a curve at points and keeps the intervals that are edges.
     fn cut(&mut self, curve: &Curve3, points: Vec<[f64; 3]>, pair: [usize; 2]) {
         let near = self.tolerance;
         let mut cuts: Vec<(f64, [f64; 3])> = Vec::new();
@@ -241,6 +259,7 @@ impl BoundaryBuilder<'_> {
             let Some(t) = curve.parameter(p, near) else {
                 continue;
             };
+            // Several surfaces may pass through one vertex, and each finds it with its own rounding.
             if !cuts.iter().any(|c| norm(sub(c.1, p)) < 20.0 * near) {
                 cuts.push((t, p));
             }
@@ -264,6 +283,10 @@ impl BoundaryBuilder<'_> {
         }
     }
 
+    /// Adds an interval of a curve as an edge for each solid wedge around it between the two surfaces.
+    ///
+    /// The states around the middle decide: no other surface crosses an interval between two cuts. Several
+    /// wedges (where the solid touches itself) give several coincident edges.
     fn add_stretch(
         &mut self,
         curve: &Curve3,
@@ -281,6 +304,7 @@ impl BoundaryBuilder<'_> {
         if count < 2 {
             return;
         }
+        // Angles run counter-clockwise about the tangent, in the same frame as those of `halves`.
         let (e1, e2) = planish_estimate::vector3::tangents(tangent);
         let (e1, e2) = match dot(cross(e1, e2), tangent) > 0.0 {
             true => (e1, e2),
@@ -293,7 +317,8 @@ impl BoundaryBuilder<'_> {
                 self.is_solid(at((halves[k].0 + next) / 2.0))
             })
             .collect();
-        // Solid runs of sectors, each between two half-surfaces.
+        // Runs of solid sectors, each between two half-surfaces. Surfaces with the same state on both sides
+        // do not divide a run.
         for first in 0..count {
             if !states[first] || states[(first + count - 1) % count] {
                 continue;
@@ -303,6 +328,8 @@ impl BoundaryBuilder<'_> {
                 last += 1;
             }
             let (a, b) = (halves[first], halves[(last + 1) % count]);
+            // Other pairs of surfaces through this curve add this edge themselves. One surface on both sides
+            // is no edge: the boundary passes through smoothly.
             let is_pair = [a.1, b.1] == pair || [b.1, a.1] == pair;
             if a.1 == b.1 || !is_pair {
                 continue;
@@ -318,7 +345,7 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    /// Half-surfaces around a point of a curve: angle and surface, ascending.
+    /// Half-surfaces around a point of a curve: angle about the tangent and surface, ascending.
     fn halves(&self, m: [f64; 3], tangent: [f64; 3], step: f64) -> Vec<(f64, usize)> {
         let (e1, e2) = planish_estimate::vector3::tangents(tangent);
         let (e1, e2) = match dot(cross(e1, e2), tangent) > 0.0 {
@@ -334,6 +361,8 @@ impl BoundaryBuilder<'_> {
             if norm(across) < 1e-6 {
                 continue;
             }
+            // A step along the tangent plane, then Newton's method back to the surface: curved surfaces leave
+            // their tangent planes, and two that touch differ only by this.
             for sign in [-1.0, 1.0] {
                 let mut p = along(m, sign * step, unit(across));
                 for _ in 0..3 {
@@ -347,6 +376,9 @@ impl BoundaryBuilder<'_> {
         halves
     }
 
+    /// The vertex at a point, added if there is none yet.
+    ///
+    /// The distance is twice that of distinct cuts, so that cuts of several curves at one vertex agree.
     pub(super) fn vertex(&mut self, p: [f64; 3]) -> usize {
         let near = 40.0 * self.tolerance;
         match self.solid.vertices.iter().position(|v| norm(sub(*v, p)) < near) {
@@ -367,6 +399,7 @@ impl BoundaryBuilder<'_> {
             Curve3::Line { origin, direction } => {
                 (EdgeCurve::Line { origin: *origin, direction: *direction }, range)
             }
+            // The first semi-axis of an edge is not the shorter one (see `EdgeCurve::Ellipse`).
             Curve3::Ellipse { center, a, b } => match norm(*a) >= norm(*b) * (1.0 - 1e-12) {
                 true => (EdgeCurve::Ellipse { center: *center, a: *a, b: *b }, range),
                 // t = s + π/2 turns (a, b) into (b, −a).
@@ -391,8 +424,8 @@ impl BoundaryBuilder<'_> {
         for ((index, outward), uses) in coedges {
             let surface = self.surfaces[index].surface();
             let loops = self.loops(&surface, outward, uses)?;
-            let drawn_out = matches!(surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. });
-            let grouped = match drawn_out {
+            let is_extruded = matches!(surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. });
+            let grouped = match is_extruded {
                 true => faces(&self.solid, &surface, outward, loops),
                 false => turned_faces(&self.solid, &surface, outward, loops),
             };
@@ -405,7 +438,10 @@ impl BoundaryBuilder<'_> {
         Ok(())
     }
 
-    /// Adds the spheres and tori that bound the solid all over: no edge lies on them.
+    /// Adds the spheres and tori that are faces as a whole, without any edge on them.
+    ///
+    /// The states are compared at a lattice of points; all must agree, since a surface without edges lies
+    /// either completely on the boundary or not at all.
     fn add_whole_faces(&mut self, edged: &BTreeSet<usize>) {
         const PLACES: usize = 12;
         let step = 1e-5 * self.cells.plan.size;
@@ -432,7 +468,13 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    /// Chains coedges: where several go on from a vertex, the one that leaves the narrowest corner of face.
+    /// Chains coedges to loops.
+    ///
+    /// If several coedges start at a vertex, the loop continues with the one that leaves the narrowest corner
+    /// of the face. Faces that touch at a vertex then get loops of their own, which do not cross.
+    ///
+    /// # Errors
+    /// `Input` if a loop does not close.
     pub(super) fn loops(
         &self,
         surface: &FaceSurface,
@@ -467,7 +509,7 @@ impl BoundaryBuilder<'_> {
         Ok(loops)
     }
 
-    /// The best continuation at a vertex; none where `closing` is at least as good.
+    /// The best continuation at a vertex; `None` if `closing` is at least as good.
     fn next(
         &self,
         surface: &FaceSurface,
@@ -479,6 +521,8 @@ impl BoundaryBuilder<'_> {
     ) -> Option<usize> {
         let p = self.solid.vertices[at];
         let n = surface.normal(p).map(|c| if outward { c } else { -c });
+        // Direction of an edge near the vertex: a chord over 1 % of its parameter range. Tangents at the
+        // vertex itself would be equal for edges that touch there.
         let away = |coedge: Coedge, from_start: bool| {
             let edge = &self.solid.edges[coedge.edge];
             let [lo, hi] = edge.range;
@@ -488,7 +532,8 @@ impl BoundaryBuilder<'_> {
         };
         let back = away(last, false);
         let side = cross(n, back);
-        // Clockwise from where the loop came.
+        // Angle clockwise from the direction in which the loop came. Back along the same way is a whole turn,
+        // the last choice.
         let turn = |coedge: Coedge| {
             let d = away(coedge, true);
             let angle = -dot(d, side).atan2(dot(d, back));
@@ -504,15 +549,15 @@ impl BoundaryBuilder<'_> {
     }
 }
 
-/// A cubic spline through a curve's points with its derivatives.
+/// A cubic Hermite spline through points of a curve, with the derivatives of the curve.
 fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
     let n = SPLINE_PIECES;
     let h = (to - from) / n as f64;
     let at = |k: usize| from + h * k as f64;
     let mut points: Vec<[f64; 3]> = (0..=n).map(|k| curve.point(at(k))).collect();
     points[n] = curve.point(to);
-    // Central differences of fourth order over the analytic continuation: a branch's parameter is an angle,
-    // so it goes on beyond its ends.
+    // Central differences of fourth order, and one-sided ones where these would leave the range [0, π] of the
+    // parameter. A smaller step has a smaller truncation error (e⁴), but a larger rounding error (1/e).
     let e = 0.02 * h.abs().max(1e-3);
     let derivatives = (0..=n)
         .map(|k| {
@@ -543,10 +588,11 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
     EdgeCurve::Spline { points, derivatives }
 }
 
-/// A cubic spline through points of a traced curve, equally far apart, with its tangents there.
+/// A cubic Hermite spline through equally spaced points of a traced curve, with its tangents there.
 fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> EdgeCurve {
     let n = TRACED_PIECES;
     let mut points: Vec<[f64; 3]> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
+    // The ends are vertices that other edges share, so they are taken exactly.
     if let Some([p, q]) = ends {
         (points[0], points[n]) = (p, q);
     }
@@ -558,8 +604,8 @@ fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) 
             let chord = unit(sub(points[hi], points[lo]));
             let tangent = traced.tangent(points[k]);
             let turn = dot(tangent, chord);
-            // At an end where the surfaces touch there is no tangent; the curve goes on as its last chord, or
-            // better, as it bends.
+            // At an end where the surfaces touch, both normals agree and their cross product is rounding. The
+            // tangent is used only if it agrees with the chord; its sign may be either.
             match turn.abs() > 0.9 {
                 true => tangent.map(|c| turn.signum() * length * c),
                 false => chord.map(|c| length * c),

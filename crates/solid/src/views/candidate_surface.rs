@@ -1,8 +1,8 @@
 //! Candidate surfaces that no view sees edge-on.
 //!
-//! These are surfaces of revolution about an axis along a line of sight ([`Turned`]), or planes and cylinders
-//! oblique to all views ([`Oblique`]). Their intersections with a line of sight have a closed form (a square
-//! root).
+//! These *walls* are surfaces of revolution about an axis along a line of sight ([`Turned`]), or planes and
+//! cylinders oblique to all views ([`Oblique`]). Their intersections with a line of sight have a closed form
+//! (a square root).
 
 use super::oblique_wall::Oblique;
 use super::turned_wall::Turned;
@@ -11,18 +11,18 @@ use crate::brep::FaceSurface;
 /// Selects a half of the tube of a torus; other surfaces use `Both`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Side {
-    /// Nearer to the axis than the tube's middle.
+    /// Nearer to the axis than the centre line of the tube.
     Inner,
-    /// Farther from it.
+    /// Farther from the axis.
     Outer,
-    /// Both.
+    /// The whole surface.
     Both,
 }
 
 /// Region to which a candidate surface is limited.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Extent {
-    /// The box around it.
+    /// Minimum and maximum along each axis.
     pub(crate) bounds: [[f64; 2]; 3],
     pub(crate) side: Side,
 }
@@ -42,7 +42,7 @@ pub(crate) fn across(axis: usize) -> [usize; 2] {
 }
 
 impl CandidateSurface {
-    /// Where it may stand.
+    /// Regions to which the surface is limited; it may be a face only within one of them.
     pub(crate) fn extents(&self) -> &[Extent] {
         match self {
             Self::Turned(wall) => &wall.extents,
@@ -58,7 +58,7 @@ impl CandidateSurface {
         })
     }
 
-    /// Signed distance from the whole surface.
+    /// Signed distance from the whole, unlimited surface.
     pub(crate) fn value(&self, p: [f64; 3]) -> f64 {
         match self {
             Self::Turned(wall) => wall.value(p),
@@ -66,8 +66,10 @@ impl CandidateSurface {
         }
     }
 
-    /// On which side of the wall a point is, where only one half of a tube or a sector of a cylinder is
-    /// meant.
+    /// A function whose sign is the side of the wall on which a point is.
+    ///
+    /// If only a half of a tube or a sector of a cylinder is used, the surface continues as a tangent plane
+    /// beyond its ends. The whole surface would divide space a second time, behind the part that is used.
     pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
         match self {
             Self::Turned(wall) => wall.value_of(side, p),
@@ -75,11 +77,12 @@ impl CandidateSurface {
         }
     }
 
-    /// Whether a point lies so near to the wall; where it goes on level beyond half a tube or the sector of
-    /// an oblique one, it is no surface of the solid.
+    /// True if a point is nearer to the used part of the wall than a distance.
+    ///
+    /// Its tangent continuation (see [`CandidateSurface::value_of`]) cannot be a face, so it does not count.
     pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
         match self {
-            Self::Turned(wall) => wall.is_meant(side, p) && wall.value(p).abs() < near,
+            Self::Turned(wall) => wall.is_on_side(side, p) && wall.value(p).abs() < near,
             Self::Oblique(wall) => wall.is_within(p) && wall.value(p).abs() < near,
         }
     }
@@ -92,7 +95,7 @@ impl CandidateSurface {
         }
     }
 
-    /// The gradient of the signed distance from the whole surface.
+    /// The gradient of the signed distance from the unlimited surface.
     pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Turned(wall) => wall.normal(p),
@@ -100,7 +103,9 @@ impl CandidateSurface {
         }
     }
 
-    /// Where the line along an axis through a point meets the wall; touching within a distance counts once.
+    /// Coordinates at which the line along an axis through a point meets the wall.
+    ///
+    /// A line that touches the wall within `touching` meets it once.
     pub(crate) fn crossings(&self, side: Side, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
         match self {
             Self::Turned(wall) => wall.crossings(side, along, p, touching),
@@ -108,7 +113,7 @@ impl CandidateSurface {
         }
     }
 
-    /// Which side of the wall passes through a box; none where none does.
+    /// The part of the wall that passes through a box, if any.
     pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
         match self {
             Self::Turned(wall) => wall.passes(lo, hi, tolerance),
@@ -116,7 +121,7 @@ impl CandidateSurface {
         }
     }
 
-    /// The surface; its normal is the gradient's direction.
+    /// The surface. Its normal is the direction of the gradient.
     pub(crate) fn surface(&self) -> FaceSurface {
         match self {
             Self::Turned(wall) => wall.surface(),

@@ -1,4 +1,4 @@
-//! Candidate surfaces of both sorts, drawn out or turned, and the curves and points in which they meet.
+//! Intersections of all candidate surfaces: those seen edge-on (extruded profiles) and walls.
 
 use super::candidate_surface::{CandidateSurface, across};
 use super::cells::Cells;
@@ -6,26 +6,30 @@ use super::column::SurfaceId;
 use super::oblique_wall::{Form, Oblique};
 use super::profile::Profile;
 use super::quadrics::quadrics;
-use super::surfaces::{Curve3, Drawn, Meeting, meet, meetings, triple};
+use super::surfaces::{Curve3, Extruded, Meeting, meet, meetings, triple};
 use super::traced::traced;
 use super::turned_wall::Turned;
 use crate::brep::{FaceSurface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::TAU;
 
-/// Samples of a curve among which crossings are searched.
+/// Number of samples of a curve between which intersections are searched.
+///
+/// Two intersections between neighbouring samples are missed; more samples take more time.
 const SAMPLES: usize = 288;
-/// A traced curve has about so many steps around its wall, or around a torus' tube.
+/// Number of steps of a traced curve around its wall, or around the tube of a torus.
+///
+/// Longer steps may jump to another branch of the curve; shorter ones take more time.
 const STEPS_AROUND: f64 = 120.0;
-/// It has at most so many around its wall.
+/// Maximum number of steps around a wall. It bounds the time for tori with a thin tube.
 const MAX_AROUND: f64 = 600.0;
 
 /// A candidate surface.
 #[derive(Clone)]
 pub(super) enum Candidate {
-    /// A profile drawn out along a line of sight.
-    Drawn(Drawn),
-    /// A profile turned about one.
+    /// A surface that a view sees edge-on.
+    Extruded(Extruded),
+    /// A surface that no view sees edge-on.
     Wall(CandidateSurface),
 }
 
@@ -33,14 +37,14 @@ impl Candidate {
     pub(super) fn new(cells: &Cells, id: SurfaceId) -> Self {
         match id {
             SurfaceId::Wall(index) => Self::Wall(cells.plan.walls[index].clone()),
-            _ => Self::Drawn(Drawn::new(cells, id)),
+            _ => Self::Extruded(Extruded::new(cells, id)),
         }
     }
 
     /// Signed distance.
     pub(super) fn value(&self, p: [f64; 3]) -> f64 {
         match self {
-            Self::Drawn(s) => s.value(p),
+            Self::Extruded(s) => s.value(p),
             Self::Wall(s) => s.value(p),
         }
     }
@@ -48,24 +52,24 @@ impl Candidate {
     /// The gradient of the signed distance.
     pub(super) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
-            Self::Drawn(s) => s.normal(p),
+            Self::Extruded(s) => s.normal(p),
             Self::Wall(s) => s.normal(p),
         }
     }
 
-    /// The surface itself; its normal is the gradient's direction.
+    /// The surface. Its normal is the direction of the gradient.
     pub(super) fn surface(&self) -> FaceSurface {
         match self {
-            Self::Drawn(s) => s.surface(),
+            Self::Extruded(s) => s.surface(),
             Self::Wall(s) => s.surface(),
         }
     }
 }
 
-/// Where two candidates meet, of a drawing of a size.
+/// Intersection curves of two candidates of a drawing of the given size.
 pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) -> Vec<Meeting> {
     match (s, t) {
-        (Candidate::Drawn(a), Candidate::Drawn(b)) => meetings(a, b, tolerance),
+        (Candidate::Extruded(a), Candidate::Extruded(b)) => meetings(a, b, tolerance),
         (Candidate::Wall(CandidateSurface::Turned(wall)), other)
         | (other, Candidate::Wall(CandidateSurface::Turned(wall))) => {
             let curves = simple(wall, other, tolerance).unwrap_or_else(|| followed(wall, other, size));
@@ -86,6 +90,7 @@ pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) ->
     }
 }
 
+/// Curves with points at which lines must be cut.
 fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[[f64; 3]]) -> Vec<Meeting> {
     let meeting = |curve: Curve3| Meeting {
         ends: if matches!(curve, Curve3::Line { .. }) { ends_of_lines.to_vec() } else { Vec::new() },
@@ -94,7 +99,7 @@ fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[[f64; 3]]) -> Vec<Meeting> {
     curves.into_iter().map(meeting).collect()
 }
 
-/// Where a curve of two candidates meets a third one.
+/// Points at which an intersection curve of two candidates meets a third one.
 pub(super) fn corners(
     three: [&Candidate; 3],
     curve: &Curve3,
@@ -102,12 +107,14 @@ pub(super) fn corners(
     tolerance: f64,
 ) -> Vec<[f64; 3]> {
     match three {
-        [Candidate::Drawn(s), Candidate::Drawn(t), Candidate::Drawn(u)] => triple([s, t, u], tolerance),
+        [Candidate::Extruded(s), Candidate::Extruded(t), Candidate::Extruded(u)] => {
+            triple([s, t, u], tolerance)
+        }
         [_, _, third] => crossings(curve, third, bounds, tolerance),
     }
 }
 
-/// Points of a curve that lie on a candidate, where these are finitely many.
+/// Points of a curve that lie on a candidate; none if all of the curve does.
 fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<[f64; 3]> {
     let [from, to] = match curve {
         Curve3::Line { origin, .. } => {
@@ -119,8 +126,8 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
         Curve3::Traced(traced) => [0.0, traced.end()],
     };
-    // A traced curve has points of its own; of others no sample lies on a grid line, where values would be
-    // zero.
+    // A traced curve is sampled at its own points. Samples of other curves are shifted, because regular ones
+    // often lie on grid lines, where values are zero and have no sign.
     let count = match curve {
         Curve3::Traced(_) => to as usize,
         _ => SAMPLES,
@@ -156,11 +163,13 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
             found.push(curve.point((lo + hi) / 2.0));
         }
     }
-    // Touching: a least distance without a change of sign, or the end of a curve.
+    // Contacts: a minimum of the distance without a change of sign, or the end of a curve. Points found above
+    // may be found again; vertices merge them. Golden-section search finds the minimum.
     for k in 0..=count {
         let here = values[k].abs();
-        let least = (k == 0 || here <= values[k - 1].abs()) && (k == count || here <= values[k + 1].abs());
-        if !least {
+        let is_minimum =
+            (k == 0 || here <= values[k - 1].abs()) && (k == count || here <= values[k + 1].abs());
+        if !is_minimum {
             continue;
         }
         let (mut lo, mut hi) = (at(k.saturating_sub(1)), at((k + 1).min(count)));
@@ -179,6 +188,7 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
     found
 }
 
+/// The circle of a wall through a point of its profile; `None` on the axis.
 fn circle(wall: &Turned, [distance, height]: [f64; 2]) -> Option<Curve3> {
     let center = wall.point(0.0, [0.0, height]);
     (distance > 1e-9).then(|| Curve3::Ellipse {
@@ -188,12 +198,13 @@ fn circle(wall: &Turned, [distance, height]: [f64; 2]) -> Option<Curve3> {
     })
 }
 
-/// Circles and lines in which a wall meets another candidate; none where it is no such curve.
+/// Circles and lines in which a wall intersects another candidate; `None` if the intersection has no such
+/// form.
 fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>> {
     let circles = |at: Vec<[f64; 2]>| Some(at.into_iter().filter_map(|p| circle(wall, p)).collect());
     match (other, other.surface()) {
         (Candidate::Wall(CandidateSurface::Turned(second)), _) => {
-            // A sphere is turned about any line through its centre.
+            // A sphere is a surface of revolution about any line through its centre.
             let [turned, other_turned] =
                 [sphere_about(wall, second, tolerance), sphere_about(second, wall, tolerance)];
             let wall = turned.as_ref().unwrap_or(wall);
@@ -237,8 +248,8 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
     }
 }
 
-/// A sphere as turned about the axis of another wall, where that passes through its centre; none of other
-/// walls.
+/// A sphere as a surface of revolution about the axis of another wall; `None` if the axis does not pass
+/// through its centre, or if the wall is no sphere.
 fn sphere_about(wall: &Turned, other: &Turned, tolerance: f64) -> Option<Turned> {
     let (center, radius) = wall.is_sphere().then(|| sphere_of(wall))?;
     let at = other.on_profile(center);
@@ -250,8 +261,8 @@ fn sphere_about(wall: &Turned, other: &Turned, tolerance: f64) -> Option<Turned>
     })
 }
 
-/// The circles in which a sphere meets a cylinder whose axis passes through its centre, one where they touch;
-/// none where it passes elsewhere.
+/// The circles in which a sphere intersects a cylinder whose axis passes through its centre (one if they
+/// touch); `None` if the axis does not.
 fn sphere_and_cylinder(
     wall: &Turned,
     origin: [f64; 3],
@@ -277,6 +288,7 @@ fn sphere_and_cylinder(
     Some(circles.collect())
 }
 
+/// Centre and radius of a wall that is a sphere.
 fn sphere_of(wall: &Turned) -> ([f64; 3], f64) {
     match wall.profile {
         Profile::Circle { center, radius } => (wall.point(0.0, [0.0, center[1]]), radius),
@@ -284,6 +296,7 @@ fn sphere_of(wall: &Turned) -> ([f64; 3], f64) {
     }
 }
 
+/// The circle in which a sphere intersects a plane; none if they only touch, as a point is no edge.
 fn sphere_and_plane(wall: &Turned, origin: [f64; 3], normal: [f64; 3], tolerance: f64) -> Vec<Curve3> {
     let (center, radius) = sphere_of(wall);
     let off = dot(sub(center, origin), normal);
@@ -299,6 +312,7 @@ fn sphere_and_plane(wall: &Turned, origin: [f64; 3], normal: [f64; 3], tolerance
     }]
 }
 
+/// The circle in which two spheres intersect. It lies in the plane of equal power.
 fn two_spheres(first: &Turned, second: &Turned, tolerance: f64) -> Vec<Curve3> {
     let ((a, r), (b, s)) = (sphere_of(first), sphere_of(second));
     let apart = norm(sub(b, a));
@@ -310,7 +324,7 @@ fn two_spheres(first: &Turned, second: &Turned, tolerance: f64) -> Vec<Curve3> {
     sphere_and_plane(first, along(a, off, normal), normal, tolerance)
 }
 
-/// What a plane through the axis cuts out of a wall.
+/// Intersection of a wall with a plane through its axis: the profile on both sides.
 fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
     let [a, b] = across(wall.axis);
     let angle = normal[b].atan2(normal[a]) + TAU / 4.0;
@@ -336,7 +350,10 @@ fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
         .collect()
 }
 
-/// Curves followed step by step.
+/// Intersection curves of a wall that have no simple form, traced step by step.
+///
+/// Seeds are the changes of sign of the other surface's distance over a lattice on the wall. A closed curve
+/// smaller than a cell of the lattice is missed.
 fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
     let surfaces = [Candidate::Wall(CandidateSurface::Turned(wall.clone())), other.clone()];
     let span = |k: usize| {
@@ -356,7 +373,8 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
         (TAU * smallest / STEPS_AROUND).max(TAU * reach / MAX_AROUND).min((height[1] - height[0]) / 8.0);
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
-    // Sign changes over the wall: around it, and along its profile.
+    // The lattice extends one step beyond both ends, as curves may begin just there. It is shifted by odd
+    // shares, so that no point lies on a plane of symmetry.
     let mut profile: Vec<Vec<[f64; 2]>> = Vec::new();
     const ALONG: usize = 40;
     for k in 0..=ALONG {
@@ -390,7 +408,7 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
     traced(&surfaces, &seeds, step, inside).into_iter().map(Curve3::Traced).collect()
 }
 
-/// Curves on a cylinder oblique to all views, followed step by step.
+/// Intersection curves of a cylinder oblique to all views that have no simple form, traced step by step.
 fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> {
     const ROWS: usize = 40;
     let Form::Cylinder { radius, .. } = wall.form else {

@@ -17,11 +17,13 @@ const MAX_ATOMS: usize = 8_000_000;
 /// Space divided into cells.
 pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a DrawingGrid,
+    /// First atom of each box, third coordinate fastest.
     first: Vec<u32>,
+    /// Union–find forest over the atoms; afterwards, the cell of each atom.
     parent: Vec<u32>,
-    /// Cells thicker than the tolerance somewhere; empty without candidate surfaces.
+    /// Cells thicker than the tolerance somewhere; empty without walls.
     thick: HashSet<u32>,
-    /// Cells of boxes with candidate surfaces in which no sample point is clear of all surfaces.
+    /// Cells in boxes with walls in which no sample point is clear of all surfaces.
     slivers: HashSet<u32>,
 }
 
@@ -39,8 +41,8 @@ impl<'a> Cells<'a> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
             return Err(Error::unsupported(format!(
-                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MAX_BOXES}, as \
-                 where lines end or turn at fewer places",
+                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MAX_BOXES}; lines \
+                 that end or turn at fewer places make fewer boxes",
                 n[0], n[1], n[2]
             )));
         }
@@ -52,6 +54,9 @@ impl<'a> Cells<'a> {
                     first.push(total as u32);
                     let pieces: usize =
                         (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    // One bit for each surface that passes through the box. Most of the 2^cuts atoms contain
+                    // no point; they cost memory but are never joined. The shift is bounded, so it does not
+                    // overflow before the limit below applies.
                     let cuts = pieces + plan.walls_in([i, j, k]).len();
                     total += 1_usize << cuts.min(24);
                     if total > MAX_ATOMS {
@@ -80,7 +85,10 @@ impl<'a> Cells<'a> {
         Ok(cells)
     }
 
-    /// Finds the cells that are thicker than rounding, along lines through every box with walls.
+    /// Finds the cells that are thicker than rounding errors, along lines through every box with walls.
+    ///
+    /// Where a wall and a drawn circle mean the same curve, rounding leaves slivers between them. A sliver
+    /// counts as a cell only if the cell is thick somewhere.
     fn find_thick(&mut self) {
         const SHARES: [f64; 7] = [0.03, 0.14, 0.32, 0.51, 0.68, 0.87, 0.97];
         let plan = self.plan;
@@ -123,26 +131,28 @@ impl<'a> Cells<'a> {
         self.thick = thick;
     }
 
-    /// Whether nothing that cuts a box passes near a point of it, in any direction.
+    /// True if no surface in a box, and no side of the box, is near a point of it in any direction.
     fn has_room(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
         let room = 10.0 * self.plan.tolerance;
         let (lo, hi) = self.plan.bounds(cell);
         (0..3).all(|a| p[a] > lo[a] + room && p[a] < hi[a] - room) && !self.is_near_cut(cell, p, room)
     }
 
-    /// Whether nothing was found of a cell but slivers, which rounding leaves where walls and surfaces drawn
-    /// out mean one curve.
+    /// True if a cell consists of slivers only, which rounding leaves where walls and other surfaces mean
+    /// the same curve.
     pub(crate) fn is_sliver_only(&self, of: u32) -> bool {
         self.slivers.contains(&of)
     }
 
-    /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out
-    /// mean one curve, rounding leaves such between them.
+    /// True if an interval of a line through a box is a sliver: it is shorter than the tolerance, and its
+    /// cell is nowhere thicker.
+    ///
+    /// Only boxes with walls have slivers. Grid lines and drawn curves are snapped to common coordinates.
     pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, of: u32) -> bool {
         !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&of)
     }
 
-    /// Where the line along an axis through a point of a box meets what cuts it.
+    /// Intersections of the line along an axis through a point with the surfaces in a box; not sorted.
     pub(crate) fn cuts(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, SurfaceId)> {
         let plan = self.plan;
         let mut cuts: Vec<(f64, SurfaceId)> = Vec::new();
@@ -167,6 +177,7 @@ impl<'a> Cells<'a> {
     }
 
     fn root(&mut self, mut atom: u32) -> u32 {
+        // Path halving: each visited atom then points to its grandparent.
         while self.parent[atom as usize] != atom {
             let up = self.parent[self.parent[atom as usize] as usize];
             self.parent[atom as usize] = up;
@@ -175,6 +186,9 @@ impl<'a> Cells<'a> {
         atom
     }
 
+    /// The atom of a point in a box: one bit for the sign of each surface in the box.
+    ///
+    /// The order of the bits (views, pieces, walls) must be the same as when the atoms were counted.
     fn atom(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
         let n = [1, 2].map(|a| self.plan.intervals(a));
         let mut bits = 0;
@@ -194,12 +208,12 @@ impl<'a> Cells<'a> {
         self.first[(cell[0] * n[0] + cell[1]) * n[1] + cell[2]] + bits
     }
 
-    /// The box of the grid that a point lies in.
+    /// The grid box that contains a point.
     pub(crate) fn box_of(&self, p: [f64; 3]) -> [usize; 3] {
         [0, 1, 2].map(|a| self.plan.interval(a, p[a]))
     }
 
-    /// The cell of a point, by a number that all of its points share.
+    /// The cell of a point. All points of a cell have the same number.
     pub(crate) fn at(&self, p: [f64; 3]) -> u32 {
         self.parent[self.atom(self.box_of(p), p) as usize]
     }
@@ -209,8 +223,10 @@ impl<'a> Cells<'a> {
         self.parent[self.atom(cell, p) as usize]
     }
 
-    /// Joins atoms on both sides of the grid planes across an axis, where a view that sees the plane edge-on
-    /// draws nothing.
+    /// Joins atoms on both sides of the grid planes across an axis, unless every view that sees the plane
+    /// edge-on draws a line there.
+    ///
+    /// A face in the plane would be a line in each of these views, so one view without a line excludes it.
     fn join_across(&mut self, axis: usize) {
         let plan = self.plan;
         let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::new(plan, v, axis)).collect();
@@ -222,8 +238,8 @@ impl<'a> Cells<'a> {
                     (before[axis], before[a], before[b]) = (at - 1, i, j);
                     let mut behind = before;
                     behind[axis] = at;
-                    let hidden = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
-                    if !hidden || drawn.is_empty() {
+                    let may_be_face = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
+                    if !may_be_face || drawn.is_empty() {
                         self.join(before, behind, axis, at, [a, b]);
                     }
                 }
@@ -233,17 +249,17 @@ impl<'a> Cells<'a> {
 
     fn unite(&mut self, first: u32, second: u32) {
         let (first, second) = (self.root(first), self.root(second));
-        // The least is the root, so that numbers do not depend on the order.
-        let (least, other) = (first.min(second), first.max(second));
-        self.parent[other as usize] = least;
+        // The smallest number is the root, so that cell numbers do not depend on the order of joining.
+        let (root, other) = (first.min(second), first.max(second));
+        self.parent[other as usize] = root;
     }
 
-    /// Whether a point lies so near a piece of its box that rounding may put it on either side.
+    /// True if a point is so near a surface of its box that rounding may put it on either side.
     fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
         self.is_near_cut(cell, p, 0.1 * self.plan.tolerance)
     }
 
-    /// Whether a piece or a wall of a box passes so near a point of it.
+    /// True if a piece or a wall of a box is nearer to a point than a distance.
     fn is_near_cut(&self, cell: [usize; 3], p: [f64; 3], near: f64) -> bool {
         let at_piece = self.plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
@@ -255,7 +271,7 @@ impl<'a> Cells<'a> {
             || walls.iter().any(|&(wall, side)| self.plan.walls[wall as usize].value_of(side, p).abs() < near)
     }
 
-    /// Where the line along an axis through a point meets the walls of a box.
+    /// Intersections of the line along an axis through a point with the walls of a box.
     pub(crate) fn wall_crossings(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
         for &(wall, side) in self.plan.walls_in(cell) {
@@ -265,8 +281,8 @@ impl<'a> Cells<'a> {
         found
     }
 
-    /// Where, along another axis, surfaces seen along the third one cross a plane in two boxes: with the
-    /// boxes' own ends, ascending.
+    /// Coordinates along one axis at which surfaces edge-on along the third axis cross a plane in some
+    /// boxes. Includes the ends of the boxes; ascending.
     fn sections(&self, boxes: &[[usize; 3]], axis: usize, value: f64, along: usize) -> Vec<f64> {
         let cell = boxes[0][along];
         let ends = [self.plan.grid[along][cell], self.plan.grid[along][cell + 1]];
@@ -284,13 +300,13 @@ impl<'a> Cells<'a> {
         within(cuts, &ends)
     }
 
-    /// Whether the view along an axis has pieces in a box.
+    /// True if the view along an axis has pieces in a box.
     fn has_pieces(&self, cell: [usize; 3], axis: usize) -> bool {
         (0..self.plan.views.len())
             .any(|v| self.plan.views[v].kind.axes()[2] == axis && !pieces_in(self.plan, v, cell).is_empty())
     }
 
-    /// Where the pieces of a box that are seen along an axis cross a value of another axis.
+    /// Intersections of the pieces of a box, seen along an axis, with the line at `x` on axis `a`.
     fn crossed(&self, cell: [usize; 3], axis: usize, a: usize, x: f64) -> Vec<f64> {
         let mut cuts = Vec::new();
         for (v, view) in self.plan.views.iter().enumerate() {
@@ -306,6 +322,9 @@ impl<'a> Cells<'a> {
         cuts
     }
 
+    /// Joins the atoms of two boxes that share a part of the grid plane between them.
+    ///
+    /// The plane is divided where surfaces cross it, and each part joins the atoms on its two sides.
     fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
         let plan = self.plan;
         let plain = |cell| is_plain(plan, cell);
@@ -318,6 +337,8 @@ impl<'a> Cells<'a> {
         let mut across_a = self.sections(&[before, behind], axis, value, a);
         let across_b = self.sections(&[before, behind], axis, value, b);
         let curved = self.has_pieces(before, axis) || self.has_pieces(behind, axis);
+        // Sections of surfaces parallel to the plane's sides divide it into rectangles, for which one sample
+        // is enough. Curved sections start and end anywhere, so each strip is sampled at several places.
         let walled = [before, behind].iter().any(|c| !plan.walls_in(*c).is_empty());
         let curved = curved || walled;
         if walled {
@@ -332,7 +353,8 @@ impl<'a> Cells<'a> {
             let ends = [plan.grid[a][before[a]], plan.grid[a][before[a] + 1]];
             across_a = within(across_a, &ends);
         }
-        // What is nearer to each other than the drawing's coordinates are known is one.
+        // Cuts closer than the accuracy of the drawing are the same cut. A sample between them would join
+        // atoms that exist only by rounding.
         let least = 2.0 * plan.tolerance;
         for x in samples(&across_a, if curved { 5 } else { 1 }, least) {
             let mut cuts = across_b.clone();
@@ -345,7 +367,8 @@ impl<'a> Cells<'a> {
             for y in samples(&within(cuts, &across_b), 1, least) {
                 let mut p = [0.0; 3];
                 (p[a], p[b]) = (x, y);
-                // On the plane itself: beside it, a surface that touches the plane could lie between.
+                // On the plane itself: between a point beside it and the plane, there may be a surface that
+                // touches the plane.
                 p[axis] = value;
                 if self.near_piece(before, p) || self.near_piece(behind, p) {
                     continue;
@@ -357,7 +380,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// Cuts between the first and last of some ends, with these, ascending.
+/// Keeps the cuts from the first to the last of `ends`, inclusive, and sorts them.
 fn within(mut cuts: Vec<f64>, ends: &[f64]) -> Vec<f64> {
     let (lo, hi) = (ends[0], ends[ends.len() - 1]);
     cuts.retain(|c| *c >= lo && *c <= hi);
@@ -365,8 +388,9 @@ fn within(mut cuts: Vec<f64>, ends: &[f64]) -> Vec<f64> {
     cuts
 }
 
-/// So many values between each two neighbours that are further apart than `least`.
+/// One or five values between each two neighbours that are farther apart than `least`.
 fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
+    // Not symmetric and not simple fractions: symmetric parts have surfaces exactly at such places.
     let shares: &[f64] = if each > 1 { &[0.021, 0.237, 0.487, 0.763, 0.979] } else { &[0.487] };
     cuts.windows(2)
         .filter(|c| c[1] - c[0] > least)
@@ -374,26 +398,27 @@ fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Whether nothing cuts a box.
+/// True if no piece and no wall passes through a box.
 pub(crate) fn is_plain(plan: &DrawingGrid, cell: [usize; 3]) -> bool {
     plan.walls_in(cell).is_empty() && (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty())
 }
 
-/// The pieces of a view that cut a box.
+/// The pieces of a view that pass through a box.
 pub(crate) fn pieces_in(plan: &DrawingGrid, view: usize, cell: [usize; 3]) -> &[u32] {
     let axes = plan.views[view].kind.axes();
     plan.views[view].pieces_of([cell[axes[0]], cell[axes[1]]], plan.intervals(axes[1]))
 }
 
-/// Where a view draws along the grid lines of one axis.
+/// Intervals of the grid lines of one axis that a view draws.
 struct Drawn {
     /// The axis along which the lines run.
     other: usize,
+    /// By grid line and interval.
     covered: Vec<Vec<bool>>,
 }
 
 impl Drawn {
-    /// None where the view does not see planes across the axis edge-on.
+    /// `None` if the view does not see planes across the axis edge-on.
     fn new(plan: &DrawingGrid, view: usize, axis: usize) -> Option<Self> {
         let view = &plan.views[view];
         let axes = view.kind.axes();

@@ -1,5 +1,7 @@
-//! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles
-//! along an axis, and that the other views show as well.
+//! Cylinders oblique to all views, from their ends.
+//!
+//! A curve of a view is lifted into a plane. If it is a circle seen along an axis, and the other views show
+//! its points as well, it is the end of a cylinder.
 
 use super::candidate_surface::{Extent, Side};
 use super::oblique::bounds_of;
@@ -12,22 +14,28 @@ use planish_contour::planar::circle_of_points;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
 use std::f64::consts::TAU;
 
-/// A plane shows curves of a view where its normal leans so far towards the eye.
+/// Minimum component of a plane's normal along the line of sight for curves to be lifted into the plane.
+///
+/// Lifting divides errors by it.
 const MIN_LEAN: f64 = 1e-3;
-/// Exported curves miss what they mean by less than this share of the drawing's size.
+/// Maximum error of exported curves, relative to the size of the drawing.
+///
+/// A larger value accepts curves that are not circles; a smaller one rejects coarse polygons.
 const ROUGH: f64 = 1e-3;
-/// Those that miss it by less are taken as they are.
+/// Maximum error of a circle that is used without measuring it by straight lines, relative to the size.
 const EXACT: f64 = 1e-6;
-/// Curves of fewer points tell nothing.
+/// Minimum number of points of a curve. Three always lie on a circle; two more can contradict it.
 const MIN_POINTS: usize = 5;
-/// Directions are one below this sine of the angle between them.
+/// Directions are equal below this sine of the angle between them.
 const PARALLEL: f64 = 1e-4;
-/// A plane cuts a cylinder in an end where the cosine of the angle between its normal and the axis is so
-/// large.
+/// Minimum cosine of the angle between an axis and the normal of a plane that ends the cylinder.
+///
+/// Flatter cuts make long ellipses, whose circles along the axis are inaccurate.
 const MIN_STEEP: f64 = 0.2;
-/// Half of the widest sector for which the rest of a cylinder is not meant, in radians.
+/// Maximum half width of a sector, in radians. Wider ones use the whole cylinder: the tangent planes at the
+/// ends of a sector must meet on its outer side, which needs less than π/2.
 const WIDEST: f64 = 1.5;
-/// Steps of Newton's method.
+/// Steps of Newton's method. Its start is within [`ROUGH`] of the solution, so few suffice.
 const STEPS: usize = 8;
 
 /// A plane in which ends of cylinders may lie.
@@ -41,14 +49,14 @@ struct Circle {
     axis: [f64; 3],
     center: [f64; 3],
     radius: f64,
-    /// The largest distance of its points.
+    /// Maximum distance of the points from the circle.
     off: f64,
-    /// The plane of its points.
+    /// Index of the plane of the points.
     plane: usize,
     points: Vec<[f64; 3]>,
 }
 
-/// Cylinders whose ends lie in some oblique planes, or in planes that one view sees edge-on as slanted lines.
+/// Cylinders with ends in oblique planes, or in planes that one view sees edge-on as slanted lines.
 pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique], near: f64) -> Vec<Oblique> {
     let size = drawing.size();
     let mut planes: Vec<Plane> = oblique
@@ -97,14 +105,15 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
     groups.iter().filter_map(|group| cylinder(drawing, frame, group, near)).collect()
 }
 
-/// Directions of edges between ends of curves: along a cylinder from end to end.
+/// Directions of edges between ends of curves. These may run along a cylinder from end to end.
 fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
     let mut found: Vec<[f64; 3]> = Vec::new();
     for [i, j] in &frame.edges {
         if frame.ends_curve[*i] && frame.ends_curve[*j] {
             let d = sub(frame.points[*j], frame.points[*i]);
             match found.iter_mut().find(|f| norm(cross(unit(**f), d)) < PARALLEL * norm(d)) {
-                // The longer all edges of a direction are, the better they tell it.
+                // The sum of the edges weights each direction by its length: errors of the ends turn a long
+                // edge less.
                 Some(known) => *known = along(*known, dot(*known, d).signum(), d),
                 None => found.push(d),
             }
@@ -113,8 +122,8 @@ fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
     found.into_iter().map(unit).collect()
 }
 
-/// The curves of all views that, lifted into a plane, are circles across its normal or an axis, and lie on
-/// something drawn in every other view.
+/// The curves of all views that are circles, seen along the normal of a plane or along an axis, when lifted
+/// into the plane. Every other view must draw something at their points.
 fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]]) -> Vec<Circle> {
     let size = drawing.size();
     let steep = axes.iter().copied().filter(|a| {
@@ -173,7 +182,7 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
     found
 }
 
-/// Whether every other view draws something at the images of some points.
+/// True if every other view draws something at the images of some points.
 fn is_shown(drawing: &Drawing, of: usize, points: &[[f64; 3]], size: f64) -> bool {
     let others = drawing.views.iter().enumerate().filter(|(v, _)| *v != of);
     others.into_iter().all(|(_, view)| {
@@ -189,8 +198,8 @@ fn is_shown(drawing: &Drawing, of: usize, points: &[[f64; 3]], size: f64) -> boo
     })
 }
 
-/// The cylinder of circles about one axis; none where there is one end only, or nothing tells exactly where
-/// it is.
+/// The cylinder through circles about one axis; `None` if all circles are in one plane, or if its position
+/// cannot be measured exactly.
 fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -> Option<Oblique> {
     let size = drawing.size();
     let best = group.iter().min_by(|a, b| a.off.total_cmp(&b.off))?;
@@ -213,8 +222,7 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
     })
 }
 
-/// The sector of some points about an axis, where it is less than half of all: what is left of the widest
-/// gap.
+/// The sector of some points about an axis: the complement of the widest gap. `None` if it is too wide.
 fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Sector> {
     let (e1, e2) = tangents(axis);
     let angle = |p: &[f64; 3]| {
@@ -230,9 +238,10 @@ fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Secto
     (half_width < WIDEST).then(|| Sector { middle: along(scale(cos, e1), sin, e2), half_width })
 }
 
-/// A cylinder's axis and radius by what is exact: points of the wireframe at `|p − c| = r` across the axis,
-/// and straight outlines at the distance r from the axis' image. Newton's method for the two coordinates of
-/// the axis and the radius, by least squares.
+/// Axis and radius of a cylinder from straight lines, which exporters write exactly.
+///
+/// Points of the wireframe have the distance `|p − c| = r` across the axis, and straight outlines have the
+/// distance r from the image of the axis. Least squares for the two coordinates of the axis and the radius.
 fn measured(
     drawing: &Drawing,
     frame: &Wireframe,
@@ -251,8 +260,8 @@ fn measured(
         .filter(|p| (0..3).all(|k| p[k] > bounds[k][0] - near && p[k] < bounds[k][1] + near))
         .filter(|p| is_near(norm(across(sub(*p, best.center)))))
         .collect();
-    // Outlines: unit vectors across the axis and across the line of sight, and how far along them the outline
-    // stands.
+    // Outlines: unit vectors across the axis and the line of sight, and the coordinate of the outline along
+    // them.
     let mut lines: Vec<([f64; 3], f64)> = Vec::new();
     for view in &drawing.views {
         let [right, up, sight] = view.kind.axes();
@@ -270,7 +279,8 @@ fn measured(
             }
         }
     }
-    // Edges may lie nearly where an outline does: the worst is left out while others tell as much.
+    // Other edges may lie close to an outline. The worst equation is removed until all agree, as long as the
+    // others determine the cylinder.
     loop {
         let found = adjusted(axis, (best.center, best.radius), &points, &lines)?;
         let off = &found.residuals;
@@ -288,15 +298,15 @@ fn measured(
     }
 }
 
-/// A cylinder's place and radius with the absolute residuals of what tells them.
+/// Adjusted position and radius of a cylinder, with the absolute residuals of all equations.
 struct Adjusted {
     center: [f64; 3],
     radius: f64,
     residuals: Vec<f64>,
 }
 
-/// The axis' place and the radius by least squares, with the absolute residuals; none where points and
-/// outlines leave them open, or only just tell them.
+/// Position of the axis and radius by least squares; `None` if points and outlines do not determine them, or
+/// if there is no redundancy (fewer than four equations for three unknowns).
 fn adjusted(
     axis: [f64; 3],
     (mut center, mut radius): ([f64; 3], f64),

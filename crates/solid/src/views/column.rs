@@ -1,11 +1,11 @@
-//! Columns: what a line of sight passes through, cell after cell.
+//! Columns: the sequence of cells along a line of sight.
 
 use super::cells::Cells;
 
-/// Where a line of sight passes from one cell into another.
+/// A place at which a line of sight passes from one cell into another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Break {
-    /// How far along, ascending away from the eye.
+    /// Coordinate along the line of sight, ascending away from the eye (negated if the axis points to it).
     pub(crate) depth: f64,
     pub(crate) surface: SurfaceId,
     /// The cell behind.
@@ -17,13 +17,13 @@ pub(crate) struct Break {
 pub(crate) enum SurfaceId {
     /// The plane of a grid line: axis and index.
     Grid(usize, usize),
-    /// What a carrier of a view draws: the view's and the carrier's index.
+    /// The surface seen edge-on along a carrier: index of the view and of the carrier.
     Carrier(usize, usize),
-    /// A surface of revolution, by its index.
+    /// A wall, by its index.
     Wall(usize),
 }
 
-/// A line of sight in cells: the first is `start`.
+/// The cells along a line of sight. The first is `start`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Column {
     pub(crate) start: u32,
@@ -51,6 +51,7 @@ impl Cells<'_> {
             let mut from = (lo, SurfaceId::Grid(along, k));
             for n in 0..=cuts.len() {
                 let to = cuts.get(n).map_or(hi, |c| c.0);
+                // The cell is that of the middle, because the ends lie on surfaces.
                 p[along] = (from.0 + to) / 2.0;
                 let of = self.at_in(cell, p);
                 if !self.is_sliver(cell, to - from.0, of) {
@@ -61,8 +62,8 @@ impl Cells<'_> {
                 }
             }
         }
-        if !kind.nearest_is_least() {
-            // Seen from the other end: a break lies where its cell ends.
+        if !kind.depth_increases_away() {
+            // Seen from the other end, a cell begins where it ended before.
             let mut turned = Vec::with_capacity(sequence.len());
             for n in (0..sequence.len()).rev() {
                 let (depth, surface) = match sequence.get(n + 1) {
@@ -76,6 +77,7 @@ impl Cells<'_> {
         let start = sequence[0].2;
         let mut last = start;
         let mut breaks = Vec::new();
+        // Neighbouring intervals of one cell are not separated: a surface between them is no boundary here.
         for (depth, surface, cell) in sequence.into_iter().skip(1) {
             if cell != last {
                 breaks.push(Break { depth, surface, cell });

@@ -1,9 +1,10 @@
 //! A grid shared by all views, with the drawn curves placed on and between its lines.
 //!
 //! Input: a drawing. Output: for each axis, the coordinates at which any curve begins, ends or turns. For
-//! each
-//! view, the runs along grid lines, and the pieces of oblique lines and circles. Each piece lies within one
-//! cell of the grid.
+//! each view, the runs along grid lines, and the pieces of oblique lines and circles. Each piece lies within
+//! one cell of the grid.
+//!
+//! Not guaranteed: coordinates closer than the tolerance stay distinct.
 
 use super::candidate_surface::{CandidateSurface, Side};
 use super::profile::Profile;
@@ -24,10 +25,12 @@ pub(crate) struct Run {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Piece {
     pub(crate) carrier: usize,
+    /// Parameters of the profile at its ends.
     pub(crate) from: f64,
     pub(crate) to: f64,
-    /// The ranges of both coordinates.
+    /// Minimum and maximum of both coordinates at its ends.
     pub(crate) range: [[f64; 2]; 2],
+    /// The parts of it that are drawn.
     pub(crate) runs: Vec<Run>,
 }
 
@@ -42,7 +45,7 @@ pub(crate) struct Carrier {
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGrid {
     pub(crate) kind: ViewKind,
-    /// Along the lines of the grid: `lines[0][i]` where the first coordinate is the i-th, by the second.
+    /// Runs along grid lines: `lines[k][i]` are those where coordinate k has the i-th grid value.
     pub(crate) lines: [Vec<Vec<Run>>; 2],
     pub(crate) carriers: Vec<Carrier>,
     pub(crate) pieces: Vec<Piece>,
@@ -63,9 +66,7 @@ pub(crate) struct DrawingGrid {
     pub(crate) tolerance: f64,
     /// Candidate surfaces that no view sees edge-on.
     pub(crate) walls: Vec<CandidateSurface>,
-    /// Candidate surfaces that pass through each box of the grid, third coordinate fastest; empty if there
-    /// are
-    /// none.
+    /// Walls that pass through each box of the grid, third coordinate fastest; empty if there are none.
     walls_of: Vec<Vec<(u16, Side)>>,
 }
 
@@ -75,6 +76,7 @@ struct Cluster {
 }
 
 impl Cluster {
+    /// Groups values of which each is within the tolerance of the next.
     fn new(mut raw: Vec<f64>, tolerance: f64) -> Self {
         raw.sort_by(f64::total_cmp);
         let mut values = Vec::new();
@@ -87,6 +89,7 @@ impl Cluster {
         Self { values }
     }
 
+    /// The representative nearest to a value, or the value itself if none is near.
     fn snap(&self, value: f64, tolerance: f64) -> f64 {
         let at = self.values.partition_point(|v| *v < value);
         let near = [at.wrapping_sub(1), at].into_iter().filter_map(|k| self.values.get(k));
@@ -97,9 +100,11 @@ impl Cluster {
     }
 }
 
-/// Chooses one of several equal values: a round one, else one with more than six decimals, else the first.
+/// Chooses one of several equal values: a multiple of 10⁻⁴ within 10⁻⁶ of one of them, else the first value
+/// with more than six decimals, else the first value.
 ///
-/// Values with few decimals were rounded on export, so the longer one is more accurate.
+/// Designed coordinates are usually round. A value with six decimals or fewer may have been rounded when the
+/// drawing was written; one with more decimals was not, so it is more accurate.
 fn representative(values: &[f64]) -> f64 {
     let round = |v: f64| (v * 1e4).round() / 1e4;
     let nearest =
@@ -115,13 +120,14 @@ fn representative(values: &[f64]) -> f64 {
     }
 }
 
-/// Where a run begins and ends, of a curve that is drawn along a line of the grid or along a profile.
+/// What a curve is drawn along.
 enum Along {
     Grid { axis: usize, at: f64 },
     Profile(Profile),
     Other,
 }
 
+/// What a curve is drawn along, and the parameters of its ends there.
 fn along(curve: &Curve2, tolerance: f64) -> (Along, f64, f64) {
     match curve {
         Curve2::Segment(a, b) => {
@@ -143,7 +149,7 @@ fn along(curve: &Curve2, tolerance: f64) -> (Along, f64, f64) {
     }
 }
 
-/// Puts runs of angles into `[0, 2π]`, split where they pass 0.
+/// Maps a run of angles into `[0, 2π]`. A run that passes 0 is split there.
 fn unwrap_angles(run: Run) -> Vec<Run> {
     if run.to - run.from >= TAU - 1e-9 {
         return vec![Run { from: 0.0, to: TAU, ..run }];
@@ -170,9 +176,10 @@ pub(crate) fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
     merged
 }
 
-/// The parts of a range that are drawn, visible where both styles are; shorter ones than `least` are left
-/// out.
-pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<Run> {
+/// The drawn parts of a range that are longer than `shortest`.
+///
+/// Where both styles overlap, the part is visible: in drafting, visible lines take precedence.
+pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, shortest: f64) -> Vec<Run> {
     let mut cuts: Vec<f64> =
         runs.iter().flat_map(|r| [r.from, r.to]).filter(|t| *t > from && *t < to).collect();
     cuts.extend([from, to]);
@@ -189,7 +196,7 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<R
             _ => found.push(Run { from: cut[0], to: cut[1], ..*best }),
         }
     }
-    found.retain(|r| r.to - r.from > least);
+    found.retain(|r| r.to - r.from > shortest);
     found
 }
 
@@ -203,6 +210,8 @@ impl DrawingGrid {
     /// surfaces.
     pub(crate) fn without(drawing: &Drawing, explained: &BTreeSet<(usize, usize)>) -> Self {
         let size = drawing.size();
+        // A relative part for the arithmetic of exporters, and an absolute one for coordinates with six
+        // decimals.
         let tolerance = 1e-7 * size + 2e-6;
         let clusters = clusters(drawing, tolerance);
         let gap = 1e-5 * size;
@@ -211,7 +220,7 @@ impl DrawingGrid {
             let axes = view.kind.axes();
             let snap = |k: usize, value: f64| clusters[axes[k]].snap(value, tolerance);
             let (mut on_grid, mut carriers, mut others) = (Vec::new(), Vec::<Carrier>::new(), Vec::new());
-            // Circles first: short chords that lie on them are no planes.
+            // Circles first: short chords that lie on a known circle are part of it and not planes.
             let order = |c: &Curve2| usize::from(!matches!(c, Curve2::Arc { .. }));
             let mut sorted: Vec<usize> = (0..view.curves.len()).collect();
             sorted.sort_by_key(|&c| order(&view.curves[c].curve));
@@ -246,6 +255,7 @@ impl DrawingGrid {
             }
             found.push((view.kind, on_grid, carriers, others));
         }
+        // Explained curves are not on the grid, but it must still reach around them.
         let mut outer: [Vec<f64>; 3] = Default::default();
         if !explained.is_empty() {
             outer = drawing.bounds().map(|b| b.to_vec());
@@ -280,7 +290,8 @@ impl DrawingGrid {
         self
     }
 
-    /// Whether any candidate is oblique to all views: the curves in which such ones meet are drawn roughly.
+    /// True if any wall is oblique to all views. Exporters draw the intersection curves of such faces less
+    /// accurately.
     pub(crate) fn has_oblique_walls(&self) -> bool {
         self.walls.iter().any(|w| matches!(w, CandidateSurface::Oblique(_)))
     }
@@ -297,13 +308,13 @@ impl DrawingGrid {
         (at(0), at(1))
     }
 
-    /// The interval of an axis that holds a value.
+    /// The interval of an axis that contains a value.
     pub(crate) fn interval(&self, axis: usize, value: f64) -> usize {
         let grid = &self.grid[axis];
         grid.partition_point(|g| *g < value).clamp(1, grid.len() - 1) - 1
     }
 
-    /// How many intervals an axis has.
+    /// Number of intervals of an axis.
     pub(crate) fn intervals(&self, axis: usize) -> usize {
         self.grid[axis].len() - 1
     }
@@ -322,6 +333,8 @@ fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -
     let Some(carrier) = under else { return false };
     let mut angle = carrier.profile.parameter(points[0]);
     let (mut from, mut to) = (angle, angle);
+    // The angle is followed from point to point: the difference of the ends alone does not show a turn by
+    // more than π.
     for point in &points[1..] {
         let turn = carrier.profile.parameter(*point) - angle;
         angle += turn - TAU * (turn / TAU).round();
@@ -332,6 +345,7 @@ fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -
     true
 }
 
+/// A curve with ends and centres at common coordinates. Chains stay: their points are only approximate.
 fn snapped(curve: &Curve2, snap: &impl Fn(usize, f64) -> f64) -> Curve2 {
     let both = |p: [f64; 2]| [snap(0, p[0]), snap(1, p[1])];
     match curve {
@@ -346,7 +360,7 @@ fn snapped(curve: &Curve2, snap: &impl Fn(usize, f64) -> f64) -> Curve2 {
     }
 }
 
-/// Coordinates of each axis, from segments' ends and circles' centres.
+/// Common coordinates of each axis, from ends of segments, and centres and extremes of circles.
 fn clusters(drawing: &Drawing, tolerance: f64) -> [Cluster; 3] {
     let mut raw: [Vec<f64>; 3] = Default::default();
     for view in &drawing.views {
@@ -372,8 +386,10 @@ fn clusters(drawing: &Drawing, tolerance: f64) -> [Cluster; 3] {
     raw.map(|values| Cluster::new(values, tolerance))
 }
 
+/// A view with its runs along grid lines (coordinate, value, run), its carriers, and indices of other curves.
 type ViewCurves = (ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>);
 
+/// Collects the grid coordinates of all axes and adds a margin on both sides.
 fn grid_of(
     found: &[ViewCurves],
     mut grid: [Vec<f64>; 3],
@@ -390,11 +406,14 @@ fn grid_of(
         for (axis, at) in lines {
             grid[axes[axis]].push(at);
             let runs: Vec<Run> = on_grid.iter().filter(|g| g.0 == axis && g.1 == at).map(|g| g.2).collect();
+            // Ends of the merged runs only: cuts within a line, as exporters make at crossings, need no grid
+            // line.
             for stretch in stretches(&runs, gap) {
                 grid[axes[1 - axis]].extend(stretch);
             }
         }
         for carrier in carriers {
+            // Parameters of circles are angles, so lengths are divided by the radius.
             let turn = match carrier.profile {
                 Profile::Line { .. } => 1.0,
                 Profile::Circle { radius, .. } => radius,
@@ -404,6 +423,8 @@ fn grid_of(
             let whole = circle && all.iter().any(|s| s[1] - s[0] > TAU - gap / turn);
             for [from, to] in all {
                 let mut at = vec![from, to];
+                // A whole circle has no ends. All arcs are cut at their extremes, so each coordinate is a
+                // monotonic function along a piece.
                 if circle {
                     if whole {
                         at.clear();
@@ -426,6 +447,7 @@ fn grid_of(
     grid.map(|values| {
         let mut values = Cluster::new(values, 5.0 * tolerance).values;
         let (lo, hi) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
+        // Boxes around everything, which are empty: the search needs a known state outside of the part.
         let margin = 0.1 * size;
         values.insert(0, lo - margin);
         values.push(hi + margin);
@@ -433,6 +455,7 @@ fn grid_of(
     })
 }
 
+/// Index of the grid value nearest to a value.
 fn nearest(grid: &[f64], value: f64) -> usize {
     let at = grid.partition_point(|g| *g < value);
     match at {
@@ -443,6 +466,7 @@ fn nearest(grid: &[f64], value: f64) -> usize {
 }
 
 impl ViewGrid {
+    /// Assigns runs to grid lines and cuts the carriers into pieces.
     fn new(
         kind: ViewKind,
         on_grid: Vec<(usize, f64, Run)>,
@@ -502,7 +526,10 @@ impl ViewGrid {
         }
     }
 
-    fn add_piece(&mut self, carrier: usize, [from, to]: [f64; 2], grid: &[Vec<f64>; 3], least: f64) {
+    /// Adds the piece of a carrier between two cuts, to the cell of its middle.
+    ///
+    /// The ends lie on grid lines, where rounding decides between two cells; the middle lies within one.
+    fn add_piece(&mut self, carrier: usize, [from, to]: [f64; 2], grid: &[Vec<f64>; 3], shortest: f64) {
         let axes = self.kind.axes();
         let profile = self.carriers[carrier].profile;
         let middle = profile.point((from + to) / 2.0);
@@ -511,7 +538,7 @@ impl ViewGrid {
             grid.partition_point(|g| *g < middle[k]).clamp(1, grid.len() - 1) - 1
         });
         let (p, q) = (profile.point(from), profile.point(to));
-        let runs = runs_within(&self.carriers[carrier].runs, from, to, least.min((to - from) / 4.0));
+        let runs = runs_within(&self.carriers[carrier].runs, from, to, shortest.min((to - from) / 4.0));
         let at = cell[0] * (grid[axes[1]].len() - 1) + cell[1];
         self.cells[at].push(self.pieces.len() as u32);
         self.pieces.push(Piece {

@@ -1,20 +1,36 @@
-//! A drawing whose coordinates that nearly agree are one.
+//! Joins coordinates of a drawing that differ by less than a tolerance.
 //!
-//! Input: a drawing and a tolerance. Output: the same drawing, where coordinates of an axis that are no
-//! farther apart than the tolerance, in any view, have one value: ends of lines, centres of circles, and how
-//! far circles reach. Points along other curves stay.
+//! Input: a drawing and a tolerance. Output: the same drawing, in which coordinates of one axis that are
+//! at most the tolerance apart have the same value in all views: ends of lines, centres and extremes of
+//! circles. Points along other curves are not changed.
 //!
-//! Not guaranteed: that coordinates which are different stay so; a row of values, each within the tolerance
-//! of the next, becomes one.
+//! Not guaranteed: different coordinates may become equal. A sequence of values, each within the tolerance of
+//! the next, becomes one value.
 
 use crate::drawing::{Curve2, Drawing};
 use planish_estimate::{Error, Result};
 
-/// Joins coordinates that are no farther apart than `tolerance`, in the drawing's unit.
+/// Joins coordinates that are at most `tolerance` apart, in the unit of the drawing.
+///
+/// ```
+/// use planish_solid::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, joined};
+///
+/// let line = |a, b| DrawnCurve {
+///     curve: Curve2::Segment(a, b),
+///     style: LineStyle::Visible,
+///     entity: "LINE".to_owned(),
+/// };
+/// // The second line begins 0.001 beside the end of the first.
+/// let curves = vec![line([0.0, 0.0], [40.0, 0.0]), line([40.001, 0.0], [40.0, 20.0])];
+/// let drawing = Drawing { views: vec![View { kind: ViewKind::Front, curves }] };
+/// let joined = joined(&drawing, 0.01)?;
+/// assert_eq!(joined.views[0].curves[1].curve, Curve2::Segment([40.0, 0.0], [40.0, 20.0]));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # Errors
-/// `Input` for a tolerance that is not positive or as large as a hundredth of the drawing, and where a line
-/// would lose its length, naming it.
+/// `Input` if the tolerance is not positive or exceeds a hundredth of the drawing's size, or if a line would
+/// lose its length. The message names the line.
 pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
     let size = drawing.size();
     if !(tolerance > 0.0 && tolerance <= 0.01 * size) {
@@ -57,6 +73,7 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
                     }
                 }
                 Curve2::Arc { center, radius, .. } => {
+                    // The radius follows from joined coordinates: tangent lines then still touch the circle.
                     let reach = to(0, center[0] + *radius) - to(0, center[0]);
                     *center = [to(0, center[0]), to(1, center[1])];
                     *radius = if reach > 0.0 { reach } else { *radius };
@@ -68,8 +85,8 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
     Ok(found)
 }
 
-/// Values in groups: ascending, each no farther from the next than the tolerance; the least and greatest of a
-/// group, and what stands for it.
+/// Groups of values, each at most the tolerance from the next: minimum, maximum and representative of each,
+/// ascending.
 fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<[f64; 3]> {
     values.sort_by(f64::total_cmp);
     let mut groups: Vec<Vec<f64>> = Vec::new();
@@ -83,7 +100,7 @@ fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<[f64; 3]> {
     groups.into_iter().map(one).collect()
 }
 
-/// The value that most lines have; of equally frequent ones the one with the fewest decimals, then the least.
+/// The most frequent value; of equally frequent ones, that with the fewest decimals, then the smallest.
 fn most_frequent(group: &[f64]) -> f64 {
     let count = |v: f64| group.iter().filter(|w| **w == v).count();
     let decimals = |v: f64| {
@@ -97,6 +114,7 @@ fn most_frequent(group: &[f64]) -> f64 {
     group.iter().copied().min_by_key(|v| key(*v)).unwrap_or(0.0)
 }
 
+/// The representative of the group that contains a value.
 fn representative(groups: &[[f64; 3]], value: f64) -> f64 {
     let at = groups.partition_point(|g| g[1] < value);
     groups.get(at).filter(|g| g[0] <= value).map_or(value, |g| g[2])
@@ -122,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_that_nearly_meet_and_views_that_nearly_fit_become_one_solid() {
+    fn gaps_and_scale_errors_below_the_tolerance_still_give_the_solid() {
         for (drawing, tolerance) in [(block(1e-3, 1.0), 2e-3), (block(0.0, 1.001), 0.05)] {
             let best = solve(&joined(&drawing, tolerance).unwrap()).unwrap().solutions.remove(0);
             assert!((best.measures.volume - 24_000.0).abs() < 1e-6, "{}", best.measures.volume);
@@ -130,13 +148,13 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_would_vanish_is_named() {
+    fn a_line_shorter_than_the_tolerance_is_rejected_by_name() {
         let mut drawing = block(0.0, 1.0);
         let mut short = segment([10.0, 0.0], [10.0, 0.1], LineStyle::Visible);
         short.entity = "LINE 2A".to_owned();
         drawing.views[0].curves.push(short);
-        let told = joined(&drawing, 0.2).unwrap_err().to_string();
-        assert!(told.contains("LINE 2A is not longer than the tolerance"), "{told}");
+        let message = joined(&drawing, 0.2).unwrap_err().to_string();
+        assert!(message.contains("LINE 2A is not longer than the tolerance"), "{message}");
         assert!(joined(&drawing, 1.0).is_err() && joined(&drawing, 0.0).is_err());
     }
 }

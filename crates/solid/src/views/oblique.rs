@@ -1,18 +1,18 @@
-//! Which planes and cylinders oblique to all views a drawing may mean.
+//! Candidate planes and cylinders oblique to all views.
 //!
 //! Input: a drawing of three views. Output: walls, and the curves that they explain without any surface
 //! seen edge-on.
 //!
-//! - Two edges of the wireframe that meet and are not parallel span a plane. It is a candidate where it is
-//!   oblique to all views and holds at least three edges of which each goes on, at both ends, in another one
-//!   or in a curve.
-//! - A curve of a view, lifted into such a plane or into one that another view sees edge-on, is an end of a
-//!   cylinder where it is a circle there and all views show its points. Its axis is the plane's normal.
-//!   Exported curves are rough, so centre and radius are measured by straight lines where there are any:
-//!   points of the wireframe on the circle, and outlines parallel to the axis' image.
+//! - Two edges of the wireframe that meet at an angle span a plane. It is a candidate if it is oblique to all
+//!   views and contains at least three edges, each of which continues at both ends in another edge or in a
+//!   curve.
+//! - A curve of a view is lifted into such a plane, or into one that another view sees edge-on. If it is a
+//!   circle there and all views show its points, it is an end of a cylinder along the normal of the plane.
+//!   Exported curves are inaccurate, so centre and radius come from straight lines if there are any: points
+//! of   the wireframe on the circle, and outlines parallel to the image of the axis.
 //!
-//! Not guaranteed: drawings of two views, planes whose edges are mostly smooth and not drawn, cylinders whose
-//! ends are all cut obliquely.
+//! Limits: drawings of two views, planes whose edges are mostly smooth and not drawn, and cylinders with
+//! oblique cuts at all ends are not found.
 
 use super::candidate_surface::CandidateSurface;
 use super::circles::circles;
@@ -24,26 +24,28 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::collections::BTreeSet;
 
-/// Ends of lines that mean one point agree within this share of the drawing's size.
+/// Maximum distance of ends of lines at one point, relative to the size of the drawing.
+///
+/// A larger value joins points by chance; a smaller one loses points of inaccurate drawings.
 const COINCIDENT: f64 = 1e-5;
-/// A plane is oblique to a view where its normal leans so far out of the view's own plane.
+/// Minimum component of the normal of an oblique plane along each axis. Other planes are seen edge-on.
 const MIN_LEAN: f64 = 1e-4;
-/// An axis leans out of a view's plane where the sine of the angle is so large.
+/// Minimum sine of the angle between an axis and the plane of a view, above which the axis is oblique to it.
 const ROUGH_LEAN: f64 = 1e-3;
-/// Edges span a plane where the sine of the angle between them is so large.
+/// Minimum sine of the angle between two edges that span a plane. Errors of the normal grow with its inverse.
 const MIN_ANGLE: f64 = 1e-3;
-/// So many edges make a face at least.
+/// Minimum number of edges of a face.
 const MIN_EDGES: usize = 3;
-/// More candidates tell nothing.
+/// Maximum number of candidates. More of them are mostly false, and each divides the cells further.
 const MAX_WALLS: usize = 24;
 
-/// Oblique walls of a drawing, and the curves for which nothing else is needed, by view and index.
+/// Oblique walls of a drawing, and the curves (view and index) that these explain completely.
 pub(super) struct ObliqueSurfaces {
     pub(super) walls: Vec<CandidateSurface>,
     pub(super) explained: BTreeSet<(usize, usize)>,
 }
 
-/// The oblique walls of a drawing; none where there are none, or too many.
+/// The oblique walls of a drawing; `None` if there are none or too many.
 pub(super) fn oblique(drawing: &Drawing) -> Option<ObliqueSurfaces> {
     let near = COINCIDENT * drawing.size();
     let frame = wireframe(drawing, near)?;
@@ -94,7 +96,9 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
     found
 }
 
-/// The plane of the edges that lie in a plane and go on at both ends; none where there are too few.
+/// The plane fitted to the edges near a plane that continue at both ends; `None` if there are too few.
+///
+/// Edges with a free end cannot bound a face. Removing one may free another, so this repeats.
 fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Option<Oblique> {
     let is_in = |k: usize| (dot(normal, frame.points[k]) - offset).abs() < 3.0 * near;
     let mut edges: Vec<[usize; 2]> =
@@ -117,8 +121,9 @@ fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Op
     Some(Oblique::within(Form::Plane { normal, offset }, bounds))
 }
 
-/// The plane with the least squares of distances to some points: `Σ (n · (p − c))²` is least for the
-/// eigenvector of the smallest eigenvalue.
+/// The plane fitted to points by least squares.
+///
+/// `Σ (n · (p − c))²` has its minimum at the eigenvector of the smallest eigenvalue of `Σ (p − c)(p − c)ᵀ`.
 fn plane_through(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let count = points.len() as f64;
     let center = [0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
@@ -128,10 +133,10 @@ fn plane_through(points: &[[f64; 3]]) -> ([f64; 3], f64) {
         moments += Matrix3::from_fn(|i, j| d[i] * d[j]);
     }
     let eigen = SymmetricEigen::new(moments);
-    let least = eigen.eigenvalues.imin();
-    let normal = eigen.eigenvectors.column(least);
+    let smallest = eigen.eigenvalues.imin();
+    let normal = eigen.eigenvectors.column(smallest);
     let normal = unit([normal[0], normal[1], normal[2]]);
-    // One sign for both directions.
+    // The sign of an eigenvector is arbitrary; this makes the result independent of the solver.
     let normal = if normal[2] < 0.0 { scale(-1.0, normal) } else { normal };
     (normal, dot(normal, center))
 }
@@ -144,8 +149,10 @@ pub(super) fn bounds_of(points: &[[f64; 3]]) -> [[f64; 2]; 3] {
     })
 }
 
-/// Curves of the views that need no surface seen edge-on: lines of edges of which each lies on two walls, or
-/// on one and on a plane across an axis, and outlines of cylinders.
+/// Curves of the views that need no surface seen edge-on.
+///
+/// These are lines that consist of edges on two walls, or on one wall and a plane across an axis, and
+/// outlines of cylinders.
 fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64) -> BTreeSet<(usize, usize)> {
     let on_two: Vec<bool> = frame
         .edges
@@ -154,8 +161,7 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
             let middle = [0, 1, 2].map(|k| e.iter().map(|i| frame.points[*i][k]).sum::<f64>() / 2.0);
             let [p, q] = e.map(|i| frame.points[i]);
             let is_on = |w: &&Oblique| [p, middle, q].iter().all(|p| w.value(*p).abs() < 3.0 * near);
-            // An edge parallel to a view lies in a plane that the other two see edge-on, and that they draw
-            // there.
+            // An edge parallel to a view lies in a plane that the other two views see edge-on and draw.
             let in_axis_plane = (0..3).any(|k| (p[k] - q[k]).abs() < near);
             walls.iter().filter(is_on).count() + usize::from(in_axis_plane) > 1
         })
@@ -167,8 +173,8 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
         let outlines: Vec<[[f64; 2]; 2]> = walls
             .iter()
             .filter_map(|w| w.outlines(sight))
-            // Where the axis lies in the view, planes that touch the cylinder are seen edge-on along its
-            // outlines.
+            // If the axis is parallel to the view, the outline may also be a tangent plane seen edge-on. Such
+            // a line is kept on the grid.
             .filter(|(_, d)| d[sight].abs() > ROUGH_LEAN)
             .flat_map(|(points, d)| points.map(|p| [image(p), image(d)]))
             .collect();
@@ -189,7 +195,8 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
                 found.insert((v, index));
                 continue;
             }
-            // Along the line, what edges cover.
+            // The intervals of the line that edges cover. All must be explained, and together they must
+            // cover the line.
             let length = crate::drawing::distance(a, b);
             let d = [0, 1].map(|k| (b[k] - a[k]) / length);
             let along = |p: [f64; 2]| (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];

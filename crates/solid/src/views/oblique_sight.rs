@@ -1,5 +1,5 @@
-//! Where planes and cylinders oblique to all views would be seen: cylinders' outlines, and the curves in
-//! which such walls meet each other.
+//! Sight tests of planes and cylinders oblique to all views: outlines of cylinders, and the curves in which
+//! such walls intersect.
 
 use super::candidate_surface::CandidateSurface;
 use super::candidates::{Candidate, corners, curves};
@@ -12,13 +12,13 @@ use crate::drawing::Drawing;
 use planish_estimate::vector3::{cross, norm, sub};
 use std::f64::consts::TAU;
 
-/// Looks along a cylinder's outline.
+/// Number of tests along an outline. More find shorter missing lines and take more time.
 const ALONG: usize = 24;
-/// Shares of a stretch between two corners at which it is looked at.
+/// Positions of tests between two corners, as shares of the interval.
 const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
 
 impl SightTests {
-    /// Looks along the outlines of an oblique cylinder.
+    /// Adds tests along the outlines of an oblique cylinder.
     pub(super) fn oblique_outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Oblique) {
         let sight = cells.plan.views[view].kind.axes()[2];
         let Some((points, direction)) = wall.outlines(sight) else {
@@ -34,8 +34,9 @@ impl SightTests {
         }
     }
 
-    /// Looks along the curves in which two walls meet, of which one at least is oblique, between the corners
-    /// with third ones.
+    /// Adds tests along the intersection curves of two walls, at least one of them oblique.
+    ///
+    /// Third walls cut a curve, and each interval has tests of its own.
     pub(super) fn oblique_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         let plan = cells.plan;
         let walls: Vec<Candidate> = plan.walls.iter().cloned().map(Candidate::Wall).collect();
@@ -72,12 +73,13 @@ impl SightTests {
     }
 }
 
+/// True if the boxes around two walls overlap.
 fn overlap(a: &CandidateSurface, b: &CandidateSurface, tolerance: f64) -> bool {
     let (a, b) = (a.bounds(), b.bounds());
     (0..3).all(|k| a[k][0] < b[k][1] + tolerance && b[k][0] < a[k][1] + tolerance)
 }
 
-/// Parameters between each two neighbours of some cuts of a curve.
+/// Parameters of tests between each two neighbouring cuts of a curve.
 fn stretches(curve: &Curve3, mut cuts: Vec<f64>) -> Vec<f64> {
     cuts.sort_by(f64::total_cmp);
     if let Some(period) = curve.period() {

@@ -68,7 +68,7 @@ impl Block {
     fn view(&self, kind: ViewKind) -> View {
         let [right, up, sight] = kind.axes();
         let mut eye = [0.0; 3];
-        eye[sight] = if kind.nearest_is_least() { -1.0 } else { 1.0 };
+        eye[sight] = if kind.depth_increases_away() { -1.0 } else { 1.0 };
         let image = |p: [f64; 3]| [self.at(p)[right], self.at(p)[up]];
         let faces = |n: [f64; 3]| dot(self.at(n), eye) > 0.0;
         let style = |is_seen: bool| {

@@ -4,10 +4,12 @@ use super::candidate_surface::{Extent, Side};
 use crate::brep::{FaceSurface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
 
-/// Halvings of a stretch of an axis in which the point nearest to a box is sought.
+/// Number of steps of the search for the point of an axis nearest to a box.
+///
+/// Each step keeps 60 % of the interval, so 60 steps reduce it by 5e-14, near the accuracy of f64.
 const HALVINGS: usize = 60;
 
-/// What an oblique wall is.
+/// Shape of an oblique wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Form {
     /// `normal · p = offset`, the normal of unit length.
@@ -16,12 +18,12 @@ pub(crate) enum Form {
     Cylinder { origin: [f64; 3], axis: [f64; 3], radius: f64 },
 }
 
-/// Less than half of a cylinder: a sector about a direction across its axis.
+/// A sector of less than half of a cylinder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sector {
-    /// To its middle, of unit length and across the axis.
+    /// Unit vector across the axis, towards the middle of the sector.
     pub(crate) middle: [f64; 3],
-    /// From its middle to either end, in radians; less than π/2.
+    /// Angle from the middle to either end, in radians; less than π/2.
     pub(crate) half_width: f64,
 }
 
@@ -29,20 +31,21 @@ pub(crate) struct Sector {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Oblique {
     pub(crate) form: Form,
-    /// The part of a cylinder that is meant; all of it where there is none.
+    /// The part of a cylinder that is used; `None` for all of it.
     pub(crate) sector: Option<Sector>,
     pub(crate) extents: Vec<Extent>,
 }
 
 impl Oblique {
-    /// A wall that may stand in a box.
+    /// A wall limited to a box.
     pub(crate) fn within(form: Form, bounds: [[f64; 2]; 3]) -> Self {
         let side = Side::Both;
         Self { form, sector: None, extents: vec![Extent { bounds, side }] }
     }
 
-    /// On which side of the wall a point is: beyond a cylinder's sector the wall goes on level, as a plane
-    /// that touches it.
+    /// A function whose sign is the side of the wall on which a point is.
+    ///
+    /// Beyond the sector of a cylinder, the wall continues as the tangent planes at its ends.
     pub(crate) fn value_of(&self, p: [f64; 3]) -> f64 {
         match (self.form, self.end_near(p)) {
             (Form::Cylinder { origin, axis, radius }, Some(end)) => {
@@ -52,7 +55,7 @@ impl Oblique {
         }
     }
 
-    /// Whether a point is within the cylinder's sector; all are where there is none.
+    /// True if a point is within the sector of a cylinder, or if there is no sector.
     pub(crate) fn is_within(&self, p: [f64; 3]) -> bool {
         self.end_near(p).is_none()
     }
@@ -62,8 +65,8 @@ impl Oblique {
         self.end_near(p).unwrap_or_else(|| self.normal(p))
     }
 
-    /// The end of a cylinder's sector, as a unit vector across the axis, beyond which a point is; none where
-    /// it is within.
+    /// The end of the sector beyond which a point is, as a unit vector across the axis; `None` if the point
+    /// is within the sector.
     fn end_near(&self, p: [f64; 3]) -> Option<[f64; 3]> {
         let (Form::Cylinder { origin, axis, .. }, Some(sector)) = (self.form, self.sector) else {
             return None;
@@ -90,8 +93,9 @@ impl Oblique {
         }
     }
 
-    /// Where the line along an axis of the frame through a point meets it; touching within a distance counts
-    /// once.
+    /// Coordinates at which the line along an axis of the frame through a point meets the wall.
+    ///
+    /// A line that touches a cylinder within `touching` meets it once.
     pub(crate) fn crossings(&self, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
         let mut found = self.crossings_of_all(along, p, touching);
         let (Form::Cylinder { origin, axis, radius }, Some(sector)) = (self.form, self.sector) else {
@@ -103,7 +107,8 @@ impl Oblique {
             self.end_near(at)
         };
         found.retain(|depth| end_at(*depth).is_none());
-        // Where the line meets the planes beyond the sector.
+        // Intersections with the tangent planes, as far as they are beyond the sector. An end that is
+        // parallel to the line gives an infinite depth.
         let mut start = p;
         start[along] = 0.0;
         for end in [-1.0, 1.0].map(|sign| sector_end(axis, sector, sign)) {
@@ -114,12 +119,14 @@ impl Oblique {
         found
     }
 
+    /// Intersections with the whole surface.
     fn crossings_of_all(&self, along: usize, mut p: [f64; 3], touching: f64) -> Vec<f64> {
         p[along] = 0.0;
         match self.form {
             Form::Plane { normal, offset } => vec![(offset - dot(normal, p)) / normal[along]],
             Form::Cylinder { origin, axis, radius } => {
-                // |b + t a| = r, across the axis.
+                // |b + t a| = r for the parts across the axis. The nearest point is found first: its distance
+                // gives the contact, and (r − d)(r + d) does not cancel where the line nearly touches.
                 let mut e = [0.0; 3];
                 e[along] = 1.0;
                 let (a, b) = (from_axis([0.0; 3], axis, e), from_axis(origin, axis, p));
@@ -138,7 +145,7 @@ impl Oblique {
         }
     }
 
-    /// Whether it passes through a box, within its extents.
+    /// True if the wall passes through a box, within its extents.
     pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> bool {
         self.extents.iter().any(|extent| {
             let ends = [0, 1, 2].map(|k| [lo[k].max(extent.bounds[k][0]), hi[k].min(extent.bounds[k][1])]);
@@ -146,6 +153,10 @@ impl Oblique {
         })
     }
 
+    /// True if the unlimited surface passes through a box.
+    ///
+    /// The signed distance to a plane is extreme at corners, so these are enough. That to a cylinder is
+    /// convex: its maximum is at a corner, but its minimum may be anywhere.
     fn crosses(&self, ends: [[f64; 2]; 3], tolerance: f64) -> bool {
         let corners = (0..8_usize).map(|c| [0, 1, 2].map(|k| ends[k][c >> k & 1]));
         let values: Vec<f64> = corners.clone().map(|p| self.value(p)).collect();
@@ -153,7 +164,8 @@ impl Oblique {
         match self.form {
             Form::Plane { .. } => is_beyond && values.iter().any(|v| *v < -tolerance),
             Form::Cylinder { origin, axis, radius } => {
-                // The distance of a point of the axis from the box is convex along the axis.
+                // The distance of a point of the axis from the box is convex along the axis, so a section
+                // search finds its minimum.
                 let off = |t: f64| {
                     let p = along(origin, t, axis);
                     norm([0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1])))
@@ -173,7 +185,7 @@ impl Oblique {
         }
     }
 
-    /// The surface; its normal is the gradient's direction.
+    /// The surface. Its normal is the direction of the gradient.
     pub(crate) fn surface(&self) -> FaceSurface {
         match self.form {
             Form::Plane { normal, offset } => {
@@ -185,13 +197,14 @@ impl Oblique {
         }
     }
 
-    /// A lattice of a cylinder's points: rows along the axis, each of so many around; empty for a plane.
+    /// A lattice of points on a cylinder, in rows along the axis; empty for a plane.
     pub(crate) fn lattice(&self, rows: usize, around: usize) -> Vec<Vec<[f64; 3]>> {
         let Form::Cylinder { origin, axis, radius } = self.form else {
             return Vec::new();
         };
         let (x, y) = tangents(axis);
         let [from, to] = self.span();
+        // Shifted, so that no point lies on a plane of symmetry of the part.
         let share = |k: usize, of: usize| (k as f64 + 0.213) / of as f64;
         (0..rows)
             .map(|row| {
@@ -204,7 +217,7 @@ impl Oblique {
             .collect()
     }
 
-    /// How far a cylinder's extents reach along its axis from its origin.
+    /// Minimum and maximum of the extents along the axis of a cylinder, from its origin.
     pub(crate) fn span(&self) -> [f64; 2] {
         let Form::Cylinder { origin, axis, .. } = self.form else {
             return [0.0; 2];
@@ -219,7 +232,7 @@ impl Oblique {
         span
     }
 
-    /// A cylinder's outlines along a line of sight: a point of each, and their direction.
+    /// The outlines of a cylinder along a line of sight: a point of each, and their direction.
     pub(crate) fn outlines(&self, sight: usize) -> Option<([[f64; 3]; 2], [f64; 3])> {
         let Form::Cylinder { origin, axis, radius } = self.form else {
             return None;
@@ -237,7 +250,7 @@ fn sector_end(axis: [f64; 3], sector: Sector, sign: f64) -> [f64; 3] {
     along(scale(cos, sector.middle), sign * sin, cross(axis, sector.middle))
 }
 
-/// The part of the way from a point of an axis to another point that runs across the axis.
+/// The component across an axis of the vector from a point of the axis to another point.
 fn from_axis(origin: [f64; 3], axis: [f64; 3], p: [f64; 3]) -> [f64; 3] {
     let d = sub(p, origin);
     along(d, -dot(d, axis), axis)

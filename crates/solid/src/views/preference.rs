@@ -1,25 +1,26 @@
-//! What is tried first: that cylinders are not used where a surface of revolution is in the same box.
+//! Preferences of the search: no cylinder where a surface of revolution is in the same box.
 //!
-//! A half circle above a circle means half a ball, two crossing cylinders, or either of them in each quarter:
-//! four domes make hundreds of solids, of which only some are looked at. Input: cells. Output: for each
-//! circle that a view draws, pairs of cells on both sides of its cylinder, in the boxes through which a
-//! surface of revolution passes; the search first gives both cells of a pair one state.
+//! A half circle above a circle may be half a ball, two crossing cylinders, or either of them in each
+//! quarter. Four domes thus give hundreds of solids, more than the search enumerates. Input: cells. Output:
+//! for each circle of a view, pairs of cells on both sides of its cylinder, in the boxes that contain a
+//! surface of revolution. The search first gives both cells of a pair the same state, so the cylinder is not
+//! used.
 
 use super::cells::{Cells, pieces_in};
 use super::profile::Profile;
 use std::collections::BTreeMap;
 
-/// Places along a piece, and across the view, as shares.
+/// Positions of samples along a piece and along the line of sight, as shares.
 const SHARES: [f64; 4] = [0.07, 0.31, 0.64, 0.92];
 
-/// Cells that have one state where a cylinder is not used.
+/// Cells that have equal states if a cylinder is not used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Preference {
-    /// Cells on both sides.
+    /// Cells on both sides of the cylinder.
     pub(crate) pairs: Vec<[u32; 2]>,
 }
 
-/// A preference for each circle of a view; none where there are no surfaces of revolution.
+/// A preference for each circle of a view; none if there are no surfaces of revolution.
 pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
     if plan.walls.is_empty() || plan.has_oblique_walls() {

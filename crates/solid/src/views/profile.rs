@@ -1,4 +1,4 @@
-//! Profiles: the lines and circles that a surface seen edge-on draws.
+//! Profiles: the lines and circles along which surfaces are seen edge-on.
 
 use crate::drawing::distance;
 
@@ -60,7 +60,9 @@ impl Profile {
         }
     }
 
-    /// Whether two profiles are one within a distance, over a drawing of a size.
+    /// True if two profiles agree within a tolerance over a drawing of the given size.
+    ///
+    /// An angle between two lines is multiplied by the size, so it has the unit of the tolerance.
     pub(crate) fn same(&self, other: &Self, tolerance: f64, size: f64) -> bool {
         match (self, other) {
             (Self::Line { normal, offset }, Self::Line { normal: n2, offset: o2 }) => {
@@ -74,7 +76,10 @@ impl Profile {
         }
     }
 
-    /// The values of one coordinate where the other has a value; touching within a tolerance counts once.
+    /// Values of one coordinate at which the coordinate `known` has a given value, ascending.
+    ///
+    /// If the line at this value touches the circle within the tolerance, there is one. An error e of the
+    /// coordinate would otherwise give two, apart by the order of √(e · radius).
     pub(crate) fn crossings(&self, known: usize, value: f64, tolerance: f64) -> Vec<f64> {
         let other = 1 - known;
         match self {

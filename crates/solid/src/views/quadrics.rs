@@ -1,15 +1,18 @@
-//! Curves in which a plane or a cylinder in general position meets another surface, where they are lines,
-//! circles or ellipses.
+//! Intersections of planes and cylinders in general position that are lines, circles or ellipses.
 
 use super::surfaces::Curve3;
 use crate::brep::{FaceSurface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 
-/// Directions are parallel below this sine of the angle between them: they are measured on drawings.
+/// Directions are parallel below this sine of the angle between them.
+///
+/// Directions come from coordinates of drawings, so a smaller value would treat parallel faces as crossing
+/// far away; a larger one misses intersections of faces at a small angle.
 const PARALLEL: f64 = 1e-6;
 
-/// Where two surfaces meet; none where that is no line, circle or ellipse. Touching within a tolerance counts
-/// once.
+/// Intersection of two surfaces; `None` if it is not made of lines, circles or ellipses.
+///
+/// Surfaces that touch within the tolerance share one line.
 pub(super) fn quadrics(s: &FaceSurface, t: &FaceSurface, tolerance: f64) -> Option<Vec<Curve3>> {
     match (*s, *t) {
         (
@@ -45,15 +48,17 @@ pub(super) fn quadrics(s: &FaceSurface, t: &FaceSurface, tolerance: f64) -> Opti
             }
             let to = unit(d);
             let off = (apart * apart + radius * radius - r2 * r2) / (2.0 * apart);
-            Some(halves(along(origin, off, to), cross(axis, to), axis, off.abs(), radius, tolerance))
+            let (middle, chord) = (along(origin, off, to), cross(axis, to));
+            Some(lines_at_chord_ends(middle, chord, axis, off.abs(), radius, tolerance))
         }
         _ => None,
     }
 }
 
-/// Lines along an axis at both ends of a chord: its middle and direction, how far it is from the centre of
-/// the circle, and the circle's radius.
-fn halves(
+/// Lines parallel to an axis through both ends of a chord of a circle.
+///
+/// The chord is given by its middle, its direction and its distance `off` from the centre.
+fn lines_at_chord_ends(
     middle: [f64; 3],
     chord: [f64; 3],
     axis: [f64; 3],
@@ -68,10 +73,13 @@ fn halves(
     if off > radius {
         return Vec::new();
     }
+    // Not r² − d², which cancels where the chord is short.
     let half = ((radius - off) * (radius + off)).sqrt();
     vec![line(-half), line(half)]
 }
 
+/// Lines parallel to the axis, or the ellipse with semi-axes r/|cos| and r for the angle between axis and
+/// normal.
 fn cylinder_and_plane(cylinder: &FaceSurface, plane: &FaceSurface, tolerance: f64) -> Vec<Curve3> {
     let (
         FaceSurface::Cylinder { origin, axis, radius, .. },
@@ -84,9 +92,12 @@ fn cylinder_and_plane(cylinder: &FaceSurface, plane: &FaceSurface, tolerance: f6
     if steep.abs() < PARALLEL {
         let off = dot(sub(*origin, *on_plane), *normal);
         let middle = along(*origin, -off, *normal);
-        return halves(middle, unit(cross(*axis, *normal)), *axis, off.abs(), *radius, tolerance);
+        let chord = unit(cross(*axis, *normal));
+        return lines_at_chord_ends(middle, chord, *axis, off.abs(), *radius, tolerance);
     }
     let center = along(*origin, dot(sub(*on_plane, *origin), *normal) / steep, *axis);
+    // The minor axis lies in the plane and across the cylinder's axis. For a circle this direction is
+    // undetermined, and any one serves.
     let across = cross(*axis, *normal);
     let b = match norm(across) > PARALLEL {
         true => unit(across),

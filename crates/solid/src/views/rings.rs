@@ -1,13 +1,16 @@
-//! Loops on planes and cylinders, in their parameters, gathered to faces.
+//! Groups loops on planes and cylinders into faces.
 
 use crate::brep::{Coedge, EdgeCurve, FaceSurface, Solid};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// A loop in a surface's parameters.
+/// A loop in the parameters of a surface.
 struct Ring {
+    /// Points along the loop; angles are continuous, without jumps by a turn.
     points: Vec<[f64; 2]>,
+    /// Turns around the axis of a cylinder.
     turns: i32,
+    /// Signed area, positive if counter-clockwise.
     area: f64,
 }
 
@@ -41,16 +44,18 @@ impl Ring {
         Self { points, turns, area }
     }
 
-    /// Heights above a point at which the ring crosses its u.
+    /// The smallest v above a point at which the ring crosses the line of constant u.
     fn above(&self, u: f64, v: f64, periodic: bool) -> Option<f64> {
         let mut best: Option<f64> = None;
         for p in self.points.windows(2) {
+            // Continuous angles may leave the first turn, so the ring is repeated on both sides.
             let shifts: Vec<f64> = match periodic {
                 true => (-3..=3).map(|k| f64::from(k) * TAU).collect(),
                 false => vec![0.0],
             };
             for shift in shifts {
                 let (a, b) = (p[0][0] + shift, p[1][0] + shift);
+                // Half-open: a ray through a common corner of two segments crosses exactly one of them.
                 if (a <= u) == (b <= u) {
                     continue;
                 }
@@ -64,8 +69,10 @@ impl Ring {
     }
 }
 
-/// Gathers loops to faces: what is seen from a hole's top, straight up within the surface, belongs to the
-/// same face.
+/// Groups loops into faces.
+///
+/// The first loop above the highest segment of a hole, along the line of constant u, belongs to the same
+/// face. Chains of holes end at an outer loop, so each hole needs only one ray.
 pub(super) fn faces(
     solid: &Solid,
     surface: &FaceSurface,
@@ -83,7 +90,7 @@ pub(super) fn faces(
         if is_outer || is_upper {
             continue;
         }
-        // The middle of the segment that reaches highest: never a corner.
+        // A place within the highest segment that is not steep: never a corner, where two segments meet.
         let top = ring
             .points
             .windows(2)
@@ -112,7 +119,7 @@ pub(super) fn faces(
     by_face(loops, &face_of, |index| rings[index].turns == 0 && rings[index].area * sense < 0.0)
 }
 
-/// The loops of each face, those that go around it before its holes; in the order of the faces' numbers.
+/// The loops of each face, outer loops before holes, in the order of the face numbers.
 pub(super) fn by_face(
     loops: Vec<Vec<Coedge>>,
     face_of: &[usize],

@@ -31,11 +31,16 @@ pub(crate) enum SmoothEdges {
     MayBeDrawn,
 }
 
+/// Translates sight tests into clauses.
 struct Encoder {
     solver: BasicSolver,
+    /// The cell around the part, which is empty.
     outside: u32,
     cells: BTreeMap<u32, Var>,
+    /// Literals that are true if sectors form an edge. Many tests share sectors, and each set is encoded
+    /// once.
     events: HashMap<(EdgeSectors, SmoothEdges), Lit>,
+    /// A literal that is always true.
     truth: Lit,
     smooth_edges: SmoothEdges,
 }
@@ -58,7 +63,7 @@ impl Encoder {
             return !self.truth;
         }
         let solver = &mut self.solver;
-        // Cells are tried as empty first, which prefers small solids.
+        // The initial phase makes the solver try cells as empty first, which prefers small solids.
         Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(lbool::TRUE, true)), true)
     }
 
@@ -76,6 +81,9 @@ impl Encoder {
         if let Some(event) = self.events.get(&key) {
             return *event;
         }
+        // One clause for each state of the distinct cells: a truth table. Sectors around a line are few, so
+        // this is smaller and propagates better than an encoding of the boundary's half-surfaces. States that
+        // drawing conventions treat differently get no clause, which leaves the event free.
         let event = self.fresh();
         let mut distinct: Vec<u32> = group.sectors.clone();
         distinct.sort_unstable();
@@ -108,12 +116,16 @@ impl Encoder {
             _ => forbidden,
         };
         let events: Vec<Lit> = sight_test.groups.iter().map(|g| self.event(g, seen_as)).collect();
+        // Where nothing is drawn, neither a visible nor a hidden edge may be: no occlusion is needed.
         let Some(style) = sight_test.style else {
             for event in events {
                 self.clause(vec![!switch, !event]);
             }
             return;
         };
+        // `visible[k]` holds if group k is an edge and all cells before it on both rays are empty. `clear`
+        // accumulates the latter from the eye inwards, so each group adds one literal instead of a clause
+        // over all cells before it.
         let mut visible = Vec::new();
         let mut clear = self.truth;
         let mut passed: Vec<u32> = sight_test.start.to_vec();
@@ -132,6 +144,8 @@ impl Encoder {
                 self.clause(visible);
             }
             LineStyle::Hidden => {
+                // A hidden line must not be visible anywhere along the ray, and it needs an edge. Only this
+                // edge may be a tangent one: `visible` was built from sharp edges.
                 for seen in visible {
                     self.clause(vec![!switch, !seen]);
                 }
@@ -177,6 +191,9 @@ impl Encoder {
     }
 
     /// Solves with all required literals and as many preferences as are compatible. Returns the assumptions.
+    ///
+    /// Preferences that occur in the core of a contradiction are dropped one by one. This is not a maximum
+    /// set, but needs at most one query for each preference.
     fn first_choice(&mut self, on: &[Lit], mut preferred: Vec<Lit>) -> Vec<Lit> {
         loop {
             let assumed: Vec<Lit> = on.iter().chain(&preferred).copied().collect();
@@ -237,10 +254,12 @@ pub(crate) fn search(
     sight_tests: &SightTests,
     smooth_edges: SmoothEdges,
     preferences: &[Preference],
-    most: usize,
+    limit: usize,
     mut accept: impl FnMut(&Assignment) -> Vec<u32>,
 ) -> SearchResult {
     let outside = cells.at_in([0, 0, 0], [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size));
+    // Each test has a switch. Assumed switches keep its clauses active, and the core of a contradiction then
+    // names the tests that contradict each other.
     let mut encoder = Encoder::new(outside, smooth_edges);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
     for (index, (sight_test, _)) in sight_tests.tests.iter().enumerate() {
@@ -255,6 +274,8 @@ pub(crate) fn search(
             break;
         }
         let core: Vec<Lit> = encoder.solver.unsat_core().to_vec();
+        // A test that many positions require is probably right; one that few require is more likely the error
+        // in the drawing.
         let places = |index: usize| sight_tests.tests[index].1.len();
         let Some(at) = (0..switches.len())
             .filter(|&s| core.contains(&switches[s].0) || core.contains(&!switches[s].0))
@@ -279,6 +300,8 @@ pub(crate) fn search(
         count += 1;
         let assignment = encoder.assignment();
         indifferent.extend(accept(&assignment));
+        // Blocks this assignment. Without the indifferent cells the clause also blocks all assignments that
+        // differ only in these; otherwise n slivers would give 2^n copies of one solid.
         let block: Vec<Lit> = assignment
             .iter()
             .filter(|(cell, _)| !indifferent.contains(cell))
@@ -287,7 +310,7 @@ pub(crate) fn search(
                 if *solid { !literal } else { literal }
             })
             .collect();
-        let goes_on = count < most && !block.is_empty();
+        let goes_on = count < limit && !block.is_empty();
         if !block.is_empty() {
             encoder.clause(block);
         }
@@ -298,7 +321,7 @@ pub(crate) fn search(
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
         }
         if !is_found {
-            return SearchResult { complete: count < most, unexplained };
+            return SearchResult { complete: count < limit, unexplained };
         }
     }
 }

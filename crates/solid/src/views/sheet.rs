@@ -1,30 +1,33 @@
-//! A sheet on which all views stand side by side.
+//! Separates the views of a sheet.
 //!
 //! Input: curves of one file, and the convention by which the views are placed. Output: a [`Drawing`] of
-//! two or three views in the part's coordinates, each view's left lower corner at the origin. Views are what
-//! hangs together: the boxes around their curves touch, and views stand apart.
+//! two or three views in the part's coordinates, with the lower left corner of each view at the origin. A
+//! view consists of the curves whose bounding boxes touch; different views have a gap between them.
 //!
-//! Not guaranteed: sheets with a frame, auxiliary views and sections are refused, as they align with no other
-//! view.
+//! Limits: sheets with a frame, auxiliary views and sections are rejected, as they align with no other view.
 
 use crate::drawing::{Curve2, Drawing, DrawnCurve, View, ViewKind};
 use planish_estimate::{Error, Result};
 
-/// Views are further apart than this share of the sheet's size.
+/// Minimum gap between two views, relative to the size of the sheet.
+///
+/// A larger value joins views that are close together; a smaller one splits views at gaps in their lines.
 const GAP: f64 = 2e-3;
-/// Sides of views that should be equal are so within this share of the sheet's size.
+/// Maximum difference of aligned sides of two views, relative to the size of the sheet.
+///
+/// A larger value accepts views of different scales; a smaller one rejects inaccurate drawings.
 const ALIGNED: f64 = 2e-3;
 
-/// How views are placed around the front view.
+/// Placement of the views around the front view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
-    /// As in Europe: the view from above stands below, that from the left stands at the right.
+    /// Used in Europe: the view from above is below the front view, that from the left is at its right.
     FirstAngle,
-    /// As in America: the view from above stands above, that from the right stands at the right.
+    /// Used in America: the view from above is above the front view, that from the right is at its right.
     ThirdAngle,
 }
 
-/// Curves that hang together.
+/// Curves whose bounding boxes touch.
 struct CurveCluster {
     curves: Vec<usize>,
     /// Left, right; bottom, top.
@@ -33,9 +36,29 @@ struct CurveCluster {
 
 /// Finds the views of a sheet.
 ///
+/// ```
+/// use planish_solid::views::{Curve2, DrawnCurve, LineStyle, Projection, ViewKind, views_of_sheet};
+///
+/// let rectangle = |x: f64, y: f64, width: f64, height: f64| {
+///     let corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
+///     (0..4).map(move |k| DrawnCurve {
+///         curve: Curve2::Segment(corners[k], corners[(k + 1) % 4]),
+///         style: LineStyle::Visible,
+///         entity: format!("line {k}"),
+///     })
+/// };
+/// // The view from above is placed above the front view.
+/// let front = rectangle(0.0, 0.0, 40.0, 20.0);
+/// let sheet: Vec<_> = front.chain(rectangle(0.0, 50.0, 40.0, 30.0)).collect();
+/// let drawing = views_of_sheet(&sheet, Projection::ThirdAngle)?;
+/// let kinds: Vec<_> = drawing.views.iter().map(|v| v.kind).collect();
+/// assert_eq!(kinds, [ViewKind::Front, ViewKind::Top]);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
 /// # Errors
-/// `Input` where there are less than two groups of curves, or they do not stand as the convention says,
-/// naming an entity of the group.
+/// `Input` if there are fewer than two groups of curves, or a group is not where the convention places a
+/// view. The message names an entity of the group.
 pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<Drawing> {
     let groups = groups(curves);
     let (lo, hi) = groups.iter().fold((f64::MAX, f64::MIN), |(lo, hi), g| {
@@ -45,7 +68,8 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
     let aligned = |a: &CurveCluster, b: &CurveCluster, k: usize| {
         (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near)
     };
-    // Above or below each other, and beside each other.
+    // Stacked views share their left and right sides, neighbours beside each other their lower and upper
+    // ones.
     let stacked = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 0);
     let beside = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
     let n = groups.len();
@@ -64,6 +88,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
                 (false, _) => left,
             }
         }
+        // The front view is the corner of the L that three views form.
         _ => (0..n).find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| beside(*f, g))).unwrap_or(0),
     };
     let mut views = vec![placed(curves, &groups[front], ViewKind::Front)];
@@ -81,10 +106,9 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
         let Some(kind) = kind.filter(|k| views.iter().all(|v: &View| v.kind.axes() != k.axes())) else {
             let [[left, right], [bottom, top]] = groups[g].span;
             return Err(Error::input(format!(
-                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that stands \
-                 neither where the top view nor where a \
-                 side view of the {} convention belongs: needed views of one scale in line with the front \
-                 view",
+                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that is neither \
+                 at the place of the top view nor at that of a side view in the {} convention: needed views \
+                 of one scale, aligned with the front view",
                 match projection {
                     Projection::FirstAngle => "first-angle",
                     Projection::ThirdAngle => "third-angle",
@@ -93,6 +117,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
         };
         views.push(placed(curves, &groups[g], kind));
     }
+    // Front, top, side, as in `ViewKind::ALL`; groups are in the order of the file.
     views.sort_by_key(|v| v.kind.axes() == ViewKind::Side.axes());
     Ok(Drawing { views })
 }
@@ -105,7 +130,7 @@ fn groups(curves: &[DrawnCurve]) -> Vec<CurveCluster> {
     let gap = GAP * (size.1 - size.0);
     for (index, span) in boxes.into_iter().enumerate() {
         let mut joined = CurveCluster { curves: vec![index], span };
-        // Joining makes a box larger: until nothing else touches it.
+        // A joined box is larger and may touch further groups, so this repeats until none touches it.
         loop {
             let touches = |g: &CurveCluster| {
                 (0..2).all(|k| {
@@ -136,7 +161,7 @@ fn span_of(curve: &Curve2) -> [[f64; 2]; 2] {
 
 /// The curves of a group as a view, in the part's coordinates.
 fn placed(curves: &[DrawnCurve], group: &CurveCluster, kind: ViewKind) -> View {
-    // Seen from the left, y runs to the left.
+    // In a view from the left, y runs to the left. It is mirrored, so that y runs to the right in all views.
     let mirrored = kind == ViewKind::Left;
     let x = if mirrored { group.span[0][1] } else { group.span[0][0] };
     let at = |p: [f64; 2]| {

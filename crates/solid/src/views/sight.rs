@@ -1,12 +1,10 @@
 //! Tests of visibility along drawn lines, and where a line could be drawn but is not.
 //!
 //! At a point of a line, one ray passes on each of its sides. Both are followed through the cells. Where
-//! their
-//! depths agree at the line, the cells form a ring of sectors around a line in space ([`EdgeSectors`]). The
-//! states of the sectors decide whether there is an edge or an outline: there is none if all states are equal
-//! or the boundary passes through smoothly. A visible line needs an edge in front of all solid cells, a
-//! hidden
-//! line only an edge behind one. Elsewhere no edge may be visible.
+//! their depths agree at the line, the cells form a ring of sectors around a line in space
+//! ([`EdgeSectors`]). The states of the sectors decide whether there is an edge or an outline: there is none
+//! if all states are equal or the boundary passes through smoothly. A visible line needs an edge in front of
+//! all solid cells, a hidden line only an edge behind one. Where nothing is drawn, there may be no edge.
 
 use super::candidate_surface::Side;
 use super::cells::{Cells, pieces_in};
@@ -22,6 +20,8 @@ use std::f64::consts::TAU;
 /// A larger value confuses neighbouring curves; a smaller one misses curves of coarse polygons.
 const ON_CURVE: f64 = 2e-5;
 /// Sine of the angle below which two curves are treated as parallel.
+///
+/// Images of smooth curves by polygons have directions that are off by half the angle between chords.
 const PARALLEL: f64 = 0.1;
 /// Factor by which the distance of the rays is reduced to confirm a test.
 ///
@@ -36,16 +36,18 @@ pub(crate) struct EdgeSectors {
     /// Pairs of half-surfaces that continue each other smoothly; half-surface `h` lies behind sector `h`.
     pub(crate) smooth: Vec<[u8; 2]>,
     /// Pairs of `smooth` that belong to two surfaces. If they bound a solid, they form a tangent edge, which
-    /// some
-    /// drawings show.
+    /// some drawings show.
     pub(crate) tangent: Vec<[u8; 2]>,
 }
 
 /// The cells along the two rays beside a point, and the line style drawn there.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct SightTest {
+    /// Style of the drawn line; `None` where nothing is drawn.
     pub(crate) style: Option<LineStyle>,
+    /// First cell of each ray.
     pub(crate) start: [u32; 2],
+    /// Rings of sectors along the line of sight, nearest first.
     pub(crate) groups: Vec<EdgeSectors>,
 }
 
@@ -61,11 +63,12 @@ pub(crate) struct SightTestPlace {
 /// All distinct sight tests of a drawing, each with the positions that require it.
 pub(crate) struct SightTests {
     pub(crate) tests: Vec<(SightTest, Vec<SightTestPlace>)>,
+    /// Index of each test. Most positions repeat a test, which then adds no clauses.
     seen: HashMap<SightTest, usize>,
 }
 
 impl SightTests {
-    /// Looks at every line, and where a line may be missing.
+    /// Collects the tests of every line, and of places where a line may be missing.
     pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
         let mut sight_tests = Self { tests: Vec::new(), seen: HashMap::new() };
         for view in 0..cells.plan.views.len() {
@@ -77,6 +80,9 @@ impl SightTests {
         sight_tests
     }
 
+    /// Adds the test at a position of a view, unless nearby lines or surfaces make it unreliable.
+    ///
+    /// `normal` is the direction across the line, and `step` the distance of the rays from it.
     pub(super) fn add(
         &mut self,
         cells: &Cells,
@@ -91,8 +97,8 @@ impl SightTests {
         let Some(sight_test) = sight_test(cells, place.view, place.at, normal, step, style) else {
             return;
         };
-        // Where surfaces touch close by, lines of sight at some distance pass on the other side of them than
-        // those nearer: such a place tells nothing.
+        // Where surfaces touch close by, rays at some distance pass on another side of them than nearer rays.
+        // Such a position is skipped: a wrong test would exclude the right solid, and there are others.
         let nearer = self::sight_test(cells, place.view, place.at, normal, step / NEARER, style);
         if nearer.as_ref() != Some(&sight_test) {
             return;
@@ -105,6 +111,7 @@ impl SightTests {
         self.tests[at].1.push(place);
     }
 
+    /// Tests along the grid lines of a view, drawn or not.
     fn along_grid(&mut self, cells: &Cells, view: usize) {
         let plan = cells.plan;
         let shown = &plan.views[view];
@@ -141,6 +148,7 @@ impl SightTests {
                     for run in &runs {
                         place(run.from, run.to, Some((run.curve, run.style)));
                     }
+                    // Between boxes without curves, join_across has already excluded faces at undrawn lines.
                     if runs.is_empty() && at_curves {
                         place(lo, hi, None);
                     }
@@ -149,6 +157,7 @@ impl SightTests {
         }
     }
 
+    /// Tests along the drawn parts of slanted lines and circles.
     fn along_pieces(&mut self, cells: &Cells, view: usize) {
         let plan = cells.plan;
         let shown = &plan.views[view];
@@ -166,7 +175,9 @@ impl SightTests {
         }
     }
 
-    /// Where surfaces of the two other views cross between grid planes.
+    /// Tests where surfaces of the two other views cross between grid planes.
+    ///
+    /// Such an edge is drawn in this view as a curve that lies on no grid line and no profile, or not at all.
     fn at_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         let plan = cells.plan;
         let [right, up, along] = plan.views[view].kind.axes();
@@ -176,7 +187,7 @@ impl SightTests {
         let (Some(a), Some(b)) = (sharing(right), sharing(up)) else {
             return;
         };
-        // Walls make more cells between the same lines: one look may not tell of all.
+        // Walls divide a crossing further, so one test does not cover all of its parts.
         let shares: &[f64] = if plan.walls.is_empty() { &[0.47] } else { &[0.47, 0.16, 0.86] };
         let place = |v: usize, axis: usize| usize::from(plan.views[v].kind.axes()[1] == axis);
         let [a_at, a_depth, b_at, b_depth] =
@@ -242,9 +253,10 @@ impl SightTests {
     }
 }
 
-/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told,
-/// `Some(None)` where nothing is drawn. Where walls are candidates, a drawn curve must run across the normal
-/// given.
+/// The style and curve drawn at a point that lies on no surface seen edge-on.
+///
+/// `Some(None)` if nothing is drawn, `None` if this is uncertain: near other lines, or if curves of both
+/// styles pass. With `normal`, a drawn curve must be perpendicular to it.
 pub(super) fn style_near(
     cells: &Cells,
     drawing: &Drawing,
@@ -268,7 +280,7 @@ pub(super) fn style_near(
         }
     }
     let on_carrier = |carrier: &Carrier| {
-        // Where walls are candidates, the place may lie on a carrier beyond what is drawn of it.
+        // With walls, the point may lie on a carrier beyond its drawn part, where it is a valid position.
         carrier.profile.value(at).abs() < near && (plan.walls.is_empty() || is_drawn(carrier, at, near))
     };
     if shown.carriers.iter().any(on_carrier) {
@@ -276,8 +288,8 @@ pub(super) fn style_near(
     }
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
-    // Curves of walls may come close to others before they meet: what is near a drawn curve but not on it
-    // tells nothing.
+    // Curves of walls may approach others before they meet them. A point that is near a drawn curve but not
+    // on it is therefore uncertain.
     let on = if plan.walls.is_empty() { near / 2.0 } else { ON_CURVE * plan.size };
     let rough = if plan.has_oblique_walls() { near } else { near / 2.0 };
     for &index in &shown.others {
@@ -307,7 +319,7 @@ pub(super) fn style_near(
     }
 }
 
-/// Whether a run of a carrier comes near a point on it.
+/// True if a run of a carrier is near a point on it.
 fn is_drawn(carrier: &Carrier, at: [f64; 2], near: f64) -> bool {
     let t = carrier.profile.parameter(at);
     let (t, margin) = match carrier.profile {
@@ -335,14 +347,18 @@ fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
     found
 }
 
-/// A half-surface that meets the line of a group.
+/// A half-surface that ends at the line of a group.
 #[derive(Clone, Copy)]
 enum Half {
+    /// On the side of the first ray.
     Before(SurfaceId, Option<[f64; 3]>),
+    /// On the side of the second ray.
     Behind(SurfaceId, Option<[f64; 3]>),
+    /// The surface between the two rays: seen edge-on from the eye.
     Wall,
 }
 
+/// A break of a column, at the line between the two rays.
 struct Limit {
     depth: f64,
     surface: SurfaceId,
@@ -351,11 +367,14 @@ struct Limit {
 }
 
 /// Depth and surface normal of a break, moved from the ray to the line itself.
+///
+/// At the ray, surfaces that meet in the line have different depths; at the line they agree, and the breaks
+/// can be grouped. Of several intersections, the one nearest to that of the ray belongs to the same branch.
 fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> Limit {
     let plan = cells.plan;
     let kind = plan.views[view].kind;
     let [right, up, along] = kind.axes();
-    let sign = if kind.nearest_is_least() { 1.0 } else { -1.0 };
+    let sign = if kind.depth_increases_away() { 1.0 } else { -1.0 };
     let mut normal = [0.0; 3];
     match entry.surface {
         SurfaceId::Grid(..) => {
@@ -401,13 +420,14 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
     }
 }
 
+/// True if two surfaces have the same tangent plane, so the boundary passes from one to the other smoothly.
 fn parallel(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> bool {
     let (Some(a), Some(b)) = (a, b) else { return false };
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).abs() > 1.0 - 1e-6
 }
 
-/// Whether another line of the view passes so near a place, beside the line itself, that looks beside the
-/// place are on its other side.
+/// True if another line of the view passes so near a position that the rays beside it may be on the other
+/// side of that line.
 fn is_crowded(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], near: f64) -> bool {
     let plan = cells.plan;
     let shown = &plan.views[view];
@@ -433,13 +453,16 @@ fn is_crowded(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], near: 
             let profile = shown.profile(piece);
             let n = profile.normal(at);
             let off = profile.value(at).abs();
-            // The line itself is another one only where it does not run along.
+            // The tested line itself does not count: it passes through the position in the same direction.
             let same = off < plan.tolerance && (n[0] * normal[0] + n[1] * normal[1]).abs() > 1.0 - 1e-9;
             off < near && !same
         })
     })
 }
 
+/// Follows both rays and groups their breaks to rings of sectors.
+///
+/// `None` where nothing is drawn and both rays pass through the same cells: no edge is possible.
 fn sight_test(
     cells: &Cells,
     view: usize,
@@ -460,7 +483,7 @@ fn sight_test(
         let mut last = f64::MIN;
         for entry in &column.breaks {
             let mut limit = limit(cells, view, at, entry, step);
-            // Order along one side is never changed by rounding.
+            // Moving breaks to the line must not change their order along one ray.
             limit.depth = limit.depth.max(last);
             last = limit.depth;
             limits.push((side, limit));
@@ -482,6 +505,7 @@ fn sight_test(
     Some(SightTest { style, start, groups })
 }
 
+/// The ring of sectors of breaks with one depth. `now` are the cells of both rays before it, then behind it.
 fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> EdgeSectors {
     let before = *now;
     let mut sides: [Vec<&Limit>; 2] = Default::default();
@@ -489,8 +513,8 @@ fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> EdgeSectors {
         sides[*side].push(limit);
         now[*side] = limit.cell;
     }
-    // Around the line: down the first side, across the wall behind, up the second side, across the wall in
-    // front.
+    // Around the line: along the first ray away from the eye, to the second ray behind the line, back along
+    // the second ray, and to the first ray in front of the line.
     let mut sectors = vec![before[0]];
     let mut halves: Vec<Half> = Vec::new();
     for limit in &sides[0] {
@@ -507,6 +531,8 @@ fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> EdgeSectors {
             _ => Half::Behind(sides[1][k - 1].surface, sides[1][k - 1].normal),
         });
     }
+    // The surface between the rays continues straight through the line. Half-surfaces on different sides
+    // continue each other if their tangent planes agree.
     let (mut smooth, mut tangent) = (Vec::new(), Vec::new());
     for i in 0..halves.len() {
         for j in i + 1..halves.len() {

@@ -1,7 +1,8 @@
-//! The surfaces of a solution: which are used, where three meet, and along which curves two do.
+//! Surfaces seen edge-on: the curves in which two of them intersect, and the points that three share.
 //!
-//! Every surface is a profile of a view, drawn out along the line of sight; a grid plane is one in every view
-//! that sees it edge-on.
+//! Every surface is a profile of a view, extruded along the line of sight. A grid plane has a profile in
+//! every view that sees it edge-on. All axes are parallel to axes of the frame, so most intersections need
+//! only square roots.
 
 use super::cells::Cells;
 use super::column::SurfaceId;
@@ -11,17 +12,17 @@ use crate::brep::{FaceSurface, along};
 use planish_estimate::vector3::norm;
 use std::f64::consts::TAU;
 
-/// A surface drawn out along an axis.
+/// A surface extruded along an axis.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Drawn {
-    /// The axes of the profile's coordinates, and the one along which it is drawn out.
+pub(super) struct Extruded {
+    /// The axes of the profile's coordinates, and the one along which it is extruded.
     axes: [usize; 3],
     profile: Profile,
     /// The axis and value of a grid plane.
     plane: Option<(usize, f64)>,
 }
 
-impl Drawn {
+impl Extruded {
     pub(super) fn new(cells: &Cells, id: SurfaceId) -> Self {
         match id {
             SurfaceId::Grid(axis, index) => {
@@ -32,7 +33,7 @@ impl Drawn {
                     plane: Some((axis, offset)),
                 }
             }
-            SurfaceId::Wall(_) => unreachable!("a wall is not drawn out"),
+            SurfaceId::Wall(_) => unreachable!("a wall is not extruded"),
             SurfaceId::Carrier(view, carrier) => {
                 let view = &cells.plan.views[view];
                 Self { axes: view.kind.axes(), profile: view.carriers[carrier].profile, plane: None }
@@ -57,7 +58,7 @@ impl Drawn {
         normal
     }
 
-    /// The surface itself; its normal is the gradient's direction.
+    /// The surface. Its normal is the direction of the gradient.
     pub(super) fn surface(&self) -> FaceSurface {
         let axis_of = |k: usize| {
             let mut axis = [0.0; 3];
@@ -79,12 +80,13 @@ impl Drawn {
         }
     }
 
+    /// Which coordinate of the profile an axis is; `None` for the axis of extrusion.
     fn position(&self, axis: usize) -> Option<usize> {
         (0..2).find(|&k| self.axes[k] == axis)
     }
 }
 
-/// Where two profiles of one view meet; touching counts once.
+/// Intersection points of two profiles of one view. Profiles that touch within the tolerance share one point.
 pub(super) fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
     match (a, b) {
         (Profile::Line { normal: n, offset: d }, Profile::Line { normal: m, offset: e }) => {
@@ -98,7 +100,7 @@ pub(super) fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
         | (line @ Profile::Line { normal, .. }, Profile::Circle { center, radius }) => {
             let off = line.value(*center);
             let foot = [center[0] - off * normal[0], center[1] - off * normal[1]];
-            halves(foot, [-normal[1], normal[0]], off.abs(), *radius, tolerance)
+            chord_ends(foot, [-normal[1], normal[0]], off.abs(), *radius, tolerance)
         }
         (Profile::Circle { center, radius }, Profile::Circle { center: other, radius: r2 }) => {
             let d = crate::drawing::distance(*center, *other);
@@ -106,14 +108,16 @@ pub(super) fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
                 return Vec::new();
             }
             let to = [(other[0] - center[0]) / d, (other[1] - center[1]) / d];
+            // Distance of the common chord from the first centre: x² + y² = r², (x − d)² + y² = r₂².
             let off = (d * d + radius * radius - r2 * r2) / (2.0 * d);
             let foot = [center[0] + off * to[0], center[1] + off * to[1]];
-            halves(foot, [-to[1], to[0]], off.abs(), *radius, tolerance)
+            chord_ends(foot, [-to[1], to[0]], off.abs(), *radius, tolerance)
         }
     }
 }
 
-fn halves(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolerance: f64) -> Vec<[f64; 2]> {
+/// The ends of a chord of a circle, by its middle, its direction and its distance from the centre.
+fn chord_ends(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolerance: f64) -> Vec<[f64; 2]> {
     if (off - radius).abs() <= tolerance {
         return vec![foot];
     }
@@ -125,6 +129,7 @@ fn halves(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolerance:
     [-h, h].map(|h| [foot[0] + h * direction[0], foot[1] + h * direction[1]]).to_vec()
 }
 
+/// The point with given values of the three axes, in any order.
 fn point_of(values: [(usize, f64); 3]) -> [f64; 3] {
     let mut p = [0.0; 3];
     for (axis, value) in values {
@@ -133,13 +138,16 @@ fn point_of(values: [(usize, f64); 3]) -> [f64; 3] {
     p
 }
 
-/// What a surface leaves in a plane across an axis.
+/// Intersection of a surface with a plane across an axis.
 enum Trace {
+    /// Lines at some values of an axis.
     Values(usize, Vec<f64>),
+    /// The profile itself, if the plane is across the axis of extrusion.
     Profile([usize; 2], Profile),
 }
 
-fn trace(s: &Drawn, axis: usize, value: f64, tolerance: f64) -> Option<Trace> {
+/// Intersection of a surface with the plane at a value of an axis; `None` for a parallel grid plane.
+fn trace(s: &Extruded, axis: usize, value: f64, tolerance: f64) -> Option<Trace> {
     if let Some((own, at)) = s.plane {
         return (own != axis).then(|| Trace::Values(own, vec![at]));
     }
@@ -149,11 +157,12 @@ fn trace(s: &Drawn, axis: usize, value: f64, tolerance: f64) -> Option<Trace> {
     })
 }
 
-/// The points that lie on three surfaces, where there are finitely many.
-pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
+/// The points that lie on three surfaces; none if there are infinitely many.
+pub(super) fn triple(three: [&Extruded; 3], tolerance: f64) -> Vec<[f64; 3]> {
+    // With a grid plane, the other two leave curves in this plane, which are intersected there.
     if let Some(at) = three.iter().position(|s| s.plane.is_some()) {
         let (axis, value) = three[at].plane.unwrap_or_default();
-        let others: Vec<&Drawn> = (0..3).filter(|k| *k != at).map(|k| three[k]).collect();
+        let others: Vec<&Extruded> = (0..3).filter(|k| *k != at).map(|k| three[k]).collect();
         let traces = others.iter().map(|s| trace(s, axis, value, tolerance)).collect::<Option<Vec<_>>>();
         let Some(traces) = traces else { return Vec::new() };
         return match (&traces[0], &traces[1]) {
@@ -179,6 +188,7 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
                 .collect(),
         };
     }
+    // Two surfaces of one view share lines along its sight, at the points where their profiles meet.
     for [i, j, k] in [[0, 1, 2], [0, 2, 1], [1, 2, 0]] {
         let (s, t, u) = (three[i], three[j], three[k]);
         if s.axes != t.axes {
@@ -202,9 +212,13 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
     numeric(three)
 }
 
-/// Three surfaces of three views, none of them a grid plane: along the first profile, where the third changes
-/// sign on the second.
-fn numeric([s, t, u]: [&Drawn; 3]) -> Vec<[f64; 3]> {
+/// Common points of three surfaces of three views, none of them a grid plane.
+///
+/// Their equations are of a degree up to eight, so points are searched: along the intersection of the first
+/// two, where the signed distance to the third changes its sign. Points where the third only touches are not
+/// found. At least one profile must be a circle, which gives the parameter; three planes have no common point
+/// here.
+fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<[f64; 3]> {
     let Profile::Circle { .. } = s.profile else {
         return match (t.profile, u.profile) {
             (Profile::Circle { .. }, _) => numeric([t, u, s]),
@@ -225,6 +239,7 @@ fn numeric([s, t, u]: [&Drawn; 3]) -> Vec<[f64; 3]> {
             let p = point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], depth)]);
             Some((p, u.value(p)))
         };
+        // Shifted, so that no sample lies on a symmetry axis of the part, where values are often zero.
         let angle = |k: usize| TAU * (k as f64 + 0.123) / STEPS as f64;
         for k in 0..STEPS {
             let (mut lo, mut hi) = (angle(k), angle(k + 1));
@@ -247,14 +262,14 @@ fn numeric([s, t, u]: [&Drawn; 3]) -> Vec<[f64; 3]> {
     found
 }
 
-/// A curve along which two surfaces meet.
+/// A curve along which two surfaces intersect.
 pub(super) struct Meeting {
     pub(super) curve: Curve3,
-    /// Points that must be vertices: where it crosses itself or turns.
+    /// Points that must be vertices: where the curve crosses another one of the pair, or ends.
     pub(super) ends: Vec<[f64; 3]>,
 }
 
-/// A curve in space with its parameter.
+/// A parametric curve in space.
 pub(super) enum Curve3 {
     Line {
         origin: [f64; 3],
@@ -265,27 +280,29 @@ pub(super) enum Curve3 {
         a: [f64; 3],
         b: [f64; 3],
     },
-    /// Where two cylinders cross: over the coordinate that they share, one sign of each root.
+    /// A part of the intersection of two cylinders: a function of the coordinate that both profiles share,
+    /// with one sign of each square root. Its parameter runs from 0 to π.
     Branch {
-        first: Drawn,
-        second: Drawn,
+        first: Extruded,
+        second: Extruded,
         shared: usize,
         signs: [f64; 2],
         range: [f64; 2],
     },
-    /// Any other: by points along it.
+    /// Any other curve, by points along it.
     Traced(Traced),
 }
 
-fn circle(s: &Drawn) -> Option<([f64; 2], f64)> {
+/// Centre and radius of a cylinder's profile.
+fn circle(s: &Extruded) -> Option<([f64; 2], f64)> {
     match s.profile {
         Profile::Circle { center, radius } => Some((center, radius)),
         Profile::Line { .. } => None,
     }
 }
 
-/// The curves along which two surfaces meet.
-pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
+/// The curves along which two surfaces intersect.
+pub(super) fn meetings(s: &Extruded, t: &Extruded, tolerance: f64) -> Vec<Meeting> {
     let unit_of = |axis: usize| {
         let mut e = [0.0; 3];
         e[axis] = 1.0;
@@ -337,8 +354,10 @@ pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
     oblique(s, t, shared, tolerance)
 }
 
-/// Two surfaces of two views, none of them a grid plane.
-fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> {
+/// Intersection of two surfaces of two views, none of them a grid plane.
+///
+/// `shared` is the axis that both profiles have. The other coordinate of each profile is a function of it.
+fn oblique(s: &Extruded, t: &Extruded, shared: usize, tolerance: f64) -> Vec<Meeting> {
     let places = [s, t].map(|d| d.position(shared).unwrap_or(0));
     let other = [s.axes[1 - places[0]], t.axes[1 - places[1]]];
     match (circle(s), circle(t)) {
@@ -379,6 +398,8 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
             let (a, b) = (c1[places[0]], c2[places[1]]);
             let center =
                 point_of([(shared, a), (other[0], c1[1 - places[0]]), (other[1], c2[1 - places[1]])]);
+            // Equal cylinders whose axes cross intersect in two ellipses, which cross at two points. As
+            // branches, they would be singular there.
             if (a - b).abs() < tolerance && (r1 - r2).abs() < tolerance {
                 let flat = point_of([(shared, r1), (other[0], 0.0), (other[1], 0.0)]);
                 return [-1.0, 1.0]
@@ -411,7 +432,7 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
 }
 
 impl Curve3 {
-    /// After which parameter a closed curve comes back; none where it has ends.
+    /// Period of the parameter of a closed curve; `None` if it has ends.
     pub(super) fn period(&self) -> Option<f64> {
         match self {
             Self::Ellipse { .. } => Some(TAU),
@@ -420,7 +441,7 @@ impl Curve3 {
         }
     }
 
-    /// The point of a parameter; a branch's runs from 0 to π.
+    /// The point at a parameter.
     pub(super) fn point(&self, t: f64) -> [f64; 3] {
         match self {
             Self::Line { origin, direction } => along(*origin, t, *direction),
@@ -428,7 +449,9 @@ impl Curve3 {
             Self::Traced(traced) => traced.point(t),
             Self::Branch { first, second, shared, signs, range } => {
                 let half = (range[1] - range[0]) / 2.0;
-                // 1 ∓ cos without cancellation: distances from both ends of the range.
+                // The shared coordinate is `lo + half (1 − cos t)`: at the ends of a branch, its square roots
+                // have infinite slope over the coordinate but not over t. The distances from both ends are
+                // computed by half angles, as 1 ∓ cos t cancels.
                 let (from_lo, from_hi) =
                     (2.0 * half * (t / 2.0).sin().powi(2), 2.0 * half * (t / 2.0).cos().powi(2));
                 let x = if from_lo < from_hi { range[0] + from_lo } else { range[1] - from_hi };
@@ -438,7 +461,8 @@ impl Curve3 {
                     let place = drawn.position(*shared).unwrap_or(0);
                     if let Some((center, radius)) = circle(drawn) {
                         let d = x - center[place];
-                        // (r − d)(r + d), each from the nearer end.
+                        // √(r² − d²) = √((r − d)(r + d)), both factors from the distances to the ends. With
+                        // r² − d², all digits cancel where the root is small.
                         let above = range[1] - (center[place] + radius);
                         let below = range[0] - (center[place] - radius);
                         let root = ((from_hi - above).max(0.0) * (from_lo + below).max(0.0)).sqrt();
@@ -451,7 +475,7 @@ impl Curve3 {
         }
     }
 
-    /// The parameter of a point that lies on the curve within a tolerance.
+    /// The parameter of a point; `None` if the point is not on the curve.
     pub(super) fn parameter(&self, p: [f64; 3], tolerance: f64) -> Option<f64> {
         use planish_estimate::vector3::{dot, sub};
         let t = match self {
@@ -467,7 +491,8 @@ impl Curve3 {
                 2.0 * (share / 2.0).sqrt().min(1.0).asin()
             }
         };
-        // Near its ends a branch runs across the shared coordinate: a looser comparison there.
+        // Near its ends, a branch is nearly perpendicular to the shared coordinate, and an error of the
+        // coordinate moves the point by more. Hence the larger distance.
         (norm(sub(self.point(t), p)) < 20.0 * tolerance).then_some(t)
     }
 }

@@ -1,31 +1,39 @@
-//! Curves tidied: what drawing programs leave in pieces, or fit only roughly, on the circle that it means.
+//! Merges arcs and short chords of one circle into exact parts of it.
 //!
-//! Input: a drawing. Output: the same curves, where an arc or a short chord whose points lie on another
-//! arc's circle is on that very circle, and circles whose points allow it have round centres and radii.
-//! Exported outlines are cut at every crossing; a circle fitted to a short piece has a centre far off, though
-//! the piece itself is where it should be.
+//! Input: a drawing. Output: the same curves; arcs and short chords whose points lie on the circle of another
+//! arc get exactly this circle. Circles get round centres and radii if their points allow it. Exported
+//! outlines are cut at every crossing. A circle fitted to a short piece has a wrong centre, although the
+//! piece itself is in the right place.
 //!
-//! Not guaranteed: ellipses and splines are left as they are.
+//! Limits: ellipses and splines are not changed.
 
 use crate::drawing::{Curve2, Drawing, DrawnCurve, View, distance};
 use std::f64::consts::TAU;
 
-/// Points of arcs within this share of the drawing's size of a circle lie on it.
+/// Maximum distance of an arc from a circle to which it belongs, relative to the size of the drawing.
+///
+/// A larger value merges different circles; a smaller one leaves the pieces of one circle apart.
 const ON_CIRCLE: f64 = 2e-5;
-/// Ends of a chord within this share of the size of a circle lie on it.
+/// Maximum distance of the ends of a chord from its circle, relative to the size.
+///
+/// Ends of lines are exact, unlike fitted arcs, so this is smaller than [`ON_CIRCLE`]. Otherwise short sides
+/// of a polygon near a circle would become arcs.
 const CHORD_ENDS: f64 = 1e-6;
-/// Curves shorter than this share of the size are crumbs that tell nothing.
+/// Curves shorter than this, relative to the size, are removed. They are below the tolerance of coordinates.
 const SHORTEST: f64 = 3e-7;
-/// Arcs that turn by less (in radians) and rise above their chord by less than this share of the size stand
-/// for no circle of their own.
+/// Arcs with a sweep below this (in radians) and a rise below [`SLIVER_RISE`] do not define a circle.
 const SLIVER_SWEEP: f64 = 0.1;
+/// See [`SLIVER_SWEEP`]; height above the chord, relative to the size.
 const SLIVER_RISE: f64 = 1e-4;
-/// Circles are moved to very round values, or to lines that touch them, where their points stay within this
-/// share of the size.
+/// Circles get values with two decimals, or tangents of lines, if their points stay this close (relative to
+/// the size).
 const FIT: f64 = 1e-6;
-/// Circles are moved to round values where their points stay within this share of the size, plus
+/// Circles get values with four decimals if their points stay this close (relative to the size), plus
 /// [`ROUND_LENGTH`].
+///
+/// It is smaller than [`FIT`], because any value is within 5e-5 of one with four decimals.
 const ROUND: f64 = 5e-8;
+/// Absolute part of the distance, for coordinates written with six decimals.
 const ROUND_LENGTH: f64 = 4e-6;
 
 /// A circle.
@@ -36,6 +44,7 @@ struct Circle {
 }
 
 impl Circle {
+    /// Distance of a point from the circle.
     fn off(&self, p: [f64; 2]) -> f64 {
         (distance(p, self.center) - self.radius).abs()
     }
@@ -51,9 +60,9 @@ impl Circle {
         Curve2::Arc { center: self.center, radius: self.radius, start, sweep }
     }
 
-    /// The circle that these points mean: of round centre and radius, or between straight lines of all views
-    /// that touch it, where the points allow it.
-    fn meant(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
+    /// The circle with a round centre and radius, or one tangent to straight lines of all views, if the
+    /// points allow it; else the circle itself.
+    fn regularised(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
         let round = |step: f64| Self {
             center: self.center.map(|v| (v / step).round() * step),
             radius: (self.radius / step).round() * step,
@@ -71,7 +80,7 @@ impl Circle {
             .map_or(self, |(c, _)| c)
     }
 
-    /// The circle whose extremes are coordinates of lines: of both axes where both have them.
+    /// The circle whose extremes are coordinates of lines, along both axes if both have such lines.
     fn between(&self, lines: [&[f64]; 2], within: f64) -> Option<Self> {
         let near = |k: usize, value: f64| {
             let at = lines[k].partition_point(|v| *v < value - within);
@@ -88,8 +97,8 @@ impl Circle {
     }
 }
 
-/// Whether an arc is hardly bent: exporters draw parts of the curves between two cylinders in this way, and
-/// no cylinder is meant.
+/// True if an arc is nearly straight. Exporters write parts of the intersection curves of two cylinders as
+/// such arcs; they are not images of a cylinder.
 fn is_sliver(curve: &Curve2, size: f64) -> bool {
     match curve {
         Curve2::Arc { radius, sweep, .. } => {
@@ -126,7 +135,7 @@ pub(super) fn tidied(drawing: &Drawing) -> Drawing {
 fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
     let mut circles: Vec<Circle> = Vec::new();
     let mut curves = view.curves.clone();
-    // What spans most of a circle tells best where it is.
+    // Longest sweep first: the error of a fitted centre grows quickly as the sweep becomes small.
     let mut arcs: Vec<(f64, usize)> = curves
         .iter()
         .enumerate()
@@ -152,7 +161,7 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
                 continue;
             }
             None => {
-                let circle = Circle { center, radius }.meant(&points, lines, size);
+                let circle = Circle { center, radius }.regularised(&points, lines, size);
                 circles.push(circle);
                 circle
             }
@@ -168,6 +177,7 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
             let ends = [a, b].iter().all(|p| c.off(*p) <= CHORD_ENDS * size);
             ends && c.off(middle) <= ON_CIRCLE * size
         };
+        // A chord short enough that its middle is on the circle, too, is part of the shorter arc.
         if let Some(circle) = circles.iter().find(is_chord) {
             let (arc, back) = (circle.arc(a, b, false), circle.arc(b, a, false));
             let shorter = if arc.length() <= back.length() { arc } else { back };

@@ -1,11 +1,11 @@
 //! Cylinders that touch other faces along a line.
 //!
-//! Where a hole touches a wall, the solid on both sides of the line has an edge of its own there, and on the
-//! cylinder the two run back and forth on one another. Input: coedges of every surface. Output: coedges
-//! without such slits:
-//! - one that ends within the cylinder's face is taken from it, and the faces beside the line share the edge;
-//! - along one that reaches from end to end the face borders itself: there is its seam, or it is cut in two
-//!   at its seam.
+//! Where a hole touches a flat face, the solid on each side of the line has an edge there. On the cylinder,
+//! these two coincident edges form a slit. Input: coedges of every surface. Output: coedges without slits:
+//! - a slit that ends within the face of the cylinder is removed from it, and the faces beside the line share
+//!   one edge;
+//! - along a slit from end to end, the face borders itself. This line becomes the seam of the cylinder, or
+//! the   face is divided at its seam.
 
 use super::boundary::BoundaryBuilder;
 use crate::brep::{Coedge, Edge, EdgeCurve, FaceSurface, along, unit};
@@ -13,14 +13,16 @@ use planish_estimate::Result;
 use planish_estimate::vector3::{norm, sub};
 use std::f64::consts::PI;
 
-/// Pieces in which an edge is searched for crossings.
+/// Number of intervals of an edge that are searched for a change of sign.
+///
+/// Two intersections within one interval are missed; more intervals take more time.
 const STEPS: usize = 64;
 
 impl BoundaryBuilder<'_> {
-    /// Takes slits from cylinders.
+    /// Removes slits from the loops of cylinders.
     ///
     /// # Errors
-    /// `Input` where a boundary does not close.
+    /// `Input` if a boundary does not close.
     pub(super) fn part_touching_faces(&mut self) -> Result<()> {
         let cylinders: Vec<(usize, bool)> = self
             .coedges
@@ -54,14 +56,14 @@ impl BoundaryBuilder<'_> {
         Ok(())
     }
 
-    /// Whether two coedges are straight and run back on one another.
+    /// True if two coedges are straight, coincident and opposite.
     fn is_slit(&self, a: Coedge, b: Coedge) -> bool {
         let line = |c: Coedge| matches!(self.solid.edges[c.edge].curve, EdgeCurve::Line { .. });
         let [from, to] = self.solid.ends(a);
         a.edge != b.edge && line(a) && line(b) && self.solid.ends(b) == [to, from]
     }
 
-    /// Takes neighbours that run back on one another from a loop; the faces beside them share one edge.
+    /// Removes coincident opposite neighbours from a loop. The faces beside them then share one edge.
     fn close_slits(&mut self, ring: &mut Vec<Coedge>) {
         while let Some(k) = (0..ring.len()).find(|&k| self.is_slit(ring[k], ring[(k + 1) % ring.len()])) {
             let next = (k + 1) % ring.len();
@@ -77,7 +79,7 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    /// Cuts the face of a cylinder along the straight line at an angle.
+    /// Divides the face of a cylinder along the straight line at an angle.
     fn cut_along(&mut self, key: (usize, bool), surface: &FaceSurface, angle: f64) {
         let mut at: Vec<(f64, usize)> = Vec::new();
         let mut edges: Vec<usize> = self.coedges[&key].iter().map(|c| c.edge).collect();
@@ -93,6 +95,8 @@ impl BoundaryBuilder<'_> {
                 at.push((surface.parameters(p)[1], vertex));
             }
         }
+        // Between two crossings, the line lies in the face only where the boundary is: solid on the inner
+        // side and empty on the outer one.
         at.sort_by(|a, b| a.0.total_cmp(&b.0));
         at.dedup_by_key(|c| c.1);
         for pair in at.windows(2) {
@@ -118,7 +122,7 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    /// Where an edge on a cylinder crosses the straight line at an angle: parameters and points.
+    /// Intersections of an edge on a cylinder with the straight line at an angle: parameters and points.
     fn crossings(&self, index: usize, surface: &FaceSurface, angle: f64) -> Vec<(f64, [f64; 3])> {
         let edge = &self.solid.edges[index];
         if matches!(edge.curve, EdgeCurve::Line { .. }) {
@@ -134,6 +138,8 @@ impl BoundaryBuilder<'_> {
         for k in 0..STEPS {
             let (mut lo, mut hi) = (parameter(k), parameter(k + 1));
             let (first, last) = (off(lo), off(hi));
+            // Differences of angles above 1 rad change their sign at the opposite side, by the jump of a
+            // turn.
             let ends = first.abs().max(last.abs()) > 1.0;
             if ends || (first > 0.0) == (last > 0.0) && first.abs().min(last.abs()) > 1e-9 {
                 continue;
@@ -151,7 +157,7 @@ impl BoundaryBuilder<'_> {
         found
     }
 
-    /// Cuts an edge at a parameter; every loop that uses it uses both parts.
+    /// Divides an edge at a parameter. Every loop that used it then uses both parts.
     fn cut_edge(&mut self, index: usize, t: f64, vertex: usize) {
         let mut second = self.solid.edges[index].clone();
         second.range[0] = t;

@@ -1,17 +1,20 @@
-//! Curves between two surfaces that have no simple form, followed step by step.
+//! Traces intersection curves that have no simple form, step by step.
 //!
-//! Input: two surfaces by their signed distances, and points near both. Output: chains of points on
-//! both, equally far apart, between which any other point is found by Newton's method.
+//! Input: two surfaces by their signed distances, and points near both. Output: equally spaced points on both
+//! surfaces. Any other point between them is found by Newton's method.
 //!
-//! Not guaranteed: curves that cross themselves, and parts shorter than a few steps.
+//! Limits: curves that cross themselves are not followed through the crossing, and curves shorter than a few
+//! steps are not found.
 
 use super::candidates::Candidate;
 use crate::brep::{along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 
-/// Steps after which a curve is given up.
+/// Maximum number of steps of a curve. It bounds the time for curves that never close.
 const MAX_STEPS: usize = 4000;
-/// Where surfaces touch, steps are halved down to this share.
+/// Near contacts of the surfaces, steps are halved down to this share of the first step.
+///
+/// Smaller steps come closer to the contact, but there the direction of the curve is undetermined.
 const SHORTEST: f64 = 1e-3;
 
 /// A curve on two surfaces.
@@ -22,7 +25,10 @@ pub(super) struct Traced {
     pub(super) surfaces: [Candidate; 2],
 }
 
-/// The point on two surfaces that is nearest to a point, roughly; none where they run along each other.
+/// A point on two surfaces near a given point; `None` if the surfaces are nearly tangent to each other.
+///
+/// Each step goes to the nearest point of both tangent planes. Iteration stops at rounding, when the distance
+/// no longer falls, so the result is as exact as the surfaces allow.
 pub(super) fn on_both(surfaces: &[Candidate; 2], mut p: [f64; 3], within: f64) -> Option<[f64; 3]> {
     let [s, t] = surfaces;
     let mut last = f64::MAX;
@@ -46,18 +52,18 @@ pub(super) fn on_both(surfaces: &[Candidate; 2], mut p: [f64; 3], within: f64) -
 }
 
 impl Traced {
-    /// The unit tangent at a point of it.
+    /// Unit tangent at a point of the curve.
     pub(super) fn tangent(&self, p: [f64; 3]) -> [f64; 3] {
         unit(cross(self.surfaces[0].normal(p), self.surfaces[1].normal(p)))
     }
 
-    /// The largest parameter; a closed curve's comes back to its start there.
+    /// The largest parameter. A closed curve is at its start again there.
     pub(super) fn end(&self) -> f64 {
         let n = self.points.len();
         (if self.closed { n } else { n - 1 }) as f64
     }
 
-    /// The point of a parameter: the index of a point, and the share of the way to the next.
+    /// The point at a parameter: the index of a traced point, plus the share of the chord to the next.
     pub(super) fn point(&self, t: f64) -> [f64; 3] {
         let n = self.points.len();
         let t = if self.closed { t.rem_euclid(n as f64) } else { t.clamp(0.0, self.end()) };
@@ -67,7 +73,7 @@ impl Traced {
         on_both(&self.surfaces, guess, 1e-6 * norm(sub(b, a))).unwrap_or(guess)
     }
 
-    /// Parameters of points that are equally far apart between two others.
+    /// Parameters of points that are equally spaced between two others.
     pub(super) fn evenly(&self, [from, to]: [f64; 2], count: usize) -> Vec<f64> {
         let mut knots = vec![from];
         knots.extend(((from.floor() as usize + 1)..=(to.ceil() as usize)).map(|k| (k as f64).min(to)));
@@ -87,7 +93,7 @@ impl Traced {
             .collect()
     }
 
-    /// The parameter of the point of the curve that is nearest to a point.
+    /// The parameter of the point of the curve nearest to a given point.
     pub(super) fn parameter(&self, p: [f64; 3]) -> f64 {
         let n = self.points.len();
         let segments = if self.closed { n } else { n - 1 };
@@ -102,7 +108,8 @@ impl Traced {
             }
         }
         let t = best.1;
-        // Newton moves an interpolated point sideways, hardly along; once is enough.
+        // Newton's method moves an interpolated point across the curve and hardly along it, so one correction
+        // along the chord is enough.
         let k = (t.floor() as usize).min(segments - 1);
         let d = sub(self.points[(k + 1) % n], self.points[k]);
         let t = t + dot(sub(p, self.point(t)), d) / dot(d, d);
@@ -110,7 +117,7 @@ impl Traced {
     }
 }
 
-/// Follows the curves of two surfaces through points near them, while they stay `inside`.
+/// Traces the intersection curves through points near them, while they stay `inside`.
 pub(super) fn traced(
     surfaces: &[Candidate; 2],
     seeds: &[[f64; 3]],
@@ -122,6 +129,7 @@ pub(super) fn traced(
         let Some(start) = on_both(surfaces, *seed, 1e-6 * step) else {
             continue;
         };
+        // Many seeds lie on the same curve; one within a step of it adds nothing.
         let known = |c: &Traced| c.points.iter().any(|p| norm(sub(*p, start)) < step);
         if !inside(start) || found.iter().any(known) {
             continue;
@@ -142,6 +150,7 @@ pub(super) fn traced(
     found
 }
 
+/// Points of a curve from a start in the direction of the sign of `step`, and whether it is closed.
 fn follow(
     surfaces: &[Candidate; 2],
     start: [f64; 3],
@@ -155,8 +164,8 @@ fn follow(
         let d = normals(p);
         (norm(d) > 1e-5).then(|| scale(sense, unit(d)))
     };
-    // One step of a length; none where the surfaces touch on the way, as beyond that the direction turns
-    // round.
+    // One step by the midpoint rule. `None` if the surfaces touch on the way: beyond a contact, the cross
+    // product of the normals has the opposite direction, and the curve would be followed backwards.
     let stepped = |p: [f64; 3], length: f64| {
         let first = direction(p)?;
         let middle = on_both(surfaces, along(p, length / 2.0, first), 1e-6 * whole)?;
@@ -179,7 +188,7 @@ fn follow(
             }
             continue;
         };
-        // Back at the start: the last stretch may be up to one and a half steps long.
+        // Back at the start. Instead of a very short last chord, the last one may have up to 1.5 steps.
         let left = sub(start, next);
         let ahead = direction(next).is_some_and(|d| dot(left, d) >= -0.3 * whole);
         if points.len() > 3 && norm(left) < 1.01 * whole && ahead {
@@ -197,8 +206,10 @@ fn follow(
     (points, false)
 }
 
-/// Where two surfaces touch just beyond the last of some points: there the angle between them, which falls
-/// evenly, is zero.
+/// The contact of two surfaces just beyond the last point.
+///
+/// The angle between the surfaces falls linearly towards a contact, so its zero is extrapolated from the last
+/// two points.
 fn touching_point(points: &[[f64; 3]], normals: impl Fn([f64; 3]) -> [f64; 3]) -> Option<[f64; 3]> {
     let [.., before, last] = points else { return None };
     let moved = sub(*last, *before);

@@ -1,12 +1,12 @@
-//! Which walls a drawing may mean: surfaces of revolution about the centres of its circles.
+//! Candidate surfaces of revolution about the centres of drawn circles.
 //!
-//! Input: a plan. Output: walls. A circle in one view is an axis; an oblique line or an arc of another
-//! view that sees this axis in its plane, turned about it, is a cone, sphere or torus. It is a candidate
-//! where the view along the axis shows a circle of the distance at which it ends or is widest, and a sphere
-//! only where every view across the axis shows its outline.
+//! Input: a grid. Output: walls. The centre of a circle in one view is an axis. A slanted line or an arc of a
+//! view across this axis, turned about it, is a cone, sphere or torus. It becomes a candidate if the view
+//! along the axis shows a circle with the radius at which the surface ends or is widest. A sphere must also
+//! be outlined in every view across the axis.
 //!
-//! Not guaranteed: tori that touch or cross themselves, and surfaces of revolution whose ends and outlines
-//! are all cut away.
+//! Limits: tori that touch or intersect themselves, and surfaces of revolution whose ends and outlines are
+//! all cut away, are not found.
 
 use super::candidate_surface::{Extent, Side, across};
 use super::drawing_grid::{Carrier, DrawingGrid, Run, ViewGrid, stretches};
@@ -15,16 +15,21 @@ use super::turned_wall::Turned;
 use crate::drawing::distance;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Circles are the same within this share of the drawing's size.
+/// Maximum difference of equal lengths, relative to the size of the drawing.
+///
+/// A larger value makes more false candidates; a smaller one loses those of inaccurate drawings.
 const COINCIDENT: f64 = 1e-5;
 
-/// The centre of circles in a view, with their radii.
+/// A common centre of circles in a view, with their radii.
 struct Axis {
     center: [f64; 2],
     radii: Vec<f64>,
 }
 
-/// All walls of a plan; `strict` leaves out those that another view across the axis does not show as well.
+/// All surfaces of revolution that a drawing may contain.
+///
+/// With `strict`, both views across the axis must show the profile. This excludes most of the false tori that
+/// fillets make.
 pub(crate) fn walls(plan: &DrawingGrid, strict: bool) -> Vec<Turned> {
     let mut found: Vec<Turned> = Vec::new();
     for shown in &plan.views {
@@ -41,6 +46,9 @@ pub(crate) fn walls(plan: &DrawingGrid, strict: bool) -> Vec<Turned> {
     found
 }
 
+/// Adds a wall, or the extents of a wall that is known.
+///
+/// Spheres are compared by centre and radius, since they have a profile about each of their axes.
 fn add(found: &mut Vec<Turned>, wall: Turned, plan: &DrawingGrid) {
     let same = COINCIDENT * plan.size;
     let sphere = |w: &Turned| match (w.is_sphere(), w.profile) {
@@ -58,7 +66,7 @@ fn add(found: &mut Vec<Turned>, wall: Turned, plan: &DrawingGrid) {
     }
 }
 
-/// The centres of a view's circles.
+/// The centres of the circles of a view.
 fn axes_of(view: &ViewGrid, plan: &DrawingGrid) -> Vec<Axis> {
     let mut found: Vec<Axis> = Vec::new();
     for carrier in &view.carriers {
@@ -73,6 +81,7 @@ fn axes_of(view: &ViewGrid, plan: &DrawingGrid) -> Vec<Axis> {
     found
 }
 
+/// Candidates about an axis with a profile in one view across it.
 fn walls_about(
     plan: &DrawingGrid,
     shown: &ViewGrid,
@@ -95,6 +104,8 @@ fn walls_about(
             let ends = [from_axis(p), from_axis(q)];
             let ends_on_circle = ends.iter().any(|e| e[0] > same && has(e[0]));
             let ends_known = ends.iter().all(|e| e[0] <= same || has(e[0]));
+            // A line parallel to the axis makes a cylinder, which a view sees edge-on already. A circle is a
+            // sphere if its centre is on the axis, else a torus, half of whose tube is on each side.
             let (profile, side) = match carrier.profile {
                 Profile::Line { .. } => {
                     if !ends_on_circle || strict && !ends_known || (ends[0][0] - ends[1][0]).abs() < same {
@@ -138,7 +149,7 @@ fn walls_about(
     found
 }
 
-/// Whether every view across an axis draws a sphere's circle.
+/// True if every view across an axis draws the circle of a sphere.
 fn is_outlined(plan: &DrawingGrid, along: usize, center: [f64; 2], height: f64, radius: f64) -> bool {
     let same = COINCIDENT * plan.size;
     let mut views = plan.views.iter().filter(|v| v.kind.axes()[..2].contains(&along));
@@ -156,8 +167,10 @@ fn is_outlined(plan: &DrawingGrid, along: usize, center: [f64; 2], height: f64, 
     })
 }
 
-/// Whether the other view across a wall's axis draws a part of its profile between two ends on either side of
-/// the axis, or both sides reach beyond what that view shows.
+/// True if the other views across the axis of a wall draw a part of its profile between two ends, on either
+/// side of the axis.
+///
+/// It is also true if both sides are beyond what such a view shows: the part was cut away there.
 fn is_mirrored(
     plan: &DrawingGrid,
     wall: &Turned,
@@ -176,7 +189,7 @@ fn is_mirrored(
         let heights = [ends[0][1], ends[1][1]];
         let middle = (heights[0] + heights[1]) / 2.0;
         let radii = wall.profile.crossings(1, middle, 0.0);
-        // Of a tube's two radii at a height the meant one.
+        // At one height a tube has two radii; this is the one of its half.
         let radius = if side == Side::Inner { radii.first() } else { radii.last() };
         let Some(radius) = radius else { return true };
         let grid = &plan.grid[sideways];
@@ -187,7 +200,7 @@ fn is_mirrored(
             let n = wall.profile.normal([*radius, middle]);
             let mut normal = [0.0; 2];
             (normal[1 - up], normal[up]) = (sign * n[0], n[1]);
-            // In its middle: an end may lie on the border of what is shown.
+            // Tested at the middle of the profile: its ends may lie on the border of the view.
             let beyond = at[1 - up] < shown[0] - same || at[1 - up] > shown[1] + same;
             (is_drawn_at(view, at, normal, same, heights, up), beyond)
         });
@@ -195,7 +208,8 @@ fn is_mirrored(
     })
 }
 
-/// Whether a carrier runs through a point with a normal, and anything of it is drawn between two heights.
+/// True if a carrier passes through a point with a given normal, and a part of it between two heights is
+/// drawn.
 fn is_drawn_at(
     view: &ViewGrid,
     at: [f64; 2],
@@ -218,7 +232,9 @@ fn is_drawn_at(
     })
 }
 
-/// What is drawn of a carrier, cut where it crosses the axis or turns.
+/// The drawn parts of a carrier, cut at the axis and, for circles, at the extremes.
+///
+/// Each part then has one distance from the axis for each height.
 fn parts(carrier: &Carrier, middle: f64, across: usize, plan: &DrawingGrid) -> Vec<(f64, f64)> {
     let circle = matches!(carrier.profile, Profile::Circle { .. });
     let turn = match carrier.profile {

@@ -1,30 +1,33 @@
-//! Loops on cones, spheres and tori, gathered to faces.
+//! Groups loops on cones, spheres and tori into faces.
 //!
-//! From a loop one looks into the face, along a line of constant angle around the axis: what is seen first
-//! bounds the same face. The look goes on around the tube of a torus, and over the pole of a sphere or the
-//! apex of a cone.
+//! A ray goes from a loop into the face, along a line of constant angle around the axis. The first loop that
+//! it meets bounds the same face. The ray continues around the tube of a torus, and over the pole of a sphere
+//! or the apex of a cone.
 
 use super::rings::by_face;
 use crate::brep::{Coedge, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{PI, TAU};
 
-/// Straight pieces that stand for an edge.
+/// Number of straight pieces that approximate an edge.
 const PIECES: usize = 64;
-/// Looks from each edge.
-const LOOKS: [usize; 5] = [13, 22, 31, 42, 51];
+/// Pieces of each edge from which a ray starts.
+///
+/// Some rays are unusable, because the edge runs along them; five at unequal distances leave others.
+const RAYS: [usize; 5] = [13, 22, 31, 42, 51];
 
-/// A loop in the surface's parameters, each piece by its ends, the second's angle next to the first's.
+/// A loop in the parameters of a surface.
 struct Ring {
+    /// Ends of each piece; the angle of the second end is the one nearest to that of the first.
     pieces: Vec<[[f64; 2]; 2]>,
-    /// The pieces at which it looks into the face.
-    sight_tests: Vec<usize>,
+    /// Indices of the pieces from which rays start.
+    ray_pieces: Vec<usize>,
 }
 
 impl Ring {
     fn new(solid: &Solid, surface: &FaceSurface, ring: &[Coedge]) -> Self {
         let periods = surface.periods();
-        let (mut pieces, mut sight_tests) = (Vec::new(), Vec::new());
+        let (mut pieces, mut ray_pieces) = (Vec::new(), Vec::new());
         for coedge in ring {
             let edge = &solid.edges[coedge.edge];
             let at = |k: usize| {
@@ -32,7 +35,7 @@ impl Ring {
                 let share = if coedge.forward { share } else { 1.0 - share };
                 surface.parameters(edge.curve.point(edge.range[0] + (edge.range[1] - edge.range[0]) * share))
             };
-            sight_tests.extend(LOOKS.map(|k| pieces.len() + k));
+            ray_pieces.extend(RAYS.map(|k| pieces.len() + k));
             for k in 0..PIECES {
                 let (a, mut b) = (at(k), at(k + 1));
                 for c in 0..2 {
@@ -43,10 +46,10 @@ impl Ring {
                 pieces.push([a, b]);
             }
         }
-        Self { pieces, sight_tests }
+        Self { pieces, ray_pieces }
     }
 
-    /// How far along v, in a direction, the loop is next seen from a point.
+    /// Distance along v, in a direction, from a point to the loop.
     fn seen(&self, surface: &FaceSurface, [u, v]: [f64; 2], direction: f64) -> Option<f64> {
         let tube = surface.periods()[1];
         let mut best: Option<f64> = None;
@@ -74,7 +77,7 @@ impl Ring {
     }
 }
 
-/// Gathers loops to faces; loops around the axis come first in each.
+/// Groups loops into faces. Loops around the axis come first in each.
 pub(super) fn turned_faces(
     solid: &Solid,
     surface: &FaceSurface,
@@ -84,8 +87,8 @@ pub(super) fn turned_faces(
     let rings: Vec<Ring> = loops.iter().map(|l| Ring::new(solid, surface, l)).collect();
     let mut face_of: Vec<usize> = (0..loops.len()).collect();
     for index in 0..rings.len() {
-        for &sight_test in &rings[index].sight_tests {
-            let [a, b] = rings[index].pieces[sight_test];
+        for &piece in &rings[index].ray_pieces {
+            let [a, b] = rings[index].pieces[piece];
             let from = [0.4871 * b[0] + 0.5129 * a[0], 0.4871 * b[1] + 0.5129 * a[1]];
             let Some(direction) = into_face(surface, outward, a, b) else {
                 continue;
@@ -105,7 +108,10 @@ pub(super) fn turned_faces(
     })
 }
 
-/// Whether v rises or falls from a piece of a loop into the face; none where the piece runs along v.
+/// Whether v increases (1) or decreases (−1) from a piece of a loop into the face; `None` if the piece runs
+/// along v.
+///
+/// The face is on the left of its loops, seen from outside.
 fn into_face(surface: &FaceSurface, outward: bool, a: [f64; 2], b: [f64; 2]) -> Option<f64> {
     let (p, q) = (surface.point(a), surface.point(b));
     let n = surface.normal(p).map(|c| if outward { c } else { -c });
@@ -119,6 +125,7 @@ fn into_face(surface: &FaceSurface, outward: bool, a: [f64; 2], b: [f64; 2]) -> 
     (rise.abs() > 0.1).then(|| rise.signum())
 }
 
+/// The loop that a ray meets first. A ray that leaves over a pole comes back half a turn further.
 fn first_seen(rings: &[Ring], surface: &FaceSurface, from: [f64; 2], direction: f64) -> Option<usize> {
     let nearest = |from: [f64; 2], direction: f64| {
         rings
@@ -139,12 +146,14 @@ fn first_seen(rings: &[Ring], surface: &FaceSurface, from: [f64; 2], direction: 
     }
 }
 
-/// A sphere whose poles lie on no edge of some loops.
+/// The sphere with an axis whose poles are away from all edges of some loops.
+///
+/// At a pole the angle of a parameter is undetermined, so loops through it cannot be unrolled.
 pub(super) fn with_free_poles(solid: &Solid, surface: FaceSurface, loops: &[Vec<Coedge>]) -> FaceSurface {
     let FaceSurface::Sphere { center, axis, x, radius } = surface else {
         return surface;
     };
-    /// Edges stay so far from a pole, by the cosine.
+    /// Maximum cosine between the directions of an edge point and a pole (3.6°).
     const FREE: f64 = 0.998;
     let y = cross(axis, x);
     let oblique = unit(along(along(axis, 0.61, x), 0.37, y));
@@ -158,7 +167,7 @@ pub(super) fn with_free_poles(solid: &Solid, surface: FaceSurface, loops: &[Vec<
             })
         })
     };
-    // Readers of STEP know best what to do with loops around the axis.
+    // Of the free axes, the one around which most loops run: readers of STEP handle such loops best.
     let around = |frame: &([f64; 3], [f64; 3])| {
         let (axis, x) = *frame;
         let turned = FaceSurface::Sphere { center, axis, x, radius };

@@ -1,9 +1,9 @@
 //! Surfaces of revolution about an axis that is parallel to a line of sight.
 //!
-//! A profile of the distance from the axis and the height along it, turned: a straight profile makes a cone,
-//! a circle whose centre lies on the axis a sphere, any other circle a torus. As all axes are parallel to
-//! lines of sight, a line of sight meets such a surface where it meets the profile, or the circle of its
-//! height: no equation of higher degree than two.
+//! The profile is a curve of the distance from the axis and the height along it. A straight profile makes a
+//! cone, a circle centred on the axis a sphere, and any other circle a torus. All axes are parallel to lines
+//! of sight. A line of sight therefore meets the surface where it meets the profile, or the circle of its
+//! height. Both are quadratic equations; a general line meets a torus in the roots of a quartic.
 
 use super::candidate_surface::{Extent, Side, across};
 use super::profile::Profile;
@@ -12,22 +12,23 @@ use crate::brep::FaceSurface;
 /// A surface of revolution.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Turned {
+    /// Axis of the frame to which the axis of revolution is parallel.
     pub(crate) axis: usize,
-    /// The axis' other two coordinates, in the order of [`across`].
+    /// The other two coordinates of the axis of revolution, in the order of [`across`].
     pub(crate) center: [f64; 2],
-    /// By distance from the axis and height along it.
+    /// Profile in the coordinates (distance from the axis, height along it).
     pub(crate) profile: Profile,
     pub(crate) extents: Vec<Extent>,
 }
 
 impl Turned {
-    /// The distance from the axis, and the height.
+    /// Distance from the axis, and height along it.
     pub(crate) fn on_profile(&self, p: [f64; 3]) -> [f64; 2] {
         let [a, b] = across(self.axis);
         [(p[a] - self.center[0]).hypot(p[b] - self.center[1]), p[self.axis]]
     }
 
-    /// The point of an angle around the axis and a point of the profile.
+    /// The point at an angle around the axis and a point of the profile.
     pub(crate) fn point(&self, angle: f64, [distance, height]: [f64; 2]) -> [f64; 3] {
         let [a, b] = across(self.axis);
         let mut p = [0.0; 3];
@@ -42,21 +43,23 @@ impl Turned {
         self.profile.value(self.on_profile(p))
     }
 
-    /// On which side of the wall a point is, where only one half of a tube is meant: beyond the tube's middle
-    /// the wall goes on level.
+    /// A function whose sign is the side of the wall on which a point is.
+    ///
+    /// If only one half of a tube is used, the wall continues beyond it as two planes across the axis, which
+    /// touch the tube.
     pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
         let at = self.on_profile(p);
         match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => self.profile.value(at),
-            (_, Profile::Circle { center, radius }) => match self.is_meant(side, p) {
+            (_, Profile::Circle { center, radius }) => match self.is_on_side(side, p) {
                 true => self.profile.value(at),
                 false => (at[1] - center[1]).abs() - radius,
             },
         }
     }
 
-    /// Whether a point lies beside the half of a tube that is meant.
-    pub(crate) fn is_meant(&self, side: Side, p: [f64; 3]) -> bool {
+    /// True if a point is on the same side of the tube's centre line as the half of the tube that is used.
+    pub(crate) fn is_on_side(&self, side: Side, p: [f64; 3]) -> bool {
         let at = self.on_profile(p);
         match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => true,
@@ -69,6 +72,7 @@ impl Turned {
         let at = self.on_profile(p);
         let n = self.profile.normal(at);
         let [a, b] = across(self.axis);
+        // On the axis the direction is undetermined; the result is then finite and along the axis.
         let distance = at[0].max(f64::MIN_POSITIVE);
         let mut normal = [0.0; 3];
         normal[a] = n[0] * (p[a] - self.center[0]) / distance;
@@ -77,10 +81,12 @@ impl Turned {
         normal
     }
 
-    /// Where the line along an axis through a point meets the wall; touching within a distance counts once.
+    /// Coordinates at which the line along an axis through a point meets the wall.
+    ///
+    /// A line that touches the wall within `touching` meets it once.
     pub(crate) fn crossings(&self, side: Side, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
         let at = self.on_profile(p);
-        let meant = |distance: f64| match (side, &self.profile) {
+        let is_used = |distance: f64| match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => distance >= 0.0,
             (Side::Inner, Profile::Circle { center, .. }) => {
                 distance >= 0.0 && distance <= center[0] + touching
@@ -88,7 +94,7 @@ impl Turned {
             (Side::Outer, Profile::Circle { center, .. }) => distance >= center[0] - touching,
         };
         if along == self.axis {
-            return match meant(at[0]) {
+            return match is_used(at[0]) {
                 true => self.profile.crossings(0, at[0], touching),
                 false => Vec::new(),
             };
@@ -97,7 +103,7 @@ impl Turned {
         let value = p[across(self.axis)[known]];
         let mut found = Vec::new();
         for radius in self.profile.crossings(1, at[1], touching) {
-            if meant(radius) {
+            if is_used(radius) {
                 let circle = Profile::Circle { center: self.center, radius };
                 found.extend(circle.crossings(known, value, touching));
             }
@@ -105,7 +111,7 @@ impl Turned {
         found
     }
 
-    /// Which side of the wall passes through a box; none where none does.
+    /// The part of the wall that passes through a box, if any.
     pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
         let mut found: Option<Side> = None;
         for extent in &self.extents {
@@ -122,6 +128,10 @@ impl Turned {
         found
     }
 
+    /// True if the surface passes through a box.
+    ///
+    /// The box has a range of distances from the axis and a range of heights. The profile crosses this
+    /// rectangle if its signed distance has both signs there.
     fn crosses(&self, ends: [[f64; 2]; 3], side: Side, tolerance: f64) -> bool {
         let [a, b] = across(self.axis);
         let near = |k: usize, c: f64| c - c.clamp(ends[k][0], ends[k][1]);
@@ -154,19 +164,19 @@ impl Turned {
         }
     }
 
-    /// Whether two walls lie on one surface.
+    /// True if two walls lie on the same surface.
     pub(crate) fn same(&self, other: &Self, tolerance: f64, size: f64) -> bool {
         self.axis == other.axis
             && crate::drawing::distance(self.center, other.center) < tolerance
             && self.profile.same(&other.profile, tolerance, size)
     }
 
-    /// Whether it is a sphere.
+    /// True for a sphere.
     pub(crate) fn is_sphere(&self) -> bool {
         matches!(self.profile, Profile::Circle { center, .. } if center[0] == 0.0)
     }
 
-    /// The surface; its normal is the gradient's direction.
+    /// The surface. Its normal is the direction of the gradient.
     pub(crate) fn surface(&self) -> FaceSurface {
         let unit_of = |k: usize, sign: f64| {
             let mut e = [0.0; 3];
@@ -187,7 +197,7 @@ impl Turned {
                 minor: radius,
             },
             Profile::Line { normal, offset } => {
-                // Wider along +axis where the distance grows with the height: normal · (r, h) = offset.
+                // From normal · (r, h) = offset, dr/dh = −n₁/n₀. The axis of a cone points to its wider end.
                 let slope = -normal[1] / normal[0];
                 let middle = self
                     .extents
@@ -196,7 +206,8 @@ impl Turned {
                     .fold([f64::MAX, f64::MIN], |m, e| [m[0].min(e[0]), m[1].max(e[1])]);
                 let narrow = if slope > 0.0 { middle[0] } else { middle[1] };
                 let radius = ((offset - normal[1] * narrow) / normal[0]).max(0.0);
-                // At an apex rounding must leave no height.
+                // A cone that ends at its apex starts exactly there: with a rounded height, the radius would
+                // not be zero and the face would have a tiny hole.
                 let narrow = if radius < 1e-9 { offset / normal[1] } else { narrow };
                 FaceSurface::Cone {
                     origin: at(narrow),

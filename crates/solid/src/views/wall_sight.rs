@@ -1,6 +1,7 @@
-//! Where walls would be seen: their outlines, and the curves along which they cross other candidates.
+//! Sight tests along the outlines of walls, and along the curves in which they intersect other candidates.
 //!
-//! At each such place either something is drawn, or there is no edge.
+//! These are all places where a wall can cause a line. At each of them, either a line is drawn or there is no
+//! edge.
 
 use super::candidate_surface::{CandidateSurface, Side, across};
 use super::cells::{Cells, pieces_in};
@@ -11,13 +12,14 @@ use crate::drawing::Drawing;
 use planish_estimate::vector3::{cross, dot, norm};
 use std::f64::consts::TAU;
 
-/// Shares of a stretch at which it is looked at.
+/// Positions of tests along an interval, as shares of it. Unequal, so that symmetric parts are not tested at
+/// their planes of symmetry.
 const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
-/// Looks around a circle.
+/// Number of tests around a circle. More find shorter missing lines and take more time.
 const AROUND: usize = 24;
 
 impl SightTests {
-    /// Looks at what a view would show of walls.
+    /// Adds the tests of all walls in a view.
     pub(super) fn at_walls(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         for wall in &cells.plan.walls {
             match wall {
@@ -38,7 +40,7 @@ impl SightTests {
         }
     }
 
-    /// A look at a point in space, across the image of a direction through it.
+    /// Adds a test at a point of an edge in space with a given tangent.
     pub(super) fn at_point(
         &mut self,
         cells: &Cells,
@@ -50,6 +52,7 @@ impl SightTests {
         let axes = cells.plan.views[view].kind.axes();
         let at = [p[axes[0]], p[axes[1]]];
         let across = [-tangent[axes[1]], tangent[axes[0]]];
+        // Along the line of sight, an edge is a point in the view and no line can be drawn for it.
         let length = across[0].hypot(across[1]);
         if length < 1e-6 * norm(tangent) || length == 0.0 {
             return;
@@ -62,10 +65,12 @@ impl SightTests {
         self.add(cells, place, style.map(|s| s.0), normal, 1e-5 * cells.plan.size);
     }
 
+    /// Adds tests along the outlines of a surface of revolution.
     fn outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Turned) {
         let axes = cells.plan.views[view].kind.axes();
         if axes[2] == wall.axis {
-            // Widest and narrowest circles.
+            // Seen along its axis, a torus or sphere has its widest and narrowest circles as outlines. A cone
+            // has none: it ends at edges.
             let Profile::Circle { center, radius } = wall.profile else {
                 return;
             };
@@ -81,7 +86,7 @@ impl SightTests {
             }
             return;
         }
-        // The profile on both sides of the axis.
+        // Seen across its axis, the outline is the profile on both sides of the axis.
         let sideways = if axes[0] == wall.axis { axes[1] } else { axes[0] };
         let angle = if across(wall.axis)[0] == sideways { 0.0 } else { TAU / 4.0 };
         let grid = &cells.plan.grid[wall.axis];
@@ -109,6 +114,7 @@ impl SightTests {
         }
     }
 
+    /// Adds tests where a wall intersects other candidates in a box.
     fn wall_crossings(
         &mut self,
         cells: &Cells,
@@ -123,7 +129,7 @@ impl SightTests {
         let inside =
             |p: &[f64; 3]| (0..3).all(|a| p[a] >= lo[a] - plan.tolerance && p[a] <= hi[a] + plan.tolerance);
         let sight = plan.views[view].kind.axes()[2];
-        // With the box's faces that this view sees from the front.
+        // With the grid planes across the line of sight: other views see these edge-on, this one does not.
         for value in [lo[sight], hi[sight]] {
             for (along, other) in [(0, 1), (1, 0)].map(|(i, j)| (across(sight)[i], across(sight)[j])) {
                 for share in SHARES {
@@ -142,7 +148,7 @@ impl SightTests {
                 }
             }
         }
-        // With what other views see edge-on.
+        // With the surfaces that other views see edge-on.
         for (v, other) in plan.views.iter().enumerate().filter(|(v, _)| *v != view) {
             let axes = other.kind.axes();
             for &piece in pieces_in(plan, v, cell) {
@@ -166,7 +172,8 @@ impl SightTests {
                 }
             }
         }
-        // With other walls.
+        // With other walls, by Newton's method from several starting points: these curves have no simple
+        // form.
         for &(index, _) in plan.walls_in(cell).iter().filter(|w| (w.0 as usize) > of.0) {
             let second = &plan.walls[index as usize];
             for shares in
@@ -184,7 +191,7 @@ impl SightTests {
     }
 }
 
-/// The point on two walls that is near another point.
+/// A point on two walls near a starting point; `None` if Newton's method does not converge.
 fn on_both(a: &CandidateSurface, b: &CandidateSurface, mut p: [f64; 3], tolerance: f64) -> Option<[f64; 3]> {
     for _ in 0..20 {
         let (u, v) = (a.value(p), b.value(p));

@@ -1,10 +1,10 @@
 //! Points and straight edges in space that all three views show.
 //!
 //! Input: a drawing of three views. Output: points whose images are ends of curves in each view, and
-//! straight edges between them that are drawn, visible or hidden, in each. Only edges parallel to no axis are
-//! made: no others lie in planes oblique to all views.
+//! straight edges between them that are drawn, visible or hidden, in each. Edges parallel to an axis are
+//! omitted, because they lie in no plane oblique to all views.
 //!
-//! Not guaranteed: that the solid has these edges; images of different edges may agree by chance.
+//! Not guaranteed: the solid may not have these edges, since images of different edges may agree by chance.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*: the pseudo wireframe.
@@ -12,9 +12,10 @@
 use crate::drawing::{Curve2, Drawing, distance};
 use planish_estimate::vector3::{norm, sub};
 
-/// More points than this are not joined to edges.
+/// Maximum number of points. Drawings with more are not searched for oblique faces, which bounds the time.
 const MAX_POINTS: usize = 1500;
-/// Lines of one view with more points than this on them are passed over.
+/// Maximum number of points whose images are on one line. Lines with more are skipped: each pair of points is
+/// tested against all others, so the time grows with the cube.
 const MAX_ON_LINE: usize = 60;
 
 /// Points and edges in space.
@@ -22,11 +23,11 @@ pub(super) struct Wireframe {
     pub(super) points: Vec<[f64; 3]>,
     /// Pairs of points with no third one between them.
     pub(super) edges: Vec<[usize; 2]>,
-    /// Whether a point is an end of a curve that is not straight, in any view.
+    /// For each point, true if it is the end of a curve that is not straight, in any view.
     pub(super) ends_curve: Vec<bool>,
 }
 
-/// A place of a view at which curves end.
+/// A point of a view at which curves end.
 struct End {
     at: [f64; 2],
     of_slanted: bool,
@@ -47,7 +48,7 @@ impl Slanted {
         slanted.then(|| Self { from: a, direction: [0, 1].map(|k| (b[k] - a[k]) / length), length })
     }
 
-    /// Along the line, and beside it.
+    /// Coordinates of a point along the line, and across it.
     fn place(&self, p: [f64; 2]) -> [f64; 2] {
         let d = [p[0] - self.from[0], p[1] - self.from[1]];
         let [x, y] = self.direction;
@@ -55,8 +56,8 @@ impl Slanted {
     }
 }
 
-/// The points and edges of a drawing whose ends agree within a distance; none where it has not three views,
-/// or too many points.
+/// The points and edges of a drawing whose ends agree within a distance; `None` unless it has three views, or
+/// if it has too many points.
 pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
     let axes: Vec<[usize; 3]> = drawing.views.iter().map(|v| v.kind.axes()).collect();
     // Front, top and side, by the axis along which each is seen.
@@ -69,6 +70,7 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
     let mut edges: Vec<[usize; 2]> = Vec::new();
     for (view, axes) in axes.iter().enumerate() {
         let lines = segments(drawing, view).filter_map(|(a, b)| Slanted::new(a, b, near));
+        // Pieces of one straight line are one carrier: edges may reach over several of them.
         let mut known: Vec<Slanted> = Vec::new();
         for line in lines {
             let runs_along = |k: &Slanted| {
@@ -125,7 +127,7 @@ fn segments(drawing: &Drawing, view: usize) -> impl Iterator<Item = ([f64; 2], [
     })
 }
 
-/// Where curves of a view end, each place once.
+/// The ends of the curves of a view, each point once.
 fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
     let mut found: Vec<End> = Vec::new();
     for drawn in &drawing.views[view].curves {
@@ -151,8 +153,10 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
     found
 }
 
-/// Points in space of which each view shows an end, one of them of a slanted line; each with whether one is
-/// of a curve.
+/// Points in space at whose image each view has an end, at least one of a slanted line; each with whether one
+/// is of a curve.
+///
+/// Sorted lists by the shared coordinate avoid the product of all ends of three views.
 fn points(
     ends: &[Vec<End>],
     [front, top, side]: [usize; 3],
@@ -189,7 +193,7 @@ fn points(
     Some((points, ends_curve))
 }
 
-/// Whether none of some points lies between two others.
+/// True if none of some points lies between two others.
 fn is_minimal(points: &[[f64; 3]], on: &[usize], i: usize, j: usize, near: f64) -> bool {
     let d = sub(points[j], points[i]);
     let length = norm(d);
@@ -202,7 +206,7 @@ fn is_minimal(points: &[[f64; 3]], on: &[usize], i: usize, j: usize, near: f64) 
         })
 }
 
-/// Whether straight lines of a view cover the way between two places.
+/// True if straight lines of a view cover the segment between two points without a gap.
 fn is_covered(drawing: &Drawing, view: usize, a: [f64; 2], b: [f64; 2], near: f64) -> bool {
     let length = distance(a, b);
     if length < near {
