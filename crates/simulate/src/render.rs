@@ -33,18 +33,18 @@ const ALBEDO: f64 = 0.6;
 const SHADOW: f64 = 1e-4;
 
 /// Something to look at.
-pub trait Target: Sync {
+pub trait RayTarget: Sync {
     /// Where a ray first meets the surface, and its unit normal there, on either side.
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])>;
 }
 
-impl Target for MeshSearch {
+impl RayTarget for MeshSearch {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         MeshSearch::first_hit(self, origin, direction).map(|hit| (hit.point, hit.normal))
     }
 }
 
-impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> Target for F {
+impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RayTarget for F {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         self(origin, direction)
     }
@@ -167,7 +167,7 @@ impl Exposure<'_> {
     ///
     /// # Errors
     /// What `check` reports; it is asked now and then with the share that is done.
-    pub fn take(&self, target: &impl Target, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
+    pub fn take(&self, target: &impl RayTarget, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
         let [columns, rows] = self.size;
         let mut picture = vec![0; columns * rows];
         // In bands, so that it can be interrupted between them.
@@ -187,7 +187,7 @@ impl Exposure<'_> {
         Ok(picture)
     }
 
-    fn pixel(&self, target: &impl Target, x: usize, y: usize) -> f64 {
+    fn pixel(&self, target: &impl RayTarget, x: usize, y: usize) -> f64 {
         let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
         let centre = self.camera.centre();
         let mut sum = 0.0;
@@ -204,7 +204,7 @@ impl Exposure<'_> {
         WHITE * sum / (RAYS * RAYS) as f64
     }
 
-    fn lit(&self, target: &impl Target, point: [f64; 3], normal: [f64; 3]) -> f64 {
+    fn lit(&self, target: &impl RayTarget, point: [f64; 3], normal: [f64; 3]) -> f64 {
         let from = self.light.centre();
         let ambient = self.light.ambient();
         let way = sub(from, point);
@@ -231,7 +231,7 @@ mod tests {
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };
 
-    fn take(target: &impl Target, light: &Light, sigma: f64) -> Vec<u8> {
+    fn take(target: &impl RayTarget, light: &Light, sigma: f64) -> Vec<u8> {
         let exposure = Exposure {
             camera: &CAMERA,
             size: [41, 41],
