@@ -86,7 +86,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
     let noise = options.laser();
-    let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("a view without a direction"));
+    let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("the direction of view is undefined"));
     let laser = looking_from(&truth, direction(FROM)?, 0.0, size)?;
     let axis = direction(AXIS)?;
     let axis_point = scale(size, AXIS_POINT);

@@ -82,7 +82,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
     }));
     let noise = options.laser();
-    let from = unit(FROM).ok_or_else(|| Error::input("a view without a direction"))?;
+    let from = unit(FROM).ok_or_else(|| Error::input("the direction of view is undefined"))?;
     let pose = looking_from(&truth, from, 0.0, size)?;
     let optics: Optics = field_of_view(&truth, &pose, false);
     let mut scanner = VirtualScanner::new("laser-1.ply", pose, optics, [64, 64], noise);
