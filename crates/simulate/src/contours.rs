@@ -220,8 +220,11 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
 
 /// A camera that looks at the middle of the object from an angle about the axis and an elevation, in radians.
 fn camera(angle: f64, height: f64) -> Result<Camera> {
-    let from =
-        [DISTANCE_MM * height.cos() * angle.cos(), DISTANCE_MM * height.cos() * angle.sin(), DISTANCE_MM * height.sin()];
+    let from = [
+        DISTANCE_MM * height.cos() * angle.cos(),
+        DISTANCE_MM * height.cos() * angle.sin(),
+        DISTANCE_MM * height.sin(),
+    ];
     let forward = Vector3::from(unit(scale(-1.0, from)).unwrap_or([1.0, 0.0, 0.0]));
     let right = forward.cross(&Vector3::z()).normalize();
     let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
@@ -352,8 +355,9 @@ fn coverage_mask(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
     Ok((0..SIZE[0] * SIZE[1])
         .map(|p| {
             let (x, y) = (p % SIZE[0] * MASK_SAMPLES, p / SIZE[0] * MASK_SAMPLES);
-            let count =
-                (0..MASK_SAMPLES * MASK_SAMPLES).filter(|s| seen[(y + s / MASK_SAMPLES) * columns + x + s % MASK_SAMPLES]).count();
+            let count = (0..MASK_SAMPLES * MASK_SAMPLES)
+                .filter(|s| seen[(y + s / MASK_SAMPLES) * columns + x + s % MASK_SAMPLES])
+                .count();
             (255 * count / (MASK_SAMPLES * MASK_SAMPLES)) as u8
         })
         .collect())

@@ -333,8 +333,7 @@ impl Stage {
                 (mesh, name, read.unit.unwrap_or(options.unit))
             }
         };
-        let bounds =
-            mesh.bounding_box().ok_or_else(|| Error::undetermined("the mesh has no vertices"))?;
+        let bounds = mesh.bounding_box().ok_or_else(|| Error::undetermined("the mesh has no vertices"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
         let far = DISTANCE * diagonal;
         let mut up = [0.0; 3];
@@ -553,7 +552,8 @@ fn pose_on_ring(middle: [f64; 3], far: f64, up: [f64; 3], turn: f64, elevation_d
     let towards = add_scaled(scale(cos, level), sin, up);
     let position = add_scaled(middle, far, towards);
     let z = scale(-1.0, towards);
-    let x = unit(cross(z, up)).ok_or_else(|| Error::input("the camera must not look along the vertical axis"))?;
+    let x =
+        unit(cross(z, up)).ok_or_else(|| Error::input("the camera must not look along the vertical axis"))?;
     let y = cross(z, x);
     let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: position };
     // The job states the pose as a quaternion. Its rounded value is used for rendering, too, so that images

@@ -154,7 +154,10 @@ pub(super) fn default_sensor(noise: f64, sweep: usize, millimetre: f64) -> Senso
 }
 
 /// True parameters by name, in the form of `contour.json`.
-pub(super) fn parameters_json(kind: &ContourKind, theta: &[f64]) -> serde_json::Map<String, serde_json::Value> {
+pub(super) fn parameters_json(
+    kind: &ContourKind,
+    theta: &[f64],
+) -> serde_json::Map<String, serde_json::Value> {
     let (canonical, _) = kind.canonical(theta);
     let names = kind.names().into_iter().zip(canonical);
     names.map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 }))).collect()

@@ -370,9 +370,9 @@ pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
-/// Pose of a view from four lengths away towards the middle of the object, off by random few degrees.
+/// Pose of a view from four lengths away towards the middle of the object, off by a few random degrees.
 ///
-/// Regular directions would make special cases: parallel axes, and the same distance of every view.
+/// Exactly regular directions would be a special case, with views that are parallel to axes of the object.
 fn view_pose(
     truth: &Truth,
     shape: Shape,

@@ -8,7 +8,7 @@
 //! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a
 //! moving sensor*, figure 3.
 
-use super::readings::{ReadingsSummary, parameters_json, default_sensor, write_table};
+use super::readings::{ReadingsSummary, default_sensor, parameters_json, write_table};
 use super::truth::positive;
 use planish_contour::planar::{ContourKind, ranges};
 use planish_estimate::Result;
