@@ -20,8 +20,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
-use targets::{TARGETS, Target};
-use worker::{MAX_MEMORY, Outcome};
+use targets::{FuzzTarget, TARGETS};
+use worker::{CaseOutcome, MAX_MEMORY};
 
 /// Counts allocations and enforces the memory limit.
 #[global_allocator]
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
 
 /// Runs the command; returns true if no reader failed.
 fn run(arguments: &Arguments) -> io::Result<bool> {
-    let mut targets: Vec<&Target> = Vec::new();
+    let mut targets: Vec<&FuzzTarget> = Vec::new();
     for name in &arguments.target {
         let found = TARGETS.iter().find(|t| t.name == name);
         targets.push(found.ok_or_else(|| io::Error::other(format!("unknown reader `{name}`")))?);
@@ -87,15 +87,15 @@ fn run(arguments: &Arguments) -> io::Result<bool> {
 }
 
 /// Prints what the readers do with a file; returns true if none panicked.
-fn one_file(targets: &[&Target], path: &Path) -> io::Result<bool> {
+fn one_file(targets: &[&FuzzTarget], path: &Path) -> io::Result<bool> {
     worker::keep_panics();
     let _ = ALLOCATOR.set_limit(ALLOCATOR.allocated() + MAX_MEMORY);
     let mut good = true;
     for target in targets {
         let result = match worker::outcome(target, path) {
-            Outcome::Accepted => "accepted".to_owned(),
-            Outcome::Rejected(message) => format!("rejected: {message}"),
-            Outcome::Panicked(message) => {
+            CaseOutcome::Accepted => "accepted".to_owned(),
+            CaseOutcome::Rejected(message) => format!("rejected: {message}"),
+            CaseOutcome::Panicked(message) => {
                 good = false;
                 format!("panicked: {message}")
             }
@@ -106,7 +106,7 @@ fn one_file(targets: &[&Target], path: &Path) -> io::Result<bool> {
 }
 
 /// Runs all cases of the targets and prints the table; returns true if none failed.
-fn all_cases(targets: &[&Target], arguments: &Arguments) -> io::Result<bool> {
+fn all_cases(targets: &[&FuzzTarget], arguments: &Arguments) -> io::Result<bool> {
     // Millions of small files are written: a file system in memory is fastest.
     let memory = Path::new("/dev/shm");
     let scratch = match memory.is_dir() {

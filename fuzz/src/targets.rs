@@ -17,7 +17,7 @@ use std::path::Path;
 use words::*;
 
 /// A reader and its test files.
-pub struct Target {
+pub struct FuzzTarget {
     /// Name on the command line and in the log.
     pub name: &'static str,
     /// Name of the file to read; its extension selects the reader.
@@ -40,15 +40,15 @@ const fn target(
     words: &'static [&'static str],
     repair: fn(&mut Vec<u8>, &mut ChaCha8Rng),
     read: fn(&Path) -> Result<()>,
-) -> Target {
-    Target { name, file, valid, words, repair, read }
+) -> FuzzTarget {
+    FuzzTarget { name, file, valid, words, repair, read }
 }
 
 /// Every reader: name, file, valid files, words, repair, reader.
 ///
 /// The name also seeds the damage: a renamed target is tested with other files.
 #[rustfmt::skip]
-pub const TARGETS: &[Target] = &[
+pub const TARGETS: &[FuzzTarget] = &[
     target("ply-scan", "a.ply", valid::ply_scans, PLY, unchanged, scan_round_trip),
     target("ply-mesh", "a.ply", valid::ply_meshes, PLY, unchanged, mesh_round_trip),
     target("xyz", "a.xyz", valid::texts, TEXT, unchanged, scans),

@@ -4,7 +4,7 @@
 //! still fails.
 
 use crate::processor_time::Stopwatch;
-use crate::targets::Target;
+use crate::targets::FuzzTarget;
 use crate::valid;
 use crate::worker::{MAX_TIME, Tally, case_bytes};
 use rand::SeedableRng;
@@ -63,7 +63,7 @@ fn wait(child: &mut Child, limit: Duration, mut progress: impl FnMut() -> u64) -
 ///
 /// # Errors
 /// When a process cannot be started or a file cannot be written.
-pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -> io::Result<Report> {
+pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Path) -> io::Result<Report> {
     let files = (target.valid)().map_err(io::Error::other)?;
     fs::create_dir_all(folder.join("files"))?;
     for (k, bytes) in files.iter().enumerate() {
@@ -135,7 +135,7 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
 }
 
 /// Returns true if a process that reads this input fails.
-fn fails(target: &Target, bytes: &[u8], folder: &Path) -> io::Result<bool> {
+fn fails(target: &FuzzTarget, bytes: &[u8], folder: &Path) -> io::Result<bool> {
     let path = folder.join("files").join(target.file);
     fs::write(&path, bytes)?;
     let mut child = Command::new(std::env::current_exe()?)
@@ -149,7 +149,7 @@ fn fails(target: &Target, bytes: &[u8], folder: &Path) -> io::Result<bool> {
 }
 
 /// Removes parts that are not needed for the failure, in ever smaller pieces.
-fn smallest(target: &Target, mut bytes: Vec<u8>, folder: &Path) -> io::Result<Vec<u8>> {
+fn smallest(target: &FuzzTarget, mut bytes: Vec<u8>, folder: &Path) -> io::Result<Vec<u8>> {
     let mut attempts = 0;
     let mut length = bytes.len() / 2;
     while length > 0 && attempts < MAX_ATTEMPTS {

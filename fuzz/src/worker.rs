@@ -7,7 +7,7 @@
 use crate::ALLOCATOR;
 use crate::mutate::damaged;
 use crate::processor_time::Stopwatch;
-use crate::targets::Target;
+use crate::targets::FuzzTarget;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::cell::RefCell;
@@ -78,7 +78,7 @@ impl Tally {
 }
 
 /// The bytes of a case. They depend only on the target, the seed and the case number.
-pub fn case_bytes(target: &Target, valid: &[Vec<u8>], seed: u64, case: u64) -> Vec<u8> {
+pub fn case_bytes(target: &FuzzTarget, valid: &[Vec<u8>], seed: u64, case: u64) -> Vec<u8> {
     let name = target.name.bytes().fold(seed, |h, b| h.wrapping_mul(0x100_0000_01b3) ^ u64::from(b));
     let mut random = ChaCha8Rng::seed_from_u64(name ^ case.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let mut bytes = damaged(valid, target.words, &mut random);
@@ -87,7 +87,7 @@ pub fn case_bytes(target: &Target, valid: &[Vec<u8>], seed: u64, case: u64) -> V
 }
 
 /// Result of reading a file.
-pub enum Outcome {
+pub enum CaseOutcome {
     /// The file was read.
     Accepted,
     /// The file was rejected with this error message.
@@ -106,11 +106,11 @@ pub fn keep_panics() {
 }
 
 /// Reads a file with the reader of the target.
-pub fn outcome(target: &Target, path: &Path) -> Outcome {
+pub fn outcome(target: &FuzzTarget, path: &Path) -> CaseOutcome {
     match panic::catch_unwind(AssertUnwindSafe(|| (target.read)(path))) {
-        Ok(Ok(())) => Outcome::Accepted,
-        Ok(Err(e)) => Outcome::Rejected(e.to_string()),
-        Err(_) => Outcome::Panicked(PANIC.take()),
+        Ok(Ok(())) => CaseOutcome::Accepted,
+        Ok(Err(e)) => CaseOutcome::Rejected(e.to_string()),
+        Err(_) => CaseOutcome::Panicked(PANIC.take()),
     }
 }
 
@@ -120,7 +120,7 @@ pub fn outcome(target: &Target, path: &Path) -> Outcome {
 ///
 /// # Errors
 /// When a file in `folder` cannot be read or written.
-pub fn work(target: &Target, seed: u64, (from, to): (u64, u64), folder: &Path) -> io::Result<()> {
+pub fn work(target: &FuzzTarget, seed: u64, (from, to): (u64, u64), folder: &Path) -> io::Result<()> {
     let mut valid = Vec::new();
     while let Ok(bytes) = fs::read(folder.join(format!("valid-{}", valid.len()))) {
         valid.push(bytes);
@@ -143,15 +143,15 @@ pub fn work(target: &Target, seed: u64, (from, to): (u64, u64), folder: &Path) -
         let time = stopwatch.elapsed();
         tally.slowest = tally.slowest.max((time.as_micros() as u64, case));
         let failure = match outcome {
-            Outcome::Accepted => {
+            CaseOutcome::Accepted => {
                 tally.accepted += 1;
                 None
             }
-            Outcome::Rejected(_) => {
+            CaseOutcome::Rejected(_) => {
                 tally.rejected += 1;
                 None
             }
-            Outcome::Panicked(message) => Some(message),
+            CaseOutcome::Panicked(message) => Some(message),
         };
         let slow = (time > MAX_TIME).then(|| format!("took {time:?} of processor time"));
         if let Some(failure) = failure.or(slow) {

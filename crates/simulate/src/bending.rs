@@ -1,10 +1,11 @@
-//! The scene `bending`: a flat sheet that is bent further and further, without stretch, and scanned in every
-//! state.
+//! The scene `bending`: a flat sheet that bends in steps, without stretch, and is scanned in every state.
 //!
-//! Input: [`BendingOptions`]. Output: a [`ScanScene`] with one scan a second, and the truth behind each
-//! in `states`; `truth` is the sheet at the last. The last scan has a hole, whose material the others saw.
-//! The truth keeps `E, F, G` exactly, unless a stretch is asked for: then a bulge grows with the bend, and no
-//! isometry leads from one state to the next.
+//! Input: [`BendingOptions`]. Output: a [`ScanScene`] with one scan per second. `states` holds the true sheet
+//! of each scan, `truth` that of the last. The last scan has a hole over material that the earlier scans
+//! observed, so that completing it can be judged.
+//!
+//! The true sheets have exactly the same first fundamental form `E, F, G`. If the options contain a stretch,
+//! a bulge grows with the bend, and no isometry leads from one state to the next.
 
 use super::form::{BentForm, ClosedForm, SheetBump};
 use super::scans::{
@@ -21,21 +22,25 @@ use planish_sense::SensorKind;
 use planish_spline::Shape;
 use std::path::Path;
 
-/// Sides of the sheet, over its length.
+/// Sides of the sheet, relative to its length.
 const SIDES: [f64; 2] = [1.0, 0.7];
-/// Curvature at the last time, times the length: the ends then stand at about 50°.
+/// Final curvature times the length of the sheet: its ends are then inclined by about 50°.
 const CURVATURE: f64 = 2.4;
-/// Where the bend lies: across the sheet at this angle, which turns a little from state to state, and beside
-/// its middle.
+/// Direction of the bend at the first state, and its rotation until the last, in degrees.
+///
+/// Along a parameter direction the bend would be a special case: one family of parameter lines stays straight.
 const ANGLE_DEG: [f64; 2] = [25.0, 5.0];
+/// Distance of the bend from the middle of the sheet, relative to the length.
 const OFFSET: f64 = 0.06;
-/// The hole of the last scan, a disc of the material: its middle and radius, over the length.
+/// Centre of the hole of the last scan, a disc of the material, relative to the length.
 const HOLE: [f64; 2] = [0.2, -0.06];
+/// Radius of the hole, relative to the length.
 const HOLE_RADIUS: f64 = 0.11;
-/// The bulge of a sheet that stretches: its middle and width, over the length.
+/// Centre of the bulge of a sheet that stretches, relative to the length.
 const BULGE: [f64; 2] = [-0.15, 0.08];
+/// Standard width of the bulge, relative to the length.
 const BULGE_WIDTH: f64 = 0.12;
-/// Where the laser looks from.
+/// Direction from the sheet to the laser.
 const FROM: [f64; 3] = [0.25, -0.15, 1.0];
 
 /// Settings of the scene `bending`.
@@ -43,15 +48,14 @@ const FROM: [f64; 3] = [0.25, -0.15, 1.0];
 pub struct BendingOptions {
     /// Seed of every error.
     pub seed: u64,
-    /// Readings of all scans together, to within a few per cent.
+    /// Number of readings of all scans together; the result differs by a few per cent.
     pub readings: usize,
-    /// States, one a second; the first is flat.
+    /// Number of states, one per second; the first is flat.
     pub states: usize,
-    /// The largest share by which a length along the sheet grows, at the last time; 0 for a sheet that bends
-    /// only.
+    /// Maximum relative elongation along the sheet at the last state, from 0 (pure bending) to 0.2.
     pub stretch: f64,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the sheet's
-    /// length if none is given.
+    /// True σ of the laser along its rays, in `unit`; across them it is half as large. Default: a thousandth
+    /// of the length of the sheet.
     pub sigma: Option<f64>,
     /// Unit of every length.
     pub unit: Unit,
@@ -94,9 +98,10 @@ impl BendingOptions {
         Ok(options)
     }
 
-    /// The sheet, a share of the whole time on.
+    /// The sheet after a share of the whole time, from 0 (flat) to 1.
     fn state(&self, size: f64, share: f64) -> Truth {
-        // A bump of height h and width w lengthens its steepest line by (h/w)²/2e.
+        // A bump of height h and width w lengthens its steepest line by (h/w)²/2e: its maximum slope is
+        // h/(w√e), and a slope p stretches by p²/2.
         let steep = (2.0 * std::f64::consts::E * share * self.stretch).sqrt();
         let bulge = SheetBump {
             centre: BULGE.map(|c| c * size),
@@ -116,7 +121,20 @@ impl BendingOptions {
 /// Simulates the scene in memory.
 ///
 /// # Errors
-/// `Input` for options that make no sense.
+/// `Input` for options out of range.
+///
+/// # Examples
+/// ```
+/// use planish_simulate::{BendingOptions, bending};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let scene = bending(&BendingOptions { readings: 1000, states: 3, ..BendingOptions::default() })?;
+/// assert_eq!(scene.set.scans.len(), 3);
+/// // Bending preserves lengths: S_u · S_u is the same in every state.
+/// let e = |state: usize| scene.states[state].jet(0.3, 0.6).first_form()[0];
+/// assert!((e(2) / e(0) - 1.0).abs() < 1e-9);
+/// # Ok(())
+/// # }
+/// ```
 pub fn bending(options: &BendingOptions) -> Result<ScanScene> {
     simulate(options, &Silent)
 }
@@ -125,7 +143,7 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     let options = bending.as_scans()?;
     let size = options.size();
     let noise = options.laser();
-    let from = unit(FROM).ok_or_else(|| Error::input("a view without a direction"))?;
+    let from = unit(FROM).ok_or_else(|| Error::input("the direction of view is undefined"))?;
     let last = bending.states - 1;
     let states: Vec<Truth> = (0..=last).map(|k| bending.state(size, k as f64 / last as f64)).collect();
     let mut scene = ScanScene {
@@ -160,19 +178,29 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     Ok(scene)
 }
 
-/// Whether parameters of the sheet lie in the hole of the last scan, made wider by a share of the sheet's
-/// length.
+/// True if a point of the sheet lies in the hole of the last scan, at parameters `(u, v)` in `[0, 1]²`.
+///
+/// `wider` is added to the radius of the hole, relative to the length of the sheet: readings near the rim of
+/// the hole can be told from those inside.
+///
+/// # Examples
+/// ```
+/// use planish_simulate::in_bending_hole;
+/// assert!(in_bending_hole([0.7, 0.41], 0.0));
+/// assert!(!in_bending_hole([0.5, 0.5], 0.0) && in_bending_hole([0.5, 0.5], 0.1));
+/// ```
 #[must_use]
 pub fn in_bending_hole([u, v]: [f64; 2], wider: f64) -> bool {
     let off = [(u - 0.5) * SIDES[0] - HOLE[0], (v - 0.5) * SIDES[1] - HOLE[1]];
     off[0].hypot(off[1]) < HOLE_RADIUS + wider
 }
 
-/// The scan without what it saw of the hole. It keeps no grid.
+/// The scan without its readings in the hole. Requires a scan without a grid, whose indices would be wrong.
 fn with_hole(scan: VirtualScan) -> VirtualScan {
     let VirtualScan { mut scan, truth } = scan;
     let seen: Vec<bool> =
         (truth.iter()).map(|reading| !in_bending_hole(reading.point.parameters, 0.0)).collect();
+    // `retain` visits the elements in order, so an iterator over the flags keeps step.
     let mut kept = seen.iter();
     scan.points.retain(|_| kept.next().is_some_and(|&kept| kept));
     let mut kept = seen.iter();
@@ -181,7 +209,7 @@ fn with_hole(scan: VirtualScan) -> VirtualScan {
     VirtualScan { scan, truth }
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene bending` does.
+/// Simulates the scene and writes its files, as `planish simulate scene bending` does.
 ///
 /// # Errors
 /// As [`bending`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.

@@ -1,15 +1,16 @@
-//! The scene `contours`: a surface of revolution, seen as occluding contours from a camera that moves around
-//! it twice.
+//! The scene `contours`: occluding contours of a surface of revolution, from two motions of a camera around it.
 //!
-//! Input: [`ContoursOptions`]. Output: for each motion a file of views with a mask and measured contours
-//! for each view, and beside them the truth as a mesh and as JSON.
+//! Input: [`ContoursOptions`]. Output: a file of views for each motion, with a mask and measured contours for
+//! each view, and the truth as a mesh and as JSON.
 //!
-//! The contour generator of `x² + y² = r(z)²` from a camera at `C` is known in closed form: at height `z`,
+//! The contour generator of `x² + y² = r(z)²` from a camera at `C` has a closed form: at height `z`,
 //! `cos(θ − θ_C) = (r − r' (z − C_z)) / |C_xy|` (R. Mohr, C. Zhao, G. Koscielny 1994 show a hyperboloid and a
-//! carafe). Contours hold what of it no part of the object hides; each place errs by itself, along both axes
-//! of the picture. The rims above and below are in the masks only: there the object has edges.
+//! carafe). A contour contains the part of it that the object does not hide. The errors of its points are
+//! independent, along both axes of the image. The top and bottom rims are edges, not occluding contours, so
+//! only the masks contain them.
 //!
-//! Not guaranteed: places some hundredths of a millimetre beside one another where one part hides another.
+//! Not guaranteed: the exact end of a contour where one part of the object hides another. The search along
+//! the line of sight has finite steps.
 
 use super::truth::positive;
 use nalgebra::{Matrix3, Vector3};
@@ -30,22 +31,24 @@ use std::f64::consts::TAU;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Columns and rows of a view.
+/// Columns and rows of an image.
 const SIZE: [usize; 2] = [640, 480];
-/// Each pixel of a mask is looked at so many times along both axes.
-const FINER: usize = 3;
-/// The camera's distance, in millimetres; the object is 100 mm high.
-const FAR_MM: f64 = 400.0;
-/// Where each motion begins, how far it goes and how high it looks from, in degrees.
+/// Samples per pixel of a mask along each axis.
+const MASK_SAMPLES: usize = 3;
+/// Distance of the camera from the middle of the object, in millimetres; the object is 100 mm high.
+const DISTANCE_MM: f64 = 400.0;
+/// Start angle, extent and elevation of each motion, in degrees.
 const MOTIONS: [[f64; 3]; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
-/// Places along a contour before they are dealt out, one for each pixel.
-const FINE: usize = 6000;
-/// Contours shorter than this are left out, in pixels.
-const SHORTEST_PX: f64 = 30.0;
-/// Steps along a line of sight in which the object is looked for.
+/// Steps of height at which a contour is computed, before one point per pixel is selected.
+///
+/// They are much finer than a pixel, so that selected points are a pixel apart along a slanted contour, too.
+const HEIGHT_STEPS: usize = 6000;
+/// Minimum length of a contour, in pixels; shorter pieces between occlusions are dropped.
+const MIN_LENGTH_PX: f64 = 30.0;
+/// Steps along a line of sight in the search for the part of the object that hides a point.
 const STEPS: usize = 600;
-/// No object of this scene is wider, from its axis.
-const WIDEST_MM: f64 = 50.0;
+/// Upper bound of the radius of the objects, in millimetres.
+const MAX_RADIUS_MM: f64 = 50.0;
 
 /// The object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +67,15 @@ impl ContoursShape {
         }
     }
 
-    /// Radius and its slope at a height from −50 to 50, in millimetres.
+    /// Radius and its derivative at a height from −50 to 50, in millimetres.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::ContoursShape;
+    /// assert_eq!(ContoursShape::Hyperboloid.profile(0.0), [30.0, 0.0]);
+    /// let [belly, _] = ContoursShape::Carafe.profile(-20.0);
+    /// assert!(belly > ContoursShape::Carafe.profile(20.0)[0]);
+    /// ```
     #[must_use]
     pub fn profile(self, z: f64) -> [f64; 2] {
         match self {
@@ -80,13 +91,14 @@ impl ContoursShape {
         }
     }
 
+    /// The point at a height and an angle about the axis.
     fn at(self, z: f64, angle: f64) -> [f64; 3] {
         let [r, _] = self.profile(z);
         [r * angle.cos(), r * angle.sin(), z]
     }
 }
 
-/// Half of the height.
+/// Half the height of the objects, in millimetres.
 const HALF: f64 = 50.0;
 
 /// Settings of the scene `contours`.
@@ -94,9 +106,9 @@ const HALF: f64 = 50.0;
 pub struct ContoursOptions {
     /// The object.
     pub shape: ContoursShape,
-    /// Views of each motion, 120° along.
+    /// Number of views of each motion, which extends over 120°.
     pub views: usize,
-    /// σ of each place of a contour along both axes of the picture, in pixels.
+    /// σ of each point of a contour along both axes of the image, in pixels.
     pub sigma_px: f64,
     /// Seed of every error.
     pub seed: u64,
@@ -104,26 +116,26 @@ pub struct ContoursOptions {
     pub unit: Unit,
 }
 
-/// Files that were written.
+/// The number of points and the files written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContoursSummary {
-    /// Places along contours.
+    /// Number of points on all contours.
     pub places: usize,
-    /// The files of views, one for each motion.
+    /// Files of views, one for each motion.
     pub views: Vec<PathBuf>,
-    /// Every file.
+    /// All files written.
     pub files: Vec<PathBuf>,
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene contours` does.
+/// Simulates the scene and writes its files, as `planish simulate scene contours` does.
 ///
 /// # Errors
-/// `Input` for fewer than three views and for a σ that is not positive; `Io` when a file cannot be written.
+/// `Input` for fewer than three views and for a σ that is not positive; `Io` if a file cannot be written.
 pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<ContoursSummary> {
-    positive("σ of places", options.sigma_px)?;
+    positive("σ of the contour points", options.sigma_px)?;
     if options.views < 3 {
         return Err(Error::input(format!(
-            "needed three views of each motion or more, found {}",
+            "needed at least three views of each motion, found {}",
             options.views
         )));
     }
@@ -132,7 +144,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     make_folder(folder)?;
     let mut made = ContoursSummary { places: 0, views: Vec::new(), files: Vec::new() };
     let path = folder.join("truth.ply");
-    let truth = turned(shape, 200, 360);
+    let truth = surface_of_revolution(shape, 200, 360);
     let positions: Vec<[f64; 3]> = truth.positions.iter().map(|p| scale(size, *p)).collect();
     write_mesh(
         &path,
@@ -144,7 +156,8 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
         },
     )?;
     made.files.push(path);
-    let solid = closed(shape);
+    // One generator for both motions: the second has other errors than the first.
+    let solid = closed_surface(shape);
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     for (m, [first, along, height]) in MOTIONS.into_iter().enumerate() {
         let mut views = format!("unit = \"{}\"\nsigma_px = {:?}\n", options.unit.name(), options.sigma_px);
@@ -153,10 +166,10 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
             let camera = camera(angle.to_radians(), f64::to_radians(height))?;
             let [mask, contours] = ["png", "csv"].map(|kind| format!("view-{}-{:02}.{kind}", m + 1, k + 1));
             let path = folder.join(&mask);
-            write_grey_png(&path, SIZE[0], SIZE[1], &mask_of(&solid, &camera)?)?;
+            write_grey_png(&path, SIZE[0], SIZE[1], &coverage_mask(&solid, &camera)?)?;
             made.files.push(path);
             let mut text = "x,y,sigma_px,contour\n".to_owned();
-            for (number, run) in visible(shape, &camera).iter().enumerate() {
+            for (number, run) in visible_contours(shape, &camera).iter().enumerate() {
                 for p in run {
                     let [x, y] = p.map(|x| {
                         let e: f64 = StandardNormal.sample(&mut random);
@@ -205,15 +218,18 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     Ok(made)
 }
 
-/// A camera around the object's middle, at an angle and a height above its plane.
+/// A camera that looks at the middle of the object from an angle about the axis and an elevation, in radians.
 fn camera(angle: f64, height: f64) -> Result<Camera> {
-    let from =
-        [FAR_MM * height.cos() * angle.cos(), FAR_MM * height.cos() * angle.sin(), FAR_MM * height.sin()];
+    let from = [
+        DISTANCE_MM * height.cos() * angle.cos(),
+        DISTANCE_MM * height.cos() * angle.sin(),
+        DISTANCE_MM * height.sin(),
+    ];
     let forward = Vector3::from(unit(scale(-1.0, from)).unwrap_or([1.0, 0.0, 0.0]));
     let right = forward.cross(&Vector3::z()).normalize();
     let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-    // The object fills four fifths of the picture's height.
-    let focal = 0.75 * SIZE[1] as f64 * FAR_MM / (2.0 * HALF);
+    // The height of the object fills three quarters of the image.
+    let focal = 0.75 * SIZE[1] as f64 * DISTANCE_MM / (2.0 * HALF);
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
         [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
@@ -222,32 +238,34 @@ fn camera(angle: f64, height: f64) -> Result<Camera> {
     )
 }
 
-/// The contours that nothing hides, a place for each pixel, without errors.
-fn visible(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>> {
+/// The visible contours without errors, with one point per pixel of length.
+fn visible_contours(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>> {
     let from = camera.center();
     let across = from[0].hypot(from[1]);
     let towards = from[1].atan2(from[0]);
     let mut found = Vec::new();
+    // The generator has a branch on each side of the plane through the camera and the axis.
     for side in [-1.0, 1.0] {
         let mut run: Vec<[f64; 2]> = Vec::new();
-        let mut last_length = 0.0;
+        let mut length_since_point = 0.0;
         let mut before: Option<[f64; 2]> = None;
         let seen_at = |k: usize| {
-            let z = HALF * (2.0 * k as f64 / FINE as f64 - 1.0);
+            let z = HALF * (2.0 * k as f64 / HEIGHT_STEPS as f64 - 1.0);
             let [r, slope] = shape.profile(z);
             let cosine = (r - slope * (z - from[2])) / across;
             let at = shape.at(z, towards + side * cosine.clamp(-1.0, 1.0).acos());
-            let seen = cosine.abs() < 1.0 && !hidden(shape, from, at);
+            let seen = cosine.abs() < 1.0 && !is_hidden(shape, from, at);
             camera.project(at).filter(|_| seen)
         };
-        let places: Vec<_> = (0..=FINE).into_par_iter().map(seen_at).collect();
+        let places: Vec<_> = (0..=HEIGHT_STEPS).into_par_iter().map(seen_at).collect();
         for place in places {
             match place {
                 Some((p, _)) => {
-                    last_length += before.map_or(1.0, |q| (p[0] - q[0]).hypot(p[1] - q[1]));
+                    length_since_point += before.map_or(1.0, |q| (p[0] - q[0]).hypot(p[1] - q[1]));
                     before = Some(p);
-                    if last_length >= 1.0 {
-                        last_length -= 1.0;
+                    if length_since_point >= 1.0 {
+                        // The rest is kept, so that steps do not add up to a coarser spacing.
+                        length_since_point -= 1.0;
                         run.push(p);
                     }
                 }
@@ -259,32 +277,36 @@ fn visible(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>> {
         }
         found.push(run);
     }
-    found.retain(|run| run.len() as f64 > SHORTEST_PX);
+    found.retain(|run| run.len() as f64 > MIN_LENGTH_PX);
     found
 }
 
-/// Whether a line of sight that touches the object passes through it elsewhere; the object is closed above
-/// and below.
-fn hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
+/// True if a line of sight that touches the object at `at` passes through it elsewhere.
+///
+/// For this test the object is closed at the top and bottom.
+fn is_hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
     let way = sub(at, from);
     let far = distance(at, from);
     let reach = 3.0 * HALF / far;
-    // Where the line runs within the cylinder around the object: |from + t·way|² = w² across the axis.
+    // Only the part of the line within the cylinder around the object is searched. It starts and ends where
+    // |from + t·way|² = w² across the axis.
     let a = way[0] * way[0] + way[1] * way[1];
     let b = from[0] * way[0] + from[1] * way[1];
-    let c = from[0] * from[0] + from[1] * from[1] - WIDEST_MM * WIDEST_MM;
+    let c = from[0] * from[0] + from[1] * from[1] - MAX_RADIUS_MM * MAX_RADIUS_MM;
     let root = (b * b - a * c).max(0.0).sqrt();
     let step = |t: f64| (((t - 1.0) / reach + 1.0) * 0.5 * STEPS as f64).clamp(0.0, STEPS as f64) as usize;
     (step((-b - root) / a)..=(step((root - b) / a) + 1).min(STEPS)).any(|k| {
         let t = 1.0 + reach * (2.0 * k as f64 / STEPS as f64 - 1.0);
         let p = add_scaled(from, t, way);
         let inside = p[2].abs() < HALF && p[0].hypot(p[1]) < shape.profile(p[2])[0] - 1e-3;
-        // Lines of sight to a contour leave it in second order: what is near is not in the way.
+        // Near the contour the line leaves the surface only in second order, and the tolerance of `inside`
+        // cannot decide. Points within 0.5 mm of the contour do not count.
         inside && (t - 1.0).abs() * far > 0.5
     })
 }
 
-fn turned(shape: ContoursShape, up: usize, around: usize) -> TriangleMesh {
+/// The surface of revolution without its ends, facing outwards.
+fn surface_of_revolution(shape: ContoursShape, up: usize, around: usize) -> TriangleMesh {
     let mut positions = Vec::new();
     for i in 0..=up {
         let z = HALF * (2.0 * i as f64 / up as f64 - 1.0);
@@ -301,10 +323,10 @@ fn turned(shape: ContoursShape, up: usize, around: usize) -> TriangleMesh {
     TriangleMesh { positions, triangles }
 }
 
-/// With both ends closed, for masks.
-fn closed(shape: ContoursShape) -> TriangleMesh {
+/// The surface of revolution with both ends closed, so that masks have no opening at the rims.
+fn closed_surface(shape: ContoursShape) -> TriangleMesh {
     let (up, around) = (200, 360);
-    let mut mesh = turned(shape, up, around);
+    let mut mesh = surface_of_revolution(shape, up, around);
     for (ring, z) in [(0, -HALF), (up, HALF)] {
         let middle = mesh.positions.len() as u32;
         mesh.positions.push([0.0, 0.0, z]);
@@ -316,24 +338,27 @@ fn closed(shape: ContoursShape) -> TriangleMesh {
     mesh
 }
 
-/// The share of each pixel that the object covers.
-fn mask_of(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
-    let finer = FINER as f64;
+/// The share of each pixel that the object covers, from 0 to 255.
+fn coverage_mask(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
+    let finer = MASK_SAMPLES as f64;
     let mut k = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.k[(i, j)]));
     for row in k.iter_mut().take(2) {
         *row = row.map(|x| finer * x);
+        // Pixel centres have whole coordinates: the first of n samples lies (n − 1)/2 samples before the
+        // centre of its pixel.
         row[2] += 0.5 * (finer - 1.0);
     }
     let r = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.r[(i, j)]));
     let fine = Camera::new(k, r, camera.t.into())?;
-    let [columns, rows] = SIZE.map(|n| n * FINER);
+    let [columns, rows] = SIZE.map(|n| n * MASK_SAMPLES);
     let seen = covered_pixels(mesh, &fine, columns, rows);
     Ok((0..SIZE[0] * SIZE[1])
         .map(|p| {
-            let (x, y) = (p % SIZE[0] * FINER, p / SIZE[0] * FINER);
-            let count =
-                (0..FINER * FINER).filter(|s| seen[(y + s / FINER) * columns + x + s % FINER]).count();
-            (255 * count / (FINER * FINER)) as u8
+            let (x, y) = (p % SIZE[0] * MASK_SAMPLES, p / SIZE[0] * MASK_SAMPLES);
+            let count = (0..MASK_SAMPLES * MASK_SAMPLES)
+                .filter(|s| seen[(y + s / MASK_SAMPLES) * columns + x + s % MASK_SAMPLES])
+                .count();
+            (255 * count / (MASK_SAMPLES * MASK_SAMPLES)) as u8
         })
         .collect())
 }

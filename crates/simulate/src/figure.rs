@@ -1,8 +1,9 @@
 //! Line charts as SVG: panels of curves with axes, units and legends.
 //!
-//! Input: rows of [`Panel`]s. Output: one SVG document. Axes start at zero; all panels of a row have one
-//! scale, so that they compare. The same curves give the same bytes. Not guaranteed: legends that never lie
-//! over a curve; they stand where the panel is emptiest of its corners.
+//! Input: rows of [`Panel`]s. Output: one SVG document. Axes start at zero, and all panels of a row have the
+//! same scale so that they can be compared. The same curves give the same bytes.
+//!
+//! Not guaranteed: that a legend never covers a curve. It lies in the corner with the fewest points.
 
 use std::fmt::Write as _;
 
@@ -12,12 +13,12 @@ const LEFT: f64 = 58.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 48.0;
-/// Room for the headline.
+/// Height of the headline.
 const HEAD: f64 = 40.0;
-/// Colours that stay apart for most colour-blind eyes (Okabe and Ito).
+/// Colours that most colour-blind readers can distinguish (Okabe and Ito).
 const COLOURS: [&str; 5] = ["#d55e00", "#e69f00", "#009e73", "#0072b2", "#cc79a7"];
 
-/// A line with its name.
+/// A line with its name in the legend.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Curve {
     name: String,
@@ -29,8 +30,9 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// A solid line with markers, coloured by a number; the wider the more lines come after it, so that lines
-    /// at one place show as bands.
+    /// A solid line with markers, with a colour by number.
+    ///
+    /// It is wider the more lines are drawn `after` it: lines that coincide then remain visible as bands.
     pub fn patch(number: usize, after: usize, name: String, points: Vec<[f64; 2]>) -> Self {
         Self {
             width: 1.8 + 2.4 * after as f64,
@@ -53,7 +55,7 @@ impl Curve {
     }
 }
 
-/// A chart.
+/// One chart.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Panel {
     pub title: String,
@@ -62,7 +64,7 @@ pub(super) struct Panel {
     pub curves: Vec<Curve>,
 }
 
-/// Draws rows of panels under a headline.
+/// Draws rows of panels under a headline and returns the SVG document.
 pub(super) fn draw(headline: &str, rows: &[Vec<Panel>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let (width, height) = (WIDTH * columns as f64, HEAD + HEIGHT * rows.len() as f64);
@@ -94,18 +96,20 @@ pub(super) fn draw(headline: &str, rows: &[Vec<Panel>]) -> String {
     out
 }
 
-/// From zero to an end, in round steps.
+/// An axis from zero to `end` with round steps.
 struct Axis {
     end: f64,
     step: f64,
 }
 
 impl Axis {
+    /// An axis up to at least `largest` with about `steps` steps.
     fn to(largest: f64, steps: usize) -> Self {
         if largest <= 0.0 {
             return Self { end: 1.0, step: 0.5 };
         }
         let rough = largest / steps as f64;
+        // The tolerances keep a value that is round up to rounding from starting another step.
         let decade = 10.0_f64.powf(rough.log10().floor());
         let step = [1.0, 2.0, 2.5, 5.0, 10.0]
             .map(|m| m * decade)
@@ -166,7 +170,7 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
     draw_legend(out, panel, [left, right, top, bottom], &place);
 }
 
-/// The names, in the corner that curves leave free.
+/// Draws the names of the curves in the corner of the panel that covers the fewest points.
 fn draw_legend(
     out: &mut String,
     panel: &Panel,
@@ -230,7 +234,7 @@ fn text(out: &mut String, [x, y]: [f64; 2], anchor: &str, attributes: &str, cont
         writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" {attributes}>{safe}</text>");
 }
 
-/// A tick's number, without trailing zeros.
+/// The label of a tick, without trailing zeros.
 fn number(x: f64) -> String {
     let text = format!("{x:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

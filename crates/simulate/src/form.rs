@@ -1,10 +1,8 @@
 //! Smooth freeform surfaces in closed form.
 //!
-//! Input: a shape, a size and a seed. Output: a [`ClosedForm`]: points and exact derivatives at any
-//! `(u, v)`. None of them is a spline, so that no fit can hit one by luck. Sizes are in the model's unit;
-//! `size` is about the longest side.
-//!
-//! Not guaranteed: that two seeds look alike; the amplitudes are bounded so that no surface folds or meets
+//! Input: a shape, a size and a seed. Output: a [`ClosedForm`] with points and exact derivatives at any
+//! `(u, v)`. None of the forms is a spline, so no fit can represent one exactly. Sizes are in the unit of the
+//! model; `size` is about the longest side. Amplitudes are bounded so that no surface folds or intersects
 //! itself.
 
 use super::second_order::SecondOrder;
@@ -16,8 +14,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
-/// A smooth surface given by formulas, over `(u, v)` in `[0, 1]²`; `S_u × S_v` points outwards (a sheet: to
-/// +z).
+/// A smooth surface given by a formula over `(u, v)` in `[0, 1]²`.
+///
+/// `S_u × S_v` points outwards; for a sheet, to +z.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum ClosedForm {
@@ -25,9 +24,9 @@ pub enum ClosedForm {
     Sheet(SheetForm),
     /// A bent tube of varying, non-circular section, open at both ends.
     Tube(TubeForm),
-    /// A blob around an ellipsoid.
+    /// An ellipsoid with bumps and dents.
     Ball(BallForm),
-    /// A rectangle that is bent along a catenary, without stretch.
+    /// A rectangle that is bent to a catenary without stretch.
     Bent(BentForm),
 }
 
@@ -36,58 +35,62 @@ pub enum ClosedForm {
 pub struct SheetForm {
     /// Sides along x and y.
     pub sides: [f64; 2],
-    /// Factors of `x²`, `xy` and `y²`.
+    /// Coefficients of `x²`, `xy` and `y²`.
     pub quadratic: [f64; 3],
-    /// Bumps: centre, width `w` and height `h`.
+    /// Bumps with centre `c`, width `w` and height `h`.
     pub bumps: Vec<SheetBump>,
 }
 
 /// A bump of a [`SheetForm`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SheetBump {
-    /// Its middle.
+    /// Centre.
     pub centre: [f64; 2],
-    /// Its standard width.
+    /// Standard width `w` of the Gaussian.
     pub width: f64,
-    /// Its height, negative for a dent.
+    /// Height `h`, negative for a dent.
     pub height: f64,
 }
 
-/// A rectangle bent along a catenary: with `s` along the bend and `t` across it, by the angle of the bend
-/// from the material's `x` and `y`,
+/// A rectangle bent to a catenary.
+///
+/// With the length `s` along the bend and `t` across it, measured from the middle of the bend,
 ///
 /// ```text
-/// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,    s, t from the middle
+/// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,
 /// ```
 ///
-/// `s` is the length of the catenary, whose curvature is `κ/(1 + κ²s²)`: `E, F, G` are those of the flat
-/// rectangle, whatever κ and the angle. A bulge along the normal breaks that.
+/// where `e` and `f` are the material's x and y axes, rotated by the angle of the bend. `s` is the arc length
+/// of the catenary, whose curvature is `κ/(1 + κ²s²)`. The first fundamental form `E, F, G` is therefore that
+/// of the flat rectangle, for any κ and angle. A bulge along the normal changes it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BentForm {
     /// Sides of the rectangle along x and y.
     pub sides: [f64; 2],
-    /// Curvature `κ` at the middle of the bend, one over the unit; zero is flat.
+    /// Curvature `κ` in the middle of the bend, in 1/unit; zero for a flat sheet.
     pub curvature: f64,
-    /// Angle of the bend from the material's x, in radians.
+    /// Angle from the material's x axis to the direction `e` of the bend, in radians.
     pub angle_rad: f64,
-    /// The middle of the bend lies so far from the middle of the rectangle.
+    /// Distance of the middle of the bend from the middle of the rectangle, along `e`.
     pub offset: f64,
-    /// A bulge along the normal, which stretches: none where the sheet only bends.
+    /// A bulge along the normal, which stretches the sheet; `None` for pure bending.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bulge: Option<SheetBump>,
 }
 
-/// Sections around an arc of a circle: `P = (R + r cos θ) e(φ) − R e(0) + (r sin θ + s sin(πw)) y`, with
-/// `θ = 2πu`, `φ = turn (v − ½)`, `w = 2v − 1` and `r = r0 (1 + Σ a cos(mθ + p) cos(kπv + q))`.
+/// A tube around an arc of a circle, with a section that varies along it.
+///
+/// `P = (R + r cos θ) e(φ) − R e(0) + (r sin θ + s sin(πw)) y`, with `θ = 2πu`, `φ = turn (v − ½)`,
+/// `w = 2v − 1` and `r = r0 (1 + Σ a cos(mθ + p) cos(kπv + q))`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TubeForm {
-    /// Radius `R` of the bend.
+    /// Radius `R` of the arc.
     pub bend_radius: f64,
-    /// Angle from end to end, in radians.
+    /// Angle of the arc from end to end, in radians.
     pub turn_rad: f64,
     /// Mean radius `r0` of the section.
     pub radius: f64,
-    /// Amplitude `s` of the sway out of the plane of the bend.
+    /// Amplitude `s` of the deviation from the plane of the arc.
     pub sway: f64,
     /// Waves of the radius.
     pub waves: Vec<TubeWave>,
@@ -96,41 +99,55 @@ pub struct TubeForm {
 /// A wave of a [`TubeForm`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TubeWave {
-    /// Share `a` of the radius.
+    /// Amplitude `a`, relative to the radius.
     pub amplitude: f64,
-    /// Periods `m` around.
+    /// Number of periods `m` around the section.
     pub around: f64,
-    /// Half periods `k` along.
+    /// Number of half periods `k` along the tube.
     pub along: f64,
     /// Phases `p` and `q`, in radians.
     pub phases_rad: [f64; 2],
 }
 
-/// `P = (1 + Σ a exp(κ (d · c − 1))) E d` over unit vectors `d`, `E` the semi-axes; star-shaped.
+/// A star-shaped surface: `P = (1 + Σ a exp(κ (d · c − 1))) E d` over unit vectors `d`, with the semi-axes `E`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BallForm {
     /// Semi-axes along x, y and z.
     pub semi_axes: [f64; 3],
-    /// The bumps.
+    /// Bumps and dents.
     pub bumps: Vec<BallBump>,
 }
 
 /// A bump of a [`BallForm`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct BallBump {
-    /// Unit direction `c` of its middle.
+    /// Unit direction `c` of the centre.
     pub direction: [f64; 3],
     /// Sharpness `κ`: the standard width is `1/√κ` radians.
     pub sharpness: f64,
-    /// Share `a` of the radius, negative for a dent.
+    /// Amplitude `a`, relative to the radius; negative for a dent.
     pub amplitude: f64,
 }
 
 impl ClosedForm {
-    /// A surface of that shape, about `size` long, drawn from the seed.
+    /// A random surface of the given shape, about `size` long.
     ///
     /// # Errors
     /// `Unsupported` for a torus; `Input` for a size that is not positive.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::ClosedForm;
+    /// use planish_spline::Shape;
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let form = ClosedForm::random(Shape::Tube, 100.0, 3)?;
+    /// assert_eq!(form, ClosedForm::random(Shape::Tube, 100.0, 3)?);
+    /// // The section is closed: u = 0 and u = 1 are the same point.
+    /// let [a, b] = [0.0, 1.0].map(|u| form.jet(u, 0.5).point);
+    /// assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn random(shape: Shape, size: f64, seed: u64) -> Result<Self> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(Error::input(format!("needed a size > 0, found {size}")));
@@ -140,8 +157,8 @@ impl ClosedForm {
         Ok(match shape {
             Shape::Sheet => {
                 let sides = [size, 0.8 * size];
-                // Curvature radii of about one to three lengths; then bumps from a quarter of the sheet down
-                // to a twelfth.
+                // Radii of curvature of about one to three lengths. Bumps have widths from a quarter down to a
+                // twelfth of the sheet, so that fits have to refine more in some places than in others.
                 let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
                 quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
                 let bumps = (0..9)
@@ -192,7 +209,7 @@ impl ClosedForm {
                         BallBump {
                             direction: [ring * angle.cos(), ring * angle.sin(), z],
                             sharpness,
-                            // From 1 on, a dent is hollow.
+                            // The curvature of a bump is a κ. Above about 1, a dent makes the surface concave.
                             amplitude: sign * between(0.5, 1.1) / sharpness,
                         }
                     })
@@ -201,13 +218,13 @@ impl ClosedForm {
             }
             Shape::Torus => {
                 return Err(Error::unsupported(
-                    "simulated scenes know the shapes sheet, tube and ball, found torus",
+                    "simulated scenes support the shapes sheet, tube and ball, found torus",
                 ));
             }
         })
     }
 
-    /// The topology.
+    /// The topology of the surface.
     #[must_use]
     pub fn shape(&self) -> Shape {
         match self {
@@ -218,7 +235,9 @@ impl ClosedForm {
         }
     }
 
-    /// The point at `(u, v)` with its derivatives.
+    /// The point at `(u, v)` with its first and second derivatives with respect to u and v.
+    ///
+    /// At the poles of a ball (v = 0 and 1), the derivative with respect to u vanishes.
     #[must_use]
     pub fn jet(&self, u: f64, v: f64) -> Jet {
         let [u, v] = SecondOrder::parameters(u, v);
@@ -233,8 +252,9 @@ impl ClosedForm {
         }
     }
 
-    /// The same point with derivatives in a chart that is regular there: on a ball, along two tangents of the
-    /// unit sphere.
+    /// The point at `(u, v)` with its derivatives in a chart that is regular there, poles included.
+    ///
+    /// On a ball the derivatives are along two tangents of the unit sphere, elsewhere with respect to u and v.
     #[must_use]
     pub(super) fn regular_jet(&self, u: f64, v: f64) -> Jet {
         match self {
@@ -255,7 +275,7 @@ impl ClosedForm {
         }
     }
 
-    /// Parameters after a step in the regular chart; open borders hold it.
+    /// Parameters after a step in the chart of [`ClosedForm::regular_jet`], clamped at open borders.
     #[must_use]
     pub(super) fn moved(&self, [u, v]: [f64; 2], [s, t]: [f64; 2]) -> [f64; 2] {
         match self {
@@ -268,6 +288,7 @@ impl ClosedForm {
                 if angle == 0.0 {
                     return [u, v];
                 }
+                // The exact exponential map: a step over a pole continues on the other side.
                 let along = add_scaled(scale(s / angle, e1), t / angle, e2);
                 parameters(add_scaled(scale(angle.cos(), d), angle.sin(), along))
             }
@@ -275,13 +296,13 @@ impl ClosedForm {
     }
 }
 
-/// The unit vector of a ball's `(u, v)`.
+/// The unit vector at parameters `(u, v)` of a ball: longitude `2πu`, angle `πv` from −z.
 fn direction(u: f64, v: f64) -> [f64; 3] {
     let ((s, c), (sin, cos)) = ((PI * v).sin_cos(), (TAU * u).sin_cos());
     [s * cos, s * sin, -c]
 }
 
-/// A ball's `(u, v)` of a direction of any length.
+/// The parameters `(u, v)` of a ball in a direction, which need not be a unit vector.
 pub(super) fn parameters(d: [f64; 3]) -> [f64; 2] {
     [d[1].atan2(d[0]).rem_euclid(TAU) / TAU, d[0].hypot(d[1]).atan2(-d[2]) / PI]
 }
@@ -306,16 +327,17 @@ impl BentForm {
         let (s, t) = (x * cos + y * sin - self.offset, y * cos + x * -sin);
         let (k, arc) = (self.curvature, s.f);
         let r = 1.0_f64.hypot(k * arc);
-        // Each with its first and second derivative by the length of the catenary.
+        // Both coordinates of the catenary with their first and second derivatives with respect to its arc
+        // length. κs²/(r + 1) is (r − 1)/κ without cancellation for small κ, and without division by zero.
         let along = if k == 0.0 { arc } else { (k * arc).asinh() / k };
-        let mut along = s.through([along, 1.0 / r, -k * k * arc / r.powi(3)]);
-        let mut up = s.through([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
+        let mut along = s.compose([along, 1.0 / r, -k * k * arc / r.powi(3)]);
+        let mut up = s.compose([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
         if let Some(bulge) = &self.bulge {
             let (dx, dy) = (x - bulge.centre[0], y - bulge.centre[1]);
             let height = ((dx * dx + dy * dy) * (-0.5 / (bulge.width * bulge.width))).exp() * bulge.height;
-            let sin_slope = s.through([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
+            let sin_slope = s.compose([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
             let bend = k * k * (2.0 * (k * arc).powi(2) - 1.0) / r.powi(5);
-            let cos_slope = s.through([1.0 / r, -k * k * arc / r.powi(3), bend]);
+            let cos_slope = s.compose([1.0 / r, -k * k * arc / r.powi(3), bend]);
             along = along + sin_slope * height * -1.0;
             up = up + cos_slope * height;
         }

@@ -1,4 +1,4 @@
-//! Pictures of cameras that converge, rectified and matched, against a rectified pair of the same object.
+//! Stereo matching of images from converging cameras, compared with a rectified pair of the same object.
 
 use super::render::{Exposure, Light, Texture};
 use planish_estimate::vector3::{cross, norm, sub, unit};
@@ -13,7 +13,7 @@ const SIZE: [usize; 2] = [240, 180];
 const FOCAL: f64 = 500.0;
 const RADIUS: f64 = 8.0;
 
-/// A camera at a place that looks along a direction, with the world's y down.
+/// A camera at a position that looks along a direction, with y of the world downwards.
 fn camera(at: [f64; 3], along: [f64; 3]) -> Pinhole {
     let z = unit(along).unwrap();
     let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
@@ -40,16 +40,16 @@ fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {
     Image::try_new(SIZE[0], SIZE[1], grey.into_iter().map(f32::from).collect()).unwrap()
 }
 
-/// How many points there are where the ball is seen well, and their median distance from it.
-fn judged(scan: &Scan) -> (usize, f64) {
-    let well = scan.points.iter().filter(|p| norm([p[0], p[1], 0.0]) < 0.7 * RADIUS);
-    let mut off: Vec<f64> = well.map(|p| (norm(*p) - RADIUS).abs()).collect();
+/// Number of points in the middle of the ball, and their median distance from its surface.
+fn count_and_median(scan: &Scan) -> (usize, f64) {
+    let central = scan.points.iter().filter(|p| norm([p[0], p[1], 0.0]) < 0.7 * RADIUS);
+    let mut off: Vec<f64> = central.map(|p| (norm(*p) - RADIUS).abs()).collect();
     off.sort_by(f64::total_cmp);
     (off.len(), off[off.len() / 2])
 }
 
 #[test]
-fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
+fn converging_cameras_are_as_accurate_as_a_rectified_pair() {
     let ball = MeshSearch::try_new(&icosphere(RADIUS, 5)).unwrap();
     let places = [[-3.0, 0.0, -50.0], [3.0, 0.0, -50.0]];
     let options = StereoOptions { least_disparity: -40, disparities: 120, ..StereoOptions::default() };
@@ -65,9 +65,9 @@ fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
     for p in &mut scan.points {
         *p = std::array::from_fn(|k| p[k] + places[0][k]);
     }
-    let (level_count, level_median) = judged(&scan);
+    let (level_count, level_median) = count_and_median(&scan);
 
-    // Both look at the middle of the ball, the second from a little higher.
+    // Both cameras look at the middle of the ball, the second from a slightly higher position.
     let places = [[-3.0, 0.0, -50.0], [3.0, -1.0, -50.0]];
     let cameras = places.map(|at| camera(at, sub([0.0; 3], at)));
     let images = [picture(&ball, &cameras[0], 1), picture(&ball, &cameras[1], 2)];
@@ -80,7 +80,7 @@ fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
     let mut map = matched(&images);
     let _ = made.without_outside(&mut map);
     let scan = made.scan(&map, &choice, "converging").unwrap();
-    let (count, median) = judged(&scan);
+    let (count, median) = count_and_median(&scan);
     assert!(
         5 * count > 4 * level_count && median < 1.3 * level_median && median < 0.05,
         "{count} of {level_count}: {median} {level_median}"

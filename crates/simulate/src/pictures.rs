@@ -1,13 +1,16 @@
-//! The scenes `stereo` and `grid`: pictures of a textured object from several views, and the truth.
+//! The scenes `stereo` and `grid`: images of a textured object from several views, and the ground truth.
 //!
-//! Input: [`PictureSceneOptions`]: a mesh, or a built-in freeform. Output: a folder with pictures of
-//! every view, the calibration that `planish sense` reads, `job.toml` with the poses for what `sense` will
-//! write, the same for each view alone (`view-1.toml`), `truth.ply` and `truth.json`.
+//! Input: [`PictureSceneOptions`] with a mesh or a built-in freeform. Output: a folder with
 //!
-//! Views stand around the object on a ring, 20° above its equator. Both scenes have the same cameras, so that
-//! their results belong together: the camera of the stripes is the left one of the pair.
+//! - the images of every view and the calibration that `planish sense` reads,
+//! - `job.toml` with the poses, which fuses the files that `sense` will write, and the same for each single
+//!   view (`view-1.toml`),
+//! - `truth.ply` and `truth.json`.
 //!
-//! Not guaranteed: that all of a surface is seen.
+//! The cameras lie on a ring around the object, 20° above its equator. Both scenes have the same cameras, so
+//! that their results can be fused: the camera for the stripes is the left one of the stereo pair.
+//!
+//! Not guaranteed: that the views cover the whole surface.
 
 use super::render::{Exposure, Light, Texture};
 use super::truth::{Truth, positive};
@@ -30,50 +33,52 @@ use std::path::{Path, PathBuf};
 
 /// Length of a built-in object, in millimetres.
 const SIZE_MM: f64 = 100.0;
-/// Distance of cameras to the object's middle, over its diagonal.
+/// Distance of the cameras from the middle of the object, relative to its diagonal.
 const DISTANCE: f64 = 2.2;
-/// Height of the ring of views.
+/// Elevation of the cameras above the equator of the object.
 const ELEVATION_DEG: f64 = 20.0;
-/// Distance of the two cameras of a pair, over that to the object.
+/// Baseline of a stereo pair, relative to the distance of the object.
 const BASELINE: f64 = 0.12;
-/// The least disparity, in pixels.
-const LEAST_DISPARITY: f64 = 8.0;
-/// The angle between camera and projector, seen from the object.
+/// Minimum disparity, in pixels; stereo searches from zero, so this leaves a margin at the far side.
+const MIN_DISPARITY: f64 = 8.0;
+/// Angle between camera and projector, seen from the object.
 const PROJECTOR_DEG: f64 = 25.0;
-/// Directions of the stripes. Neither whole shifts of the pattern nor quarter turns of it put crossings on
-/// the lines of others, as 45° would.
+/// Directions of the stripes.
+///
+/// Stripes are identified by their epipolar lines (see `docs/decisions/0033-crossed-stripes.md`). At 45°, a
+/// shifted or rotated pattern has its crossings on the same lines, so that it could not be told apart.
 const STRIPES_DEG: [f64; 2] = [35.0, 125.0];
 /// σ of a stripe's profile, in pixels of the projector.
 const STRIPE_SIGMA_PX: f64 = 1.8;
-/// The finest spots of the texture, in pixels.
+/// Size of the finest spots of the texture, in pixels.
 const GRAIN_PX: f64 = 3.0;
-/// Share of the picture that the object takes.
-const FILLED: f64 = 0.94;
+/// Share of the image that the object fills, along the axis that limits the focal length.
+const FILL_SHARE: f64 = 0.94;
 
 /// Settings of the scenes `stereo` and `grid`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureSceneOptions {
-    /// The object; a freeform if none is given.
+    /// Mesh of the object; `None` for a freeform.
     pub mesh: Option<PathBuf>,
-    /// Steps of smooth subdivision of the mesh: what is seen and what is true is the finer one.
+    /// Steps of smooth subdivision of the mesh, at most 5; the images and the truth show the refined mesh.
     pub subdivide: usize,
-    /// The axis that stands upright: 0, 1 or 2.
+    /// Index of the vertical axis: 0, 1 or 2.
     pub up: usize,
     /// Topology of the freeform.
     pub shape: Shape,
-    /// Views around the object.
+    /// Number of views around the object.
     pub views: usize,
-    /// Columns and rows of the pictures.
+    /// Columns and rows of the images.
     pub size: [usize; 2],
     /// Contrast of the texture, from 0 (plain) to below 1.
     pub texture: f64,
-    /// σ of a pixel's brightness, of 255.
+    /// σ of the brightness of a pixel, on the scale from 0 to 255.
     pub sigma_brightness: f64,
-    /// Distance of the stripes, in pixels.
+    /// Spacing of the stripes, in pixels of the projector.
     pub stripe_spacing: f64,
     /// Seed of the freeform, the texture and all noise.
     pub seed: u64,
-    /// The unit of a freeform, and of a mesh whose file names none.
+    /// Unit of a freeform, and of a mesh whose file states none.
     pub unit: Unit,
 }
 
@@ -95,18 +100,18 @@ impl Default for PictureSceneOptions {
     }
 }
 
-/// Which pictures are taken.
+/// The kind of images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureScene {
-    /// Rectified pairs under a lamp.
+    /// Rectified stereo pairs under a lamp.
     Stereo,
-    /// Crossed stripes, and the same view under a lamp.
+    /// An image with crossed projected stripes and one of the same view under a lamp.
     Grid,
 }
 
 impl PictureScene {
-    /// Its name on the command line, and the stem of what `sense` is to write.
+    /// Name on the command line, and stem of the file names that `sense` writes.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -115,7 +120,7 @@ impl PictureScene {
         }
     }
 
-    /// The calibration's file.
+    /// File name of the calibration.
     #[must_use]
     pub fn calibration(self) -> &'static str {
         match self {
@@ -124,7 +129,14 @@ impl PictureScene {
         }
     }
 
-    /// The pictures of a view, as `sense` takes them.
+    /// File names of the two images of a view, in the order in which `sense` expects them.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::PictureScene;
+    /// assert_eq!(PictureScene::Stereo.pictures(1), ["left-1.png", "right-1.png"]);
+    /// assert_eq!(PictureScene::Grid.calibration(), "grid.toml");
+    /// ```
     #[must_use]
     pub fn pictures(self, view: usize) -> [String; 2] {
         match self {
@@ -135,48 +147,49 @@ impl PictureScene {
     }
 }
 
-/// What `truth.json` says.
+/// Contents of `truth.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureTruth {
     /// `stereo` or `grid`.
     pub scene: PictureScene,
-    /// The mesh or the freeform.
-    pub thing: String,
+    /// File name of the mesh, or shape of the freeform.
+    #[serde(rename = "thing")]
+    pub object: String,
     /// Seed of the scene.
     pub seed: u64,
     /// Unit of every length.
     pub unit: String,
-    /// Diagonal of the box about the object.
+    /// Diagonal of the bounding box of the object.
     pub diagonal: f64,
-    /// σ of a pixel's brightness, of 255.
+    /// σ of the brightness of a pixel, on the scale from 0 to 255.
     pub sigma_brightness: f64,
-    /// Contrast of the texture.
+    /// Contrast of the texture, from 0 to below 1.
     pub texture: f64,
     /// Focal length, in pixels.
     pub focal: f64,
-    /// Poses of the cameras.
+    /// Poses of the cameras; of a stereo pair, the left one.
     pub poses: Vec<ViewPose>,
-    /// Vertices of `truth.ply`.
+    /// Number of vertices of `truth.ply`.
     pub mesh_vertices: usize,
-    /// Triangles of `truth.ply`.
+    /// Number of triangles of `truth.ply`.
     pub mesh_triangles: usize,
 }
 
-/// Carries a camera's frame into the world.
+/// World-from-camera pose of a view.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ViewPose {
-    /// Its place.
+    /// Position of the camera.
     pub translation: [f64; 3],
-    /// Its rotation.
+    /// Rotation as a quaternion.
     pub quaternion_xyzw: [f64; 4],
 }
 
-/// Files that were written.
+/// The files written and their ground truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureSceneSummary {
-    /// Every file, the job first.
+    /// All files: `job.toml`, `truth.ply`, then the others.
     pub files: Vec<PathBuf>,
-    /// What is true of them.
+    /// Contents of `truth.json`.
     pub truth: PictureTruth,
 }
 
@@ -184,11 +197,11 @@ pub struct PictureSceneSummary {
 struct Stage {
     mesh: TriangleMesh,
     search: MeshSearch,
-    thing: String,
+    object: String,
     unit: Unit,
     diagonal: f64,
     middle: [f64; 3],
-    /// From the middle to the cameras.
+    /// Distance of the cameras from the middle.
     far: f64,
     up: [f64; 3],
     focal: f64,
@@ -196,11 +209,25 @@ struct Stage {
     options: PictureSceneOptions,
 }
 
-/// Takes the pictures of a scene and writes them: what `planish simulate scene stereo` and `grid` do.
+/// Renders the images of a scene and writes its files, as `planish simulate scene stereo` and `grid` do.
 ///
 /// # Errors
-/// `Input` for options that make no sense; what reading the mesh and writing report; `Interrupted` on
-/// request, before `job.toml` is written.
+/// `Input` for options out of range; errors of reading the mesh and of writing; `Interrupted` on request,
+/// before `job.toml` is written.
+///
+/// # Examples
+/// ```
+/// use planish_core::Silent;
+/// use planish_simulate::{PictureScene, PictureSceneOptions, write_picture_scene};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let folder = tempfile::tempdir()?;
+/// let options = PictureSceneOptions { views: 1, size: [96, 72], ..PictureSceneOptions::default() };
+/// let summary = write_picture_scene(PictureScene::Stereo, &options, folder.path(), &Silent)?;
+/// assert!(summary.files[0].ends_with("job.toml"));
+/// assert!(folder.path().join("left-1.png").is_file());
+/// # Ok(())
+/// # }
+/// ```
 pub fn write_picture_scene(
     scene: PictureScene,
     options: &PictureSceneOptions,
@@ -220,6 +247,7 @@ pub fn write_picture_scene(
             pictures.push((folder.join(name), stage.take(scene, view, k, &part)?));
         }
     }
+    // Nothing is written before all images exist, so an interrupted run leaves the folder as it was.
     progress.check(WRITING_STAGE, 0.95)?;
     for (path, picture) in pictures {
         write_grey_png(&path, options.size[0], options.size[1], &picture)?;
@@ -250,6 +278,7 @@ pub fn write_picture_scene(
     };
     write_mesh(&path, &columns)?;
     files.push(path);
+    // `job.toml` and `truth.ply` were written last, and come first in the summary.
     files.rotate_right(2);
     progress.advance("done", 1.0);
     Ok(PictureSceneSummary { files, truth })
@@ -287,7 +316,7 @@ fn sanity_check(options: &PictureSceneOptions) -> Result<()> {
 
 impl Stage {
     fn new(options: &PictureSceneOptions) -> Result<Self> {
-        let (mesh, thing, unit) = match &options.mesh {
+        let (mesh, object, unit) = match &options.mesh {
             None => {
                 let size = SIZE_MM / options.unit.millimetres();
                 let truth = Truth::freeform(options.shape, size, options.seed)?;
@@ -304,8 +333,7 @@ impl Stage {
                 (mesh, name, read.unit.unwrap_or(options.unit))
             }
         };
-        let bounds =
-            mesh.bounding_box().ok_or_else(|| Error::undetermined("a mesh without points cannot be seen"))?;
+        let bounds = mesh.bounding_box().ok_or_else(|| Error::undetermined("the mesh has no vertices"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
         let far = DISTANCE * diagonal;
         let mut up = [0.0; 3];
@@ -315,7 +343,8 @@ impl Stage {
                 pose_on_ring(middle, far, up, TAU * view as f64 / options.views as f64, ELEVATION_DEG)
             })
             .collect::<Result<Vec<_>>>()?;
-        // One focal length for all views.
+        // The calibration is written once, so all views need the same focal length: the largest with which
+        // every view shows the whole object.
         let mut half = [0.0_f64; 2];
         for pose in &poses {
             let camera_from_world = pose.inverse();
@@ -325,11 +354,11 @@ impl Stage {
             }
         }
         let focal =
-            (0..2).map(|k| FILLED * 0.5 * options.size[k] as f64 / half[k]).fold(f64::INFINITY, f64::min);
+            (0..2).map(|k| FILL_SHARE * 0.5 * options.size[k] as f64 / half[k]).fold(f64::INFINITY, f64::min);
         Ok(Self {
             search: MeshSearch::try_new(&mesh)?,
             mesh,
-            thing,
+            object,
             unit,
             diagonal,
             middle,
@@ -341,11 +370,12 @@ impl Stage {
         })
     }
 
-    /// The pixel on the axis.
+    /// The principal point, in pixels.
     fn axis(&self) -> [f64; 2] {
         self.options.size.map(|n| 0.5 * (n as f64 - 1.0))
     }
 
+    /// A camera at a pose whose principal point has the column `cx`.
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
         let inverse = pose.inverse();
         Pinhole {
@@ -359,19 +389,21 @@ impl Stage {
         BASELINE * self.far
     }
 
-    /// `cx` of the right camera less that of the left: such that the farthest of the object has the least
-    /// disparity.
+    /// `cx` of the right camera minus that of the left.
+    ///
+    /// The farthest point of the object gets the minimum disparity: `d = f b / z − doffs`.
     fn doffs(&self) -> f64 {
-        (self.focal * self.baseline() / (self.far + 0.5 * self.diagonal) - LEAST_DISPARITY).round()
+        (self.focal * self.baseline() / (self.far + 0.5 * self.diagonal) - MIN_DISPARITY).round()
     }
 
-    /// The projector of a view, beside the camera.
+    /// The projector of a view, on the same ring as the camera.
     fn projector(&self, view: usize) -> Result<Pinhole> {
         let turn = TAU * view as f64 / self.options.views as f64 + PROJECTOR_DEG.to_radians();
         let pose = pose_on_ring(self.middle, self.far, self.up, turn, ELEVATION_DEG)?;
         Ok(self.camera(&pose, self.axis()[0]))
     }
 
+    /// Stripes that cover the object at its nearest point.
     fn pattern(&self) -> StripePattern {
         let half = self.focal * 0.5 * self.diagonal / (self.far - 0.5 * self.diagonal);
         let count = (half / self.options.stripe_spacing).ceil() as i32;
@@ -383,7 +415,7 @@ impl Stage {
         }
     }
 
-    /// The first or the second picture of a view.
+    /// Renders the first (0) or second (1) image of a view.
     fn take(
         &self,
         scene: PictureScene,
@@ -400,7 +432,7 @@ impl Stage {
             }
             _ => left,
         };
-        // Above the left camera, so that both pictures of a pair are lit alike.
+        // Both images of a pair have the same lamp, above the left camera: matching compares brightness.
         let light = match (scene, which) {
             (PictureScene::Grid, 0) => Light::Stripes {
                 projector: self.projector(view)?,
@@ -419,17 +451,18 @@ impl Stage {
                 seed: self.options.seed,
             },
             sigma_brightness: self.options.sigma_brightness,
-            // Every picture has noise of its own.
+            // Every image has independent noise, those of the other scene of the same view included.
             seed: self.options.seed.wrapping_add(
                 1 + 2 * view as u64 + which as u64 + if scene == PictureScene::Grid { 1 << 32 } else { 0 },
             ),
         };
-        exposure.take(&self.search, &mut |share| progress.check("taking pictures", share))
+        exposure.take(&self.search, &mut |share| progress.check("rendering images", share))
     }
 
+    /// The text of the calibration file.
     fn calibration(&self, scene: PictureScene) -> String {
         let [cx, cy] = self.axis();
-        let mut text = format!("# Exact: the pictures are simulated.\nunit = \"{}\"\n", self.unit);
+        let mut text = format!("# Exact: the images are simulated.\nunit = \"{}\"\n", self.unit);
         let _ = match scene {
             PictureScene::Stereo => write!(
                 text,
@@ -440,7 +473,7 @@ impl Stage {
             ),
             PictureScene::Grid => {
                 let pattern = self.pattern();
-                // All views have the same projector, seen from the camera.
+                // The projector moves with the camera, so that the first view stands for all.
                 let camera_from_world = self.poses[0].inverse();
                 let projector = self.projector(0).map(|p| {
                     let world_from_projector = Pose { rotation: p.r, translation: p.t }.inverse();
@@ -463,12 +496,13 @@ impl Stage {
         text
     }
 
-    /// The job that fuses what `sense` makes of some of the views.
+    /// The text of a job that fuses the files that `sense` writes for these views.
     fn job(&self, scene: PictureScene, views: std::ops::Range<usize>) -> String {
         let name = scene.name();
         let kind = match scene {
             PictureScene::Stereo => "stereo",
-            // Its curvatures are made of its points: both together would count the same light twice.
+            // `sense grid` computes curvatures from the points, so a job must not use both as independent
+            // readings (see `docs/decisions/0033-crossed-stripes.md`).
             PictureScene::Grid => "curvature",
         };
         let mut text = format!(
@@ -490,11 +524,12 @@ impl Stage {
         text
     }
 
+    /// The contents of `truth.json`.
     fn truth(&self, scene: PictureScene) -> PictureTruth {
         let pose = |p: &Pose| ViewPose { translation: p.translation, quaternion_xyzw: p.quaternion_xyzw() };
         PictureTruth {
             scene,
-            thing: self.thing.clone(),
+            object: self.object.clone(),
             seed: self.options.seed,
             unit: self.unit.name().to_owned(),
             diagonal: self.diagonal,
@@ -508,7 +543,7 @@ impl Stage {
     }
 }
 
-/// A camera on a ring about the upright axis that looks at the middle: x right, y down, z forward.
+/// Pose of a camera on a ring around the vertical axis that looks at `middle`: x right, y down, z forward.
 fn pose_on_ring(middle: [f64; 3], far: f64, up: [f64; 3], turn: f64, elevation_deg: f64) -> Result<Pose> {
     let across = [up[1], up[2], up[0]];
     let third = cross(up, across);
@@ -517,10 +552,12 @@ fn pose_on_ring(middle: [f64; 3], far: f64, up: [f64; 3], turn: f64, elevation_d
     let towards = add_scaled(scale(cos, level), sin, up);
     let position = add_scaled(middle, far, towards);
     let z = scale(-1.0, towards);
-    let x = unit(cross(z, up)).ok_or_else(|| Error::input("a view from straight above"))?;
+    let x =
+        unit(cross(z, up)).ok_or_else(|| Error::input("the camera must not look along the vertical axis"))?;
     let y = cross(z, x);
     let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: position };
-    // The pose of the quaternion as it is written, so that pictures and job agree.
+    // The job states the pose as a quaternion. Its rounded value is used for rendering, too, so that images
+    // and job agree exactly.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
-        .ok_or_else(|| Error::input("a view without a direction"))
+        .ok_or_else(|| Error::input("the direction of view is undefined"))
 }

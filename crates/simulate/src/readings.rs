@@ -1,4 +1,4 @@
-//! The scene `readings`: a contour of some 100 mm, ranged from all around by a sensor of uncertain pose.
+//! The scene `readings`: ranges to a contour of about 100 mm, from all sides, by a sensor of uncertain pose.
 //!
 //! Input: [`ReadingsOptions`]. Output: `readings.csv`, `exact.csv` and `truth.json` in a folder.
 
@@ -11,23 +11,23 @@ use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// How many of the columns that readings may have are written: up to the time.
+/// Number of columns written: those of [`COLUMNS`] up to the time.
 const WRITTEN_COLUMNS: usize = 10;
 
 /// Settings of the scene `readings`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadingsOptions {
-    /// What is seen.
+    /// Shape of the object.
     pub kind: ContourKind,
-    /// How many readings.
+    /// Number of readings.
     pub readings: usize,
-    /// Readings from each pose.
+    /// Number of readings from each pose, which share the error of the pose.
     pub sweep: usize,
-    /// Errors over the usual ones: 2 mm, 2°, 1 % of the range.
+    /// Factor on the default σ: 2 mm and 2° for the pose, 1 % for the range.
     pub noise: f64,
-    /// Share of wild readings.
+    /// Share of readings that are outliers.
     pub outlier_share: f64,
-    /// Velocity of the object, `vx vy ω` in lengths and radians a second.
+    /// Velocity of the object, `[vx, vy, ω]` in lengths and radians per second.
     pub velocity: [f64; 3],
     /// Seed of every error.
     pub seed: u64,
@@ -35,19 +35,21 @@ pub struct ReadingsOptions {
     pub unit: Unit,
 }
 
-/// Files that were written.
+/// The number of readings and the files written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadingsSummary {
-    /// Readings.
+    /// Number of readings.
     pub rows: usize,
-    /// Columns of the tables.
+    /// Columns of the files of readings.
     pub columns: Vec<&'static str>,
-    /// Files.
+    /// All files written.
     pub files: Vec<PathBuf>,
 }
 
-/// Parameters of the object, some 100 mm long, not at the origin and not upright.
-fn truth_of(kind: &ContourKind) -> Result<Vec<f64>> {
+/// True parameters of the object, in millimetres and radians.
+///
+/// The object is neither at the origin nor aligned with the axes, where wrong signs and angles cancel.
+fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
     let (x, y, angle) = (12.0, -7.0, 25f64.to_radians());
     Ok(match kind {
         ContourKind::Circle => vec![x, y, 50.0],
@@ -62,22 +64,47 @@ fn truth_of(kind: &ContourKind) -> Result<Vec<f64>> {
         }
         _ => {
             return Err(Error::unsupported(format!(
-                "a scene of a {kind}: there are circle, ellipse, rectangle, rounded-rectangle, slot, \
-                 regular-polygon-N, polygon-6"
+                "needed a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-6, \
+                 found {kind}"
             )));
         }
     })
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene readings` does.
+/// Simulates the scene and writes its files, as `planish simulate scene readings` does.
 ///
 /// # Errors
-/// `Input` and `Unsupported` for options that make no sense; `Io` when a file cannot be written.
+/// `Input` for options out of range; `Unsupported` for a kind without a scene; `Io` if a file cannot be written.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::ContourKind;
+/// use planish_exchange::Unit;
+/// use planish_simulate::{ReadingsOptions, write_readings_scene};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let folder = tempfile::tempdir()?;
+/// let options = ReadingsOptions {
+///     kind: ContourKind::Circle,
+///     readings: 50,
+///     sweep: 1,
+///     noise: 1.0,
+///     outlier_share: 0.0,
+///     velocity: [0.0; 3],
+///     seed: 1,
+///     unit: Unit::Millimetre,
+/// };
+/// let summary = write_readings_scene(&options, folder.path())?;
+/// assert_eq!(summary.rows, 50);
+/// assert!(folder.path().join("truth.json").is_file());
+/// # Ok(())
+/// # }
+/// ```
 pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<ReadingsSummary> {
     positive("number of readings", options.readings as f64)?;
     positive("noise", options.noise)?;
     let millimetre = 1.0 / options.unit.millimetres();
-    let mut theta = truth_of(&options.kind)?;
+    let mut theta = true_parameters(&options.kind)?;
+    // Only lengths depend on the unit.
     for (value, (name, _)) in theta.iter_mut().zip(options.kind.names()) {
         if !name.ends_with("_deg") {
             *value *= millimetre;
@@ -86,15 +113,17 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     let sensor = SensorOptions {
         outlier_share: options.outlier_share,
         velocity: options.velocity,
-        ..usual_sensor(options.noise, options.sweep, millimetre)
+        ..default_sensor(options.noise, options.sweep, millimetre)
     };
+    // The sensor moves around this point. The vertices of the L lie around the origin; the parameters of all
+    // other kinds begin with their centre.
     let middle = if options.kind == ContourKind::Polygon(6) { [0.0; 2] } else { [theta[0], theta[1]] };
     let made = ranges(&options.kind, &theta, middle, options.readings, &sensor, options.seed);
     make_folder(folder)?;
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));
     write_table(&paths[0], &made.noisy)?;
     write_table(&paths[1], &made.exact)?;
-    let parameters = named(&options.kind, &theta);
+    let parameters = parameters_json(&options.kind, &theta);
     let [vx, vy, turn] = options.velocity;
     let truth = json!({
         "kind": options.kind.to_string(),
@@ -110,9 +139,9 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     })
 }
 
-/// A sensor 300 mm away that knows its place to 2 mm and its heading to 2°, and reads to 1 %, all times
-/// `noise`.
-pub(super) fn usual_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorOptions {
+/// A sensor at a distance of 300 mm with σ of 2 mm for its position, 2° for its heading and 1 % for its range,
+/// each times `noise`.
+pub(super) fn default_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorOptions {
     SensorOptions {
         standoff: 300.0 * millimetre,
         sigma: [2.0 * millimetre * noise, 2.0 * millimetre * noise, 2f64.to_radians() * noise, 0.0],
@@ -124,18 +153,22 @@ pub(super) fn usual_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorO
     }
 }
 
-/// True parameters as contour.json has them.
-pub(super) fn named(kind: &ContourKind, theta: &[f64]) -> serde_json::Map<String, serde_json::Value> {
+/// True parameters by name, in the form of `contour.json`.
+pub(super) fn parameters_json(
+    kind: &ContourKind,
+    theta: &[f64],
+) -> serde_json::Map<String, serde_json::Value> {
     let (canonical, _) = kind.canonical(theta);
     let names = kind.names().into_iter().zip(canonical);
     names.map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 }))).collect()
 }
 
-pub(super) fn write_table(path: &Path, sightings: &[ContourReading]) -> Result<()> {
+/// Writes ranges as CSV: sensor pose, range, their σ, and which pose and time they belong to.
+pub(super) fn write_table(path: &Path, readings: &[ContourReading]) -> Result<()> {
     write_atomically(path, |out| {
         writeln!(out, "{}", COLUMNS[..WRITTEN_COLUMNS].join(","))?;
-        for (i, sighting) in sightings.iter().enumerate() {
-            let ContourTarget::Range { origin, heading_rad, range, sigma } = sighting.target else {
+        for (i, reading) in readings.iter().enumerate() {
+            let ContourTarget::Range { origin, heading_rad, range, sigma } = reading.target else {
                 continue;
             };
             writeln!(
@@ -148,8 +181,8 @@ pub(super) fn write_table(path: &Path, sightings: &[ContourReading]) -> Result<(
                 sigma[1],
                 sigma[2].to_degrees(),
                 sigma[3],
-                sighting.pose.unwrap_or(i),
-                sighting.time_s
+                reading.pose.unwrap_or(i),
+                reading.time_s
             )?;
         }
         Ok(())

@@ -1,12 +1,13 @@
-//! What a camera sees of a textured object, under a lamp or under projected stripes.
+//! Images of a textured object under a lamp or projected stripes.
 //!
-//! Input: a mesh to cast rays at, a camera, a light. Output: brightness of pixels, with noise, from 0 to
-//! 255.
+//! Input: a surface that rays can meet, a camera and a light. Output: the brightness of the pixels from 0 to
+//! 255, with noise.
 //!
-//! Surfaces are matt (Lambert). The texture is solid: it is a function of the place, so that every view sees
-//! the same. Each pixel is the mean of 3 × 3 rays; what the light does not reach is in shadow.
+//! Surfaces are matt (Lambert). The texture is solid: albedo is a function of the position, so that all views
+//! show the same texture. Each pixel is the mean of 3 × 3 rays. Points that the light does not reach are in
+//! shadow.
 //!
-//! Not guaranteed: light that surfaces throw at each other, gloss, and blur by lenses.
+//! Not modelled: interreflections, gloss and lens blur.
 //!
 //! # References
 //! - Perlin, *An image synthesizer*, 1985, for solid textures.
@@ -20,49 +21,53 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
-/// Rays along each side of a pixel.
+/// Rays per pixel along each axis.
 const RAYS: usize = 3;
-/// The brightest that a white surface becomes, of 255.
+/// Brightness of a white surface that faces the lamp, of 255; the rest is headroom for noise.
 const WHITE: f64 = 240.0;
-/// Shares of the light that comes from everywhere.
+/// Share of ambient light with a lamp.
 const AMBIENT_OF_LAMP: f64 = 0.25;
+/// Share of ambient light with a projector, which works in a dark room.
 const AMBIENT_OF_STRIPES: f64 = 0.06;
-/// Mean of the share of light that surfaces throw back.
+/// Mean albedo, the share of light that a surface reflects.
 const ALBEDO: f64 = 0.6;
-/// A surface is in shadow where something stands this much, as a share of its distance, nearer to the light.
-const SHADOW: f64 = 1e-4;
+/// A point is in shadow if another one is nearer to the light by more than this share of the distance.
+///
+/// It has to exceed the rounding errors of the two intersections, or surfaces would shade themselves. Objects
+/// closer to the surface than this cast no shadow.
+const SHADOW_TOLERANCE: f64 = 1e-4;
 
-/// Something to look at.
-pub trait Target: Sync {
-    /// Where a ray first meets the surface, and its unit normal there, on either side.
+/// A surface that rays can meet: a mesh or a closure.
+pub trait RayTarget: Sync {
+    /// The point where a ray first meets the surface, and the unit normal there, with either sign.
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])>;
 }
 
-impl Target for MeshSearch {
+impl RayTarget for MeshSearch {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         MeshSearch::first_hit(self, origin, direction).map(|hit| (hit.point, hit.normal))
     }
 }
 
-impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> Target for F {
+impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RayTarget for F {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         self(origin, direction)
     }
 }
 
-/// How bright a surface is.
+/// A solid texture of random spots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Texture {
-    /// Half the range of brightness over its mean: 0 for a plain surface, below 1.
+    /// Half the range of the albedo relative to its mean, from 0 (plain) to below 1.
     pub contrast: f64,
-    /// Size of its finest spots, as a length.
+    /// Size of the finest spots, as a length.
     pub grain: f64,
-    /// Seed of its pattern.
+    /// Seed of the pattern.
     pub seed: u64,
 }
 
 impl Texture {
-    /// The share of light that is thrown back at a place: three octaves of noise.
+    /// The albedo at a position: three octaves of noise, from spots of size `grain` to four times that.
     fn albedo(&self, at: [f64; 3]) -> f64 {
         let octave = |k: u32| {
             let size = self.grain * f64::from(1 << k);
@@ -73,7 +78,7 @@ impl Texture {
     }
 }
 
-/// Smooth noise from −1 to 1: numbers at whole places, blended by `3t² − 2t³`.
+/// Smooth noise from −1 to 1: random numbers at integer positions, interpolated by `3t² − 2t³`.
 fn noise(at: [f64; 3], seed: u64) -> f64 {
     let base = at.map(f64::floor);
     let share: [f64; 3] = std::array::from_fn(|k| at[k] - base[k]);
@@ -95,19 +100,19 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
         .sum()
 }
 
-/// What lights the object.
+/// The light source.
 #[derive(Debug, Clone, Copy)]
-#[allow(clippy::large_enum_variant, reason = "one light a picture")]
+#[allow(clippy::large_enum_variant, reason = "one light per image")]
 pub enum Light {
-    /// A lamp at a place, and light from everywhere.
+    /// A lamp at a position, and ambient light.
     Lamp([f64; 3]),
-    /// A projector of crossed stripes whose brightness falls off as a Gaussian of this σ, in its pixels.
+    /// A projector of crossed stripes with a Gaussian profile, and weak ambient light.
     Stripes {
-        /// Where it stands.
+        /// Pose and intrinsics of the projector.
         projector: Pinhole,
-        /// What it throws.
+        /// The projected pattern.
         pattern: StripePattern,
-        /// σ of a stripe's profile.
+        /// σ of the profile of a stripe, in pixels of the projector.
         sigma_px: f64,
     },
 }
@@ -120,7 +125,7 @@ impl Light {
         }
     }
 
-    /// Brightness that it throws at a place, as a share of its greatest.
+    /// Brightness of the light towards a point, relative to its maximum.
     fn towards(&self, point: [f64; 3]) -> f64 {
         let Self::Stripes { projector, pattern, sigma_px } = self else {
             return 1.0;
@@ -128,6 +133,8 @@ impl Light {
         let Some(pixel) = projector.project(point) else {
             return 0.0;
         };
+        // The stripes of both directions overlap as filters do: their shares of darkness multiply, so that
+        // crossings are not brighter than stripes.
         let dark = pattern.indices(pixel).into_iter().zip(&pattern.range).map(|(at, [first, last])| {
             let nearest = at.round().clamp(f64::from(*first), f64::from(*last));
             1.0 - (-0.5 * ((at - nearest) * pattern.spacing / sigma_px).powi(2)).exp()
@@ -143,7 +150,7 @@ impl Light {
     }
 }
 
-/// A picture that is to be taken.
+/// Settings of one image.
 #[derive(Debug, Clone, Copy)]
 pub struct Exposure<'a> {
     /// The camera.
@@ -152,30 +159,59 @@ pub struct Exposure<'a> {
     pub size: [usize; 2],
     /// The light.
     pub light: &'a Light,
-    /// The object's texture.
+    /// The texture of the object.
     pub texture: &'a Texture,
-    /// σ of a pixel's brightness, of 255.
+    /// σ of the brightness of a pixel, on the scale from 0 to 255.
     pub sigma_brightness: f64,
     /// Seed of the noise.
     pub seed: u64,
 }
 
 impl Exposure<'_> {
-    /// Takes it: grey from 0 to 255, row by row. The background is black.
+    /// Renders the image: grey values from 0 to 255, row by row, on a black background.
     ///
-    /// Cost: nine rays a pixel, and as many to the light where something is seen.
+    /// Cost: nine rays per pixel, and as many to the light where they meet the object.
     ///
     /// # Errors
-    /// What `check` reports; it is asked now and then with the share that is done.
-    pub fn take(&self, target: &impl Target, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
+    /// The errors of `check`, which is called every 32 rows with the share of the work done.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_mesh::{MeshSearch, icosphere};
+    /// use planish_sense::stripes::Pinhole;
+    /// use planish_simulate::{Exposure, Light, Texture};
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let ball = MeshSearch::try_new(&icosphere(8.0, 3))?;
+    /// // The camera is 50 in front of the ball and looks along +z.
+    /// let camera = Pinhole {
+    ///     k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
+    ///     r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    ///     t: [0.0, 0.0, 50.0],
+    /// };
+    /// let exposure = Exposure {
+    ///     camera: &camera,
+    ///     size: [41, 41],
+    ///     light: &Light::Lamp([0.0, 0.0, -500.0]),
+    ///     texture: &Texture { contrast: 0.0, grain: 1.0, seed: 0 },
+    ///     sigma_brightness: 0.0,
+    ///     seed: 0,
+    /// };
+    /// let image = exposure.take(&ball, &mut |_| Ok(()))?;
+    /// let (corner, middle) = (image[0], image[20 * 41 + 20]);
+    /// assert!(corner == 0 && middle > 100);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn take(&self, target: &impl RayTarget, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
         let [columns, rows] = self.size;
         let mut picture = vec![0; columns * rows];
-        // In bands, so that it can be interrupted between them.
+        // Rows are rendered in bands of 32: `check` cannot be called from several threads.
         let band = 32 * columns;
         for (k, band) in picture.chunks_mut(band).enumerate() {
             check(k as f64 * 32.0 / rows as f64)?;
             band.par_chunks_mut(columns).enumerate().for_each(|(j, row)| {
                 let y = 32 * k + j;
+                // A stream of random numbers per row: the noise does not depend on the number of threads.
                 let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
                 rng.set_stream(y as u64);
                 for (x, pixel) in row.iter_mut().enumerate() {
@@ -187,7 +223,8 @@ impl Exposure<'_> {
         Ok(picture)
     }
 
-    fn pixel(&self, target: &impl Target, x: usize, y: usize) -> f64 {
+    /// Brightness of a pixel without noise.
+    fn pixel(&self, target: &impl RayTarget, x: usize, y: usize) -> f64 {
         let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
         let centre = self.camera.centre();
         let mut sum = 0.0;
@@ -197,25 +234,27 @@ impl Exposure<'_> {
                 if let Some((point, normal)) = direction.and_then(|d| target.first_hit(centre, d)) {
                     let facing =
                         if dot(normal, sub(centre, point)) < 0.0 { scale(-1.0, normal) } else { normal };
-                    sum += self.texture.albedo(point) * self.lit(target, point, facing);
+                    sum += self.texture.albedo(point) * self.irradiance(target, point, facing);
                 }
             }
         }
         WHITE * sum / (RAYS * RAYS) as f64
     }
 
-    fn lit(&self, target: &impl Target, point: [f64; 3], normal: [f64; 3]) -> f64 {
+    /// Light that a surface point with this normal receives, from 0 to 1.
+    fn irradiance(&self, target: &impl RayTarget, point: [f64; 3], normal: [f64; 3]) -> f64 {
         let from = self.light.centre();
         let ambient = self.light.ambient();
         let way = sub(from, point);
         let facing = unit(way).map_or(0.0, |d| dot(d, normal).max(0.0));
-        let thrown = self.light.towards(point);
-        if facing == 0.0 || thrown == 0.0 {
+        let brightness = self.light.towards(point);
+        if facing == 0.0 || brightness == 0.0 {
             return ambient;
         }
+        // Cast from the light: from the point, a ray would first meet the facet that it starts on.
         let seen = target.first_hit(from, scale(-1.0, way));
-        let reached = seen.is_some_and(|(hit, _)| distance(hit, point) <= SHADOW * norm(way));
-        ambient + if reached { (1.0 - ambient) * facing * thrown } else { 0.0 }
+        let reached = seen.is_some_and(|(hit, _)| distance(hit, point) <= SHADOW_TOLERANCE * norm(way));
+        ambient + if reached { (1.0 - ambient) * facing * brightness } else { 0.0 }
     }
 }
 
@@ -231,7 +270,7 @@ mod tests {
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };
 
-    fn take(target: &impl Target, light: &Light, sigma: f64) -> Vec<u8> {
+    fn take(target: &impl RayTarget, light: &Light, sigma: f64) -> Vec<u8> {
         let exposure = Exposure {
             camera: &CAMERA,
             size: [41, 41],
@@ -244,20 +283,20 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_is_bright_towards_the_lamp_and_black_around() {
+    fn brightness_follows_lambert_and_the_background_is_black() {
         let ball = MeshSearch::try_new(&icosphere(8.0, 4)).unwrap();
         let seen = take(&ball, &Light::Lamp([0.0, 0.0, -500.0]), 0.0);
         assert_eq!(seen[0], 0);
         let middle = f64::from(seen[20 * 41 + 20]);
         assert!((middle - WHITE * ALBEDO).abs() < 2.0, "{middle}");
-        // Lambert: half as much of the lamp where the surface is turned by 60°.
+        // Lambert: a surface inclined by 60° receives half the light of the lamp.
         let x = 20 + (100.0 * 8.0 * 60.0_f64.to_radians().sin() / 46.0) as usize;
         let turned = f64::from(seen[20 * 41 + x]);
         assert!((turned / middle - 0.625).abs() < 0.06, "{turned}");
     }
 
     #[test]
-    fn stripes_stand_where_the_projector_throws_them_and_shadows_are_dark() {
+    fn stripes_lie_where_they_are_projected_and_shadows_are_ambient() {
         let wall = MeshSearch::try_new(&grid_sheet(40.0, 40.0, 4, 4)).unwrap();
         let pattern = StripePattern {
             directions_rad: [0.0, std::f64::consts::FRAC_PI_2],
@@ -278,7 +317,7 @@ mod tests {
             .sum();
         let n = seen.iter().filter(|a| **a > 20).count() as f64;
         assert!(((squares / n).sqrt() / 4.0 - 1.0).abs() < 0.1);
-        // A post before the wall, lit from the side, throws a shadow.
+        // A post in front of the wall, lit from the side, casts a shadow.
         let post = |o: [f64; 3], d: [f64; 3]| {
             let at = |z: f64| std::array::from_fn(|k| o[k] + d[k] * (z - o[2]) / d[2]);
             let near: [f64; 3] = at(-20.0);

@@ -1,15 +1,17 @@
-//! The scene `scans`: one freeform, several sensors, everything that goes wrong, and the truth.
+//! The scene `scans`: a freeform, measured by several sensors with outliers and a misstated σ.
 //!
 //! Input: [`ScanSceneOptions`]. Output: a [`ScanScene`] whose `set` is ready for
-//! [`planish_surface::fit::fit`], or a folder: a PLY file for each scan, `job.toml` that names them,
+//! [`planish_surface::fit::fit`], or a folder with a PLY file for each scan, `job.toml` that names them,
 //! `truth.ply` and `truth.json`.
 //!
-//! The sensors: `laser`, a range camera with other σ along than across the ray; `old`, a scanner with three
-//! times its σ in every direction that states less than is true; `probe`, a touch probe with a twenty-fifth
-//! of the laser's σ.
+//! The sensors are
 //!
-//! Not guaranteed: that all of a surface is seen. Three views leave part of a ball open; the fourth, the old
-//! scanner's, closes it.
+//! - `laser`, a range camera with a different σ along and across the ray,
+//! - `old`, a scanner with three times the σ of the laser in every direction, which states a smaller one,
+//! - `probe`, a touch probe with a twenty-fifth of the σ of the laser.
+//!
+//! Not guaranteed: that the views cover the whole surface. Three views leave part of a ball unobserved; the
+//! fourth, of the old scanner, covers it.
 
 use super::form::ClosedForm;
 use super::truth::{Truth, positive};
@@ -33,41 +35,43 @@ use std::path::{Path, PathBuf};
 
 /// Length of the simulated objects, in millimetres.
 const SIZE_MM: f64 = 100.0;
-/// True σ of the old scanner over the laser's.
+/// True σ of the old scanner, relative to the laser.
 const OLD_SIGMA: f64 = 3.0;
-/// True σ of the probe over the laser's.
+/// True σ of the probe, relative to the laser.
 const PROBE_SIGMA: f64 = 0.04;
 
 /// Settings of the scene `scans`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanSceneOptions {
-    /// Sheet, tube or ball.
+    /// Topology: sheet, tube or ball.
     pub shape: Shape,
     /// Seed of the surface and of every error.
     pub seed: u64,
-    /// Readings of all scanners together, to within a few per cent.
+    /// Number of readings of all scanners together; the result differs by a few per cent.
     pub readings: usize,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the object's
-    /// length if none is given.
+    /// True σ of the laser along its rays, in `unit`; across them it is half as large. Default: a thousandth
+    /// of the length of the object.
     pub sigma: Option<f64>,
-    /// Views of the laser.
+    /// Number of views of the laser.
     pub views: usize,
-    /// Whether the old scanner adds one more view.
+    /// True if the old scanner adds another view.
     pub old_scanner: bool,
-    /// True σ over stated σ of the old scanner: 1 is honest.
+    /// True σ divided by the stated σ of the old scanner; 1 if it states the true σ.
     pub misstated: f64,
-    /// Points of the touch probe; 0 for no probe.
+    /// Number of points of the touch probe; 0 for no probe.
     pub probe_points: usize,
-    /// Share of the scanners' readings with a gross error, of 1 to 10 % of the object's length along the ray.
+    /// Share of the readings of scanners that are outliers, by 1 to 10 % of the length of the object along the
+    /// ray.
     pub outlier_share: f64,
-    /// σ grows by this share from the middle of each scanner's field of view to its corners; every reading
-    /// then states its own.
+    /// Relative increase of σ from the middle of the field of view to its corners.
+    ///
+    /// If it is not zero, every reading states its own σ or covariance.
     pub unevenness: f64,
-    /// Whether scans keep their grids.
+    /// True if scans keep their grids of columns and rows.
     pub organised: bool,
     /// Unit of every length.
     pub unit: Unit,
-    /// Triangles of `truth.ply`, at most; half the readings, between 5120 and 80 000, if none is given.
+    /// Maximum number of triangles of `truth.ply`. Default: half the readings, between 5120 and 80 000.
     pub truth_triangles: Option<usize>,
 }
 
@@ -92,13 +96,13 @@ impl Default for ScanSceneOptions {
 }
 
 impl ScanSceneOptions {
-    /// The object's length, in the unit.
+    /// Length of the object, in `unit`.
     #[must_use]
     pub fn size(&self) -> f64 {
         SIZE_MM / self.unit.millimetres()
     }
 
-    /// True σ of the laser along its rays.
+    /// True σ of the laser along its rays, in `unit`.
     fn laser_sigma(&self) -> f64 {
         self.sigma.unwrap_or(1e-3 * self.size())
     }
@@ -109,6 +113,7 @@ impl ScanSceneOptions {
         Noise::Ray { sigma_along: sigma, sigma_across: 0.5 * sigma }
     }
 
+    /// Rejects options out of range.
     pub(super) fn sanity_check(&self) -> Result<()> {
         if self.readings == 0 || (self.views == 0 && !self.old_scanner) {
             return Err(Error::input("needed at least one view and one reading, found none"));
@@ -134,114 +139,130 @@ impl ScanSceneOptions {
     }
 }
 
-/// What is true of one sensor.
+/// True properties of one sensor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SensorTruth {
-    /// Its name in the job.
+    /// Name in the job.
     pub name: String,
-    /// True σ along the ray, at the middle of the field of view.
+    /// True σ along the ray, in the middle of the field of view.
     pub sigma_along: f64,
     /// True σ across the ray there.
     pub sigma_across: f64,
-    /// True σ over stated σ.
+    /// True σ divided by stated σ.
     pub misstatement: f64,
-    /// Share of its readings with a gross error.
+    /// Share of its readings that are outliers.
     pub outlier_share: f64,
 }
 
-/// Readings with the truth behind them.
+/// Readings with their ground truth.
 #[derive(Debug, Clone)]
 pub struct ScanScene {
-    /// What was asked for.
+    /// Options of the scene.
     pub options: ScanSceneOptions,
-    /// What a user would have: scans, poses, sensors with their stated σ.
+    /// The input of a fit: scans, poses, and sensors with their stated σ.
     pub set: ScanSet,
     /// The true surface.
     pub truth: Truth,
-    /// What is true of each of the set's sensors.
+    /// True properties of each sensor of the set.
     pub sensors: Vec<SensorTruth>,
-    /// For each scan, what each of its readings really saw.
+    /// True values of the readings, by scan.
     pub readings: Vec<Vec<TrueReading>>,
-    /// How the object moved, where it did.
+    /// Motion of the object, if it moved.
     pub motion: Option<TrueMotion>,
-    /// Of an object that changes its shape, the true surface behind each scan; `truth` is the last.
+    /// True surface of each scan, if the object changed its shape; `truth` is the last.
     pub states: Vec<Truth>,
 }
 
-/// The motion of a simulated object: a constant turn about a fixed axis.
+/// The motion of a simulated object: a rotation about a fixed axis at constant speed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrueMotion {
-    /// Degrees per second.
+    /// Speed in degrees per second.
     pub rate_deg_per_s: f64,
-    /// The unit direction of the axis.
+    /// Unit direction of the axis.
     pub axis: [f64; 3],
-    /// A point of it.
+    /// A point on the axis.
     pub axis_point: [f64; 3],
-    /// When each scan was taken, in seconds; the truth is the object at the first.
+    /// Time of each scan, in seconds; the truth is the object at the first.
     pub times_s: Vec<f64>,
 }
 
-/// One scan's file.
+/// The file of one scan.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScanFile {
-    /// Its name in the folder.
+    /// File name in the folder of the scene.
     pub file: String,
-    /// Its sensor.
+    /// Name of the sensor.
     pub sensor: String,
-    /// How many readings it holds.
+    /// Number of readings.
     pub readings: usize,
-    /// How many of them have a gross error.
+    /// Number of readings that are outliers.
     pub outliers: usize,
 }
 
-/// What `truth.json` says.
+/// Contents of `truth.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TruthSummary {
-    /// Sheet, tube or ball.
+    /// Topology: sheet, tube or ball.
     pub shape: String,
     /// Seed of the scene.
     pub seed: u64,
     /// Unit of every length.
     pub unit: String,
-    /// The sensors as they really are.
+    /// True properties of the sensors.
     pub sensors: Vec<SensorTruth>,
-    /// The scans.
+    /// Files of the scans.
     pub scans: Vec<ScanFile>,
-    /// Vertices of `truth.ply`; they lie on the surface, their normals are exact.
+    /// Number of vertices of `truth.ply`. They lie on the surface and have exact normals.
     pub mesh_vertices: usize,
-    /// Triangles of `truth.ply`.
+    /// Number of triangles of `truth.ply`.
     pub mesh_triangles: usize,
-    /// The largest distance of a triangle's middle to the surface: what comparing with its facets cannot see
-    /// below.
+    /// Maximum distance of the centre of a triangle from the surface.
+    ///
+    /// A comparison with the facets of `truth.ply` cannot resolve smaller deviations.
     pub mesh_chord_error: f64,
-    /// The formula of the surface.
+    /// Formula of the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<ClosedForm>,
-    /// How the object moved, where it did.
+    /// Motion of the object, if it moved.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<TrueMotion>,
-    /// The formulas of the surface at each time, where it changed.
+    /// Formula of the surface at each time, if it changed its shape.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<ClosedForm>,
 }
 
-/// What [`write_scans_scene`] wrote.
+/// The files that [`write_scan_scene`] and its relatives write.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScanSceneSummary {
-    /// Readings in all.
+    /// Number of readings of all scans.
     pub rows: usize,
-    /// Columns of the scans.
+    /// Columns of the files of scans.
     pub columns: Vec<String>,
-    /// Every file that was written, the job first.
+    /// All files, the job first.
     pub files: Vec<PathBuf>,
-    /// What is true of them.
+    /// Contents of `truth.json`.
     pub truth: TruthSummary,
 }
 
 /// Simulates the scene in memory.
 ///
 /// # Errors
-/// `Input` for options that make no sense; `Unsupported` for a torus.
+/// `Input` for options out of range; `Unsupported` for a torus.
+///
+/// # Examples
+/// ```
+/// use planish_simulate::{ScanSceneOptions, scans};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let options = ScanSceneOptions { readings: 800, outlier_share: 0.1, ..ScanSceneOptions::default() };
+/// let scene = scans(&options)?;
+/// // The old scanner states a third of its true σ.
+/// let old = scene.sensors.iter().find(|s| s.name == "old").expect("the default has an old scanner");
+/// assert_eq!(old.misstatement, 3.0);
+/// // Every reading is known to be an outlier or not.
+/// assert!(scene.readings.iter().flatten().any(|reading| reading.outlier));
+/// # Ok(())
+/// # }
+/// ```
 pub fn scans(options: &ScanSceneOptions) -> Result<ScanScene> {
     simulate(options, &Silent)
 }
@@ -263,6 +284,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
         motion: None,
         states: Vec::new(),
     };
+    // The old scanner has the last view.
     let views = options.views + usize::from(options.old_scanner);
     let each = options.readings.div_ceil(views);
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
@@ -273,11 +295,12 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
         let is_old = view == options.views;
         let (name, noise, misstatement) =
             if is_old { ("old", old, options.misstated) } else { ("laser", laser, 1.0) };
+        // All views of the laser are of one sensor, whose σ they estimate together.
         if is_old || view == 0 {
             scene.add_sensor(name, SensorKind::Range, noise, misstatement, options.outlier_share);
         }
         let file = format!("{name}-{}.ply", if is_old { 1 } else { view + 1 });
-        let pose = pose(&scene.truth, options.shape, view, views, size, &mut rng)?;
+        let pose = view_pose(&scene.truth, options.shape, view, views, size, &mut rng)?;
         let mut scanner = VirtualScanner {
             misstatement,
             unevenness: options.unevenness,
@@ -305,6 +328,7 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
 }
 
 impl ScanScene {
+    /// Adds a sensor whose stated σ is its true σ divided by the misstatement.
     pub(super) fn add_sensor(
         &mut self,
         name: &str,
@@ -328,7 +352,7 @@ impl ScanScene {
         self.sensors.push(SensorTruth { name, sigma_along, sigma_across, misstatement, outlier_share });
     }
 
-    /// Adds a scan of the sensor that was added last.
+    /// Adds a scan of the most recently added sensor.
     pub(super) fn add_scan(&mut self, scan: VirtualScan) {
         self.set.scans.push(PosedScan {
             scan: scan.scan,
@@ -340,15 +364,16 @@ impl ScanScene {
     }
 }
 
-/// A seed for each scan.
+/// The seed of a scan.
 pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     // The odd constant is 2⁶⁴ over the golden ratio: neighbours in seed and scan get seeds far apart.
     seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
-/// Where a view stands: looking at the middle of the object from four lengths away, with a few degrees of
-/// disorder.
-fn pose(
+/// Pose of a view from four lengths away towards the middle of the object, off by a few random degrees.
+///
+/// Exactly regular directions would be a special case, with views that are parallel to axes of the object.
+fn view_pose(
     truth: &Truth,
     shape: Shape,
     view: usize,
@@ -374,15 +399,17 @@ fn pose(
         }
     };
     let [x, y, roll] = [0; 3].map(|_| rng.random::<f64>() - 0.5);
-    let disordered = unit(towards).and_then(|d| {
+    let perturbed = unit(towards).and_then(|d| {
         let (e1, e2) = tangents(d);
         unit(add_scaled(add_scaled(d, 0.1 * x, e1), 0.1 * y, e2))
     });
-    let z = disordered.ok_or_else(|| Error::input("a view without a direction"))?;
+    let z = perturbed.ok_or_else(|| Error::input("the direction of view is undefined"))?;
     looking_from(truth, z, TAU * roll, size)
 }
 
-/// A pose four lengths away from the middle of the object, in a direction, turned about it by `roll_rad`.
+/// A pose four lengths from the middle of the object in direction `z`, rotated about it by `roll_rad`.
+///
+/// A scanner looks along its −z axis, so `z` points from the object to the scanner.
 pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64) -> Result<Pose> {
     let (e1, e2) = tangents(z);
     let (sin, cos) = roll_rad.sin_cos();
@@ -392,12 +419,13 @@ pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64)
     let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
     let position = add_scaled(middle, 4.0 * size, z);
     let exact = Pose { rotation, translation: position };
-    // The pose of the quaternion as it is written, so that memory and file agree.
+    // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory and
+    // one read from files agree exactly.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
-        .ok_or_else(|| Error::input("a view without a direction"))
+        .ok_or_else(|| Error::input("the direction of view is undefined"))
 }
 
-/// Optics that take in all of the object: parallel rays for the old scanner, rays from a point for the laser.
+/// Optics that cover the whole object: parallel rays for the old scanner, central rays for the laser.
 pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optics {
     let scanner_from_world = pose.inverse();
     let mut half = [0.0_f64; 2];
@@ -406,16 +434,19 @@ pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optic
         let by = if parallel { 1.0 } else { -z };
         half = [half[0].max(x.abs() / by), half[1].max(y.abs() / by)];
     }
+    // The coarse mesh is inscribed in the surface; 2 % cover what it misses.
     let half = half.map(|h| 1.02 * h);
     if parallel { Optics::Parallel { half } } else { Optics::Central { tangents: half } }
 }
 
-/// Columns and rows that give about as many readings as wanted, by counting those of a coarse grid.
+/// Columns and rows that give about `wanted` readings.
+///
+/// The share of rays that meet the surface is counted with the coarse grid of `pilot`.
 pub(super) fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> Result<[usize; 2]> {
     pilot.sanity_check()?;
     let seen = pilot.count(truth);
     if seen == 0 {
-        return Err(Error::undetermined(format!("{} sees nothing of the surface", pilot.name)));
+        return Err(Error::undetermined(format!("no ray of {} meets the surface", pilot.name)));
     }
     let cells = wanted as f64 * (pilot.grid[0] * pilot.grid[1]) as f64 / seen as f64;
     let (Optics::Parallel { half } | Optics::Central { tangents: half }) = pilot.optics;
@@ -423,7 +454,7 @@ pub(super) fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> 
     Ok([columns as usize, (cells / columns).round().max(1.0) as usize])
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene scans` does.
+/// Simulates the scene and writes its files, as `planish simulate scene scans` does.
 ///
 /// # Errors
 /// As [`scans`] and [`write_scan_scene`]; `Interrupted` on request, before anything is written.
@@ -432,18 +463,19 @@ pub fn write_scans_scene(
     folder: &Path,
     progress: &dyn Progress,
 ) -> Result<ScanSceneSummary> {
+    // Wrong options are reported before the folder is made.
     options.sanity_check()?;
     Truth::freeform(options.shape, options.size(), options.seed)?;
     write_simulated(folder, progress, |progress| simulate(options, progress))
 }
 
-/// Simulates a scene and writes it, with progress.
+/// Simulates a scene and writes its files, with progress.
 pub(super) fn write_simulated(
     folder: &Path,
     progress: &dyn Progress,
     simulate: impl FnOnce(&dyn Progress) -> Result<ScanScene>,
 ) -> Result<ScanSceneSummary> {
-    // A folder that cannot be made is known before the work.
+    // A folder that cannot be made is reported before the simulation.
     make_folder(folder)?;
     let scene = simulate(&ProgressPart::new(progress, 0.0, 0.7))?;
     progress.check(WRITING_STAGE, 0.7)?;
@@ -452,13 +484,28 @@ pub(super) fn write_simulated(
     Ok(summary)
 }
 
-/// Writes a scene into a folder, which is made where it is missing: the scans, `truth.ply`, `truth.json`, and
-/// `job.toml` last.
+/// Writes the scans, `truth.ply`, `truth.json` and `job.toml` of a scene into a folder.
 ///
-/// Each file is whole or not there. Files of the same names are replaced; others stay.
+/// The folder is created if it is missing. Each file is written completely or not at all, the job last. Files
+/// with the same names are replaced, others remain.
 ///
 /// # Errors
-/// `Io` when the folder cannot be made or a file not written.
+/// `Io` if the folder cannot be created or a file cannot be written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::read_inputs;
+/// use planish_simulate::{ScanSceneOptions, scans, write_scan_scene};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let scene = scans(&ScanSceneOptions { readings: 500, ..ScanSceneOptions::default() })?;
+/// let folder = tempfile::tempdir()?;
+/// let summary = write_scan_scene(&scene, folder.path())?;
+/// // The job gives back the same points.
+/// let set = read_inputs(&[summary.files[0].clone()], None)?;
+/// assert_eq!(set.scans[0].scan.points, scene.set.scans[0].scan.points);
+/// # Ok(())
+/// # }
+/// ```
 pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSummary> {
     make_folder(folder)?;
     let options = &scene.options;
@@ -520,6 +567,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
     text.push('\n');
     write_atomically(&path, |writer| writer.write_all(text.as_bytes()))?;
     files.push(path);
+    // The job is last: while it is missing, the folder is known to be incomplete.
     let job = job_text(&scene.set);
     write_atomically(&job_path, |writer| writer.write_all(job.as_bytes()))?;
 
@@ -538,7 +586,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
     })
 }
 
-/// The job that names the scans, as [`planish_exchange::job::read_job`] reads it.
+/// The text of a job that names the scans, for [`planish_exchange::job::read_job`].
 fn job_text(set: &ScanSet) -> String {
     let mut text =
         "# A simulated scene. The σ are those that the sensors state; truth.json holds the true values.\n"

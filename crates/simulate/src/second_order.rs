@@ -1,12 +1,12 @@
-//! Numbers that carry their first and second derivatives with respect to two parameters.
+//! Numbers with their first and second derivatives with respect to two parameters.
 //!
-//! Input: formulas. Output: exact derivatives of them, without differences and without writing them down
-//! twice.
+//! Forward-mode automatic differentiation: a formula that is evaluated with these numbers has exact
+//! derivatives. Formulas of derivatives, written by hand, would repeat each form and could contradict it.
 
 use planish_spline::Jet;
 use std::ops::{Add, Mul, Sub};
 
-/// A value with its derivatives by `u` and `v`, up to the second order.
+/// A value `f` with its derivatives with respect to `u` and `v`, up to second order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SecondOrder {
     pub f: f64,
@@ -28,8 +28,8 @@ impl SecondOrder {
         [Self { u: 1.0, ..Self::constant(u) }, Self { v: 1.0, ..Self::constant(v) }]
     }
 
-    /// `g(self)`, from the value, the first and the second derivative of `g`.
-    pub fn through(self, [g, d, dd]: [f64; 3]) -> Self {
+    /// `g(self)`, given the value and the first two derivatives of `g` at `self.f`.
+    pub fn compose(self, [g, d, dd]: [f64; 3]) -> Self {
         Self {
             f: g,
             u: d * self.u,
@@ -42,20 +42,20 @@ impl SecondOrder {
 
     pub fn sin(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        self.through([s, c, -s])
+        self.compose([s, c, -s])
     }
 
     pub fn cos(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        self.through([c, -s, -c])
+        self.compose([c, -s, -c])
     }
 
     pub fn exp(self) -> Self {
         let e = self.f.exp();
-        self.through([e, e, e])
+        self.compose([e, e, e])
     }
 
-    /// Point and derivatives of three coordinates.
+    /// The point and derivatives of a surface, given its three coordinates.
     pub fn jet(p: [Self; 3]) -> Jet {
         Jet {
             point: p.map(|c| c.f),

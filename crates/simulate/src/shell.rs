@@ -1,11 +1,9 @@
-//! The scene `shell`: a mesh that was deformed by known controls, as noisy points with gross errors, and its
-//! masks in views around it.
+//! The scene `shell`: a mesh deformed by known controls, as noisy points with outliers and as masks.
 //!
-//! Input: [`ShellSceneOptions`]. Output: `mesh.obj` (the mesh at rest), `points.ply` with σ,
-//! `views.toml` with a mask for each view, and beside them `truth.ply` (the deformed mesh) and `truth.json`
-//! (controls and their displacements).
+//! Input: [`ShellSceneOptions`]. Output: `mesh.obj` (the mesh at rest), `points.ply` with σ, `views.toml` with
+//! a mask for each view, `truth.ply` (the deformed mesh) and `truth.json` (controls and displacements).
 //!
-//! Not guaranteed: that a large deformation does not cross itself.
+//! Not guaranteed: that a large deformation does not intersect itself.
 
 use super::truth::positive;
 use nalgebra::{DVector, Matrix3, Vector3};
@@ -24,54 +22,76 @@ use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Width and height of a view, in pixels.
+/// Columns and rows of an image.
 const SIZE: [usize; 2] = [640, 480];
-/// Cameras stand so many times the mesh's size away from its middle.
-const FAR: f64 = 2.0;
-/// The size of a mesh that is made up, in millimetres.
-const LENGTH_MM: f64 = 100.0;
+/// Distance of the cameras from the middle of the mesh, relative to the diagonal of its bounding box.
+const DISTANCE: f64 = 2.0;
+/// Diameter of the built-in ball, in millimetres.
+const DIAMETER_MM: f64 = 100.0;
 
 /// Settings of the scene `shell`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellSceneOptions {
-    /// The mesh; a ball if none is given.
+    /// Mesh at rest; `None` for a ball.
     pub mesh: Option<PathBuf>,
-    /// Controls, chosen on the mesh.
+    /// Number of controls, which are selected on the mesh.
     pub controls: usize,
-    /// σ of their displacements along each axis, as a share of the mesh's size.
+    /// σ of the displacements of controls along each axis, relative to the diagonal of the bounding box.
     pub deformation: f64,
-    /// Points.
+    /// Number of points.
     pub points: usize,
-    /// σ of points, as a share of the mesh's size.
+    /// σ of the points, relative to the diagonal of the bounding box.
     pub noise: f64,
-    /// Share of points that are anywhere about the mesh.
+    /// Share of points that are outliers, uniform in the bounding box.
     pub outliers: f64,
-    /// Views, evenly around the z axis and from above and below in turn.
+    /// Number of views, evenly around the z axis, alternately from above and below.
     pub views: usize,
-    /// Seed of everything.
+    /// Seed of controls, displacements, points and errors.
     pub seed: u64,
-    /// Unit of every length.
+    /// Unit of the ball, and of a mesh whose file states none.
     pub unit: Unit,
 }
 
-/// Files that were written.
+/// The size of the scene and the files written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellSceneSummary {
-    /// Points.
+    /// Number of points.
     pub points: usize,
-    /// Controls.
+    /// Number of controls.
     pub controls: usize,
-    /// Unit of lengths.
+    /// Unit of every length.
     pub unit: Unit,
-    /// Files.
+    /// All files written.
     pub files: Vec<PathBuf>,
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene shell` does.
+/// Simulates the scene and writes its files, as `planish simulate scene shell` does.
 ///
 /// # Errors
-/// `Input` for options that make no sense or a mesh without faces; `Io` when a file cannot be read or
-/// written.
+/// `Input` for options out of range or a mesh without faces; `Io` if a file cannot be read or written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::Unit;
+/// use planish_simulate::{ShellSceneOptions, write_shell_scene};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let folder = tempfile::tempdir()?;
+/// let options = ShellSceneOptions {
+///     mesh: None,
+///     controls: 6,
+///     deformation: 0.02,
+///     points: 200,
+///     noise: 0.001,
+///     outliers: 0.0,
+///     views: 1,
+///     seed: 1,
+///     unit: Unit::Millimetre,
+/// };
+/// let summary = write_shell_scene(&options, folder.path())?;
+/// assert_eq!((summary.points, summary.controls), (200, 6));
+/// # Ok(())
+/// # }
+/// ```
 pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<ShellSceneSummary> {
     positive("number of points", options.points as f64)?;
     positive("number of controls", options.controls as f64)?;
@@ -91,19 +111,20 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
             (mesh, file.unit.unwrap_or(options.unit))
         }
         None => {
-            let radius = 0.5 * LENGTH_MM / options.unit.millimetres();
+            let radius = 0.5 * DIAMETER_MM / options.unit.millimetres();
             (icosphere(radius, 4), options.unit)
         }
     };
     let bounds =
-        BoundingBox::from_points(&rest.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+        BoundingBox::from_points(&rest.positions).ok_or_else(|| Error::input("the mesh has no vertices"))?;
     let size = bounds.diagonal();
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-    // Not those that a fit chooses: a real object does not bend by them.
+    // `skipped` makes these controls differ from those that a fit selects automatically: with the same ones, a
+    // fit could represent the deformation exactly, which no real object allows.
     let skipped = random.random_range(1..rest.positions.len().max(2));
     let controls = automatic_controls_skipping(&rest, options.controls, skipped)?.points;
     let moved: Vec<[f64; 3]> =
-        (controls.iter()).map(|_| normal(&mut random, options.deformation * size)).collect();
+        (controls.iter()).map(|_| gaussian_vector(&mut random, options.deformation * size)).collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
     let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
     let truth = TriangleMesh {
@@ -119,7 +140,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let points: Vec<[f64; 3]> = (points.into_iter())
         .map(|place| match random.random::<f64>() < options.outliers {
             true => std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])),
-            false => add(place, normal(&mut random, sigma)),
+            false => add(place, gaussian_vector(&mut random, sigma)),
         })
         .collect();
     make_folder(folder)?;
@@ -160,7 +181,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     Ok(ShellSceneSummary { points: points.len(), controls: controls.len(), unit, files })
 }
 
-/// Writes the masks of all views; returns the text of `views.toml`.
+/// Writes the masks of all views and returns the text of `views.toml`.
 fn write_masks(
     truth: &TriangleMesh,
     bounds: &BoundingBox,
@@ -192,27 +213,28 @@ fn write_masks(
     Ok(views)
 }
 
-fn normal(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
+/// A Gaussian vector with this σ along each axis.
+fn gaussian_vector(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
     std::array::from_fn(|_| {
         let x: f64 = StandardNormal.sample(random);
         sigma * x
     })
 }
 
-/// A camera that looks at the middle of a box, with z upwards in the picture.
+/// A camera that looks at the middle of a box, with the z axis upwards in the image.
 fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let size = bounds.diagonal();
     let angle = std::f64::consts::TAU * view as f64 / views as f64;
     let height = if view.is_multiple_of(2) { 0.35 } else { -0.35 };
     let from = unit([angle.cos(), angle.sin(), height]).unwrap_or([1.0, 0.0, 0.0]);
-    let center = add_scaled(bounds.center(), FAR * size, from);
+    let center = add_scaled(bounds.center(), DISTANCE * size, from);
     let forward = Vector3::from(scale(-1.0, from));
     let right = forward.cross(&Vector3::z()).normalize();
     let down = forward.cross(&right);
     let r = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
     let t = -(r * Vector3::from(sub(center, [0.0; 3])));
-    // The box fills most of the picture.
-    let focal = 0.8 * SIZE[1] as f64 * FAR;
+    // The diagonal of the box fills 80 % of the height of the image.
+    let focal = 0.8 * SIZE[1] as f64 * DISTANCE;
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
         [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
@@ -221,7 +243,7 @@ fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     )
 }
 
-/// White where the mesh is seen.
+/// An image that is white where it shows the mesh.
 fn mask(mesh: &TriangleMesh, camera: &Camera) -> Vec<u8> {
     let seen = covered_pixels(mesh, camera, SIZE[0], SIZE[1]);
     seen.into_iter().map(|seen| if seen { 255 } else { 0 }).collect()
@@ -234,10 +256,10 @@ mod tests {
     use planish_mesh::MeshSearch;
     use planish_shell::displacements;
 
-    /// Points are as near to the truth as their σ says, controls in truth.json make truth.ply of mesh.obj,
-    /// and every point that is no outlier is in every mask.
+    /// The distances of points agree with their σ, the controls of truth.json deform mesh.obj to truth.ply, and
+    /// the masks cover the vertices of truth.ply.
     #[test]
-    fn everything_tells_of_one_truth() {
+    fn files_of_the_scene_agree_with_each_other() {
         let folder = tempfile::tempdir().unwrap();
         let options = ShellSceneOptions {
             mesh: None,

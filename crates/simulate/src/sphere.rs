@@ -1,105 +1,116 @@
-//! Figures 2 and 3 of the paper on Kalman spline fusion: a sphere, measured badly, found again.
+//! Figures 2 and 3 of the paper on Kalman spline fusion: a sphere estimated from noisy readings.
 //!
-//! Input: [`SphereOptions`] and a seed. Output: [`SphereRow`]s, mean errors in per cent of the radius
-//! over maximum noise, for both filters beside what the posterior promises; written as CSV and drawn as SVG
-//! with [`sphere_csv`] and [`sphere_figure`].
+//! Input: [`SphereOptions`], which include the seed. Output: [`SphereRow`]s with the mean errors of the patch
+//! filter and the global filter, and the error that the posterior predicts, in per cent of the radius.
+//! [`sphere_csv`] writes them as CSV and [`sphere_figure`] draws them as SVG.
 //!
-//! The paper covers the sphere by one 7 × 7 patch that starts as a cylinder. So do we, over the part that a
-//! sensor in front sees: directions `(tan a, tan b, 1)` with `|a|, |b| ≤ 60°`, out to 68° from the axis at
-//! the corners. The chart is regular everywhere, and one patch divides into 4, 16 and 64 as in the paper; a
-//! closed ball has poles, about which patches are divided all around together, and would compare other
-//! numbers of patches. Readings lie at random in the chart with known parameters; their noise is along the
-//! normal and uniform up to its maximum `m`, so filters are told a variance of `m²/3`, never less than
-//! `(0.2 %)²` of the radius, about what one patch misses of the sphere. Orientations are tilted by an angle
-//! that is uniform up to its maximum, at the places of the positions, after all of them; filters are told
-//! `θ/√6` along either tangent, never less than 0.005 rad, the slope that a single patch misses of a sphere.
+//! **Chart.** Like the paper, the experiment starts from one 7 × 7 patch with the shape of a cylinder. The
+//! patch covers the part of the sphere that a sensor in front sees: directions `(tan a, tan b, 1)` with
+//! `|a|, |b| ≤ 60°`, out to 68° from the axis at the corners. This chart is regular everywhere, so one patch
+//! splits into 4, 16 and 64 as in the paper. A closed ball has poles, around which all patches split together.
 //!
-//! The weight of the smoothness prior is that of restricted likelihood for each set's positions over patches
-//! divided twice, or as often as is asked for: one prior for all depths. Readings come in `depth + 1` equal
-//! parts; after each but the last, patches are divided where innovations are too large or curvature varies by
-//! more than its σ explains. A sphere gives no reason for that, so the curves of all depths lie near each
-//! other; with `noise_divides` the paper's criterion counts noise as variation, and one sees what needless
-//! patches cost. The global filter has the same leaf cells and all the readings. The posterior bound is the
-//! mean of `√(2/π) σ` over the area, σ along the normal by the global filter: what the mean absolute error
-//! would be were the sphere drawn from the prior.
+//! **Readings.** Positions lie at random parameters, which the filters know. Their noise is along the normal
+//! and uniform up to a maximum `m`. The filters use its variance `m²/3`, and at least `(0.2 %)²` of the radius.
+//! Orientations follow after all positions, at the same parameters. They are tilted by an angle that is
+//! uniform up to a maximum `θ`; the filters use `σ = θ/√6` along each tangent, and at least 0.005 rad.
 //!
-//! Not guaranteed: that errors stay below the bound. The sphere is no draw from the prior, which pulls it to
-//! the cylinder by what few and bad readings leave open: 50 positions to 12 % err by 1.23 of the bound, with
-//! either filter. Without noise a sphere is best held by one patch, which misses it by 0.05 %; four patches
-//! have more freedom than the readings fill.
+//! **Prior.** Restricted likelihood selects the weight of the smoothness prior from the positions of each
+//! set. All depths share this weight.
+//!
+//! **Subdivision.** Readings arrive in `depth + 1` equal parts. After each part but the last, a patch is split
+//! if its innovations are too large or if its curvature varies by more than its σ explains. A sphere meets
+//! neither criterion, so the curves of all depths nearly coincide. With `noise_divides`, noise counts as
+//! variation as in the paper, which shows what needless patches cost.
+//!
+//! **Bound.** The global filter has the same leaf cells and all readings. The posterior bound is the mean of
+//! `√(2/π) σ` over the area, with σ along the normal: the expected mean absolute error of a sphere that is
+//! drawn from the prior.
+//!
+//! Not guaranteed: that errors stay below the bound. A sphere is not a draw from the prior, which pulls it
+//! towards the cylinder where readings are few and noisy: for 50 positions with 12 % noise, the error of
+//! either filter is 1.23 times the bound. Without noise, one patch is best; it approximates the sphere to
+//! 0.05 %, and the readings do not determine the additional freedom of four patches.
 //!
 //! # References
 //! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding
 //! 1994, section 4.1.
 
+mod global;
 mod tables;
 
 pub use tables::{sphere_csv, sphere_figure};
 
+use global::{GlobalFilter, GlobalSolution};
 use planish_core::Progress;
-use planish_estimate::sparse::{BlockInformation, SelectedInverse};
-use planish_estimate::vector3::{cross, dot, norm, tangents, unit};
+use planish_estimate::sparse::BlockInformation;
+use planish_estimate::vector3::{cross, norm, tangents, unit};
 use planish_estimate::{
     Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch,
     maximize_restricted_likelihood,
 };
 use planish_spline::{
-    CellCovariance, CellInformation, Hierarchy, Jet, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior,
-    StateLayout, SubdivisionCriteria, Surface, SurfaceReading, SurfaceSystem, cubic, fit_function,
-    leaf_weights, parameter_plane,
+    Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SubdivisionCriteria,
+    Surface, SurfaceReading, SurfaceSystem, fit_function, leaf_weights, parameter_plane,
 };
 use planish_surface::fit::{Formation, Snapshot};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::{FRAC_2_PI, PI, TAU};
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// Half the opening of the chart.
+/// Half the opening angle of the chart, in radians.
 const HALF_OPENING: f64 = PI / 3.0;
 /// Base cells along each direction: one patch.
 const CELLS: usize = 4;
-/// Readings are never told to be better than this share of the radius: one patch comes no nearer to a sphere.
-const LEAST_SIGMA: f64 = 2e-3;
-/// Orientations are never told to be better than this, in radians: one patch holds a sphere's slope no
-/// better.
-const LEAST_TILT: f64 = 5e-3;
-/// Hold of the prior, per base cell to the fourth: features up to three cells long are left to the energy.
-const HOLD: f64 = 0.01;
-/// The weight of the prior is found over patches divided this often: what finer ones add to a sphere is not
-/// seen.
+/// Minimum σ of a position that the filters use, as a share of the radius.
+///
+/// One patch approximates the sphere to 0.05 % on average. With a much smaller σ, the innovations of nearly
+/// exact readings would count as misfit and split patches.
+const MIN_SIGMA: f64 = 2e-3;
+/// Minimum σ of an orientation that the filters use, in radians: one patch has slope errors of this size.
+const MIN_TILT_RAD: f64 = 5e-3;
+/// Hold of the prior, per base cell to the fourth power; features up to three cells long are left to the
+/// thin-plate energy.
+const PRIOR_HOLD: f64 = 0.01;
+/// Subdivision depth at which the weight of the prior is estimated, at most.
+///
+/// A sphere has no detail that deeper patches could show, so that a deeper estimate only costs time.
 const WEIGHT_DEPTH: u8 = 2;
-/// Points along each direction of the chart at which errors are taken.
+/// Evaluation points of the error along each direction of the chart.
 const PROBES: usize = 24;
-/// Maximum position noise at which orientations of several errors are compared, in per cent.
+/// Position noise for which several orientation errors are compared, in per cent.
 const COMPARED_NOISE: f64 = 6.0;
+/// Minimum number of readings in a set: fewer do not determine the weight of the prior.
+const MIN_READINGS: usize = 20;
 
-/// Settings of the sphere's figures.
+/// Settings of the sphere experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SphereOptions {
     /// Seed of every reading.
     pub seed: u64,
-    /// Sets of readings that are averaged.
+    /// Number of sets of readings; results are means over the sets.
     pub sets: usize,
-    /// Readings of a set.
+    /// Numbers of readings in a set, one experiment for each.
     pub readings: Vec<usize>,
-    /// Maximum noise of positions, in per cent of the radius.
+    /// Maximum noise of the positions, in per cent of the radius, one experiment for each.
     pub noise_percent: Vec<f64>,
-    /// The deepest subdivision; every depth up to it is computed.
+    /// Maximum subdivision depth; every depth up to it is computed.
     pub depth: u8,
-    /// Maximum error of the orientations that are added in the second figure, in degrees.
+    /// Maximum error of the orientations in the second figure, in degrees.
     pub orientation_deg: f64,
-    /// Whether curvature that varies within its own σ divides patches too, as in the paper; a sphere asks for
-    /// no division else.
+    /// True if variation of the curvature within its own σ splits patches too, as in the paper.
+    ///
+    /// If false, a sphere is hardly ever split.
     pub noise_divides: bool,
-    /// Maximum errors of orientations that are compared at a noise of 6 %, in degrees.
+    /// Maximum orientation errors that are compared at a position noise of 6 %, in degrees.
     pub compared_orientations_deg: Vec<f64>,
 }
 
 impl Default for SphereOptions {
-    /// Those of the paper: 50, 100 and 150 readings, noise from 0 to 12 %, depths 0 to 3, orientations to 2°
-    /// and from 0 to 5°, 20 sets.
+    /// Settings of the paper: 50, 100 and 150 readings, noise from 0 to 12 %, depths 0 to 3, orientation
+    /// errors of 2° and from 0 to 5°; means over 20 sets.
     fn default() -> Self {
         Self {
             seed: 0,
@@ -114,28 +125,28 @@ impl Default for SphereOptions {
     }
 }
 
-/// One point of a curve: means over the sets.
+/// One point of each curve: means over the sets.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SphereRow {
-    /// Readings of each kind.
+    /// Number of positions, and of orientations if there are any.
     pub readings: usize,
-    /// Maximum noise of positions, in per cent of the radius.
+    /// Maximum noise of the positions, in per cent of the radius.
     pub noise_percent: f64,
-    /// Maximum error of orientations in degrees; none where there were positions only.
+    /// Maximum error of the orientations, in degrees; `None` if only positions were measured.
     pub orientation_deg: Option<f64>,
-    /// How often patches could be divided at most.
+    /// Maximum subdivision depth.
     pub depth: u8,
-    /// Leaf patches at the end.
+    /// Number of leaf patches after all readings.
     pub leaf_patches: f64,
     /// Mean error of the patch filter, in per cent of the radius.
     pub patch_percent: f64,
     /// Mean error of the global filter, in per cent of the radius.
     pub global_percent: f64,
-    /// What the global posterior lets expect, in per cent of the radius.
+    /// Mean error that the global posterior predicts, in per cent of the radius.
     pub bound_percent: f64,
 }
 
-/// The columns of the CSV.
+/// Columns of the CSV file, in order.
 pub const SPHERE_COLUMNS: [&str; 8] = [
     "readings",
     "noise_percent",
@@ -149,37 +160,57 @@ pub const SPHERE_COLUMNS: [&str; 8] = [
 
 impl SphereOptions {
     fn validate(&self) -> Result<()> {
-        let bad = |what: &str| Err(Error::input(format!("the sphere's figures need {what}")));
+        let invalid = |needed: &str| Err(Error::input(format!("the sphere experiment needs {needed}")));
         if self.sets == 0 {
-            return bad("at least one set of readings");
+            return invalid("at least one set of readings");
         }
-        if self.readings.is_empty() || self.readings.iter().any(|&n| n < 20) {
-            return bad("at least 20 readings in a set: fewer do not determine the weight of the prior");
+        if self.readings.is_empty() || self.readings.iter().any(|&n| n < MIN_READINGS) {
+            return invalid("at least 20 readings in a set: fewer do not determine the weight of the prior");
         }
-        let range = |x: &[f64], most: f64| x.iter().all(|x| (0.0..=most).contains(x));
-        if self.noise_percent.is_empty() || !range(&self.noise_percent, 50.0) {
-            return bad("noise from 0 to 50 % of the radius");
+        let within = |x: &[f64], maximum: f64| x.iter().all(|x| (0.0..=maximum).contains(x));
+        if self.noise_percent.is_empty() || !within(&self.noise_percent, 50.0) {
+            return invalid("noise from 0 to 50 % of the radius");
         }
-        if !range(&self.compared_orientations_deg, 30.0) || !range(&[self.orientation_deg], 30.0) {
-            return bad("orientation errors from 0 to 30 degrees");
+        if !within(&self.compared_orientations_deg, 30.0) || !within(&[self.orientation_deg], 30.0) {
+            return invalid("orientation errors from 0 to 30 degrees");
         }
         if self.depth > 4 {
-            return bad("a depth of 4 or less");
+            return invalid("a depth of at most 4");
         }
         Ok(())
     }
 }
 
-/// Simulates all sets and averages them: for each number of readings, noise, orientation error and depth one
-/// row.
+/// Runs the experiment: one row for each number of readings, noise, orientation error and depth.
 ///
-/// The same options give the same numbers at any number of threads.
+/// The result does not depend on the number of threads.
 ///
 /// # Errors
-/// `Input` for options out of range; `Interrupted`.
+/// `Input` for options out of range; `Interrupted` on request.
+///
+/// # Examples
+/// ```
+/// use planish_core::Silent;
+/// use planish_simulate::{SphereOptions, sphere, sphere_csv};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let options = SphereOptions {
+///     sets: 2,
+///     readings: vec![50],
+///     noise_percent: vec![2.0],
+///     depth: 0,
+///     ..SphereOptions::default()
+/// };
+/// let rows = sphere(&options, &Silent)?;
+/// // One row with positions only, one with orientations too: these reduce the error.
+/// assert_eq!((rows[0].orientation_deg, rows[1].orientation_deg), (None, Some(2.0)));
+/// assert!(rows[1].patch_percent < rows[0].patch_percent);
+/// assert!(sphere_csv(&rows).starts_with("readings,noise_percent,"));
+/// # Ok(())
+/// # }
+/// ```
 pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<SphereRow>> {
     options.validate()?;
-    let setting = Setting::new(options.depth, options.noise_divides)?;
+    let model = SharedModel::new(options.depth, options.noise_divides)?;
     let mut rows = Vec::new();
     let total = (options.readings.len() * options.noise_percent.len()) as f64;
     for &readings in &options.readings {
@@ -194,11 +225,11 @@ pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<Sp
             let sets: Vec<Vec<SphereRow>> = (0..options.sets as u64)
                 .into_par_iter()
                 .map(|set| {
-                    // The same places and signs of errors at every noise: curves differ by what is varied
-                    // alone.
+                    // The noise is not part of the seed. Readings of all noises have the same parameters and
+                    // the same errors up to scale, so that curves are smooth with few sets.
                     let seed =
                         options.seed.wrapping_mul(1_000_003).wrapping_add(set * 4099 + readings as u64);
-                    setting.one_set(seed, readings, noise, &tilts, options.depth)
+                    model.simulate_set(seed, readings, noise, &tilts, options.depth)
                 })
                 .collect::<Result<_>>()?;
             rows.extend(average(&sets));
@@ -213,42 +244,45 @@ pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<Sp
     Ok(rows)
 }
 
+/// The mean of each row over the sets, which have the same rows in the same order.
 fn average(sets: &[Vec<SphereRow>]) -> Vec<SphereRow> {
     let mut mean = sets[0].clone();
     let share = 1.0 / sets.len() as f64;
     for (k, row) in mean.iter_mut().enumerate() {
-        let of = |value: &dyn Fn(&SphereRow) -> f64| share * sets.iter().map(|s| value(&s[k])).sum::<f64>();
-        row.leaf_patches = of(&|r| r.leaf_patches);
-        row.patch_percent = of(&|r| r.patch_percent);
-        row.global_percent = of(&|r| r.global_percent);
-        row.bound_percent = of(&|r| r.bound_percent);
+        let mean_of =
+            |value: &dyn Fn(&SphereRow) -> f64| share * sets.iter().map(|s| value(&s[k])).sum::<f64>();
+        row.leaf_patches = mean_of(&|r| r.leaf_patches);
+        row.patch_percent = mean_of(&|r| r.patch_percent);
+        row.global_percent = mean_of(&|r| r.global_percent);
+        row.bound_percent = mean_of(&|r| r.bound_percent);
     }
     mean
 }
 
-/// What all sets have in common. The radius is 1.
-struct Setting {
+/// The surfaces and the equation system that all sets of readings share. The radius is 1.
+struct SharedModel {
+    /// The starting surface: one patch.
     cylinder: Surface,
+    /// The surface in whose metric the prior measures smoothness: the plane of the parameters.
     metric: Surface,
-    /// Over the space in which the weight of the prior is found.
+    /// Equations of the space in which the weight of the prior is estimated.
     system: SurfaceSystem,
     noise_divides: bool,
 }
 
-/// The direction, that is the point of the unit sphere, at base parameters.
+/// The point of the unit sphere at parameters of the base grid.
 fn on_sphere(u: f64, v: f64) -> [f64; 3] {
     let angle = |x: f64| (2.0 * x / CELLS as f64 - 1.0) * HALF_OPENING;
     unit([angle(u).tan(), angle(v).tan(), 1.0]).unwrap_or([0.0, 0.0, 1.0])
 }
 
-/// Places drawn evenly over the parameters, and readings of the sphere there whose distances err by up to so
-/// many per cent.
-fn measured(
+/// Draws parameters uniformly and measures the sphere there, with a radial error of at most `noise_percent`.
+fn simulate_positions(
     random: &mut ChaCha8Rng,
     count: usize,
     noise_percent: f64,
 ) -> (Vec<[f64; 2]>, Vec<SurfaceReading>) {
-    let sigma = (noise_percent / 100.0 / 3.0_f64.sqrt()).max(LEAST_SIGMA);
+    let sigma = (noise_percent / 100.0 / 3.0_f64.sqrt()).max(MIN_SIGMA);
     let places: Vec<[f64; 2]> =
         (0..count).map(|_| [0, 1].map(|_| CELLS as f64 * random.random::<f64>())).collect();
     let positions: Vec<SurfaceReading> = places
@@ -265,18 +299,32 @@ fn measured(
     (places, positions)
 }
 
-/// How the patch filter forms the sphere from the cylinder that it starts with: the first set of the most
-/// readings, at the middle one of the noises, divided to the full depth. The first snapshot knows no reading.
+/// Snapshots of the patch filter while it turns the starting cylinder into the sphere.
+///
+/// Uses the first set with the largest number of readings, the middle noise and the full depth. There are
+/// at most `frames` snapshots, but at least two: the cylinder before any reading, and the result.
 ///
 /// # Errors
 /// As for [`sphere`].
+///
+/// # Examples
+/// ```
+/// use planish_simulate::{SphereOptions, sphere_forming};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let options = SphereOptions { readings: vec![20], depth: 0, ..SphereOptions::default() };
+/// let forming = sphere_forming(&options, 5)?;
+/// assert_eq!(forming.snapshots.first().map(|s| s.readings), Some(0));
+/// assert_eq!(forming.snapshots.last().map(|s| s.readings), Some(20));
+/// # Ok(())
+/// # }
+/// ```
 pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Formation> {
     options.validate()?;
     let count = options.readings.iter().copied().max().unwrap_or(0);
     let noise = options.noise_percent[options.noise_percent.len() / 2];
-    let setting = Setting::new(options.depth, options.noise_divides)?;
-    let (_, positions) = measured(&mut ChaCha8Rng::seed_from_u64(options.seed), count, noise);
-    let prior = SmoothnessPrior { weight: setting.weight(&positions)?, hold: HOLD };
+    let model = SharedModel::new(options.depth, options.noise_divides)?;
+    let (_, positions) = simulate_positions(&mut ChaCha8Rng::seed_from_u64(options.seed), count, noise);
+    let prior = SmoothnessPrior { weight: model.prior_weight(&positions)?, hold: PRIOR_HOLD };
     let places = (positions.iter())
         .filter_map(|reading| match reading {
             SurfaceReading::Position { point, .. } => Some(*point),
@@ -285,19 +333,19 @@ pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Formatio
         .collect();
     let mut forming = Formation { places, snapshots: Vec::new() };
     let every = count.div_ceil(frames.saturating_sub(1).max(1)).max(1);
-    let mut taken = 0;
-    let filter = setting.filtered(&positions, prior, options.depth, |filter| {
-        if taken % every == 0 && taken < count {
-            forming.snapshots.push(Snapshot::of_patches(taken, filter.clone())?);
+    let mut observed = 0;
+    let filter = model.run_patch_filter(&positions, prior, options.depth, |filter| {
+        if observed % every == 0 && observed < count {
+            forming.snapshots.push(Snapshot::of_patches(observed, filter.clone())?);
         }
-        taken += 1;
+        observed += 1;
         Ok(())
     })?;
     forming.snapshots.push(Snapshot::of_patches(count, filter)?);
     Ok(forming)
 }
 
-impl Setting {
+impl SharedModel {
     fn new(depth: u8, noise_divides: bool) -> Result<Self> {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [CELLS; 2])?);
         let cylinder = fit_function(&space, |u, v| {
@@ -316,7 +364,10 @@ impl Setting {
         })
     }
 
-    fn one_set(
+    /// Simulates one set of readings and runs both filters at every depth.
+    ///
+    /// Returns one row for the positions and one for each of `tilts_deg`, for depths 0 to `depth` in turn.
+    fn simulate_set(
         &self,
         seed: u64,
         count: usize,
@@ -325,18 +376,19 @@ impl Setting {
         depth: u8,
     ) -> Result<Vec<SphereRow>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let (places, positions) = measured(&mut random, count, noise_percent);
+        let (places, positions) = simulate_positions(&mut random, count, noise_percent);
+        // Shares and directions of the tilts are drawn once: orientation errors differ by scale only.
         let turns: Vec<[f64; 2]> =
             places.iter().map(|_| [random.random::<f64>(), TAU * random.random::<f64>()]).collect();
-        let prior = SmoothnessPrior { weight: self.weight(&positions)?, hold: HOLD };
+        let prior = SmoothnessPrior { weight: self.prior_weight(&positions)?, hold: PRIOR_HOLD };
         let mut rows = Vec::new();
         for depth in 0..=depth {
-            let filter = self.filtered(&positions, prior, depth, |_| Ok(()))?;
+            let filter = self.run_patch_filter(&positions, prior, depth, |_| Ok(()))?;
             let space = Arc::clone(filter.space());
             let leaf_patches = filter.patches().len() as f64;
-            let global = Global::new(self, &space, prior, &positions)?;
+            let global = GlobalFilter::new(self, &space, prior, &positions)?;
             let by_position = global.solve()?;
-            let mut row = |tilt: Option<f64>, patch: &Surface, global: &Solved| {
+            let mut row = |tilt: Option<f64>, patch: &Surface, global: &GlobalSolution| {
                 rows.push(SphereRow {
                     readings: count,
                     noise_percent,
@@ -349,12 +401,14 @@ impl Setting {
                 });
             };
             row(None, &filter.surface()?, &by_position);
+            // Positions with isotropic noise leave the three coordinates independent and equal, which the
+            // isotropic layout uses. A normal couples them.
             let full = filter.with_full_layout()?;
             for &tilt in tilts_deg {
                 let normals: Vec<SurfaceReading> = places
                     .iter()
                     .zip(&turns)
-                    .map(|(&[u, v], &[share, turn])| tilted([u, v], tilt.to_radians(), share, turn))
+                    .map(|(&[u, v], &[share, turn])| tilted_normal([u, v], tilt.to_radians(), share, turn))
                     .collect();
                 let mut filter = full.clone();
                 for reading in &normals {
@@ -369,9 +423,10 @@ impl Setting {
         Ok(rows)
     }
 
-    /// The patch filter, fed in parts, divided between them.
-    /// `watch` sees it before the first reading and after each.
-    fn filtered(
+    /// Runs the patch filter over the positions and subdivides it between equal parts of them.
+    ///
+    /// `watch` is called before the first reading and after each reading.
+    fn run_patch_filter(
         &self,
         positions: &[SurfaceReading],
         prior: SmoothnessPrior,
@@ -402,11 +457,13 @@ impl Setting {
         Ok(filter)
     }
 
-    /// The weight that restricted likelihood gives the prior, which all depths share.
-    fn weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
-        let unit = SmoothnessPrior { weight: 1.0, hold: HOLD }.information(&self.system, &self.metric)?;
+    /// The weight of the prior that maximises the restricted likelihood of the positions.
+    fn prior_weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
+        let unit =
+            SmoothnessPrior { weight: 1.0, hold: PRIOR_HOLD }.information(&self.system, &self.metric)?;
         let space = self.system.space();
-        // Departures from the cylinder: one matrix, three right-hand sides.
+        // The unknowns are displacements from the cylinder. Isotropic noise gives all three coordinates the same
+        // matrix, so one factorisation serves three right-hand sides.
         let mut data = BlockInformation::zeros(Arc::clone(self.system.pattern()), 1, 3)?;
         let mut squares = 0.0;
         for reading in positions {
@@ -452,8 +509,8 @@ impl Setting {
     }
 }
 
-/// The normal at a place, tilted by a share of the largest tilt.
-fn tilted([u, v]: [f64; 2], largest: f64, share: f64, turn: f64) -> SurfaceReading {
+/// A measured normal of the sphere, tilted by `share · largest` radians in the tangential direction `turn`.
+fn tilted_normal([u, v]: [f64; 2], largest: f64, share: f64, turn: f64) -> SurfaceReading {
     let n = on_sphere(u, v);
     let (t1, t2) = tangents(n);
     let (s, c) = (largest * share).sin_cos();
@@ -461,25 +518,12 @@ fn tilted([u, v]: [f64; 2], largest: f64, share: f64, turn: f64) -> SurfaceReadi
     SurfaceReading::Normal {
         parameters: [u, v],
         normal: [0, 1, 2].map(|d| c * n[d] + s * (cos * t1[d] + sin * t2[d])),
-        // The square of an angle uniform up to θ is θ²/3 on average, half of it along either tangent.
-        sigma_rad: (largest / 6.0_f64.sqrt()).max(LEAST_TILT),
+        // An angle uniform up to θ has the mean square θ²/3, and each tangent gets half of it: σ² = θ²/6.
+        sigma_rad: (largest / 6.0_f64.sqrt()).max(MIN_TILT_RAD),
     }
 }
 
-fn readings_by_leaf<'a>(
-    space: &Hierarchy,
-    readings: &'a [SurfaceReading],
-) -> Vec<Vec<([f64; 2], &'a SurfaceReading)>> {
-    let mut by_leaf = vec![Vec::new(); space.leaves().len()];
-    for reading in readings {
-        let [u, v] = reading.parameters();
-        let (leaf, local) = space.locate(u, v);
-        by_leaf[leaf].push((local, reading));
-    }
-    by_leaf
-}
-
-/// Points of the chart with their share of the sphere's area.
+/// Evaluation points: parameters and an area of the sphere in common units, the weight of the point.
 fn probes() -> impl Iterator<Item = ([f64; 2], f64)> {
     let place = |k: usize| CELLS as f64 * (k as f64 + 0.5) / PROBES as f64;
     (0..PROBES * PROBES).map(move |k| {
@@ -493,7 +537,7 @@ fn probes() -> impl Iterator<Item = ([f64; 2], f64)> {
     })
 }
 
-/// Mean distance from the sphere, over its area, in per cent of the radius.
+/// Mean distance of a surface from the sphere, weighted by area, in per cent of the radius.
 fn mean_error(surface: &Surface) -> f64 {
     let (mut sum, mut area) = (0.0, 0.0);
     for ([u, v], share) in probes() {
@@ -501,112 +545,6 @@ fn mean_error(surface: &Surface) -> f64 {
         area += share;
     }
     100.0 * sum / area
-}
-
-/// The global filter in information form.
-#[derive(Clone)]
-struct Global {
-    system: Arc<SurfaceSystem>,
-    information: BlockInformation,
-}
-
-struct Solved {
-    surface: Surface,
-    bound_percent: f64,
-}
-
-impl Global {
-    fn new(
-        setting: &Setting,
-        space: &Arc<Hierarchy>,
-        prior: SmoothnessPrior,
-        positions: &[SurfaceReading],
-    ) -> Result<Self> {
-        let system = SurfaceSystem::new(space)?;
-        let by_leaf = readings_by_leaf(space, positions);
-        let mut information = system.accumulate(|leaf, cell| {
-            for ([s, t], reading) in &by_leaf[leaf] {
-                if let SurfaceReading::Position { point, variance, .. } = reading {
-                    let w = 1.0 / variance;
-                    cell.add_vector(&leaf_weights(*s, *t), *point, &[w, 0.0, 0.0, w, 0.0, w]);
-                }
-            }
-            !by_leaf[leaf].is_empty()
-        })?;
-        let scalar = prior.information(&system, &setting.metric)?;
-        let mut wide = scalar.expanded(3)?;
-        let start: Vec<f64> = setting.cylinder.refined(Arc::clone(space))?.vertices().as_flattened().to_vec();
-        let mut vector = vec![0.0; start.len()];
-        wide.multiply(&start, &mut vector)?;
-        wide.vector_mut().copy_from_slice(&vector);
-        information.add_scaled(&wide, 1.0)?;
-        Ok(Self { system: Arc::new(system), information })
-    }
-
-    /// Adds orientations, `n · t1 = n · t2 = 0`, linearised at the surface that positions gave.
-    fn add_normals(&mut self, normals: &[SurfaceReading], at: &Surface) -> Result<()> {
-        let by_leaf = readings_by_leaf(self.system.space(), normals);
-        let added = self.system.accumulate(|leaf, cell: &mut CellInformation| {
-            for (local, reading) in &by_leaf[leaf] {
-                let SurfaceReading::Normal { normal, sigma_rad, .. } = reading else {
-                    continue;
-                };
-                let jet = at.leaf_jet(leaf, local[0], local[1]);
-                let Some(own) = jet.normal() else { continue };
-                let facing = dot(*normal, own);
-                for (weights, tangent) in tangent_weights(at, leaf, *local, &jet) {
-                    // The gradient of n · t for a unit tangent t, as the patch filter has it.
-                    cell.add_scalar(
-                        &weights,
-                        own.map(|x| facing * x),
-                        -dot(*normal, tangent),
-                        1.0 / (sigma_rad * sigma_rad),
-                    );
-                }
-            }
-            !by_leaf[leaf].is_empty()
-        })?;
-        self.information.add_scaled(&added, 1.0)
-    }
-
-    fn solve(&self) -> Result<Solved> {
-        let factor = self.system.factorize(&self.information)?;
-        let mut x = self.information.vector().to_vec();
-        factor.solve_in_place(&mut x)?;
-        let surface = self.system.surface(&x)?;
-        let inverse = SelectedInverse::new(&factor);
-        let space = self.system.space();
-        let cells: Vec<Option<CellCovariance>> = (0..space.leaves().len())
-            .map(|leaf| {
-                let covariance = inverse.dense(space.extraction(leaf).0)?;
-                Some(CellCovariance::new(space, leaf, &covariance))
-            })
-            .collect();
-        let (mut sum, mut area) = (0.0, 0.0);
-        for ([u, v], share) in probes() {
-            let (leaf, [s, t]) = space.locate(u, v);
-            if let Some(cell) = &cells[leaf] {
-                sum += share * cell.variance_along(&leaf_weights(s, t), on_sphere(u, v)).max(0.0).sqrt();
-                area += share;
-            }
-        }
-        Ok(Solved { surface, bound_percent: 100.0 * FRAC_2_PI.sqrt() * sum / area })
-    }
-}
-
-/// Two orthonormal tangents, and the weights of the derivatives along them.
-fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [([f64; 16], [f64; 3]); 2] {
-    let side = at.space().leaves()[leaf].side();
-    let (bu, bv) = (cubic(s), cubic(t));
-    let l = norm(jet.du);
-    let m = dot(jet.du, jet.dv) / l;
-    let q = norm([0, 1, 2].map(|d| jet.dv[d] - m / l * jet.du[d]));
-    [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]].map(|[a, b]| {
-        let weights = std::array::from_fn(|k| {
-            (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side
-        });
-        (weights, [0, 1, 2].map(|d| a * jet.du[d] + b * jet.dv[d]))
-    })
 }
 
 #[cfg(test)]

@@ -65,7 +65,7 @@ fn normals_are_exact_and_point_outwards_poles_included() {
             let expected = unit(differences).unwrap();
             assert!(near(truth.normal(u, v), expected, 1e-6), "{:?} {u} {v}", truth.shape());
         }
-        // The sides of a dense mesh agree: closed ones enclose a positive volume.
+        // All triangles face outwards: closed meshes enclose a positive volume.
         let (mesh, normals) = truth.mesh(6_000);
         assert!(mesh.triangles.len() <= 6_000 && mesh.triangles.len() > 3_000);
         let check = mesh.check();
@@ -82,7 +82,7 @@ fn normals_are_exact_and_point_outwards_poles_included() {
     }
     let ball = Truth::freeform(Shape::Ball, SIZE, 5).unwrap();
     for v in [0.0, 1.0] {
-        // Seen from the pole, every meridian has the same normal, and it is that of the neighbourhood.
+        // At the pole, all meridians have the same normal, and it is close to that of the neighbourhood.
         let pole = ball.normal(0.0, v);
         let inwards = if v > 0.5 { -1e-6 } else { 1e-6 };
         for u in [0.0, 0.3, 0.7] {
@@ -104,7 +104,7 @@ fn curvature_does_not_depend_on_the_chart() {
 }
 
 #[test]
-fn distances_of_points_that_were_moved_along_normals_are_exact() {
+fn distances_of_points_moved_along_normals_are_exact() {
     for truth in truths() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for point in truth.sample_area_uniform(200, &mut rng) {
@@ -164,7 +164,7 @@ fn samples_are_uniform_per_area() {
 }
 
 #[test]
-fn rays_meet_the_surface_itself_and_not_its_facets() {
+fn rays_meet_the_exact_surface_not_its_facets() {
     for truth in truths() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut hits = 0;
@@ -192,7 +192,7 @@ fn rays_meet_the_surface_itself_and_not_its_facets() {
 }
 
 #[test]
-fn a_surface_in_a_space_is_of_that_space() {
+fn a_random_surface_of_a_space_has_that_space_and_its_seed() {
     let space = Arc::new(Hierarchy::uniform(Shape::Ball, [10, 8]).unwrap().refine(&[30, 31, 32, 33]));
     let truth = Truth::in_space(&space, SIZE, 1).unwrap();
     let surface = truth.surface().unwrap();
@@ -242,7 +242,7 @@ fn small(shape: Shape) -> ScanSceneOptions {
 }
 
 #[test]
-fn readings_err_by_the_true_sigma() {
+fn errors_of_readings_agree_with_the_true_sigma() {
     for shape in SHAPES {
         for unevenness in [0.0, 0.8] {
             let scene = scans(&ScanSceneOptions { unevenness, ..small(shape) }).unwrap();
@@ -255,7 +255,7 @@ fn readings_err_by_the_true_sigma() {
                 let stated = scene.set.sensors[posed.sensor].noise.unwrap();
                 assert_eq!(scan.points.len(), readings.len());
                 let pose = scan.world_from_scanner;
-                let (mut vector, mut normal, mut n, mut judged) = (0.0, 0.0, 0.0, 0.0);
+                let (mut vector, mut normal, mut n, mut counted) = (0.0, 0.0, 0.0, 0.0);
                 for (i, (&z, reading)) in scan.points.iter().zip(readings).enumerate() {
                     if reading.outlier {
                         continue;
@@ -276,9 +276,9 @@ fn readings_err_by_the_true_sigma() {
                     if !foot.at_border {
                         let local_normal = pose.inverse().rotate(reading.point.normal);
                         normal += foot.signed_distance.powi(2) / variance_along(&covariance, local_normal);
-                        judged += 1.0;
+                        counted += 1.0;
                     }
-                    // What the sensor or the reading states is less by the misstatement.
+                    // The σ that the sensor or the reading states is the true one divided by the misstatement.
                     let stated = match (&scan.sigma, &scan.covariance) {
                         (Some(sigma), _) => sigma[i].powi(2),
                         (_, Some(c)) => variance_along(&c[i], ray_at(scan.viewing, z).unwrap()),
@@ -289,12 +289,12 @@ fn readings_err_by_the_true_sigma() {
                 }
                 let band = |n: f64| 4.0 * (2.0 / n).sqrt();
                 assert!((vector / n - 1.0).abs() < band(n), "{} {}", scan.name, vector / n);
-                // Along normals of a curved surface the distance is not quite linear in the error.
+                // The distance from a curved surface is not exactly linear in the error.
                 assert!(
-                    (normal / judged - 1.0).abs() < band(judged) + 0.02,
+                    (normal / counted - 1.0).abs() < band(counted) + 0.02,
                     "{} {}",
                     scan.name,
-                    normal / judged
+                    normal / counted
                 );
             }
         }
@@ -302,7 +302,7 @@ fn readings_err_by_the_true_sigma() {
 }
 
 #[test]
-fn nothing_hidden_or_grazing_is_seen() {
+fn readings_are_neither_hidden_nor_grazing() {
     for shape in SHAPES {
         let scene = scans(&small(shape)).unwrap();
         for (posed, readings) in scene.set.scans.iter().zip(&scene.readings) {
@@ -315,8 +315,8 @@ fn nothing_hidden_or_grazing_is_seen() {
                 let ray = scan.world_from_scanner.rotate(ray);
                 let facing = -dot(reading.point.normal, ray);
                 assert!(facing > 75.0_f64.to_radians().cos() - 1e-9, "{facing}");
-                // Independent of any mesh hit: on the way from the sensor the exact distance never changes
-                // side.
+                // Independent of hits on the mesh: between sensor and reading, the sign of the exact distance
+                // never changes.
                 for back in [2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0] {
                     let before = add_scaled(reading.point.position, -back, ray);
                     let foot = scene.truth.foot(before).unwrap();
@@ -325,7 +325,7 @@ fn nothing_hidden_or_grazing_is_seen() {
             }
         }
     }
-    // A ball's far side: a parallel scanner sees nothing that faces away.
+    // A parallel scanner measures nothing on the far side of a ball.
     let truth = Truth::freeform(Shape::Ball, SIZE, 2).unwrap();
     let pose = Pose { translation: [0.0, 0.0, 300.0], ..Pose::identity() };
     let noise = Noise::Isotropic { sigma: 0.01 };
@@ -349,7 +349,7 @@ fn nothing_hidden_or_grazing_is_seen() {
 }
 
 #[test]
-fn the_asked_for_share_has_gross_errors() {
+fn the_share_of_outliers_is_that_of_the_options() {
     let options = ScanSceneOptions { outlier_share: 0.05, ..small(Shape::Ball) };
     let scene = scans(&options).unwrap();
     let (mut outliers, mut all) = (0.0, 0.0);
@@ -453,7 +453,7 @@ fn a_written_scene_reads_back_as_it_was() {
 }
 
 #[test]
-fn options_that_make_no_sense_are_refused() {
+fn invalid_options_are_rejected() {
     let good = small(Shape::Ball);
     for (options, kind) in [
         (ScanSceneOptions { readings: 0, ..good.clone() }, ErrorKind::Input),
@@ -472,14 +472,14 @@ fn options_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn the_pebble_that_ships_is_what_its_readme_says() {
+fn the_pebble_example_is_made_by_the_options_in_its_readme() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/data/pebble");
     let shipped = read_inputs(&[folder.join("job.toml")], None).unwrap();
     let made = scans(&ScanSceneOptions { seed: 7, readings: 12_000, ..ScanSceneOptions::default() }).unwrap();
     assert_eq!(shipped.sensors, made.set.sensors);
     for (a, b) in shipped.scans.iter().zip(&made.set.scans) {
         assert_eq!((&a.scan.name, a.scan.points.len()), (&b.scan.name, b.scan.points.len()));
-        // Sine and exponential differ in their last digits from system to system.
+        // Sine and exponential differ in their last digits between systems.
         let pairs = a.scan.points.iter().zip(&b.scan.points);
         assert!(pairs.into_iter().all(|(p, q)| near(*p, *q, 1e-6)));
     }

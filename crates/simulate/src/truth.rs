@@ -1,10 +1,10 @@
-//! The surface behind a simulated scene: known exactly, at every point.
+//! The true surface of a simulated scene, known exactly at every point.
 //!
-//! Input: a closed form, or a spline surface (random in a given space, or drawn from a prior). Output:
-//! points, normals, curvatures, area-uniform samples, a dense mesh, and exact distances of nearby points.
+//! Input: a closed form, or a spline surface that is given, random in a given space, or drawn from a prior.
+//! Output: points, normals, curvatures, area-uniform samples, a dense mesh, and distances of nearby points.
 //!
-//! Not guaranteed: the foot of a point as far away as the surface's radius of curvature, or closer to another
-//! part of the surface than the dense mesh resolves.
+//! Not guaranteed: the nearest point of a point whose distance is about the radius of curvature, or that is
+//! equally far from two parts of the surface within the resolution of the dense mesh.
 
 use super::form::{ClosedForm, parameters};
 use planish_estimate::sparse::CholeskyFactor;
@@ -17,53 +17,57 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use std::sync::{Arc, OnceLock};
 
-/// Triangles of the mesh that searches and rays start from: 0.1 % of the size from edge to edge.
+/// Number of triangles of the dense mesh from which searches and rays start.
+///
+/// With more, start values are better and rays near silhouettes are missed less often, but every truth takes
+/// longer to prepare. The results themselves do not depend on it, because Newton's method refines them.
 const SEARCH_TRIANGLES: usize = 80_000;
 
-/// A surface that is known exactly. Parameters are `(u, v)` in `[0, 1]²` whatever lies behind.
+/// A surface that is known exactly, over parameters `(u, v)` in `[0, 1]²`.
 #[derive(Debug, Clone)]
 pub struct Truth {
     form: Form,
     dense: OnceLock<Dense>,
 }
 
+/// The representation of a true surface.
 #[derive(Debug, Clone)]
 enum Form {
     Closed(ClosedForm),
     Spline(Surface),
 }
 
-/// A mesh with the parameters of its vertices.
+/// A dense mesh of the surface with the parameters of its vertices.
 #[derive(Debug, Clone)]
 struct Dense {
     mesh: TriangleMesh,
     parameters: Vec<[f64; 2]>,
     search: MeshSearch,
-    /// The largest area element over the vertices, in the measure that samples are proposed in.
+    /// Largest area element at a vertex, in the measure in which samples are proposed.
     largest_element: f64,
-    /// Diagonal of the box around the mesh.
+    /// Diagonal of the bounding box.
     diagonal: f64,
 }
 
 /// A point of the true surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TruthPoint {
-    /// Its parameters.
+    /// Parameters `(u, v)`.
     pub parameters: [f64; 2],
-    /// Where it is.
+    /// Position.
     pub position: [f64; 3],
-    /// The outward unit normal (zero where a spline is degenerate).
+    /// Outward unit normal; zero where a spline is degenerate.
     pub normal: [f64; 3],
 }
 
 /// The point of the true surface that is nearest to a given point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TruthFoot {
-    /// The nearest point.
+    /// Nearest point of the true surface.
     pub point: TruthPoint,
-    /// Distance, positive on the side that the normal points to.
+    /// Distance, positive on the side of the normal.
     pub signed_distance: f64,
-    /// Whether the nearest point is on an open border, with the given point beyond it.
+    /// True if the nearest point is on an open border and the given point lies beyond it.
     pub at_border: bool,
 }
 
@@ -72,27 +76,53 @@ impl Truth {
     ///
     /// # Errors
     /// As [`ClosedForm::random`].
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::Truth;
+    /// use planish_spline::Shape;
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let ball = Truth::freeform(Shape::Ball, 100.0, 4)?;
+    /// // A point 0.5 above the surface has its foot below it.
+    /// let (p, n) = (ball.point(0.3, 0.6), ball.normal(0.3, 0.6));
+    /// let above = [0, 1, 2].map(|k| p[k] + 0.5 * n[k]);
+    /// let foot = ball.foot(above).expect("the point is finite");
+    /// assert!((foot.signed_distance - 0.5).abs() < 1e-9 && !foot.at_border);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn freeform(shape: Shape, size: f64, seed: u64) -> Result<Self> {
         Ok(Self::from_form(Form::Closed(ClosedForm::random(shape, size, seed)?)))
     }
 
-    /// A given closed form.
+    /// A true surface with the given closed form.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::{BallForm, ClosedForm, Truth};
+    /// let form = BallForm { semi_axes: [2.0, 2.0, 1.0], bumps: Vec::new() };
+    /// let ellipsoid = Truth::from_closed_form(ClosedForm::Ball(form));
+    /// let foot = ellipsoid.foot([3.0, 0.0, 0.0]).expect("the point is finite");
+    /// assert!((foot.signed_distance - 1.0).abs() < 1e-9);
+    /// ```
     #[must_use]
     pub fn from_closed_form(form: ClosedForm) -> Self {
         Self::from_form(Form::Closed(form))
     }
 
-    /// A given spline surface.
+    /// A true surface that is the given spline.
     #[must_use]
     pub fn from_surface(surface: Surface) -> Self {
         Self::from_form(Form::Spline(surface))
     }
 
-    /// A random smooth surface of exactly this spline space, about `size` long: a freeform, interpolated on
-    /// the base grid, and every vertex moved by a few per cent of its cell.
+    /// A random smooth surface of exactly this spline space, about `size` long.
+    ///
+    /// It is a freeform (for a torus, a round one) fitted on the base grid, with every control vertex moved by
+    /// a few per cent of its cell. A fit in the same space can represent it without approximation error.
     ///
     /// # Errors
-    /// As [`Truth::freeform`]; a torus is a round one with moved vertices.
+    /// As [`Truth::freeform`], but a torus is supported.
     pub fn in_space(space: &Arc<Hierarchy>, size: f64, seed: u64) -> Result<Self> {
         let base = Arc::new(Hierarchy::uniform(space.shape(), space.base())?);
         let [columns, rows] = base.extent();
@@ -108,7 +138,7 @@ impl Truth {
         let moved = (space.node_anchors().iter().zip(smooth.vertices())).map(|(anchor, vertex)| {
             let [u, v] = space.wrap(anchor[0], anchor[1]);
             let side = space.leaves()[space.locate(u, v).0].side();
-            // Rows are never degenerate, columns are at the poles of a ball.
+            // The cell size is taken along v: at the poles of a ball the derivative with respect to u vanishes.
             let sigma = 0.04 * side * norm(smooth.jet(u, v).dv);
             vertex.map(|c| c + sigma * rng.sample::<f64, _>(StandardNormal))
         });
@@ -116,11 +146,13 @@ impl Truth {
         Ok(Self::from_surface(Surface::new(Arc::clone(space), moved)?))
     }
 
-    /// A surface whose vertices are drawn from the Gaussian with this mean and the information behind the
-    /// factor: `x = mean + L⁻ᵀ z`. For judging a posterior when the truth comes from the prior.
+    /// A surface whose control vertices are drawn from a Gaussian.
+    ///
+    /// `x = mean + L⁻ᵀ z` with standard normal `z`, where `factor` is the Cholesky factor `L` of the
+    /// information `Λ = L Lᵀ`. A posterior is calibrated for truths that are drawn from its prior.
     ///
     /// # Errors
-    /// `Input` when the factor is of another size than the mean's vertices.
+    /// `Input` if the size of the factor differs from the number of coordinates of `mean`.
     pub fn drawn(mean: &Surface, factor: &CholeskyFactor, seed: u64) -> Result<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let unknowns = 3 * mean.space().node_count();
@@ -144,7 +176,7 @@ impl Truth {
         }
     }
 
-    /// The closed form, where there is one.
+    /// The closed form, if the surface has one.
     #[must_use]
     pub fn closed_form(&self) -> Option<&ClosedForm> {
         match &self.form {
@@ -153,7 +185,7 @@ impl Truth {
         }
     }
 
-    /// The spline surface, where the truth is one.
+    /// The spline surface, if the surface is a spline.
     #[must_use]
     pub fn surface(&self) -> Option<&Surface> {
         match &self.form {
@@ -168,7 +200,7 @@ impl Truth {
         self.jet(u, v).point
     }
 
-    /// The point at `(u, v)` with its derivatives by them.
+    /// The point at `(u, v)` with its first and second derivatives with respect to u and v.
     #[must_use]
     pub fn jet(&self, u: f64, v: f64) -> Jet {
         match &self.form {
@@ -176,6 +208,7 @@ impl Truth {
             Form::Spline(surface) => {
                 let [a, b] = surface.space().extent();
                 let jet = surface.jet(u * a, v * b);
+                // The spline is parametrised by base cells: the chain rule to [0, 1]².
                 let by = |s: f64, d: [f64; 3]| d.map(|c| s * c);
                 Jet {
                     point: jet.point,
@@ -189,7 +222,7 @@ impl Truth {
         }
     }
 
-    /// Derivatives in a chart that is regular at the point, poles of a closed form included.
+    /// The point and derivatives in a chart that is regular there, poles of a closed form included.
     fn regular_jet(&self, u: f64, v: f64) -> Jet {
         match &self.form {
             Form::Closed(form) => form.regular_jet(u, v),
@@ -203,26 +236,40 @@ impl Truth {
         self.regular_jet(u, v).normal().unwrap_or([0.0; 3])
     }
 
-    /// `|S_u × S_v|`: area per area of parameters.
+    /// The area element `|S_u × S_v|`.
     #[must_use]
     pub fn area_element(&self, u: f64, v: f64) -> f64 {
         let jet = self.jet(u, v);
         norm(cross(jet.du, jet.dv))
     }
 
-    /// Principal curvatures and directions; none where a spline is degenerate.
+    /// Principal curvatures and directions; `None` where a spline is degenerate.
     #[must_use]
     pub fn curvature(&self, u: f64, v: f64) -> Option<Curvature> {
         self.regular_jet(u, v).curvature()
     }
 
+    /// The point of the surface at these parameters.
     fn at(&self, parameters: [f64; 2]) -> TruthPoint {
         let jet = self.regular_jet(parameters[0], parameters[1]);
         TruthPoint { parameters, position: jet.point, normal: jet.normal().unwrap_or([0.0; 3]) }
     }
 
-    /// A mesh of at most about this many triangles, facing outwards, its vertices on the surface, and
-    /// their exact normals.
+    /// A mesh of about `triangles` triangles that face outwards, and the exact normals of its vertices.
+    ///
+    /// The vertices lie on the surface. A ball in closed form is a subdivided icosahedron.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::Truth;
+    /// use planish_spline::Shape;
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let (mesh, normals) = Truth::freeform(Shape::Ball, 100.0, 4)?.mesh(6000);
+    /// assert_eq!(mesh.positions.len(), normals.len());
+    /// assert!(mesh.check().watertight && mesh.triangles.len() <= 6000);
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn mesh(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
         let (mesh, parameters) = self.mesh_and_parameters(triangles);
@@ -230,12 +277,14 @@ impl Truth {
         (mesh, normals)
     }
 
+    /// As [`Truth::mesh`], with the parameters of the vertices.
     fn mesh_and_parameters(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 2]>) {
         if matches!(self.form, Form::Closed(ClosedForm::Ball(_))) {
+            // A grid of (u, v) would have slivers at the poles; the icosahedron is uniform.
             let subdivisions = (1..9).take_while(|&k| 20 << (2 * k) <= triangles).last().unwrap_or(1);
             let sphere = icosphere(1.0, subdivisions);
             let parameters: Vec<[f64; 2]> = sphere.positions.iter().map(|&d| parameters(d)).collect();
-            return (self.over(sphere.triangles, &parameters), parameters);
+            return (self.mesh_over(sphere.triangles, &parameters), parameters);
         }
         let (shape, ratio) = match &self.form {
             Form::Closed(ClosedForm::Sheet(form)) => (Shape::Sheet, form.sides[0] / form.sides[1]),
@@ -249,7 +298,7 @@ impl Truth {
         let columns = ((0.5 * triangles as f64 * ratio).sqrt() as usize).max(8);
         let rows = (triangles / (2 * columns)).max(4);
         let (around, along) = (shape.periodic_u(), shape.periodic_v());
-        // Poles are one vertex each, before all others.
+        // A pole is a single vertex. Both precede all others.
         let (first, inner) =
             if shape.polar() { (2, 1..rows) } else { (0, 0..if along { rows } else { rows + 1 }) };
         let across = if around { columns } else { columns + 1 };
@@ -268,6 +317,7 @@ impl Truth {
         for j in 0..rows {
             for i in 0..columns {
                 let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                // At a pole, one of the two triangles of a cell has two equal corners.
                 faces.extend(
                     [[a, b, c], [a, c, d]]
                         .into_iter()
@@ -275,15 +325,15 @@ impl Truth {
                 );
             }
         }
-        (self.over(faces, &parameters), parameters)
+        (self.mesh_over(faces, &parameters), parameters)
     }
 
-    /// The mesh of these triangles over the points at these parameters.
-    fn over(&self, triangles: Vec<[u32; 3]>, parameters: &[[f64; 2]]) -> TriangleMesh {
+    /// The mesh of these triangles, with vertices at these parameters.
+    fn mesh_over(&self, triangles: Vec<[u32; 3]>, parameters: &[[f64; 2]]) -> TriangleMesh {
         TriangleMesh { positions: parameters.iter().map(|&[u, v]| self.point(u, v)).collect(), triangles }
     }
 
-    /// The mesh that searches start from; made on first use.
+    /// The dense mesh from which searches start; built on first use.
     fn dense(&self) -> &Dense {
         self.dense.get_or_init(|| {
             let triangles = match &self.form {
@@ -293,7 +343,7 @@ impl Truth {
                 }
             };
             let (mesh, parameters) = self.mesh_and_parameters(triangles);
-            let search = MeshSearch::try_new(&mesh).expect("a grid over a finite surface is a mesh");
+            let search = MeshSearch::try_new(&mesh).expect("a grid over a finite surface is a valid mesh");
             let largest_element =
                 parameters.iter().map(|&[u, v]| self.proposal_element(u, v)).fold(0.0_f64, f64::max);
             let diagonal = mesh.bounding_box().map_or(0.0, |b| b.diagonal());
@@ -301,20 +351,21 @@ impl Truth {
         })
     }
 
-    /// A dense mesh prepared for rays and closest points; its vertices lie on the surface.
+    /// A dense mesh for rays and closest points, with vertices on the surface; built on first use.
     #[must_use]
     pub fn search(&self) -> &MeshSearch {
         &self.dense().search
     }
 
-    /// Area per unit of what [`Truth::propose`] is uniform in.
+    /// Area element in the measure in which [`Truth::propose`] is uniform.
     fn proposal_element(&self, u: f64, v: f64) -> f64 {
         let jet = self.regular_jet(u, v);
         norm(cross(jet.du, jet.dv))
     }
 
-    /// Parameters spread evenly: over the unit sphere for a ball in closed form, over `(u, v)` for all
-    /// others.
+    /// Random parameters, uniform over the unit sphere for a ball in closed form, else uniform in `(u, v)`.
+    ///
+    /// Uniform `(u, v)` of a ball crowd at the poles, where rejection would discard nearly all.
     fn propose(&self, rng: &mut impl Rng) -> [f64; 2] {
         let (u, v): (f64, f64) = (rng.random(), rng.random());
         match &self.form {
@@ -323,12 +374,27 @@ impl Truth {
         }
     }
 
-    /// Independent points of uniform density per area of the true surface, by rejection.
+    /// Independent random points with uniform density per area of the true surface, by rejection.
     ///
-    /// Cost: two to four derivatives a point.
+    /// Cost: two to four evaluations of derivatives per point.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_simulate::Truth;
+    /// use planish_spline::Shape;
+    /// use rand::SeedableRng;
+    /// use rand_chacha::ChaCha8Rng;
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let tube = Truth::freeform(Shape::Tube, 100.0, 4)?;
+    /// let points = tube.sample_area_uniform(50, &mut ChaCha8Rng::seed_from_u64(1));
+    /// let [u, v] = points[0].parameters;
+    /// assert_eq!((points.len(), points[0].position), (50, tube.point(u, v)));
+    /// # Ok(())
+    /// # }
+    /// ```
     #[must_use]
     pub fn sample_area_uniform(&self, count: usize, rng: &mut impl Rng) -> Vec<TruthPoint> {
-        // The margin covers maxima between the vertices of the dense mesh.
+        // Rejection needs an upper bound of the element. The margin covers maxima between vertices.
         let bound = 1.05 * self.dense().largest_element;
         let mut points = Vec::with_capacity(count);
         while points.len() < count {
@@ -340,17 +406,17 @@ impl Truth {
         points
     }
 
-    /// The nearest point of the true surface and the signed distance to it, by Newton's method from the dense
-    /// mesh.
+    /// The nearest point of the true surface and the signed distance from it.
     ///
-    /// Exact to about 1e-12 of the size. None only for a point that is not finite.
+    /// Newton's method refines the nearest point of the dense mesh, to about 1e-12 of the size. `None` only for
+    /// a point that is not finite.
     #[must_use]
     pub fn foot(&self, z: [f64; 3]) -> Option<TruthFoot> {
         let dense = self.dense();
         let near = dense.search.closest(z)?;
-        let start = dense.parameters[self.corner(near.triangle, near.barycentric)];
+        let start = dense.parameters[self.nearest_vertex(near.triangle, near.barycentric)];
         let (point, at_border) = match &self.form {
-            Form::Closed(form) => descend(form, z, start),
+            Form::Closed(form) => nearest_point(form, z, start),
             Form::Spline(surface) => {
                 let space = surface.space();
                 let [a, b] = space.extent();
@@ -366,26 +432,26 @@ impl Truth {
         Some(TruthFoot { point, signed_distance, at_border })
     }
 
-    /// The vertex of the dense mesh that is nearest to a point of one of its triangles.
-    fn corner(&self, triangle: u32, barycentric: [f64; 3]) -> usize {
+    /// The corner of a triangle of the dense mesh with the largest barycentric weight.
+    fn nearest_vertex(&self, triangle: u32, barycentric: [f64; 3]) -> usize {
         let k = (0..3).max_by(|&a, &b| barycentric[a].total_cmp(&barycentric[b])).unwrap_or(0);
         self.dense().mesh.triangles[triangle as usize][k] as usize
     }
 
-    /// Where a ray with a unit direction first meets the true surface, from either side, and how far that is.
+    /// The first point where a ray meets the true surface from either side, and its distance.
     ///
-    /// The first hit on the dense mesh, carried to the surface by Newton's method; none also where that
-    /// fails: the ray grazes.
+    /// `direction` is a unit vector. Newton's method refines the first hit of the dense mesh. `None` if the ray
+    /// misses the mesh, or if it is so grazing that the refinement fails.
     #[must_use]
     pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<(TruthPoint, f64)> {
         let dense = self.dense();
         let hit = dense.search.first_hit(origin, direction)?;
-        let mut at = dense.parameters[self.corner(hit.triangle, hit.barycentric)];
+        let mut at = dense.parameters[self.nearest_vertex(hit.triangle, hit.barycentric)];
         let mut along = hit.distance;
         for _ in 0..30 {
             let jet = self.regular_jet(at[0], at[1]);
             let r = sub(add_scaled(origin, along, direction), jet.point);
-            // S_u s + S_v t − d λ = r, by Cramer's rule.
+            // One Newton step of S(u, v) = o + λ d: S_u s + S_v t − d λ = r, solved by Cramer's rule.
             let normal = cross(jet.du, jet.dv);
             let determinant = -dot(normal, direction);
             if determinant.abs() <= 1e-9 * norm(normal) {
@@ -399,8 +465,8 @@ impl Truth {
                 <= 1e-12 * (1.0 + along.abs())
             {
                 let point = self.at(at);
-                // No facet lies a thousandth of the size away from its surface: farther is another part of
-                // it.
+                // The facets deviate from the surface by much less than a thousandth of the size. A larger
+                // step along the normal means that Newton's method found another part of the surface.
                 let cosine = dot(point.normal, direction).abs().max(0.05);
                 return ((along - hit.distance).abs() * cosine <= 1e-3 * dense.diagonal)
                     .then_some((point, along));
@@ -409,8 +475,9 @@ impl Truth {
         None
     }
 
+    /// Parameters after a step in the regular chart, shortened if it is long.
     fn moved(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
-        // At most a few facets at once.
+        // The start is within one facet. A longer step comes from a nearly singular system.
         let longest = step[0].hypot(step[1]);
         let share = if longest > 0.05 { 0.05 / longest } else { 1.0 };
         let step = step.map(|s| share * s);
@@ -424,15 +491,18 @@ impl Truth {
         }
     }
 
-    /// Diagonal of the box around the surface.
+    /// Diagonal of the bounding box of the surface.
     #[must_use]
     pub fn diagonal(&self) -> f64 {
         self.dense().diagonal
     }
 }
 
-/// Damped Newton for the nearest point: full where the Hessian is positive definite, Gauss–Newton elsewhere.
-fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool) {
+/// The nearest point of a closed form to `z`, and whether an open border holds it.
+///
+/// Damped Newton's method: with the full Hessian where it is positive definite, else Gauss–Newton, whose
+/// matrix always gives a descent direction.
+fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool) {
     let open = match form {
         ClosedForm::Sheet(_) | ClosedForm::Bent(_) => [true, true],
         ClosedForm::Tube(_) => [false, true],
@@ -444,6 +514,7 @@ fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool
     for _ in 0..60 {
         let r = sub(jet.point, z);
         let gradient = [dot(jet.du, r), dot(jet.dv, r)];
+        // Active set of the box: at a border with the gradient outwards, the parameter stays there.
         for d in 0..2 {
             held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= 1.0 && gradient[d] < 0.0));
         }
@@ -463,6 +534,7 @@ fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool
                 ]
             }
         };
+        // Steps are shortened until the distance does not grow. The tolerance accepts rounding at the minimum.
         let mut share = (0.05 / step[0].hypot(step[1])).min(1.0);
         let mut moved = false;
         for _ in 0..12 {
@@ -483,7 +555,7 @@ fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool
     (TruthPoint { parameters: at, position: jet.point, normal }, held[0] || held[1])
 }
 
-/// An error for what only makes sense of a positive, finite number.
+/// Rejects a value that is not positive and finite; `name` names it in the message.
 pub(super) fn positive(name: &str, value: f64) -> Result<f64> {
     if value > 0.0 && value.is_finite() {
         return Ok(value);

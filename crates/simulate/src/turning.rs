@@ -1,7 +1,7 @@
-//! The scene `turning`: a freeform on a turntable, scanned by a laser that stands still, at known times.
+//! The scene `turning`: a freeform on a turntable, scanned by a fixed laser at known times.
 //!
-//! Input: [`TurningOptions`]. Output: a [`ScanScene`] whose scans all have the pose of the laser and
-//! state their times; the truth is the object as the first scan met it.
+//! Input: [`TurningOptions`]. Output: a [`ScanScene`] whose scans all have the pose of the laser and state
+//! their times. The truth is the object in its position at the first scan.
 
 use super::scans::{
     ScanScene, ScanSceneOptions, ScanSceneSummary, TrueMotion, field_of_view, grid_for, looking_from,
@@ -17,10 +17,11 @@ use planish_sense::{Pose, SensorKind};
 use planish_spline::Shape;
 use std::path::Path;
 
-/// Where the laser looks from, and where the axis of the table points and passes the object's origin, over
-/// its size.
+/// Direction from the object to the laser.
 const FROM: [f64; 3] = [0.9, 0.1, 0.45];
+/// Direction of the axis of the table, which is neither vertical nor through the origin: it has to be estimated.
 const AXIS: [f64; 3] = [0.05, -0.1, 1.0];
+/// A point on the axis, relative to the size of the object.
 const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
 
 /// Settings of the scene `turning`.
@@ -28,14 +29,14 @@ const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
 pub struct TurningOptions {
     /// Seed of the surface and of every error.
     pub seed: u64,
-    /// Readings of all scans together, to within a few per cent.
+    /// Number of readings of all scans together; the result differs by a few per cent.
     pub readings: usize,
-    /// Scans, one a second.
+    /// Number of scans, one per second.
     pub views: usize,
-    /// Degrees that the table turns in a second.
+    /// Speed of the table in degrees per second.
     pub rate_deg_per_s: f64,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the object's
-    /// length if none is given.
+    /// True σ of the laser along its rays, in `unit`; across them it is half as large. Default: a thousandth
+    /// of the length of the object.
     pub sigma: Option<f64>,
     /// Unit of every length.
     pub unit: Unit,
@@ -76,7 +77,18 @@ impl TurningOptions {
 /// Simulates the scene in memory.
 ///
 /// # Errors
-/// `Input` for options that make no sense.
+/// `Input` for options out of range.
+///
+/// # Examples
+/// ```
+/// use planish_simulate::{TurningOptions, turning};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let scene = turning(&TurningOptions { readings: 600, views: 3, ..TurningOptions::default() })?;
+/// let motion = scene.motion.expect("the object turns");
+/// assert_eq!((motion.rate_deg_per_s, motion.times_s), (6.0, vec![0.0, 1.0, 2.0]));
+/// # Ok(())
+/// # }
+/// ```
 pub fn turning(options: &TurningOptions) -> Result<ScanScene> {
     simulate(options, &Silent)
 }
@@ -86,7 +98,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
     let noise = options.laser();
-    let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("a view without a direction"));
+    let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("the direction of view is undefined"));
     let laser = looking_from(&truth, direction(FROM)?, 0.0, size)?;
     let axis = direction(AXIS)?;
     let axis_point = scale(size, AXIS_POINT);
@@ -106,18 +118,20 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     };
     scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
     let turn = scale(turning.rate_deg_per_s.to_radians(), axis);
-    // The axis stays where it is: p ↦ a + R(p − a), whose twist is (ω, −ω × a).
+    // A rotation about an axis through a is p ↦ a + R(p − a), whose twist is (ω, −ω × a).
     let slide = sub([0.0; 3], cross(turn, axis_point));
     let each = turning.readings.div_ceil(turning.views);
     for view in 0..turning.views {
         progress.check("scanning", view as f64 / turning.views as f64)?;
         progress.items(view * each, "readings");
         let time = view as f64;
-        let world_from_thing = Pose::from_twist(scale(time, turn), scale(time, slide));
-        let thing_from_laser = world_from_thing.inverse().after(&laser);
+        // The truth stays fixed and the scanner moves in its frame: the surface is prepared for rays once. The
+        // written pose is that of the fixed laser.
+        let world_from_object = Pose::from_twist(scale(time, turn), scale(time, slide));
+        let object_from_laser = world_from_object.inverse().after(&laser);
         let file = format!("laser-{}.ply", view + 1);
-        let optics = field_of_view(&scene.truth, &thing_from_laser, false);
-        let mut scanner = VirtualScanner::new(&file, thing_from_laser, optics, [64, 64], noise);
+        let optics = field_of_view(&scene.truth, &object_from_laser, false);
+        let mut scanner = VirtualScanner::new(&file, object_from_laser, optics, [64, 64], noise);
         scanner.grid = grid_for(&scanner, &scene.truth, each)?;
         let mut scan = scanner.scan(&scene.truth, seed_of(turning.seed, view))?;
         scan.scan.world_from_scanner = laser;
@@ -127,7 +141,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     Ok(scene)
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene turning` does.
+/// Simulates the scene and writes its files, as `planish simulate scene turning` does.
 ///
 /// # Errors
 /// As [`turning`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.

@@ -1,8 +1,8 @@
-//! The scene `vessel`: a surface of revolution that a laser saw from one side.
+//! The scene `vessel`: a surface of revolution, scanned by a laser from one side.
 //!
-//! Input: [`VesselOptions`]. Output: a [`ScanScene`] of one scan; the truth is the whole vessel. What lies
-//! behind follows from the symmetry alone; the middle of the bottom was not observed at any angle, and
-//! nothing tells it.
+//! Input: [`VesselOptions`]. Output: a [`ScanScene`] with one scan; the truth is the whole vessel. The far side
+//! follows from the symmetry alone. The middle of the bottom is not observed at any angle about the axis, so
+//! symmetry does not determine it either.
 
 use super::form::{BallBump, BallForm, ClosedForm};
 use super::scans::{
@@ -19,12 +19,13 @@ use planish_sense::SensorKind;
 use planish_spline::Shape;
 use std::path::Path;
 
-/// Semi-axes of the ellipsoid that the vessel is made of, over its height.
+/// Semi-axes of the ellipsoid from which the vessel is formed, relative to the size.
 const SEMI_AXES: [f64; 3] = [0.34, 0.34, 0.42];
-/// A neck above and a foot below: sharpness and share of the radius.
+/// Bump that forms the neck at the top: sharpness and amplitude.
 const NECK: [f64; 2] = [9.0, 0.34];
+/// Dent that forms the foot at the bottom: sharpness and amplitude.
 const FOOT: [f64; 2] = [5.0, -0.22];
-/// Where the laser looks from.
+/// Direction from the object to the laser.
 const FROM: [f64; 3] = [0.9, 0.35, 0.25];
 
 /// Settings of the scene `vessel`.
@@ -32,10 +33,10 @@ const FROM: [f64; 3] = [0.9, 0.35, 0.25];
 pub struct VesselOptions {
     /// Seed of every error.
     pub seed: u64,
-    /// Readings, to within a few per cent.
+    /// Number of readings; the result differs by a few per cent.
     pub readings: usize,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the vessel's
-    /// height if none is given.
+    /// True σ of the laser along its rays, in `unit`; across them it is half as large. Default: a thousandth
+    /// of the height of the vessel.
     pub sigma: Option<f64>,
     /// Unit of every length.
     pub unit: Unit,
@@ -67,7 +68,20 @@ impl VesselOptions {
 /// Simulates the scene in memory.
 ///
 /// # Errors
-/// `Input` for options that make no sense.
+/// `Input` for options out of range.
+///
+/// # Examples
+/// ```
+/// use planish_simulate::{VesselOptions, vessel};
+/// # fn main() -> planish_estimate::Result<()> {
+/// let scene = vessel(&VesselOptions { readings: 500, ..VesselOptions::default() })?;
+/// assert_eq!(scene.set.scans.len(), 1);
+/// // The laser is at x > 0 and does not see the far side.
+/// let far = scene.truth.point(0.5, 0.5);
+/// assert!(far[0] < 0.0 && scene.readings[0].iter().all(|r| r.point.position[0] > 0.9 * far[0]));
+/// # Ok(())
+/// # }
+/// ```
 pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
     let options = options.as_scans();
     options.sanity_check()?;
@@ -82,7 +96,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
     }));
     let noise = options.laser();
-    let from = unit(FROM).ok_or_else(|| Error::input("a view without a direction"))?;
+    let from = unit(FROM).ok_or_else(|| Error::input("the direction of view is undefined"))?;
     let pose = looking_from(&truth, from, 0.0, size)?;
     let optics: Optics = field_of_view(&truth, &pose, false);
     let mut scanner = VirtualScanner::new("laser-1.ply", pose, optics, [64, 64], noise);
@@ -102,7 +116,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
     Ok(scene)
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene vessel` does.
+/// Simulates the scene and writes its files, as `planish simulate scene vessel` does.
 ///
 /// # Errors
 /// As [`vessel`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.

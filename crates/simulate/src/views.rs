@@ -1,14 +1,14 @@
-//! The scene `views`: the outlines of a triangular prism in three views, ranged from all around by a sensor
-//! of uncertain pose.
+//! The scene `views`: ranges to the outlines of a triangular prism in three views, by a sensor of uncertain
+//! pose.
 //!
-//! Input: [`ViewsOptions`]. Output: for each view a folder with `readings.csv`, `exact.csv` and
-//! `truth.json`, and the prism's vertices in `truth.json` beside them.
+//! Input: [`ViewsOptions`]. Output: a folder for each view with `readings.csv`, `exact.csv` and `truth.json`,
+//! and the vertices of the prism in a common `truth.json`.
 //!
 //! # References
 //! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a
 //! moving sensor*, figure 3.
 
-use super::readings::{ReadingsSummary, named, usual_sensor, write_table};
+use super::readings::{ReadingsSummary, default_sensor, parameters_json, write_table};
 use super::truth::positive;
 use planish_contour::planar::{ContourKind, ranges};
 use planish_estimate::Result;
@@ -19,20 +19,21 @@ use serde_json::json;
 use std::io::Write;
 use std::path::Path;
 
-/// Width (x), depth (y) and height (z) of the prism in millimetres; its right angle is at the origin.
+/// Width (x), depth (y) and height (z) of the prism, in millimetres; the right angle is at the origin.
 pub const PRISM_MM: [f64; 3] = [80.0, 100.0, 60.0];
-/// Errors of this scene over those of the scene `readings`.
+/// σ of this scene relative to that of the scene `readings`.
 const NOISE: f64 = 0.1;
+/// Number of columns written: those of [`COLUMNS`] up to the time.
 const WRITTEN_COLUMNS: usize = 10;
 
 /// Settings of the scene `views`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewsOptions {
-    /// How many readings of each view.
+    /// Number of readings of each view.
     pub readings: usize,
-    /// Readings from each pose.
+    /// Number of readings from each pose, which share the error of the pose.
     pub sweep: usize,
-    /// Errors over the usual ones: 0.2 mm, 0.2°, 0.1 % of the range.
+    /// Factor on the default σ: 0.2 mm and 0.2° for the pose, 0.1 % for the range.
     pub noise: f64,
     /// Seed of every error.
     pub seed: u64,
@@ -40,16 +41,30 @@ pub struct ViewsOptions {
     pub unit: Unit,
 }
 
-/// Simulates the scene and writes it: what `planish simulate scene views` does.
+/// Simulates the scene and writes its files, as `planish simulate scene views` does.
 ///
 /// # Errors
-/// `Input` for options that make no sense; `Io` when a file cannot be written.
+/// `Input` for options out of range; `Io` if a file cannot be written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::Unit;
+/// use planish_simulate::{ViewsOptions, write_views_scene};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let folder = tempfile::tempdir()?;
+/// let options = ViewsOptions { readings: 40, sweep: 1, noise: 1.0, seed: 1, unit: Unit::Millimetre };
+/// let summary = write_views_scene(&options, folder.path())?;
+/// assert_eq!(summary.rows, 3 * 40);
+/// assert!(folder.path().join("front/readings.csv").is_file());
+/// # Ok(())
+/// # }
+/// ```
 pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<ReadingsSummary> {
     positive("number of readings", options.readings as f64)?;
     positive("noise", options.noise)?;
     let millimetre = 1.0 / options.unit.millimetres();
     let size = PRISM_MM.map(|length| length * millimetre);
-    let sensor = usual_sensor(NOISE * options.noise, options.sweep, millimetre);
+    let sensor = default_sensor(NOISE * options.noise, options.sweep, millimetre);
     make_folder(folder)?;
     let mut summary =
         ReadingsSummary { rows: 0, columns: COLUMNS[..WRITTEN_COLUMNS].to_vec(), files: Vec::new() };
@@ -57,7 +72,7 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
         let [right, up, _] = view.axes();
         let (kind, theta) = outline(view, size[right], size[up]);
         let middle = [0.5 * size[right], 0.5 * size[up]];
-        // Views are measured one after the other: each has errors of its own.
+        // Each view needs errors of its own, as they are measured one after the other.
         let seed = options.seed.wrapping_mul(3).wrapping_add(i as u64);
         let made = ranges(&kind, &theta, middle, options.readings, &sensor, seed);
         let own = folder.join(view.name());
@@ -67,7 +82,7 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
         write_table(&paths[1], &made.exact)?;
         let truth = json!({
             "kind": kind.to_string(),
-            "parameters": named(&kind, &theta),
+            "parameters": parameters_json(&kind, &theta),
             "unit": options.unit.name(),
         });
         write_atomically(&paths[2], |out| writeln!(out, "{truth:#}"))?;
@@ -90,7 +105,7 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
     Ok(summary)
 }
 
-/// The triangle from the front, rectangles from the other sides.
+/// The outline in a view of width `a` and height `b`: a triangle from the front, else a rectangle.
 fn outline(view: ViewKind, a: f64, b: f64) -> (ContourKind, Vec<f64>) {
     match view {
         ViewKind::Front => (ContourKind::Polygon(3), vec![0.0, 0.0, a, 0.0, 0.0, b]),

@@ -1,10 +1,10 @@
 //! Sensors that measure a known surface.
 //!
-//! Input: a [`Truth`], where the sensor stands and how it errs. Output: a [`Scan`] in the sensor's
-//! frame, and for each of its readings what was really there. Every reading has its own stream of random
-//! numbers: one that is dropped changes no other, and the number of threads changes none.
+//! Input: a [`Truth`], the pose of the sensor and its noise. Output: a [`Scan`] in the frame of the sensor,
+//! and the true value of each reading. Every reading has its own stream of random numbers. Dropping one
+//! changes no other, and the result does not depend on the number of threads.
 //!
-//! Not guaranteed: mixed readings at depth edges, or correlated errors: readings err independently.
+//! Not modelled: mixed readings at depth edges and correlated errors.
 
 use super::truth::{Truth, TruthPoint, positive};
 use planish_estimate::vector3::{add, add_scaled, dot, scale, tangents, unit};
@@ -15,27 +15,29 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
-/// What a simulated reading really saw.
+/// The true value of a simulated reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrueReading {
-    /// The point of the true surface, in the world's frame.
+    /// The measured point of the true surface, in the world frame.
     pub point: TruthPoint,
-    /// Whether a gross error was added.
+    /// True if the reading is an outlier.
     pub outlier: bool,
-    /// The reading's true noise over the sensor's: 1 but for sensors of uneven σ.
+    /// True σ of the reading divided by that of the sensor; 1 unless the σ of the sensor is uneven.
     pub noise_factor: f64,
 }
 
-/// A scan and what its readings really saw, one for one.
+/// A scan with the true value of each reading.
 #[derive(Debug, Clone)]
 pub struct VirtualScan {
-    /// The readings, in the sensor's frame.
+    /// The readings, in the frame of the sensor.
     pub scan: Scan,
-    /// What each of them saw.
+    /// True values, in the order of the points.
     pub truth: Vec<TrueReading>,
 }
 
-/// The rays of a range scanner, in its own frame: it looks along −z; columns run along x, rows along y.
+/// The rays of a range scanner, in its own frame.
+///
+/// It looks along −z. Columns run along x, rows along y.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Optics {
     /// Parallel rays from a rectangle around the origin.
@@ -50,36 +52,57 @@ pub enum Optics {
     },
 }
 
-/// A range scanner: a grid of rays, blind to what is hidden or seen at a grazing angle.
+/// A range scanner: a grid of rays that measures visible points, except at grazing angles.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{Noise, Pose};
+/// use planish_simulate::{Optics, Truth, VirtualScanner};
+/// use planish_spline::Shape;
+/// # fn main() -> planish_estimate::Result<()> {
+/// let truth = Truth::freeform(Shape::Ball, 100.0, 2)?;
+/// let pose = Pose { translation: [0.0, 0.0, 300.0], ..Pose::identity() };
+/// let optics = Optics::Central { tangents: [0.25; 2] };
+/// let scanner = VirtualScanner {
+///     outlier_share: 0.05,
+///     outlier_size: 10.0,
+///     ..VirtualScanner::new("front", pose, optics, [30, 30], Noise::Isotropic { sigma: 0.1 })
+/// };
+/// let measured = scanner.scan(&truth, 1)?;
+/// assert_eq!(measured.scan.points.len(), scanner.count(&truth));
+/// assert!(measured.truth.iter().any(|reading| reading.outlier));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct VirtualScanner {
     /// Name of the scan.
     pub name: String,
-    /// Where it stands.
+    /// Pose of the scanner.
     pub world_from_scanner: Pose,
-    /// Its rays.
+    /// The rays.
     pub optics: Optics,
-    /// Columns and rows of its grid.
+    /// Columns and rows of the grid.
     pub grid: [usize; 2],
-    /// Its true noise, at the middle of its field of view.
+    /// True noise in the middle of the field of view.
     pub noise: Noise,
-    /// σ grows by this share from the middle of the field of view to its corners, with the square of the
+    /// Relative increase of σ from the middle of the field of view to its corners, with the square of the
     /// distance.
     pub unevenness: f64,
-    /// True σ over the σ that the readings state themselves; only sensors of uneven σ state one a reading.
+    /// True σ divided by the σ that readings state; only readings of a scanner with uneven σ state one.
     pub misstatement: f64,
-    /// Readings at a larger angle between ray and normal, in degrees, are dropped.
+    /// Maximum angle between ray and normal, in degrees; grazing readings are dropped.
     pub grazing_deg: f64,
-    /// Share of the readings with a gross error along the ray.
+    /// Share of readings that are outliers along the ray.
     pub outlier_share: f64,
-    /// The largest gross error, in the model's unit; the smallest is a tenth of it, and at least 10 σ.
+    /// Largest error of an outlier, in the unit of the model; the smallest is a tenth of it and at least 10 σ.
     pub outlier_size: f64,
-    /// Whether the scan keeps its grid.
+    /// True if the scan keeps its grid.
     pub organised: bool,
 }
 
 impl VirtualScanner {
-    /// A scanner with plain settings: even σ, honest, no outliers, blind beyond 75°, organised.
+    /// A scanner with default settings: even and correctly stated σ, no outliers, readings up to 75°, organised.
     #[must_use]
     pub fn new(name: &str, world_from_scanner: Pose, optics: Optics, grid: [usize; 2], noise: Noise) -> Self {
         Self {
@@ -97,7 +120,7 @@ impl VirtualScanner {
         }
     }
 
-    /// How it looks, in its own frame.
+    /// The direction or the centre of its rays, in its own frame.
     #[must_use]
     pub fn viewing(&self) -> Viewing {
         match self.optics {
@@ -106,7 +129,7 @@ impl VirtualScanner {
         }
     }
 
-    /// Proves that the settings make sense.
+    /// Rejects settings out of range.
     ///
     /// # Errors
     /// `Input` for an empty grid, sizes or σ that are not positive, a share outside [0, 1).
@@ -140,8 +163,8 @@ impl VirtualScanner {
         Ok(())
     }
 
-    /// Origin and unit direction of the ray of a cell, in the scanner's frame, and the square of its distance
-    /// from the middle of the field of view: 1 at the corners.
+    /// Origin and unit direction of the ray of a cell in the frame of the scanner, and the square of its
+    /// distance from the middle of the field of view, which is 1 at the corners.
     fn ray(&self, cell: usize) -> ([f64; 3], [f64; 3], f64) {
         let index = [cell % self.grid[0], cell / self.grid[0]];
         let [a, b] = [0, 1].map(|k| (2 * index[k] + 1) as f64 / self.grid[k] as f64 - 1.0);
@@ -155,23 +178,22 @@ impl VirtualScanner {
         }
     }
 
-    /// What a cell's ray meets: the point, where it is not hidden, not seen from behind and not at a grazing
-    /// angle.
-    fn sees(&self, truth: &Truth, cell: usize) -> Option<TruthPoint> {
+    /// The point that the ray of a cell measures, if it meets the surface from the front and not grazing.
+    fn measured_point(&self, truth: &Truth, cell: usize) -> Option<TruthPoint> {
         let (origin, direction, _) = self.ray(cell);
         let direction = self.world_from_scanner.rotate(direction);
         let (point, _) = truth.first_hit(self.world_from_scanner.apply(origin), direction)?;
         (-dot(point.normal, direction) > self.grazing_deg.to_radians().cos()).then_some(point)
     }
 
-    /// How many of its rays give a reading. Cost: one ray a cell.
+    /// Number of rays that give a reading. Cost: one ray per cell.
     #[must_use]
     pub fn count(&self, truth: &Truth) -> usize {
         let cells = self.grid[0] * self.grid[1];
-        (0..cells).into_par_iter().filter(|&cell| self.sees(truth, cell).is_some()).count()
+        (0..cells).into_par_iter().filter(|&cell| self.measured_point(truth, cell).is_some()).count()
     }
 
-    /// Scans a surface. The same bytes for the same seed. Cost: one ray a cell, in parallel.
+    /// Scans a surface. The same seed gives the same bytes. Cost: one ray per cell, in parallel.
     ///
     /// # Errors
     /// As [`VirtualScanner::sanity_check`].
@@ -180,18 +202,20 @@ impl VirtualScanner {
         let scanner_from_world = self.world_from_scanner.inverse();
         let cells = self.grid[0] * self.grid[1];
         let read = |cell: usize| -> Option<([f64; 3], [f64; 3], TrueReading)> {
-            let point = self.sees(truth, cell)?;
+            let point = self.measured_point(truth, cell)?;
             let (_, ray, rho2) = self.ray(cell);
             let noise_factor = 1.0 + self.unevenness * rho2;
+            // One stream of random numbers per cell, and outliers drawn after the noise: other options for
+            // outliers leave the noise of all readings as it was.
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(cell as u64);
             let mut z =
                 add(scanner_from_world.apply(point.position), draw(self.noise, ray, noise_factor, &mut rng));
             let outlier = rng.random::<f64>() < self.outlier_share;
             if outlier {
-                let least = (0.1 * self.outlier_size).max(10.0 * noise_factor * self.noise.sigma());
-                let most = self.outlier_size.max(2.0 * least);
-                let size = least + (most - least) * rng.random::<f64>();
+                let smallest = (0.1 * self.outlier_size).max(10.0 * noise_factor * self.noise.sigma());
+                let largest = self.outlier_size.max(2.0 * smallest);
+                let size = smallest + (largest - smallest) * rng.random::<f64>();
                 let side = if rng.random::<bool>() { 1.0 } else { -1.0 };
                 z = add_scaled(z, side * size, ray);
             }
@@ -218,6 +242,7 @@ impl VirtualScanner {
             match stated {
                 Noise::Isotropic { sigma: s } => sigma.push(s),
                 Noise::Ray { .. } => {
+                    // A real scanner knows the ray only from its noisy point; a fit computes it in this way, too.
                     covariance.push(stated.covariance(Some(ray_at(viewing, z).unwrap_or(ray))))
                 }
             }
@@ -235,24 +260,40 @@ impl VirtualScanner {
     }
 }
 
-/// A touch probe: few points, spread evenly over the surface, with a small error.
+/// A touch probe: few points, uniform over the surface, with a small error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VirtualProbe {
     /// Name of the scan.
     pub name: String,
-    /// Where its frame stands.
+    /// Pose of its frame.
     pub world_from_probe: Pose,
-    /// How many points it takes.
+    /// Number of points.
     pub points: usize,
-    /// Its true σ, in every direction.
+    /// True σ in every direction.
     pub sigma: f64,
 }
 
 impl VirtualProbe {
-    /// Touches a surface at area-uniform points.
+    /// Measures a surface at random points, uniform per area.
     ///
     /// # Errors
     /// `Input` for a σ that is not positive.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_sense::Pose;
+    /// use planish_simulate::{Truth, VirtualProbe};
+    /// use planish_spline::Shape;
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let truth = Truth::freeform(Shape::Sheet, 100.0, 2)?;
+    /// let world_from_probe = Pose::identity();
+    /// let probe = VirtualProbe { name: "probe".to_owned(), world_from_probe, points: 20, sigma: 0.004 };
+    /// let measured = probe.scan(&truth, 1)?;
+    /// let foot = truth.foot(measured.scan.points[0]).expect("readings are finite");
+    /// assert!(measured.scan.points.len() == 20 && foot.signed_distance.abs() < 0.04);
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn scan(&self, truth: &Truth, seed: u64) -> Result<VirtualScan> {
         positive("sigma", self.sigma)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -271,7 +312,7 @@ impl VirtualProbe {
     }
 }
 
-/// The same noise, larger by a factor.
+/// The noise with every σ multiplied by a factor.
 pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
     match noise {
         Noise::Isotropic { sigma } => Noise::Isotropic { sigma: factor * sigma },
@@ -281,7 +322,7 @@ pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
     }
 }
 
-/// A Gaussian error of a reading along a unit ray.
+/// A random Gaussian error of a reading on this unit ray, with σ multiplied by a factor.
 fn draw(noise: Noise, ray: [f64; 3], factor: f64, rng: &mut ChaCha8Rng) -> [f64; 3] {
     let [a, b, c]: [f64; 3] = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
     match noise {
@@ -293,6 +334,7 @@ fn draw(noise: Noise, ray: [f64; 3], factor: f64, rng: &mut ChaCha8Rng) -> [f64;
     }
 }
 
+/// Rejects a σ that is not positive and finite.
 fn check_noise(noise: Noise) -> Result<()> {
     match noise {
         Noise::Isotropic { sigma } => positive("sigma", sigma)?,

@@ -1,6 +1,6 @@
 //! `planish simulate scene bending`.
 
-use super::text::{Body, summary};
+use super::text::{ScanSceneBody, summary};
 use crate::common::{CommonArgs, short_help};
 use crate::summary::Summary;
 use crate::values::{self, not_negative, positive};
@@ -50,7 +50,7 @@ pub struct BendingArgs {
 }
 
 /// Simulates the scene.
-pub fn work(args: &BendingArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+pub fn work(args: &BendingArgs, progress: &dyn Progress) -> Result<Summary<ScanSceneBody>> {
     let options = BendingOptions {
         seed: args.common.seed,
         readings: args.readings,

@@ -134,7 +134,7 @@ fn text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSummary) -> 
     lines.line(format!(
         "Rendered {} images of {} ({} long, {} triangles) from {} views.",
         count(2 * truth.poses.len()),
-        truth.thing,
+        truth.object,
         format_args!("{} {}", significant(truth.diagonal, 3), truth.unit),
         count(truth.mesh_triangles),
         count(truth.poses.len())

@@ -65,7 +65,7 @@ fn velocity(text: &str) -> Result<[f64; 3], String> {
 
 /// JSON keys of scenes of readings.
 #[derive(Serialize)]
-pub struct Body {
+pub struct ReadingsBody {
     rows: usize,
     columns: Vec<&'static str>,
     warnings: [String; 0],
@@ -73,14 +73,14 @@ pub struct Body {
 }
 
 /// The summary of a scene of readings with this text.
-pub fn readings_summary(made: ReadingsSummary, unit: Unit, lines: Lines) -> Summary<Body> {
+pub fn readings_summary(made: ReadingsSummary, unit: Unit, lines: Lines) -> Summary<ReadingsBody> {
     Summary {
         text: lines.into_text(),
         unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files,
         warnings: Vec::new(),
-        body: Body { rows: made.rows, columns: made.columns, warnings: [], termination: "converged" },
+        body: ReadingsBody { rows: made.rows, columns: made.columns, warnings: [], termination: "converged" },
     }
 }
 
@@ -89,7 +89,7 @@ pub fn run(args: &ReadingsArgs) -> u8 {
     summary::run("simulate scene readings", &args.common, |_| work(args))
 }
 
-fn work(args: &ReadingsArgs) -> Result<Summary<Body>> {
+fn work(args: &ReadingsArgs) -> Result<Summary<ReadingsBody>> {
     let KindChoice::Plane(kind) = args.shape.clone() else {
         return Err(Error::input("needed one shape in the plane for --shape, such as ellipse"));
     };

@@ -1,7 +1,7 @@
 //! `planish simulate scene scans`.
 
 use super::SceneShape;
-use super::text::{Body, summary};
+use super::text::{ScanSceneBody, summary};
 use crate::common::{CommonArgs, short_help};
 use crate::summary::Summary;
 use crate::values::{self, not_negative, positive, share};
@@ -79,7 +79,7 @@ pub struct ScansArgs {
 }
 
 /// Simulates the scene.
-pub fn work(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+pub fn work(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<ScanSceneBody>> {
     let options = ScanSceneOptions {
         shape: args.shape.into(),
         seed: args.common.seed,

@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// JSON keys of a scene of scans.
 #[derive(Serialize)]
-pub struct Body {
+pub struct ScanSceneBody {
     rows: usize,
     columns: Vec<String>,
     truth: TruthSummary,
@@ -19,14 +19,19 @@ pub struct Body {
 }
 
 /// The summary of a scene. `next_options` are options of `fit` and of `compare` that suit the scene.
-pub fn summary(out: &Path, made: ScanSceneSummary, unit: Unit, next_options: [&str; 2]) -> Summary<Body> {
+pub fn summary(
+    out: &Path,
+    made: ScanSceneSummary,
+    unit: Unit,
+    next_options: [&str; 2],
+) -> Summary<ScanSceneBody> {
     Summary {
         text: text(out, &made, unit, next_options),
         unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files.clone(),
         warnings: Vec::new(),
-        body: Body {
+        body: ScanSceneBody {
             rows: made.rows,
             columns: made.columns,
             truth: made.truth,

@@ -1,6 +1,6 @@
 //! `planish simulate scene turning`.
 
-use super::text::{Body, summary};
+use super::text::{ScanSceneBody, summary};
 use crate::common::{CommonArgs, short_help};
 use crate::summary::Summary;
 use crate::values::{self, positive};
@@ -48,7 +48,7 @@ pub struct TurningArgs {
 }
 
 /// Simulates the scene.
-pub fn work(args: &TurningArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+pub fn work(args: &TurningArgs, progress: &dyn Progress) -> Result<Summary<ScanSceneBody>> {
     let options = TurningOptions {
         seed: args.common.seed,
         readings: args.readings,

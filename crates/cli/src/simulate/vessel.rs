@@ -1,6 +1,6 @@
 //! `planish simulate scene vessel`.
 
-use super::text::{Body, summary};
+use super::text::{ScanSceneBody, summary};
 use crate::common::{CommonArgs, short_help};
 use crate::summary::Summary;
 use crate::values::{self, positive};
@@ -39,7 +39,7 @@ pub struct VesselArgs {
 }
 
 /// Simulates the scene.
-pub fn work(args: &VesselArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+pub fn work(args: &VesselArgs, progress: &dyn Progress) -> Result<Summary<ScanSceneBody>> {
     let options = VesselOptions {
         seed: args.common.seed,
         readings: args.readings,

@@ -1,6 +1,6 @@
 //! `planish simulate scene views`.
 
-use super::readings::{Body, readings_summary};
+use super::readings::{ReadingsBody, readings_summary};
 use crate::common::{CommonArgs, short_help};
 use crate::lines::Lines;
 use crate::numbers::count;
@@ -52,7 +52,7 @@ pub fn run(args: &ViewsArgs) -> u8 {
     summary::run("simulate scene views", &args.common, |_| work(args))
 }
 
-fn work(args: &ViewsArgs) -> Result<Summary<Body>> {
+fn work(args: &ViewsArgs) -> Result<Summary<ReadingsBody>> {
     let unit = args.common.unit.map_or(Unit::Millimetre, Unit::from);
     let options = ViewsOptions {
         readings: args.readings,

@@ -1,10 +1,17 @@
-//! The figures of the sphere as CSV and SVG.
+//! The results of the sphere experiment as CSV and SVG.
 
 use super::{COMPARED_NOISE, SPHERE_COLUMNS, SphereOptions, SphereRow};
 use crate::figure::{Curve, Panel, draw};
 use std::fmt::Write as _;
 
-/// The curves of the figures as SVG.
+/// Draws the results as one SVG figure: a column of panels for each number of readings.
+///
+/// # Examples
+/// ```
+/// use planish_simulate::{SphereOptions, sphere_figure};
+/// let svg = sphere_figure(&SphereOptions::default(), &[]);
+/// assert!(svg.starts_with("<svg") && svg.contains("150 readings"));
+/// ```
 #[must_use]
 pub fn sphere_figure(options: &SphereOptions, rows: &[SphereRow]) -> String {
     draw(
@@ -14,7 +21,7 @@ pub fn sphere_figure(options: &SphereOptions, rows: &[SphereRow]) -> String {
     )
 }
 
-/// The rows as CSV, with a header.
+/// The rows as CSV text with a header; an orientation of `None` is an empty field.
 #[must_use]
 pub fn sphere_csv(rows: &[SphereRow]) -> String {
     let mut text = SPHERE_COLUMNS.join(",") + "\n";
@@ -36,32 +43,32 @@ pub fn sphere_csv(rows: &[SphereRow]) -> String {
     text
 }
 
-/// What a row of panels shows: which rows of the table, over which of their numbers.
-struct Sort<'a> {
+/// One row of panels: the rows of the table that it shows, and the quantity on its x axis.
+struct PanelRow<'a> {
     title: String,
     axis: &'static str,
     wanted: &'a dyn Fn(&SphereRow) -> bool,
     x: &'a dyn Fn(&SphereRow) -> f64,
 }
 
-/// One panel for each number of readings and each sort of experiment.
+/// One row of panels for each comparison, with one panel for each number of readings.
 fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
     let tilt = options.orientation_deg;
     let compared = &options.compared_orientations_deg;
-    let sorts = [
-        Sort {
+    let panel_rows = [
+        PanelRow {
             title: "positions alone".to_owned(),
             axis: "maximum position noise / % of the radius",
             wanted: &|r| r.orientation_deg.is_none(),
             x: &|r| r.noise_percent,
         },
-        Sort {
+        PanelRow {
             title: format!("and orientations to {tilt}°"),
             axis: "maximum position noise / % of the radius",
             wanted: &|r| r.orientation_deg == Some(tilt),
             x: &|r| r.noise_percent,
         },
-        Sort {
+        PanelRow {
             title: format!("position noise {COMPARED_NOISE} %"),
             axis: "maximum orientation error / °",
             wanted: &|r| {
@@ -70,9 +77,9 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
             x: &|r| r.orientation_deg.unwrap_or(0.0),
         },
     ];
-    sorts
+    panel_rows
         .iter()
-        .map(|Sort { title, axis, wanted, x }| {
+        .map(|PanelRow { title, axis, wanted, x }| {
             options
                 .readings
                 .iter()
@@ -85,20 +92,23 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                             .collect();
                         let leaves =
                             points.iter().map(|r| r.leaf_patches).sum::<f64>() / points.len().max(1) as f64;
-                        let of =
+                        let curve =
                             |y: &dyn Fn(&SphereRow) -> f64| points.iter().map(|r| [x(r), y(r)]).collect();
                         curves.push(Curve::patch(
                             usize::from(depth),
                             usize::from(options.depth - depth),
                             format!("depth {depth}: {leaves:.1} patches"),
-                            of(&|r| r.patch_percent),
+                            curve(&|r| r.patch_percent),
                         ));
                         if depth == options.depth {
                             curves.push(Curve::global(
                                 format!("global, depth {depth}"),
-                                of(&|r| r.global_percent),
+                                curve(&|r| r.global_percent),
                             ));
-                            curves.push(Curve::bound("posterior bound".to_owned(), of(&|r| r.bound_percent)));
+                            curves.push(Curve::bound(
+                                "posterior bound".to_owned(),
+                                curve(&|r| r.bound_percent),
+                            ));
                         }
                     }
                     Panel {

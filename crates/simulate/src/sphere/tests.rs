@@ -12,7 +12,7 @@ fn options() -> SphereOptions {
     }
 }
 
-/// The figures' claims, on a few sets, with patches that are divided.
+/// The statements about the figures hold for a few sets, with patches that are split.
 #[test]
 fn errors_stay_near_the_bound_and_orientations_lower_them() {
     let rows = sphere(&SphereOptions { noise_divides: true, ..options() }, &Silent).unwrap();
@@ -22,7 +22,7 @@ fn errors_stay_near_the_bound_and_orientations_lower_them() {
             .unwrap()
     };
     for row in &rows {
-        // Few sets: the means of four scatter by a fifth, those of the posterior do not.
+        // The mean of four sets scatters by a fifth; the bound hardly does.
         assert!(row.patch_percent < 1.6 * row.bound_percent, "{row:?}");
         assert!((row.patch_percent / row.global_percent - 1.0).abs() < 0.15, "{row:?}");
     }
@@ -36,7 +36,7 @@ fn errors_stay_near_the_bound_and_orientations_lower_them() {
         assert_eq!(coarse.leaf_patches, 1.0);
         assert!(fine.leaf_patches > 1.0, "{fine:?}");
         assert!(fine.patch_percent < 1.1 * coarse.patch_percent, "{fine:?} after {coarse:?}");
-        // One patch is the global filter.
+        // With one patch, both filters solve the same equations.
         assert!((coarse.patch_percent / coarse.global_percent - 1.0).abs() < 1e-6, "{coarse:?}");
     }
     assert!(find(2.0, None, 0).patch_percent < find(6.0, None, 0).patch_percent);
@@ -44,14 +44,13 @@ fn errors_stay_near_the_bound_and_orientations_lower_them() {
 }
 
 #[test]
-fn the_sphere_forms_from_a_cylinder_reading_by_reading() {
+fn snapshots_lead_from_the_cylinder_to_the_sphere() {
     let options = SphereOptions { depth: 1, ..SphereOptions::default() };
     let forming = sphere_forming(&options, 16).unwrap();
     let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
     assert_eq!((readings[0], readings[readings.len() - 1]), (0, 150));
     assert!(readings.is_sorted_by(|a, b| a < b), "{readings:?}");
     let errors: Vec<f64> = forming.snapshots.iter().map(|s| mean_error(&s.surface)).collect();
-    println!("{errors:?}");
-    // The cylinder is off by several per cent; the last is what the figure shows.
+    // The error of the cylinder is several per cent; the last snapshot is the result of the filter.
     assert!(errors[errors.len() - 1] < 0.5 * errors[0], "{errors:?}");
 }
