@@ -16,7 +16,7 @@ use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
 use super::refine::{ConvergedFit, refine_to_noise};
 use super::weights::weights;
-use super::{Fit, FitOptions, formation, observation_options, observe};
+use super::{Fit, FitOptions, PatchOptions, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::observe::surface_extent;
 use crate::observe::{FootState, ProjectedReadings, by_leaf, project};
@@ -256,8 +256,8 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
 
 /// Refuses alignment. Poses are not part of a patch's state: information that many patches share would count
 /// in each of them as new.
-pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
-    if options.align {
+pub(super) fn refuse_align(align: bool) -> Result<()> {
+    if align {
         return Err(Error::unsupported(
             "the patch filter takes poses as they are stated: needed the global filter to align scans",
         ));
@@ -279,19 +279,6 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
         .collect()
 }
 
-/// Refuses inferred readings. Their errors are correlated, and a filter that takes readings as independent
-/// would average them away.
-pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
-    let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
-    match asked.iter().find(|(asked, _)| *asked) {
-        Some((_, name)) => Err(Error::unsupported(format!(
-            "{name} concludes readings from others, which err together, and the patch filter takes every \
-             reading as independent: needed --filter global"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// Largest variance of the surface, as a share of a reading's, at which residuals show noise rather than
 /// unknown shape.
 const MAX_SURFACE_SHARE: f64 = 0.1;
@@ -303,9 +290,13 @@ const ENOUGH_FOR_NOISE: usize = 200;
 ///
 /// # Errors
 /// As for [`super::fit`].
-pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+pub(super) fn fit_patches(
+    set: &ScanSet,
+    patches: &PatchOptions,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
     let sheet = options.with_shape_of_ground();
-    refuse_align(options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
@@ -317,7 +308,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let FirstFit { converged, core } =
         first_fit_of(&mut observations, first.to_vec(), &sheet, &ProgressPart::new(progress, 0.02, 0.4))?;
     // Half of the snapshots show the readings of the first fit.
-    let mut formation = (options.snapshots)
+    let mut formation = (patches.snapshots)
         .map(|frames| {
             formation::formation_of_global_fit(
                 &observations,
@@ -330,7 +321,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         .transpose()?;
     let filtered = stream(
         &observations,
-        StreamInput { first: converged, core, others, options },
+        StreamInput { first: converged, core, others, options, snapshots: patches.snapshots },
         formation.as_mut(),
         &ProgressPart::new(progress, 0.4, 0.85),
     )?;
@@ -407,7 +398,7 @@ pub(super) fn update_patches(
     };
     let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
-    let input = StreamInput { first: no_readings, core, others: &order, options };
+    let input = StreamInput { first: no_readings, core, others: &order, options, snapshots: None };
     stream(observations, input, None, &ProgressPart::new(progress, 0.2, 0.85))
 }
 
@@ -439,12 +430,14 @@ pub(super) struct StreamInput<'a> {
     pub core: StreamingFilter,
     pub others: &'a [u32],
     pub options: &'a FitOptions,
+    /// Number of snapshots of the whole fit, if any.
+    pub snapshots: Option<usize>,
 }
 
 /// Filters the readings in `input.others` one at a time, and projects all readings on the resulting surface.
 pub(super) fn stream(
     observations: &Observations,
-    StreamInput { first, mut core, others, options }: StreamInput<'_>,
+    StreamInput { first, mut core, others, options, snapshots }: StreamInput<'_>,
     mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
@@ -452,7 +445,7 @@ pub(super) fn stream(
     let mut refused: Vec<Option<RejectionCause>> =
         first.feet.iter().zip(&information).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
-    let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
+    let frames = snapshots.map_or(0, |frames| frames / 2 + 1);
     let mut moments = formation::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::fit::fit;
+use crate::fit::{Strategy, fit};
 use nalgebra::{DMatrix, DVector};
 use planish_core::Silent;
 use planish_estimate::ErrorKind;
@@ -60,7 +60,7 @@ fn set_of(scans: Vec<(Scan, Option<f64>)>) -> ScanSet {
 }
 
 fn options(cells: [usize; 2]) -> FitOptions {
-    FitOptions { known_parameters: Some(cells), ..FitOptions::default() }
+    FitOptions { strategy: Strategy::KnownParameters { cells }, ..FitOptions::default() }
 }
 
 /// The textbook's ridge regression on a dense matrix, with the weight and σ that the fit has found.
