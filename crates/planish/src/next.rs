@@ -28,7 +28,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
 use planish_exchange::{Unit, extension, write_atomically};
 use planish_spline::{SurfaceSystem, leaf_weights};
-use planish_surface::model::{Posterior, SurfaceModel};
+use planish_surface::model::{Knowledge, Posterior, SurfaceModel};
 use planish_surface::saved::load;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -315,21 +315,25 @@ struct Prepared {
 
 impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
-        if model.patches.is_some() {
-            return Err(Error::unsupported(
-                "the model is one of the patch filter, which does not know how far apart places vary \
+        let measured = match &model.known {
+            Knowledge::AlongNormals { .. } => None,
+            Knowledge::PerCoordinate { measured, .. } => Some(*measured),
+            Knowledge::Patches(_) => {
+                return Err(Error::unsupported(
+                    "the model is one of the patch filter, which does not know how far apart places vary \
                  together: needed one of `fit --filter global`",
-            ));
-        }
-        if model.moves_freely {
-            return Err(Error::unsupported(
-                "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
+                ));
+            }
+            Knowledge::Free { .. } => {
+                return Err(Error::unsupported(
+                    "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
                  one of `fit` without --motion bend",
-            ));
-        }
+                ));
+            }
+        };
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
-        let directions = match model.measured_coordinates {
+        let directions = match measured {
             None => system.node_normals(&model.surface),
             Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
         };

@@ -58,7 +58,7 @@ pub use report::{FitReport, FitTermination, HeldOut};
 pub use residual_sample::{ResidualSample, ScanSummary};
 pub use unresolved_shape::UnresolvedShape;
 
-use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
+use crate::model::{Knowledge, NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::observe::ScanErrors;
 use batches::Batches;
 use finish::{FinishInput, finish};
@@ -250,9 +250,13 @@ pub fn update(
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
     observations.scan_errors = ScanErrors::new(set, &observations, origin, align, Some(model));
-    let converged = match &model.patches {
-        None => update::add_to_model(model, &mut observations, options, progress)?,
-        Some(filter) => {
+    let converged = match &model.known {
+        Knowledge::AlongNormals { information, .. }
+        | Knowledge::PerCoordinate { information, .. }
+        | Knowledge::Free { information } => {
+            update::add_to_model(model, information, &mut observations, options, progress)?
+        }
+        Knowledge::Patches(filter) => {
             patch::refuse_align(align)?;
             observations.scan_errors = ScanErrors::default();
             patch::update_patches(model, filter, &observations, options, progress)?
@@ -273,13 +277,13 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
             model.unit.name()
         )));
     }
-    if model.moves_freely {
+    if matches!(model.known, Knowledge::Free { .. }) {
         return Err(Error::unsupported(
             "the model is a state of a sheet that bends, and later scans are of other states: needed `fit \
              --motion bend` of all scans together",
         ));
     }
-    let own = if model.patches.is_some() { Filter::Patch } else { Filter::Global };
+    let own = if model.known.filter().is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
         let name = |filter| match filter {
             Filter::Global => "global",

@@ -109,7 +109,7 @@ fn another_days_scans_go_on_with_the_patch_filter() {
         FitOptions { strategy: strategy(Filter::Patch), shape: Some(Shape::Ball), ..FitOptions::default() };
     let yesterday = fit(&first, &options, &Silent).unwrap();
     let today = planish::fit::update(&yesterday.model, &second, &UpdateOptions::default(), &Silent).unwrap();
-    assert!(today.model.patches.is_some());
+    assert!(today.model.known.filter().is_some());
     assert!(today.report.observed_area_fraction >= yesterday.report.observed_area_fraction);
     let ratio = today.report.sigma.median / all.report.sigma.median;
     // What was divided late knows its detail less well, what was divided less has less of it.

@@ -217,7 +217,7 @@ fn an_update_keeps_what_earlier_scans_share() {
     let both = update(&first.model, &exact, &UpdateOptions::default(), &Silent).unwrap();
     // As if the first session's scans had erred independently.
     let mut believed = first.model.clone();
-    believed.scan_errors = None;
+    *believed.known.scan_errors_mut().unwrap() = None;
     let misled = update(&believed, &exact, &UpdateOptions::default(), &Silent).unwrap();
     let [before, after, wrong] = [&first, &both, &misled].map(height);
     println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
@@ -226,7 +226,7 @@ fn an_update_keeps_what_earlier_scans_share() {
     // The new readings all lie on one side of what was believed: that is left out of the shape, and σ says
     // so.
     assert!(wrong.0.abs() > 8.0 * after.1 && wrong.1 > 8.0 * after.1, "{wrong:?}");
-    assert_eq!(both.model.scan_errors.as_ref().unwrap().corner.len(), 36);
+    assert_eq!(both.model.known.scan_errors().unwrap().corner.len(), 36);
 }
 
 #[test]

@@ -303,8 +303,9 @@ mod tests {
     #[test]
     fn a_sigma_too_small_to_mesh_is_reported() {
         let mut model = small_model(Shape::Ball);
-        let data = model.data.clone();
-        model.data.add_scaled(&data, 1e16).unwrap();
+        let information = model.known.information_mut().unwrap();
+        let data = information.data.clone();
+        information.data.add_scaled(&data, 1e16).unwrap();
         let posterior = model.posterior().unwrap();
         // So few leaves stay below the limit of triangles at any number of divisions; then that of divisions
         // holds.

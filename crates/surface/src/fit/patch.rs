@@ -14,7 +14,7 @@ use super::finish::{FinishInput, finish};
 use super::first::first_surface;
 use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
-use super::refine::{ConvergedFit, refine_to_noise};
+use super::refine::{ConvergedFit, ConvergedKind, refine_to_noise};
 use super::weights::weights;
 use super::{Fit, FitOptions, PatchOptions, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
@@ -393,8 +393,7 @@ pub(super) fn update_patches(
         reached_limit: false,
         reached_tolerance: false,
         refined: RefinementLog::default(),
-        filtered: None,
-        moves_freely: false,
+        kind: ConvergedKind::AlongNormals,
     };
     let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
@@ -496,9 +495,13 @@ pub(super) fn stream(
         reached_limit: full && held_back > 0,
         reached_tolerance: first.reached_tolerance,
         refined: std::mem::take(&mut refined),
-        filtered: Some(PatchFilterOutcome { filter: Arc::new(core.filter), refused, held_back, deepest }),
+        kind: ConvergedKind::Patches(PatchFilterOutcome {
+            filter: Arc::new(core.filter),
+            refused,
+            held_back,
+            deepest,
+        }),
         noise: first.noise,
         weight: first.weight,
-        moves_freely: false,
     })
 }

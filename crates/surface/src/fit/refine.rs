@@ -80,10 +80,17 @@ pub(super) struct ConvergedFit {
     pub reached_tolerance: bool,
     /// The divisions made on the way.
     pub refined: RefinementLog,
-    /// Of the patch filter: its state, which then holds all that is known.
-    pub filtered: Option<PatchFilterOutcome>,
-    /// True if vertices move in every direction: see [`crate::model::SurfaceModel::moves_freely`].
-    pub moves_freely: bool,
+    pub kind: ConvergedKind,
+}
+
+/// How the vertices of a converged surface are known; each kind becomes a [`crate::model::Knowledge`].
+pub(super) enum ConvergedKind {
+    /// Each vertex moves along its normal.
+    AlongNormals,
+    /// Vertices move in every direction.
+    Free,
+    /// The patch filter holds all that is known.
+    Patches(PatchFilterOutcome),
 }
 
 impl ConvergedFit {
@@ -381,8 +388,7 @@ impl Refinement<'_> {
             reached_limit: false,
             reached_tolerance: false,
             refined: RefinementLog::default(),
-            filtered: None,
-            moves_freely: false,
+            kind: ConvergedKind::AlongNormals,
         })
     }
 }

@@ -227,7 +227,7 @@ impl ScanErrors {
             of_scan: vec![None; observations.channel_of_scan.len()],
             size,
             earlier: earlier.and_then(|model| {
-                let information = model.scan_errors.clone()?;
+                let information = model.known.scan_errors()?.clone();
                 Some(EarlierScanErrors {
                     moved: vec![0.0; information.corner.len().isqrt()],
                     vertices: model.surface.vertices().to_vec(),

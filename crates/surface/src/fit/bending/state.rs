@@ -7,7 +7,7 @@ use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
 use crate::fit::leaves::{leaf_areas, leaves_with_feet};
 use crate::fit::noise::SensorNoise;
-use crate::fit::refine::ConvergedFit;
+use crate::fit::refine::{ConvergedFit, ConvergedKind};
 use crate::fit::weights::{weight_of_length, weights};
 use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
@@ -160,8 +160,7 @@ impl Sheet<'_> {
             reached_limit: !resting,
             reached_tolerance: false,
             refined: RefinementLog::default(),
-            filtered: None,
-            moves_freely: true,
+            kind: ConvergedKind::Free,
         };
         Ok(LaidSheet { converged, beyond, held })
     }

@@ -71,7 +71,7 @@ fn vertices_and_sigmas_match_dense_normal_equations() {
     let options = FitOptions { held_out_share: 0.0, ..options([5, 4]) };
     let fitted = fit(&set, &options, &Silent).unwrap();
     let model = &fitted.model;
-    assert_eq!(model.measured_coordinates, Some([false, false, true]));
+    assert_eq!(model.known.measured_coordinates(), Some([false, false, true]));
     let space = model.surface.space();
     let n = space.node_count();
     let system = SurfaceSystem::new(space).unwrap();
@@ -201,7 +201,7 @@ fn closed_shapes_with_known_parameters_are_fitted() {
         .collect();
     let options = FitOptions { shape: Some(Shape::Ball), ..options([24, 12]) };
     let fitted = fit(&set_of(vec![(scan, None)]), &options, &Silent).unwrap();
-    assert_eq!(fitted.model.measured_coordinates, Some([true; 3]));
+    assert_eq!(fitted.model.known.measured_coordinates(), Some([true; 3]));
     let report = &fitted.report;
     assert!((report.sensors[0].sigma_estimated / sigma - 1.0).abs() < 0.02, "{report:?}");
     assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05, "{report:?}");
