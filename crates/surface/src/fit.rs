@@ -210,7 +210,7 @@ fn fit_in_batches(
         // The ground was found in the whole cloud already.
         observe(&first, &ObservationOptions { ground: None, ..options })?
     };
-    observations.ground = global.ground.is_some();
+    observations.intake.ground = global.ground.is_some();
     let origin = observations.recentre();
     observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.02)?;

@@ -135,7 +135,7 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
         ground: None,
     };
     let made = Observations::new(&[&scan], &[0], &[Sensor::default()], &options).unwrap();
-    assert_eq!(made.rejected.get(&RejectionCause::DirectionAlongNormal), Some(&13));
+    assert_eq!(made.intake.rejected.get(&RejectionCause::DirectionAlongNormal), Some(&13));
     let bent = (0..made.len()).filter(|&i| made.quantity(i) == Quantity::Curvature).count();
     assert_eq!(bent, 14);
 }

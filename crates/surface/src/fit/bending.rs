@@ -72,9 +72,9 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let first_scans = scans_of(set, &states[0].scans);
     if options.shape.is_none() {
         // The shape is checked before the work of a fit.
-        let mut readings = observe(&first_scans, &observation_options(set, options))?;
-        readings.recentre();
-        refuse_other_than_sheet(set, &states[0], base_shape(&readings, None)?.shape)?;
+        let mut first_readings = observe(&first_scans, &observation_options(set, options))?;
+        first_readings.recentre();
+        refuse_other_than_sheet(set, &states[0], base_shape(&first_readings.readings, None)?.shape)?;
     }
     let still = options.with_global(GlobalOptions::default());
     let first = fit(&first_scans, &still, &ProgressPart::new(progress, 0.0, 0.3))?;

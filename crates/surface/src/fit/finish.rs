@@ -174,7 +174,7 @@ pub(super) fn finish(
     let channels = FootChannels::new(observations, &subset);
     // Readings see the surface from where their scan is, so errors of its pose are not part of residuals.
     let seen = Posterior::new(&model.surface, Arc::clone(&covariance)).given_scan_errors();
-    let degrees = if observations.stated.len() == 1 && earlier.is_none() && filtered.is_none() {
+    let degrees = if observations.channels.len() == 1 && earlier.is_none() && filtered.is_none() {
         // With further batches the readings at hand determine only their share of the degrees of freedom.
         let data = match model.known.information() {
             Some(all) if added.is_none() => &all.data,
@@ -432,8 +432,13 @@ impl Finishing<'_> {
 
     /// Rejected readings by cause, those of further batches included.
     fn rejected(&self) -> BTreeMap<String, usize> {
-        let mut rejected: BTreeMap<String, usize> =
-            self.observations.rejected.iter().map(|(cause, n)| (cause.name().to_owned(), *n)).collect();
+        let mut rejected: BTreeMap<String, usize> = self
+            .observations
+            .intake
+            .rejected
+            .iter()
+            .map(|(cause, n)| (cause.name().to_owned(), *n))
+            .collect();
         let causes = (self.feet.iter().zip(self.information).enumerate())
             .filter(|(k, _)| self.is_real(*k))
             .filter_map(|(_, (foot, &w))| foot.rejection(w));
@@ -448,7 +453,7 @@ impl Finishing<'_> {
 
     /// Readings before any rejection, those of further batches included.
     fn total(&self) -> usize {
-        self.observations.total + self.added.map_or(0, |added| added.total)
+        self.observations.intake.total + self.added.map_or(0, |added| added.total)
     }
 
     fn totals(&self) -> Totals {

@@ -342,9 +342,9 @@ pub(super) fn update_patches(
     let surface = &model.surface;
     let mut at = vec![[0.0; 2]; observations.len()];
     let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
-    let stated = SensorNoise::stated(observations);
+    let stated = SensorNoise::stated(&observations.channels);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
-    let degrees = vec![0.0; observations.stated.len()];
+    let degrees = vec![0.0; observations.channels.len()];
     // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
     // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
@@ -413,7 +413,7 @@ pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -
     let factor = factors[observations.channel(i)];
     let variance = || factor * observations.variance(i, [0.0; 3]);
     IncomingReading {
-        at: observations.points[i],
+        at: observations.readings.points[i],
         facing: observations.normal(i),
         value: match observations.measured(i) {
             Measured::Position => ReadingValue::Position(observations.covariance(i).map(|c| factor * c)),
@@ -455,7 +455,7 @@ pub(super) fn stream(
             core.filter_reading(&incoming(observations, i as usize, &first.noise.variance_factors))?;
         if let Some(formation) = formation.as_deref_mut() {
             if outcome.is_none() {
-                formation.places.push(observations.points[i as usize]);
+                formation.places.push(observations.readings.points[i as usize]);
             }
             if moments.next_if_eq(&(first.subset.len() + k + 1)).is_some() {
                 let snapshot = Snapshot::of_patches(formation.places.len(), core.filter.clone())?;

@@ -146,7 +146,7 @@ pub(super) fn refine_to_noise(
     let mut is_last = false;
     let mut state = Refinement {
         at: vec![[f64::NAN; 2]; observations.len()],
-        noise: SensorNoise::stated(observations),
+        noise: SensorNoise::stated(&observations.channels),
         observations,
         options,
         subset,

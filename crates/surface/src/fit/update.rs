@@ -54,8 +54,8 @@ pub(super) fn add_to_model(
         subset: observations.fitted(),
         surface: model.surface.clone(),
         at: vec![[0.0; 2]; observations.len()],
-        noise: SensorNoise::stated(observations),
-        degrees: vec![0.0; observations.stated.len()],
+        noise: SensorNoise::stated(&observations.channels),
+        degrees: vec![0.0; observations.channels.len()],
         predicted: None,
         variance_before: Vec::new(),
     };
@@ -100,7 +100,7 @@ impl Update<'_> {
             let before = before.with_unresolved_shape(&self.model.unresolved_shape);
             self.variance_before = variances_of_surface(&before, &feet)?;
             for ((foot, of_surface), &i) in judged.iter_mut().zip(&self.variance_before).zip(subset) {
-                let stated = observations.stated[observations.channel(i as usize)];
+                let stated = observations.channels[observations.channel(i as usize)].stated;
                 foot.variance += if stated { *of_surface } else { 0.0 };
             }
         }
@@ -110,7 +110,7 @@ impl Update<'_> {
         match &self.predicted {
             None => self.predicted = Some(self.noise.clone()),
             Some(predicted) => {
-                self.noise.keep_where_redundancy_lacks(observations, predicted, &self.degrees);
+                self.noise.keep_where_redundancy_lacks(&observations.channels, predicted, &self.degrees);
             }
         }
         Ok(feet)

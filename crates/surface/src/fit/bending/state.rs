@@ -79,8 +79,8 @@ impl Sheet<'_> {
         let area: f64 = leaf_areas(previous).iter().sum();
         let spacing = (area / subset.len().max(1) as f64).sqrt();
         let mut at = vec![[0.0; 2]; observations.len()];
-        let mut noise = SensorNoise::stated(observations);
-        let unknown = vec![0.0; observations.stated.len()];
+        let mut noise = SensorNoise::stated(&observations.channels);
+        let unknown = vec![0.0; observations.channels.len()];
         let mut surface = previous.clone();
         let mut weight = None;
         let mut resting = false;
@@ -215,7 +215,7 @@ impl Sheet<'_> {
                 };
                 // Huber's weight: a reading far beyond the border must not tear it out.
                 let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
-                let z = observations.points[subset[k] as usize];
+                let z = observations.readings.points[subset[k] as usize];
                 cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
                 any = true;
             }
@@ -230,7 +230,7 @@ fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot:
         return None;
     }
     let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
-    let off = sub(observations.points[reading as usize], from);
+    let off = sub(observations.readings.points[reading as usize], from);
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 
