@@ -208,8 +208,13 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         })
         .next()
         .transpose()?;
-    let mut written =
-        write(job, &outputs, &set, earlier, (&fitted.model, &posterior), progress, &mut report.warnings)?;
+    let to_write = ToWrite {
+        outputs: &outputs,
+        model: &fitted.model,
+        posterior: &posterior,
+        provenance: earlier.map(|earlier| earlier.provenance).unwrap_or_default(),
+    };
+    let mut written = write(job, &set, to_write, progress, &mut report.warnings)?;
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
@@ -280,12 +285,19 @@ fn states_to_write<'a>(job: &FitJob, fitted: &'a Fit) -> Result<Vec<(&'a Fit, Ve
         .collect()
 }
 
+/// A finished model and the files that it goes to.
+struct ToWrite<'a> {
+    outputs: &'a [PlannedOutput],
+    model: &'a SurfaceModel,
+    posterior: &'a Posterior<'a>,
+    /// The sessions that made the model before this one.
+    provenance: Vec<Session>,
+}
+
 fn write(
     job: &FitJob,
-    outputs: &[PlannedOutput],
     set: &ScanSet,
-    earlier: Option<SavedModel>,
-    (model, posterior): (&SurfaceModel, &Posterior<'_>),
+    ToWrite { outputs, model, posterior, mut provenance }: ToWrite<'_>,
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<WrittenFile>> {
@@ -296,7 +308,6 @@ fn write(
     };
     let prepared = prepare(model, posterior, outputs, &options)?;
     warnings.extend(prepared.warnings.iter().cloned());
-    let mut provenance = earlier.map(|earlier| earlier.provenance).unwrap_or_default();
     provenance.push(session(job, set));
     progress.check(WRITING_STAGE, 0.95)?;
     prepared.write(&provenance)

@@ -46,7 +46,7 @@ pub use random::RandomDraws;
 pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
-use random::at_random;
+use random::{Before, at_random};
 
 /// Candidates are as many as this many numbers of their columns of the covariance allow, but within these
 /// bounds.
@@ -228,7 +228,10 @@ pub fn next_points(
     let reading = sigma * sigma;
     let random = match options.against_random {
         0 => None,
-        draws => Some(at_random(&factor, nodes, &places, &variances, reading, options, draws, progress)?),
+        draws => {
+            let before = Before { factor: &factor, nodes, places: &places, variances: &variances, reading };
+            Some(at_random(before, options, draws, progress)?)
+        }
     };
     let mut candidates = columns(
         &factor,

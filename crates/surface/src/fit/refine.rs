@@ -130,6 +130,14 @@ struct Round {
     is_last: bool,
 }
 
+/// The equations of a round, over one hierarchy.
+struct RoundEquations<'a> {
+    system: &'a SurfaceSystem,
+    energy: BendingEnergy,
+    /// The last factor; the next step uses its memory again.
+    factor: Option<CholeskyFactor>,
+}
+
 /// Iterates and refines until the residuals contain only noise.
 ///
 /// # Errors
@@ -242,34 +250,33 @@ impl Refinement<'_> {
         } else {
             MAX_FINDING_ITERATIONS
         };
-        let mut factor = None;
         // The metric stays that of the surface at the start of the round.
-        let mut energy = BendingEnergy::new(system, &self.surface)?;
+        let energy = BendingEnergy::new(system, &self.surface)?;
+        let mut equations = RoundEquations { system, energy, factor: None };
         for iteration in 0..iterations {
             let rounds = round.number as f64 + iteration as f64 / iterations as f64;
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(rounds));
             progress.check(if round.is_last { "settling" } else { "refining" }, share)?;
             progress.items(self.projected, "readings");
             self.projected += sample.len();
-            let rest = self.step(system, sample, round, &mut energy, &mut factor, progress)?;
+            let rest = self.step(&mut equations, sample, round, progress)?;
             let is_found = !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND;
             if rest.is_at_rest || is_found {
                 break;
             }
         }
-        Ok(factor)
+        Ok(equations.factor)
     }
 
     /// One iteration: project, weigh, solve, and update the smoothness weight.
     fn step(
         &mut self,
-        system: &SurfaceSystem,
+        equations: &mut RoundEquations<'_>,
         sample: &[u32],
         round: Round,
-        energy: &mut BendingEnergy,
-        factor: &mut Option<CholeskyFactor>,
         progress: &dyn Progress,
     ) -> Result<StepOutcome> {
+        let RoundEquations { system, energy, factor } = equations;
         let gate = self.options.gate;
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
