@@ -1,17 +1,17 @@
 //! `planish fit`: fits a surface to scans.
 
 mod args;
+mod task;
 mod text;
 mod values;
 
 use crate::summary::{self, Summary};
-use args::Completion;
 pub use args::FitArgs;
 use clap::ValueEnum;
 use planish::Job;
 use planish::animation::AnimationReport;
 use planish::complete::SymmetryChoice;
-use planish::fit::{Filter, FitOptions, FitReport, GroundWidth, ObjectMotion, RefineBy};
+use planish::fit::{FitOptions, FitReport, RefineBy};
 use planish::fit_files::{FitJob, FitJobReport};
 use planish::output::WrittenFile;
 use planish::progress::Progress;
@@ -39,7 +39,7 @@ pub fn run(args: &FitArgs) -> u8 {
 }
 
 fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let done = job(args).run(progress)?;
+    let done = job(args)?.run(progress)?;
     Ok(Summary {
         text: text::text(args, &done),
         unit: Some(done.unit),
@@ -60,29 +60,15 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
 }
 
 /// The job of these arguments.
-fn job(args: &FitArgs) -> FitJob {
-    FitJob {
+///
+/// # Errors
+/// `Unsupported` for options that exclude each other.
+fn job(args: &FitArgs) -> Result<FitJob> {
+    Ok(FitJob {
         inputs: args.scans.clone(),
-        update: args.update.clone(),
         outputs: args.output.clone(),
+        task: task::task(args)?,
         unit: args.common.unit.map(Unit::from),
-        options: FitOptions {
-            shape: args.shape.map(Into::into),
-            known_parameters: args.known_uv,
-            align: args.align,
-            ground: args.ground.map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
-            filter: args.filter.map(Filter::from),
-            max_depth: args.max_depth,
-            refine_by: args.refine_by.into(),
-            max_coefficients: args.max_coefficients,
-            symmetry: args.symmetry,
-            motion: args.motion.map(ObjectMotion::from),
-            complete_smooth: args.complete == Some(Completion::Smooth),
-            gate: args.gate,
-            held_out_share: args.held_out,
-            seed: args.common.seed,
-            ..FitOptions::default()
-        },
         tolerance: args.tolerance,
         mesh_tolerance: args.mesh_tolerance,
         cell_size: args.cell_size,
@@ -90,7 +76,7 @@ fn job(args: &FitArgs) -> FitJob {
         animation: args.animate.clone(),
         report: args.page.output(&args.common),
         arguments: deciding_arguments(args),
-    }
+    })
 }
 
 /// All files that were read: scans and lists, then the updated model.

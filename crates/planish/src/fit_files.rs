@@ -4,6 +4,9 @@
 //! before anything is read, and written when everything else has succeeded.
 
 mod page;
+mod task;
+
+pub use task::FitTask;
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::job::Job;
@@ -20,11 +23,11 @@ use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_in
 use planish_mesh::BoundingBox;
 use planish_sense::SensorKind;
 use planish_spline::Shape;
-use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, ObjectMotion, fit, update};
+use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, Strategy, fit, update};
 use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::observe::check_domain;
 use planish_surface::saved::{SavedModel, Session, SessionInput, load_with_provenance};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// The fewest control vertices that a limit may allow: the coarsest surfaces have a few dozen.
@@ -55,15 +58,13 @@ const MOST_INNOVATION: f64 = 3.0;
 pub struct FitJob {
     /// Scans and lists of scans.
     pub inputs: Vec<PathBuf>,
-    /// A saved model that the scans are added to.
-    pub update: Option<PathBuf>,
+    /// Fit a new model, or update a saved one (default: fit with [`FitOptions::default`]).
+    pub task: FitTask,
     /// Files to write: see [`crate::output::OutputFormat`].
     pub outputs: Vec<PathBuf>,
     /// The unit of files that name none.
     pub unit: Option<Unit>,
-    /// Settings of the fit.
-    pub options: FitOptions,
-    /// Where refinement stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in
+    /// Where the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in
     /// that of the scans.
     pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
@@ -104,14 +105,14 @@ impl Job for FitJob {
     type Report = FitJobReport;
 
     fn inputs(&self) -> Result<Vec<PathBuf>> {
-        Ok(self.inputs.iter().chain(&self.update).cloned().collect())
+        Ok(self.inputs.iter().map(PathBuf::as_path).chain(self.task.model()).map(Path::to_owned).collect())
     }
 
     fn outputs(&self) -> Result<Vec<PathBuf>> {
         check_settings(self)?;
         plan_outputs(&self.outputs)?;
         if let Some(folder) = &self.states {
-            if self.options.motion != Some(ObjectMotion::Bend) {
+            if self.task.fit_options().is_none_or(|options| options.strategy != Strategy::Bending) {
                 return Err(Error::input(format!(
                     "{}: states are those of a sheet that bends: needed --motion bend",
                     folder.display()
@@ -142,7 +143,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     progress.check("reading", 0.0)?;
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
-    let unit_of_maps = set.unit.is_none() && job.update.is_none() && job.options.ground.is_some();
+    let unit_of_maps = set.unit.is_none() && job.task.model().is_none() && job.task.ground().is_some();
     if unit_of_maps {
         set.unit = Some(Unit::Metre);
     }
@@ -155,20 +156,16 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         refuse_input_as_output(&page.path, &read)?;
     }
     let in_far_places = check_domain(&set, &names(&job.inputs))?;
-    let earlier = job.update.as_deref().map(load_with_provenance).transpose()?;
+    let earlier = job.task.model().map(load_with_provenance).transpose()?;
     progress.check("reading", 0.05)?;
     let fitting = ProgressPart::new(progress, 0.05, 0.9);
     let start = Instant::now();
-    let options = FitOptions {
-        snapshots: animation.as_ref().map(|_| FRAMES),
-        tolerance: (job.tolerance)
-            .map(|length| length.in_unit(set.unit.unwrap_or(Unit::Millimetre)))
-            .or(job.options.tolerance),
-        ..job.options.clone()
-    };
-    let fitted = match &earlier {
-        None => fit(&set, &options, &fitting),
-        Some(earlier) => update(&earlier.model, &set, &job.options, &fitting),
+    let fitted = match (&job.task, &earlier) {
+        (FitTask::Update { options, .. }, Some(earlier)) => update(&earlier.model, &set, options, &fitting),
+        (FitTask::Update { .. }, None) => unreachable!("the model of an update was read"),
+        (FitTask::Fit(options), _) => {
+            options_of_fit(job, options, &set).and_then(|options| fit(&set, &options, &fitting))
+        }
     };
     let fit_seconds = start.elapsed().as_secs_f64();
     // The fit has no file names, so errors get them here.
@@ -211,13 +208,18 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         })
         .next()
         .transpose()?;
-    let mut written =
-        write(job, &outputs, &set, earlier, (&fitted.model, &posterior), progress, &mut report.warnings)?;
+    let to_write = ToWrite {
+        outputs: &outputs,
+        model: &fitted.model,
+        posterior: &posterior,
+        provenance: earlier.map(|earlier| earlier.provenance).unwrap_or_default(),
+    };
+    let mut written = write(job, &set, to_write, progress, &mut report.warnings)?;
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
     if let Some(output) = &job.report {
-        let verb = if job.update.is_some() { "Updated" } else { "Fitted" };
+        let verb = if job.task.model().is_some() { "Updated" } else { "Fitted" };
         let page = fit_page(&fitted, &report, &Job::inputs(job)?, job.mesh_tolerance, verb)?;
         output.write(page, &files_read(job, &set))?;
     }
@@ -233,6 +235,27 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     })
 }
 
+/// The settings of a new fit, with the job's own tolerance and the snapshots of its animation.
+///
+/// # Errors
+/// `Unsupported` for an animation of a strategy without snapshots.
+fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<FitOptions> {
+    let mut options = options.clone();
+    if let Some(length) = job.tolerance {
+        options.tolerance = Some(length.in_unit(set.unit.unwrap_or(Unit::Millimetre)));
+    }
+    if job.animation.is_some() {
+        let Some(snapshots) = options.strategy.snapshots_mut() else {
+            return Err(Error::unsupported(
+                "an animation shows readings in their order: needed a strategy other than known parameters \
+                 and bending, which use all readings of a time together",
+            ));
+        };
+        *snapshots = Some(FRAMES);
+    }
+    Ok(options)
+}
+
 /// The input files, and a description of the contents of each.
 fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
     let gave = |input: &InputFile| match (input.points, input.dropped_not_finite) {
@@ -241,7 +264,8 @@ fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
         (n, dropped) => format!("{n} points, {dropped} more not finite"),
     };
     let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
-    let model = job.update.iter().map(|path| (path.clone(), "the model that was updated".to_owned()));
+    let model =
+        job.task.model().into_iter().map(|path| (path.to_owned(), "the model that was updated".to_owned()));
     scans.chain(model).collect()
 }
 
@@ -261,12 +285,19 @@ fn states_to_write<'a>(job: &FitJob, fitted: &'a Fit) -> Result<Vec<(&'a Fit, Ve
         .collect()
 }
 
+/// A finished model and the files that it goes to.
+struct ToWrite<'a> {
+    outputs: &'a [PlannedOutput],
+    model: &'a SurfaceModel,
+    posterior: &'a Posterior<'a>,
+    /// The sessions that made the model before this one.
+    provenance: Vec<Session>,
+}
+
 fn write(
     job: &FitJob,
-    outputs: &[PlannedOutput],
     set: &ScanSet,
-    earlier: Option<SavedModel>,
-    (model, posterior): (&SurfaceModel, &Posterior<'_>),
+    ToWrite { outputs, model, posterior, mut provenance }: ToWrite<'_>,
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<WrittenFile>> {
@@ -277,7 +308,6 @@ fn write(
     };
     let prepared = prepare(model, posterior, outputs, &options)?;
     warnings.extend(prepared.warnings.iter().cloned());
-    let mut provenance = earlier.map(|earlier| earlier.provenance).unwrap_or_default();
     provenance.push(session(job, set));
     progress.check(WRITING_STAGE, 0.95)?;
     prepared.write(&provenance)
@@ -300,7 +330,7 @@ fn unsteady(report: &FitReport) -> Vec<String> {
 /// Error if every reading was rejected: an unchanged model is not a result.
 fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
     let causes: Vec<String> = report.rejected.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
-    let surface = match &job.update {
+    let surface = match job.task.model() {
         Some(model) => format!("the surface of {}", model.display()),
         None => "the surface".to_owned(),
     };
@@ -347,7 +377,7 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
     Session {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         arguments: job.arguments.clone(),
-        seed: job.options.seed,
+        seed: job.task.seed(),
         inputs: inputs.collect(),
     }
 }
@@ -390,9 +420,10 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
 
 /// Refuses a height raster of a shape other than a sheet, before the work if the shape is given.
 fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
-    let shape = job.options.shape.filter(|shape| *shape != Shape::Sheet);
+    let shape =
+        job.task.fit_options().and_then(|options| options.shape).filter(|shape| *shape != Shape::Sheet);
     if let Some(shape) = shape {
-        if job.options.ground.is_some() {
+        if job.task.ground().is_some() {
             return Err(Error::input(format!(
                 "the ground is a sheet: needed --shape sheet, found {}",
                 shape.name()
@@ -414,7 +445,8 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
     let of_lidar = |path: &std::path::Path| ["las", "laz"].contains(&extension(path).as_str());
     let lidar = set.inputs.iter().any(|input| of_lidar(&input.path));
     let classified = set.scans.iter().any(|posed| posed.scan.classes.is_some());
-    let wanted = job.options.shape == Some(Shape::Sheet) && job.options.ground.is_none();
+    let is_sheet = |options: &FitOptions| options.shape == Some(Shape::Sheet) && options.ground().is_none();
+    let wanted = job.task.fit_options().is_some_and(is_sheet);
     if wanted && lidar && !classified {
         vec![
             "the points of the lidar are not classified: buildings and trees are part of the sheet; \
@@ -427,8 +459,10 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
 }
 
 fn check_settings(job: &FitJob) -> Result<()> {
-    let FitOptions { tolerance, max_coefficients, gate, held_out_share, .. } = job.options;
-    let widest = match job.options.ground {
+    let (gate, held_out_share) = (job.task.gate(), job.task.held_out_share());
+    let max_coefficients = job.task.max_coefficients();
+    let tolerance = job.task.fit_options().and_then(|options| options.tolerance);
+    let widest = match job.task.ground() {
         Some(GroundWidth::Widest(widest)) => Some(widest),
         _ => None,
     };

@@ -42,7 +42,7 @@ use planish_mesh::{
     MeshSearch, StitchOptions, StitchedMesh, TriangleMesh, fill_holes, fuse_patches, stitch_patches,
     vertex_curvature,
 };
-use planish_surface::export::write_known_mesh;
+use planish_surface::export::{KnownMesh, write_known_mesh};
 use ready::{Done, Ready};
 use std::path::{Path, PathBuf};
 
@@ -252,15 +252,9 @@ fn still_crossing(mesh: &TriangleMesh) -> Result<String> {
 /// `Io` if the file cannot be written; `Input` for numbers that its format cannot represent.
 pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Result<()> {
     progress.check(WRITING_STAGE, 0.97)?;
-    write_known_mesh(
-        path,
-        &merged.mesh,
-        &merged.normals,
-        &merged.sigma,
-        &merged.observed,
-        merged.curvature.as_ref(),
-        merged.report.unit,
-    )
+    let Merged { mesh, normals, sigma, observed, .. } = merged;
+    let (curvature, unit) = (merged.curvature.as_ref(), merged.report.unit);
+    write_known_mesh(path, &KnownMesh { mesh, normals, sigma, observed, curvature, unit })
 }
 
 /// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch

@@ -26,7 +26,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
 use planish_exchange::{Unit, extension, write_atomically};
 use planish_spline::{SurfaceSystem, leaf_weights};
-use planish_surface::model::{Posterior, SurfaceModel};
+use planish_surface::model::{Knowledge, Posterior, SurfaceModel};
 use planish_surface::saved::load;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -44,7 +44,7 @@ pub use random::RandomDraws;
 pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
-use random::at_random;
+use random::{Before, at_random};
 
 /// Candidates are as many as this many numbers of their columns of the covariance allow, but within these
 /// bounds.
@@ -226,7 +226,10 @@ pub fn next_points(
     let reading = sigma * sigma;
     let random = match options.against_random {
         0 => None,
-        draws => Some(at_random(&factor, nodes, &places, &variances, reading, options, draws, progress)?),
+        draws => {
+            let before = Before { factor: &factor, nodes, places: &places, variances: &variances, reading };
+            Some(at_random(before, options, draws, progress)?)
+        }
     };
     let mut candidates = columns(
         &factor,
@@ -313,21 +316,25 @@ struct Prepared {
 
 impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
-        if model.patches.is_some() {
-            return Err(Error::unsupported(
-                "the model is one of the patch filter, which does not know how far apart places vary \
+        let measured = match &model.known {
+            Knowledge::AlongNormals { .. } => None,
+            Knowledge::PerCoordinate { measured, .. } => Some(*measured),
+            Knowledge::Patches(_) => {
+                return Err(Error::unsupported(
+                    "the model is one of the patch filter, which does not know how far apart places vary \
                  together: needed one of `fit --filter global`",
-            ));
-        }
-        if model.moves_freely {
-            return Err(Error::unsupported(
-                "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
+                ));
+            }
+            Knowledge::Free { .. } => {
+                return Err(Error::unsupported(
+                    "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
                  one of `fit` without --motion bend",
-            ));
-        }
+                ));
+            }
+        };
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
-        let directions = match model.measured_coordinates {
+        let directions = match measured {
             None => system.node_normals(&model.surface),
             Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
         };

@@ -51,14 +51,14 @@ pub use bending_report::{BendingReport, BendingState};
 pub use formation::{Formation, Snapshot};
 pub(crate) use leaves::with_neighbours;
 pub use motion::{MotionPose, MotionReport};
-pub use options::{Filter, FitOptions, GroundWidth, ObjectMotion};
+pub use options::{Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions};
 pub(crate) use patch::{FirstFit, first_fit_of};
 pub use propagation::PropagationReport;
 pub use report::{FitReport, FitTermination, HeldOut};
 pub use residual_sample::{ResidualSample, ScanSummary};
 pub use unresolved_shape::UnresolvedShape;
 
-use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
+use crate::model::{Knowledge, NodeCovariance, Observed, Posterior, SurfaceModel};
 use crate::observe::ScanErrors;
 use batches::Batches;
 use finish::{FinishInput, finish};
@@ -110,8 +110,8 @@ impl Fit {
 /// Fits a surface to scans.
 ///
 /// # Errors
-/// `Undetermined` if the points do not determine a surface; `Input` for values out of range; `Unsupported`
-/// for options that exclude each other; `Interrupted` on request.
+/// `Undetermined` if the points do not determine a surface; `Input` for values out of range, and for a shape
+/// that the strategy cannot have; `Interrupted` on request.
 ///
 /// # Examples
 /// ```
@@ -133,70 +133,53 @@ impl Fit {
 /// # Ok::<(), planish_core::Error>(())
 /// ```
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    refuse_conflicts(options)?;
-    match options.motion {
-        Some(ObjectMotion::Rigid) => return motion::fit_moving(set, options, progress),
-        Some(ObjectMotion::Bend) => return bending::fit_bending(set, options, progress),
-        None => {}
+    match &options.strategy {
+        Strategy::Global(global) => fit_global(set, global, options, progress),
+        Strategy::Patches(patches) => patch::fit_patches(set, patches, options, progress),
+        Strategy::KnownParameters { cells } => {
+            known_parameters::fit_known_parameters(set, *cells, options, progress)
+        }
+        Strategy::Moving(global) => motion::fit_moving(set, global, options, progress),
+        Strategy::Bending => bending::fit_bending(set, options, progress),
     }
-    if let Some(cells) = options.known_parameters {
-        return known_parameters::fit_known_parameters(set, cells, options, progress);
-    }
-    if options.filter == Some(Filter::Patch) {
-        return patch::fit_patches(set, options, progress);
-    }
-    let ground = options.ground.map(|width| ground_options(set.unit, width));
-    let completes = options.symmetry.is_some() || options.complete_smooth;
+}
+
+/// Fits by the global filter: in batches if the cloud is large and nothing needs all readings at hand.
+fn fit_global(
+    set: &ScanSet,
+    global: &GlobalOptions,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
+    let ground = global.ground.map(|width| ground_options(set.unit, width));
+    let completes = global.symmetry.is_some() || global.fill_gaps;
     // Snapshots and completion need all readings at hand.
-    let batches = if completes || options.snapshots.is_some() {
+    let batches = if completes || global.snapshots.is_some() {
         None
     } else {
         Batches::divide(set, options, ground.as_ref())?
     };
     match batches {
-        Some(batches) => fit_in_batches(set, &batches, options, progress),
-        None => fit_at_once(set, options, progress),
+        Some(batches) => fit_in_batches(set, &batches, global, options, progress),
+        None => fit_at_once(set, global, options, progress),
     }
-}
-
-/// Refuses options that exclude each other.
-fn refuse_conflicts(options: &FitOptions) -> Result<()> {
-    let is_patch = options.filter == Some(Filter::Patch);
-    if options.snapshots.is_some()
-        && (options.known_parameters.is_some() || options.motion == Some(ObjectMotion::Bend))
-    {
-        return Err(Error::unsupported(
-            "--animate shows readings that come one after the other: needed a fit without --known-uv and \
-             --motion bend, which take all of a time at once",
-        ));
-    }
-    if is_patch {
-        patch::refuse_inferred(options)?;
-    }
-    if options.motion == Some(ObjectMotion::Rigid) && is_patch {
-        return Err(Error::unsupported(
-            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of \
-             it: needed --filter global",
-        ));
-    }
-    if options.motion.is_none() && options.known_parameters.is_some() && is_patch {
-        return Err(Error::unsupported(
-            "readings with known parameters are fused by the global filter, in one step: needed no other \
-             filter",
-        ));
-    }
-    Ok(())
 }
 
 /// Fits all readings at once by the global filter.
-fn fit_at_once(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+fn fit_at_once(
+    set: &ScanSet,
+    global: &GlobalOptions,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
     let sheet = options.with_shape_of_ground();
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
-    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, None);
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.01)?;
-    let (converged, propagation) = converge_with_propagation(&mut observations, origin, &sheet, progress)?;
-    let formation = (options.snapshots)
+    let (converged, propagation) =
+        converge_with_propagation(&mut observations, origin, global, &sheet, progress)?;
+    let formation = (global.snapshots)
         .map(|frames| {
             let part = ProgressPart::new(progress, 0.88, 0.9);
             formation::formation_of_global_fit(&observations, &converged, options, frames, &part)
@@ -215,6 +198,7 @@ fn fit_at_once(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> 
 fn fit_in_batches(
     set: &ScanSet,
     batches: &Batches<'_>,
+    global: &GlobalOptions,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Fit> {
@@ -226,9 +210,9 @@ fn fit_in_batches(
         // The ground was found in the whole cloud already.
         observe(&first, &ObservationOptions { ground: None, ..options })?
     };
-    observations.ground = options.ground.is_some();
+    observations.intake.ground = global.ground.is_some();
     let origin = observations.recentre();
-    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, None);
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.02)?;
     let mut converged = converge(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
     let added = batches::add_batches(batches, &observations, origin, &mut converged, options, progress)?;
@@ -243,10 +227,12 @@ fn fit_in_batches(
 pub fn update(
     model: &SurfaceModel,
     set: &ScanSet,
-    options: &FitOptions,
+    options: &UpdateOptions,
     progress: &dyn Progress,
 ) -> Result<Fit> {
     check_update(model, set, options)?;
+    let align = options.align;
+    let options = &options.fit_options();
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     let moved;
@@ -263,11 +249,15 @@ pub fn update(
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, Some(model));
-    let converged = match &model.patches {
-        None => update::add_to_model(model, &mut observations, options, progress)?,
-        Some(filter) => {
-            patch::refuse_align(options)?;
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, align, Some(model));
+    let converged = match &model.known {
+        Knowledge::AlongNormals { information, .. }
+        | Knowledge::PerCoordinate { information, .. }
+        | Knowledge::Free { information } => {
+            update::add_to_model(model, information, &mut observations, options, progress)?
+        }
+        Knowledge::Patches(filter) => {
+            patch::refuse_align(align)?;
             observations.scan_errors = ScanErrors::default();
             patch::update_patches(model, filter, &observations, options, progress)?
         }
@@ -277,7 +267,7 @@ pub fn update(
 }
 
 /// Refuses an update that the model cannot take.
-fn check_update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions) -> Result<()> {
+fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) -> Result<()> {
     if let Some(unit) = set.unit
         && unit != model.unit
     {
@@ -287,13 +277,13 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions) -> Re
             model.unit.name()
         )));
     }
-    if model.moves_freely {
+    if matches!(model.known, Knowledge::Free { .. }) {
         return Err(Error::unsupported(
             "the model is a state of a sheet that bends, and later scans are of other states: needed `fit \
              --motion bend` of all scans together",
         ));
     }
-    let own = if model.patches.is_some() { Filter::Patch } else { Filter::Global };
+    let own = if model.known.filter().is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
         let name = |filter| match filter {
             Filter::Global => "global",
@@ -367,8 +357,8 @@ fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOption
         seed: options.seed,
         checks: options.checks,
         // A sheet over lidar is a map of the ground; other shapes are objects on it.
-        sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
+        sheet: options.shape == Some(Shape::Sheet) || options.ground().is_some(),
         unprocessed: false,
-        ground: options.ground.map(|width| ground_options(set.unit, width)),
+        ground: options.ground().map(|width| ground_options(set.unit, width)),
     }
 }

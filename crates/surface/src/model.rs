@@ -3,18 +3,20 @@
 //! Prior and data information are kept apart, so that a later session adds its data and counts the prior
 //! once.
 
+mod knowledge;
 mod point_sigmas;
 mod posterior;
 mod reports;
 
+pub use knowledge::{Knowledge, VertexInformation};
 pub(crate) use point_sigmas::order_by_leaf;
 pub use point_sigmas::sigmas_along;
 pub use posterior::{LeafCovariance, NodeCovariance, Posterior, VertexMotion, WholeCovariance};
 pub use reports::{ScanPoseReport, SensorReport, SigmaSummary};
 
-use planish_estimate::Result;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};
 use planish_estimate::vector3::add;
+use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_spline::{PatchFilter, Surface, SurfaceSystem};
 use posterior::ScanErrorRows;
@@ -74,19 +76,15 @@ impl Observed {
     }
 }
 
-/// A surface and the information about its control vertices.
-///
-/// Blocks of three, one for each node of `surface.space()`; linearised at `surface`.
+/// A surface and what is known about its control vertices.
 #[derive(Debug, Clone)]
 pub struct SurfaceModel {
     /// Unit of every length.
     pub unit: Unit,
     /// The posterior mean.
     pub surface: Surface,
-    /// Information of the smoothness prior and of the weak hold on tangential motion.
-    pub prior: BlockInformation,
-    /// Information of the measurements.
-    pub data: BlockInformation,
+    /// What is known about its control vertices, from which σ follows.
+    pub known: Knowledge,
     /// For each leaf, how it is known.
     pub observed: Vec<Observed>,
     /// For each leaf, the mean square of its unresolved shape along the normal, as the readings show it; it
@@ -100,19 +98,6 @@ pub struct SurfaceModel {
     pub smoothness_weight: f64,
     /// Number of readings in the data information.
     pub observations: usize,
-    /// If the parameters of all readings were known: the coordinates that were measured. The others are exact
-    /// functions of the parameters. All coordinates of a vertex then have the same information and are
-    /// independent. None if readings were projected.
-    pub measured_coordinates: Option<[bool; 3]>,
-    /// The state of the patch filter, if one fused the readings. `prior` and `data` are empty then, because
-    /// beliefs of single patches are no information of the whole; σ comes from the filter, and later readings
-    /// go to it.
-    pub patches: Option<Arc<PatchFilter>>,
-    /// Information about poses and biases of scans; none if all poses are exact.
-    pub scan_errors: Option<ScanErrorInformation>,
-    /// True if vertices move in every direction. In a sheet that bends without stretch, `prior` contains its
-    /// lengths, which hold vertices along the surface.
-    pub moves_freely: bool,
 }
 
 impl SurfaceModel {
@@ -132,14 +117,13 @@ impl SurfaceModel {
     pub(crate) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         let vertices = self.surface.vertices().iter().map(|p| add(*p, by)).collect();
         self.surface = self.surface.with_vertices(vertices)?;
-        if let Some(filter) = &self.patches {
+        if let Some(information) = self.known.information_mut() {
+            information.translate(by)?;
+        }
+        if let Knowledge::Patches(filter) = &mut self.known {
             let mut state = filter.state();
             state.translate(by);
-            self.patches = Some(Arc::new(PatchFilter::from_state(&state)?));
-        }
-        for information in [&mut self.prior, &mut self.data] {
-            let repeated: Vec<f64> = (0..information.vector().len()).map(|k| by[k % 3]).collect();
-            information.translate(&repeated)?;
+            *filter = Arc::new(PatchFilter::from_state(&state)?);
         }
         Ok(self)
     }
@@ -170,39 +154,45 @@ impl SurfaceModel {
 
     /// The covariance behind [`SurfaceModel::posterior`]; `system` is of the surface's hierarchy.
     pub(crate) fn covariance(&self, system: &SurfaceSystem) -> Result<NodeCovariance> {
-        if let Some(filter) = &self.patches {
-            return Ok(NodeCovariance::Patches(Arc::clone(filter)));
+        match &self.known {
+            Knowledge::Patches(filter) => Ok(NodeCovariance::Patches(Arc::clone(filter))),
+            Knowledge::PerCoordinate { measured, .. } => {
+                // All measured coordinates have the same information, so one of them is enough.
+                let mut axis = [0.0; 3];
+                axis[measured.iter().position(|m| *m).unwrap_or(0)] = 1.0;
+                let along = vec![axis; self.surface.space().node_count()];
+                let factor = system.factorize_scalar(&self.information_along(system, &along)?)?;
+                Ok(NodeCovariance::of_coordinates(SelectedInverse::new(&factor), *measured, 1.0))
+            }
+            Knowledge::Free { information } => {
+                let mut total = information.data.on_pattern(system.pattern())?;
+                total.add_scaled(&information.prior.on_pattern(system.pattern())?, 1.0)?;
+                let factor = system.factorize(&total)?;
+                Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), VertexMotion::Freely))
+            }
+            Knowledge::AlongNormals { .. } => {
+                let directions = system.node_normals(&self.surface);
+                let factor = system.factorize_scalar(&self.information_along(system, &directions)?)?;
+                self.covariance_along(&factor, directions)
+            }
         }
-        if let Some(measured) = self.measured_coordinates {
-            // All measured coordinates have the same information, so one of them is enough.
-            let mut axis = [0.0; 3];
-            axis[measured.iter().position(|m| *m).unwrap_or(0)] = 1.0;
-            let along = vec![axis; self.surface.space().node_count()];
-            let factor = system.factorize_scalar(&self.information_along(system, &along)?)?;
-            return Ok(NodeCovariance::of_coordinates(SelectedInverse::new(&factor), measured, 1.0));
-        }
-        if self.moves_freely {
-            let mut total = self.data.on_pattern(system.pattern())?;
-            total.add_scaled(&self.prior.on_pattern(system.pattern())?, 1.0)?;
-            let factor = system.factorize(&total)?;
-            return Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), VertexMotion::Freely));
-        }
-        let directions = system.node_normals(&self.surface);
-        let factor = system.factorize_scalar(&self.information_along(system, &directions)?)?;
-        self.covariance_along(&factor, directions)
     }
 
     /// Information of data and prior about vertices that move along one direction each.
     ///
     /// # Errors
-    /// What the contraction reports for a system of another hierarchy.
+    /// `Unsupported` for a model of the patch filter; what the contraction reports for a system of another
+    /// hierarchy.
     pub fn information_along(
         &self,
         system: &SurfaceSystem,
         directions: &[[f64; 3]],
     ) -> Result<BlockInformation> {
-        let mut total = system.contract(&self.data, directions)?;
-        total.add_scaled(&system.contract(&self.prior, directions)?, 1.0)?;
+        let Some(information) = self.known.information() else {
+            return Err(Error::unsupported("the patch filter has no information of the whole surface"));
+        };
+        let mut total = system.contract(&information.data, directions)?;
+        total.add_scaled(&system.contract(&information.prior, directions)?, 1.0)?;
         Ok(total)
     }
 
@@ -216,7 +206,7 @@ impl SurfaceModel {
         factor: &CholeskyFactor,
         directions: Vec<[f64; 3]>,
     ) -> Result<NodeCovariance> {
-        let shared = match &self.scan_errors {
+        let shared = match self.known.scan_errors() {
             None => None,
             Some(ScanErrorInformation { coupling, corner }) => Some(Bordered::new(factor, coupling, corner)?),
         };

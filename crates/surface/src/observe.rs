@@ -26,9 +26,12 @@ pub use feet::surface_extent;
 pub(crate) use feet::*;
 pub(crate) use hashing::{BitsHasher, hash01};
 pub(crate) use observations::has_ground;
-pub use observations::{InferredReading, InferredVariance, ObservationOptions, Observations};
-pub use quantity::Quantity;
-pub(crate) use quantity::{Channel, Measured};
+pub use observations::{
+    InferredReading, InferredVariance, IntakeFigures, ObservationOptions, Observations, ReadingColumns,
+    ScanColumns,
+};
+pub(crate) use quantity::Measured;
+pub use quantity::{Channel, Quantity};
 pub use rejection::RejectionCause;
 pub(crate) use scan_errors::{Linearized, ScanErrors};
 pub(crate) use step::{FootChannels, StepInput, normal_step};

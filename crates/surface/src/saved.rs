@@ -38,7 +38,9 @@
 
 mod patches;
 
-use crate::model::{Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel};
+use crate::model::{
+    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
+};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -215,9 +217,9 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             })
             .collect(),
         provenance: provenance.to_vec(),
-        measured_coordinates: model.measured_coordinates,
-        moves_freely: model.moves_freely,
-        patch_filter: model.patches.as_deref().map(patches::Notes::from_filter),
+        measured_coordinates: model.known.measured_coordinates(),
+        moves_freely: matches!(model.known, Knowledge::Free { .. }),
+        patch_filter: model.known.filter().map(Arc::as_ref).map(patches::Notes::from_filter),
     };
     let metadata =
         serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
@@ -244,7 +246,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     ]
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
-    if let Some(shared) = &model.scan_errors {
+    if let Some(shared) = model.known.scan_errors() {
         let width = shared.corner.len().isqrt();
         tensors.insert(
             SHARED_COUPLING.to_owned(),
@@ -258,11 +260,12 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     if !model.unresolved_shape.is_empty() {
         tensors.insert(UNRESOLVED_SHAPE.to_owned(), Tensor::f64_list(model.unresolved_shape.clone()));
     }
-    if let Some(filter) = &model.patches {
+    if let Some(filter) = model.known.filter() {
         patches::add(&mut tensors, filter)?;
-    } else {
-        add_information(&mut tensors, "information_data", &model.data, space.node_count())?;
-        add_information(&mut tensors, "information_prior", &model.prior, space.node_count())?;
+    }
+    if let Some(VertexInformation { prior, data }) = model.known.information() {
+        add_information(&mut tensors, "information_data", data, space.node_count())?;
+        add_information(&mut tensors, "information_prior", prior, space.node_count())?;
     }
     for (name, tensor) in &tensors {
         if tensor.as_f64().is_some_and(|values| !values.iter().all(|v| v.is_finite())) {
@@ -484,33 +487,33 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
                 sigma_bias: notes.sigma_bias,
             }
         });
-    let (data, prior, patches) = match metadata.patch_filter {
-        None => (
-            tensors.information("information_data", &pattern)?,
-            tensors.information("information_prior", &pattern)?,
-            None,
-        ),
+    let known = match metadata.patch_filter {
+        None => {
+            let data = tensors.information("information_data", &pattern)?;
+            let prior = tensors.information("information_prior", &pattern)?;
+            let information = VertexInformation { prior, data };
+            let scan_errors = tensors.shared(space.node_count())?;
+            match metadata.measured_coordinates {
+                Some(measured) => Knowledge::PerCoordinate { information, measured },
+                None if metadata.moves_freely => Knowledge::Free { information },
+                None => Knowledge::AlongNormals { information, scan_errors },
+            }
+        }
         Some(notes) => {
             let filter = notes.filter(shape, metadata.base, &mut tensors)?;
             if filter.space().leaves() != space.leaves() {
                 return Err(Error::input("the patches are not made of the cells"));
             }
-            let nothing = BlockInformation::zeros(pattern, 3, 1)?;
-            (nothing.clone(), nothing, Some(Arc::new(filter)))
+            Knowledge::Patches(Arc::new(filter))
         }
     };
     let model = SurfaceModel {
         unit,
-        data,
-        prior,
-        patches,
+        known,
         surface,
         observed,
         sensors: metadata.sensors,
         poses: poses.collect(),
-        scan_errors: tensors.shared(space.node_count())?,
-        measured_coordinates: metadata.measured_coordinates,
-        moves_freely: metadata.moves_freely,
         unresolved_shape,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,

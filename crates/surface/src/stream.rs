@@ -13,7 +13,7 @@
 //! cover a closed shape, since its topology and base are chosen from them.
 
 use crate::fit::{FirstFit, FitOptions, first_fit_of, with_neighbours};
-use crate::model::{Observed, SensorReport, SurfaceModel};
+use crate::model::{Knowledge, Observed, SensorReport, SurfaceModel};
 use crate::observe::{ObservationOptions, Observations, RejectionCause};
 use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::saved::{Session, load_with_provenance, save};
@@ -22,7 +22,7 @@ use planish_core::Silent;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_sense::{Scan, Sensor};
-use planish_spline::{Shape, Surface, SurfaceSystem, curvature_tensor};
+use planish_spline::{Shape, Surface, curvature_tensor};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -290,11 +290,8 @@ impl SurfaceStream {
     /// As for [`Self::surface`].
     pub fn model(&mut self) -> Result<SurfaceModel> {
         let surface = self.surface()?;
-        let nothing = SurfaceSystem::new(surface.space())?.nothing()?;
         Ok(SurfaceModel {
             unit: self.unit,
-            prior: nothing.clone(),
-            data: nothing,
             observed: (with_neighbours(surface.space(), &self.core.measured()).into_iter())
                 .map(|measured| if measured { Observed::Measured } else { Observed::PriorOnly })
                 .collect(),
@@ -302,11 +299,8 @@ impl SurfaceStream {
             poses: self.poses.clone(),
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
-            measured_coordinates: None,
             unresolved_shape: Vec::new(),
-            moves_freely: false,
-            scan_errors: None,
-            patches: Some(Arc::new(self.core.filter.clone())),
+            known: Knowledge::Patches(Arc::new(self.core.filter.clone())),
             surface,
         })
     }
@@ -330,7 +324,7 @@ impl SurfaceStream {
     pub fn resume(path: &Path, options: &StreamOptions) -> Result<Self> {
         let saved = load_with_provenance(path)?;
         let model = saved.model;
-        let Some(filter) = &model.patches else {
+        let Some(filter) = model.known.filter() else {
             return Err(Error::unsupported(format!(
                 "{}: the model is one of the global filter: needed one of `fit --filter patch` or of a \
                  stream",

@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used, missing_docs, clippy::missing_panics_doc, reason = "only tests call it")]
 
-use crate::model::{Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel};
+use crate::model::{
+    Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
+};
 use planish_exchange::Unit;
 use planish_spline::{BaseShape, Shape, Surface, SurfaceSystem, leaf_weights};
 
@@ -42,16 +44,11 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
         })
         .unwrap();
     SurfaceModel {
-        measured_coordinates: None,
+        known: Knowledge::AlongNormals { information: VertexInformation { prior, data }, scan_errors: None },
         unresolved_shape: Vec::new(),
-        moves_freely: false,
-        patches: None,
-        scan_errors: None,
         unit: Unit::Millimetre,
         observations: 16 * observed.iter().filter(|&&o| o).count(),
         surface,
-        prior,
-        data,
         observed: observed.into_iter().map(Observed::from_measured).collect(),
         sensors: vec![SensorReport {
             quantity: "position".to_owned(),
@@ -81,7 +78,7 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
 pub fn small_model(shape: Shape) -> SurfaceModel {
     let mut model = model_of(refined_surface(shape), |leaf| leaf % 5 != 0);
     // The pose of its scan is uncertain.
-    model.scan_errors = Some(ScanErrorInformation {
+    *model.known.scan_errors_mut().unwrap() = Some(ScanErrorInformation {
         coupling: (0..2 * model.surface.space().node_count()).map(|k| 1e-3 * (k as f64).sin()).collect(),
         corner: vec![1.0 / 3.0, 0.1, 0.1, 0.7],
     });
@@ -95,7 +92,8 @@ pub fn assert_same_model(a: &SurfaceModel, b: &SurfaceModel) {
     assert_eq!(a.surface.space().base(), b.surface.space().base());
     assert_eq!(a.surface.space().leaves(), b.surface.space().leaves());
     assert_eq!(a.surface.vertices(), b.surface.vertices());
-    for (x, y) in [(&a.data, &b.data), (&a.prior, &b.prior)] {
+    let [of_a, of_b] = [a, b].map(|model| model.known.information().unwrap());
+    for (x, y) in [(&of_a.data, &of_b.data), (&of_a.prior, &of_b.prior)] {
         assert_eq!(x.pattern(), y.pattern());
         assert_eq!((x.values(), x.vector()), (y.values(), y.vector()));
     }
@@ -103,5 +101,5 @@ pub fn assert_same_model(a: &SurfaceModel, b: &SurfaceModel) {
         (&a.observed, a.observations, a.smoothness_weight),
         (&b.observed, b.observations, b.smoothness_weight)
     );
-    assert_eq!((&a.sensors, &a.poses, &a.scan_errors), (&b.sensors, &b.poses, &b.scan_errors));
+    assert_eq!((&a.sensors, &a.poses, a.known.scan_errors()), (&b.sensors, &b.poses, b.known.scan_errors()));
 }

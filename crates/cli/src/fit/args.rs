@@ -6,7 +6,7 @@ use crate::values::{grid, length, positive};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::Shape;
 use planish::complete::SymmetryChoice;
-use planish::fit::{Filter, ObjectMotion, RefineBy};
+use planish::fit::{Filter, RefineBy};
 use planish::next::Length;
 use std::path::PathBuf;
 
@@ -196,15 +196,6 @@ pub enum MotionName {
     /// does. Parts that a scan missed are transferred from other times (`observed` = 2). The model is the
     /// sheet at the last time. The summary reports whether the sheet stretched
     Bend,
-}
-
-impl From<MotionName> for ObjectMotion {
-    fn from(name: MotionName) -> Self {
-        match name {
-            MotionName::Rigid => Self::Rigid,
-            MotionName::Bend => Self::Bend,
-        }
-    }
 }
 
 /// Value of `--complete`.

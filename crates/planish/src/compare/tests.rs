@@ -77,7 +77,8 @@ fn noisy_plane(seed: u64, stated: f64) -> Compared {
         .map(|_| [0; 16].map(|_| SIGMA * standard_normal(&mut rng)))
         .collect();
     let w = (stated * SIGMA).powi(-2);
-    model.data = system
+    let information = model.known.information_mut().unwrap();
+    information.data = system
         .accumulate(|leaf, cell| {
             for n in 0..16 {
                 let local = [n % 4, n / 4].map(|k| (f64::from(k as u32) + 0.5) / 4.0);
@@ -88,8 +89,8 @@ fn noisy_plane(seed: u64, stated: f64) -> Compared {
             true
         })
         .unwrap();
-    let mut total = model.data.clone();
-    total.add_scaled(&model.prior, 1.0).unwrap();
+    let mut total = information.data.clone();
+    total.add_scaled(&information.prior, 1.0).unwrap();
     let mut mean = total.vector().to_vec();
     system.factorize(&total).unwrap().solve_in_place(&mut mean).unwrap();
     model.surface = system.surface(&mean).unwrap();

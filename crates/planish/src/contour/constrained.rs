@@ -245,12 +245,8 @@ pub(super) fn constrained(
     let graphs =
         GraphsOfView::new("contour", &found.drawing, &complete, &diagnose(&found.drawing, &complete)?);
     let (contours, drawn) = contours_of(&sketch, &found)?;
-    Ok(ConstrainedParts {
-        report: report(&sketch, &found, own, sizes, dimensions, &diagnosis, contours)?,
-        drawn,
-        graphs,
-        warnings,
-    })
+    let parts = ReportParts { own, sizes, dimensions, contours };
+    Ok(ConstrainedParts { report: report(&sketch, &found, &diagnosis, parts)?, drawn, graphs, warnings })
 }
 
 /// Constraints of the kinds, followed by those of the user. Conflicts are reported as minimal sets.
@@ -330,14 +326,20 @@ fn contours_of(sketch: &Sketch, found: &Constrained) -> Result<(Vec<ConstrainedC
     Ok((contours, drawn))
 }
 
-fn report(
-    sketch: &Sketch,
-    found: &Constrained,
+/// Parts of a report that exist before it.
+struct ReportParts {
+    /// Degrees of freedom of the constraints of the kinds alone.
     own: usize,
     sizes: Vec<Snap>,
     dimensions: Vec<Dimensioned>,
-    diagnosis: &Diagnosis,
     contours: Vec<ConstrainedContour>,
+}
+
+fn report(
+    sketch: &Sketch,
+    found: &Constrained,
+    diagnosis: &Diagnosis,
+    ReportParts { own, sizes, dimensions, contours }: ReportParts,
 ) -> Result<ConstrainedReport> {
     let drawing = &found.drawing;
     let words = |constraint: &Constraint| constraint.describe(drawing);

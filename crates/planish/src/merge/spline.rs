@@ -197,7 +197,8 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     }
     ratios.sort_by(f64::total_cmp);
     let factor = quantile_of_sorted(&ratios, 0.5).max(1.0);
-    for information in [&mut model.prior, &mut model.data] {
+    let known = model.known.information_mut();
+    for information in known.into_iter().flat_map(|known| [&mut known.prior, &mut known.data]) {
         for value in information.values_mut() {
             *value /= factor;
         }

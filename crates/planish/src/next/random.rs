@@ -28,18 +28,27 @@ pub struct RandomDraws {
     pub worst_sigma_p90: Vec<f64>,
 }
 
+/// What a model knows of its places before any reading to come.
+#[derive(Clone, Copy)]
+pub(super) struct Before<'a> {
+    /// Factor of the model's information, and its number of nodes.
+    pub factor: &'a CholeskyFactor,
+    pub nodes: usize,
+    /// The places that may be read, and the variance of the surface at each.
+    pub places: &'a [Place],
+    pub variances: &'a [f64],
+    /// Variance of a reading to come.
+    pub reading: f64,
+}
+
 /// Draws sets of `options.count` places and judges every beginning of each.
-#[allow(clippy::too_many_arguments, reason = "the parts of one equation")]
 pub(super) fn at_random(
-    factor: &CholeskyFactor,
-    nodes: usize,
-    places: &[Place],
-    variances: &[f64],
-    reading: f64,
+    before: Before<'_>,
     options: &NextOptions,
     draws: usize,
     progress: &dyn Progress,
 ) -> Result<RandomDraws> {
+    let Before { factor, nodes, places, .. } = before;
     let mut sums: Vec<f64> = Vec::with_capacity(places.len());
     for place in places {
         sums.push(sums.last().copied().unwrap_or(0.0) + place.area);
@@ -70,7 +79,7 @@ pub(super) fn at_random(
                         .iter()
                         .map(|c| places.iter().map(|place| place.see(&c.column)).collect())
                         .collect();
-                Ok(one_by_one(places, variances, reading, &at, &mut seen))
+                Ok(one_by_one(before, &at, &mut seen))
             })
             .collect::<Result<_>>()?;
         worst.extend(judged);
@@ -95,9 +104,7 @@ pub(super) fn at_random(
 /// The largest σ after each reading. `seen[k]` is the covariance of every place with reading `k`, and is
 /// updated in place.
 fn one_by_one(
-    places: &[Place],
-    variances: &[f64],
-    reading: f64,
+    Before { places, variances, reading, .. }: Before<'_>,
     at: &[usize],
     seen: &mut [Vec<f64>],
 ) -> Vec<f64> {

@@ -59,7 +59,7 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
             at.contains(&leaf)
         })
         .unwrap();
-    model.data.add_scaled(&more, 1.0).unwrap();
+    model.known.information_mut().unwrap().data.add_scaled(&more, 1.0).unwrap();
     // Readings do not reduce σ of unresolved shape.
     model.unresolved_shape.clear();
     let posterior = model.posterior().unwrap();
@@ -106,7 +106,7 @@ fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
         }
         at.contains(&leaf)
     });
-    drawn.data.add_scaled(&more.unwrap(), 1.0).unwrap();
+    drawn.known.information_mut().unwrap().data.add_scaled(&more.unwrap(), 1.0).unwrap();
     let posterior = drawn.posterior().unwrap();
     (0..leaves)
         .map(|leaf| {
@@ -196,7 +196,7 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
             .count()
                 > 0
         });
-        model.data.add_scaled(&more.unwrap(), 1.0).unwrap();
+        model.known.information_mut().unwrap().data.add_scaled(&more.unwrap(), 1.0).unwrap();
     }
     let posterior = model.posterior().unwrap();
     let sigma = |leaf: usize| {

@@ -17,7 +17,7 @@ use planish_mesh::TriangleMesh;
 use planish_sense::occluding::{OccludingContours, OccludingPoint};
 use planish_sense::{Sensor, SensorKind};
 use planish_spline::Shape;
-use planish_surface::export::write_known_mesh;
+use planish_surface::export::{KnownMesh, write_known_mesh};
 use planish_surface::fit::{Fit, FitOptions, fit};
 use planish_surface::saved::Session;
 use std::collections::{BTreeMap, BTreeSet};
@@ -146,7 +146,9 @@ pub(super) fn written(
             let mesh = &patch.mesh;
             let seen = vec![1; mesh.positions.len()];
             let unit = unit.unwrap_or(Unit::Millimetre);
-            write_known_mesh(&output.path, mesh, &mesh.vertex_normals(), &patch.sigma, &seen, None, unit)?;
+            let (normals, sigma) = (&mesh.vertex_normals(), &patch.sigma);
+            let known = KnownMesh { mesh, normals, sigma, observed: &seen, curvature: None, unit };
+            write_known_mesh(&output.path, &known)?;
             patch.report.files.push(written_mesh(output.path, output.format, mesh));
         }
         if let (Some(fit), false) = (&patch.spline, splines.is_empty()) {

@@ -39,13 +39,19 @@ pub(super) fn normals_of(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f6
     TriangleMesh { positions: points.to_vec(), triangles: triangles.to_vec() }.vertex_normals()
 }
 
+/// Poses that a GLB file can show: a morph target for each, and the keyframes.
+#[derive(Clone, Copy, Default)]
+pub(super) struct PoseAnimation<'a> {
+    pub poses: &'a [NamedPlaces<'a>],
+    pub keyframes: &'a [Keyframe],
+}
+
 /// Writes GLB: the mesh at some places, a morph target for each pose, and the keyframes.
 pub(super) fn write_glb(
     path: &Path,
     file: &TexturedMesh,
     points: &[[f64; 3]],
-    poses: &[NamedPlaces<'_>],
-    keyframes: &[Keyframe],
+    PoseAnimation { poses, keyframes }: PoseAnimation<'_>,
     known: Known<'_>,
     picture: Option<&[u8]>,
 ) -> Result<()> {
@@ -106,9 +112,8 @@ pub(super) fn write_moved(
         return Ok(None);
     }
     match extension(path).as_str() {
-        "glb" => {
-            write_glb(path, file, points, &[], &[], known, picture).map(|()| Some(vec![path.to_owned()]))
-        }
+        "glb" => write_glb(path, file, points, PoseAnimation::default(), known, picture)
+            .map(|()| Some(vec![path.to_owned()])),
         "obj" => write_obj(path, file, points, picture).map(Some),
         _ => Ok(None),
     }

@@ -33,7 +33,7 @@ use planish_shell::intersection_over_union;
 use planish_shell::{
     Camera, FrameFit, ShellFit, ShellFitOptions, ShellProgress, ShellTracker, fit_shell_with_progress,
 };
-use planish_surface::export::write_known_mesh;
+use planish_surface::export::{KnownMesh, write_known_mesh};
 use planish_surface::model::SigmaSummary;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -219,14 +219,15 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         let found =
             TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };
         let (normals, sigma, observed) = report::known(&found, &fit, &*deformation, &start.sigma);
-        run.write(
-            k,
-            &start,
-            &found,
-            &normals,
-            Known { sigma: &sigma, observed: &observed },
-            picture.as_deref(),
-        )?;
+        let known = KnownMesh {
+            mesh: &found,
+            normals: &normals,
+            sigma: &sigma,
+            observed: &observed,
+            curvature: None,
+            unit: run.units.unit(),
+        };
+        run.write(k, &start, &known, picture.as_deref())?;
         let iou = overlap(&frame, &found, &fit.cameras);
         if stage.tracked {
             of_frames.push(frame_report(&files.name, &fit, predicted, &iou, &sigma));
@@ -372,19 +373,16 @@ impl Run<'_> {
         &mut self,
         number: usize,
         start: &Start,
-        found: &TriangleMesh,
-        normals: &[[f64; 3]],
-        known: Known<'_>,
+        known: &KnownMesh<'_>,
         picture: Option<&[u8]>,
     ) -> Result<()> {
-        let unit = self.units.unit();
+        let KnownMesh { mesh, sigma, observed, unit, .. } = *known;
         for output in &self.outputs[number] {
             let textured = TexturedMesh { unit: Some(unit), ..start.appearance.clone() };
-            let (sigma, observed) = (known.sigma, known.observed);
-            match write_moved(output, &textured, &found.positions, Known { sigma, observed }, picture)? {
+            match write_moved(output, &textured, &mesh.positions, Known { sigma, observed }, picture)? {
                 Some(files) => self.written.extend(files),
                 None => {
-                    write_known_mesh(output, found, normals, sigma, observed, None, unit)?;
+                    write_known_mesh(output, known)?;
                     self.written.push(output.clone());
                 }
             }

@@ -32,7 +32,7 @@
 //!
 //! Not guaranteed: a posed mesh may intersect itself.
 
-use super::appearance::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
+use super::appearance::{Known, NamedPlaces, PoseAnimation, normals_of, picture_of, write_glb, write_obj};
 use super::surface::mesh_outputs;
 use crate::job::Job;
 use nalgebra::DVector;
@@ -307,7 +307,8 @@ fn write(
             let keyframes: Vec<Keyframe> = (poses.keyframes.iter())
                 .map(|frame| Keyframe { seconds: frame.seconds, weights: frame.weights.clone() })
                 .collect();
-            write_glb(path, file, &mesh.positions, &named, &keyframes, Known::default(), picture)?;
+            let animation = PoseAnimation { poses: &named, keyframes: &keyframes };
+            write_glb(path, file, &mesh.positions, animation, Known::default(), picture)?;
             Ok(vec![path.to_owned()])
         }
         "obj" => write_obj(path, file, points, picture),

@@ -24,7 +24,7 @@ use crate::job::Job;
 use atlas::at_place;
 use blend::{Blended, ViewColour};
 use output::write;
-use painted::{Texture, paint};
+use painted::{Painting, Texture, paint};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::read_picture;
@@ -190,7 +190,8 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
             blend::blend(&scene.colours_at(&used, at, normal), statistics.sigma).map(|b| b.colour)
         };
         let chosen: Vec<&ColourView> = used.iter().map(|k| &scene.views[*k]).collect();
-        Some(paint(job, &file, &scene, &coloured, &chosen, &colour_at, &mut warnings)?)
+        let painting = Painting { job, file: &file, scene: &scene, coloured: &coloured, views: &chosen };
+        Some(paint(&painting, &colour_at, &mut warnings)?)
     } else {
         None
     };

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use planish::fit::{Fit, FitOptions, fit, update};
+use planish::fit::{Fit, FitOptions, UpdateOptions, fit, update};
 use planish::progress::Silent;
 use planish_exchange::ScanSet;
 use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
@@ -107,7 +107,7 @@ fn clouds_without_a_side_are_added_whatever_side_was_guessed() {
         let points = sheet(4000, seed);
         let first = run(&set_of(points[..2000].to_vec(), None));
         let second = set_of(points[2000..].to_vec(), None);
-        let both = update(&first.model, &second, &FitOptions::default(), &Silent).unwrap();
+        let both = update(&first.model, &second, &UpdateOptions::default(), &Silent).unwrap();
         assert!(both.report.observations > 1700, "seed {seed}: {:?}", both.report.rejected);
         assert!(error(&both) < error(&first), "seed {seed}");
     }
@@ -118,7 +118,7 @@ fn few_readings_without_sigma_that_the_model_knows_already_are_no_proof_of_their
     let points = sheet(4000, 11);
     let first = run(&set_of(points.clone(), Some(SIGMA)));
     let again = points.into_iter().step_by(400).collect();
-    let both = update(&first.model, &set_of(again, None), &FitOptions::default(), &Silent).unwrap();
+    let both = update(&first.model, &set_of(again, None), &UpdateOptions::default(), &Silent).unwrap();
     let sensor = &both.report.sensors[0];
     assert!(sensor.sigma_used_is_estimated);
     // Ten readings that the surface followed would leave next to nothing, and count without end.
@@ -155,7 +155,7 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
     let near = run(&set_of(first.clone(), Some(SIGMA)));
     let away = run(&set_of(moved(&first), Some(SIGMA)));
     let add = |fit: &Fit, points| {
-        update(&fit.model, &set_of(points, Some(SIGMA)), &FitOptions::default(), &Silent).unwrap()
+        update(&fit.model, &set_of(points, Some(SIGMA)), &UpdateOptions::default(), &Silent).unwrap()
     };
     let near_both = add(&near, second.clone());
     let away_both = add(&away, moved(&second));

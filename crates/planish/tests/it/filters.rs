@@ -1,7 +1,9 @@
 //! Both filters over the same scans: what one says, the other must not contradict, and both must tell the
 //! truth about their σ.
 
-use planish::fit::{Filter, Fit, FitOptions, RefineBy, fit};
+use planish::fit::{
+    Filter, Fit, FitOptions, GlobalOptions, PatchOptions, RefineBy, Strategy, UpdateOptions, fit,
+};
 use planish::model::Posterior;
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -26,9 +28,16 @@ fn scene_with(shape: Shape, seed: u64, sigma: Option<f64>) -> ScanScene {
     scans(&options).unwrap()
 }
 
+fn strategy(filter: Filter) -> Strategy {
+    match filter {
+        Filter::Global => Strategy::Global(GlobalOptions::default()),
+        Filter::Patch => Strategy::Patches(PatchOptions::default()),
+    }
+}
+
 fn fitted(scene: &ScanScene, filter: Filter) -> Fit {
     let options =
-        FitOptions { shape: Some(scene.options.shape), filter: Some(filter), ..FitOptions::default() };
+        FitOptions { strategy: strategy(filter), shape: Some(scene.options.shape), ..FitOptions::default() };
     fit(&scene.set, &options, &Silent).unwrap()
 }
 
@@ -97,10 +106,10 @@ fn another_days_scans_go_on_with_the_patch_filter() {
     let mut second = scene.set.clone();
     second.scans = vec![last];
     let options =
-        FitOptions { shape: Some(Shape::Ball), filter: Some(Filter::Patch), ..FitOptions::default() };
+        FitOptions { strategy: strategy(Filter::Patch), shape: Some(Shape::Ball), ..FitOptions::default() };
     let yesterday = fit(&first, &options, &Silent).unwrap();
-    let today = planish::fit::update(&yesterday.model, &second, &FitOptions::default(), &Silent).unwrap();
-    assert!(today.model.patches.is_some());
+    let today = planish::fit::update(&yesterday.model, &second, &UpdateOptions::default(), &Silent).unwrap();
+    assert!(today.model.known.filter().is_some());
     assert!(today.report.observed_area_fraction >= yesterday.report.observed_area_fraction);
     let ratio = today.report.sigma.median / all.report.sigma.median;
     // What was divided late knows its detail less well, what was divided less has less of it.
@@ -109,7 +118,7 @@ fn another_days_scans_go_on_with_the_patch_filter() {
     let judged = today.report.held_out.rms_normalised;
     assert!((0.9..1.15).contains(&judged), "held-out readings are {judged} of their σ off");
     assert_eq!(today.model.observations, yesterday.report.observations + today.report.observations);
-    let refused = FitOptions { filter: Some(Filter::Global), ..FitOptions::default() };
+    let refused = UpdateOptions { filter: Some(Filter::Global), ..UpdateOptions::default() };
     let e = planish::fit::update(&yesterday.model, &second, &refused, &Silent).err().unwrap();
     assert!(e.to_string().contains("patch filter"), "{e}");
 }
@@ -123,7 +132,7 @@ fn criteria_and_depth_are_kept_and_reported() {
             for depth in [0, 2] {
                 let options = FitOptions {
                     shape: Some(Shape::Sheet),
-                    filter: Some(filter),
+                    strategy: strategy(filter),
                     refine_by,
                     max_depth: Some(depth),
                     ..FitOptions::default()

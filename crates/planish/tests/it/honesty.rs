@@ -177,7 +177,8 @@ fn threads_do_not_change_a_bit_of_the_model() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let model = pool.install(|| run(&scene.set, Shape::Ball)).model;
         let vertices = model.surface.vertices().as_flattened().iter();
-        vertices.chain(model.data.values()).map(|x| x.to_bits()).collect::<Vec<u64>>()
+        let data = &model.known.information().unwrap().data;
+        vertices.chain(data.values()).map(|x| x.to_bits()).collect::<Vec<u64>>()
     });
     assert!(bits.iter().all(|b| *b == bits[0]));
 }

@@ -4,7 +4,7 @@
 use crate::common;
 
 use nalgebra::{DMatrix, DVector};
-use planish::fit::{Fit, FitOptions, fit, update};
+use planish::fit::{Fit, FitOptions, GlobalOptions, Strategy, UpdateOptions, fit, update};
 use planish::model::{Posterior, ScanPoseReport};
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -69,7 +69,12 @@ fn squared_error(report: &ScanPoseReport, truth: &Pose) -> f64 {
 }
 
 fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
-    let options = FitOptions { shape: Some(scene.options.shape), align, ..FitOptions::default() };
+    let global = GlobalOptions { align, ..GlobalOptions::default() };
+    let options = FitOptions {
+        strategy: Strategy::Global(global),
+        shape: Some(scene.options.shape),
+        ..FitOptions::default()
+    };
     fit(&scene.set, &options, &Silent).unwrap()
 }
 
@@ -209,11 +214,11 @@ fn an_update_keeps_what_earlier_scans_share() {
     let options = options(Shape::Sheet);
     let first = fit(&set, &options, &Silent).unwrap();
     let exact = biased_plane(&mut rng, 0.02, 0.0);
-    let both = update(&first.model, &exact, &options, &Silent).unwrap();
+    let both = update(&first.model, &exact, &UpdateOptions::default(), &Silent).unwrap();
     // As if the first session's scans had erred independently.
     let mut believed = first.model.clone();
-    believed.scan_errors = None;
-    let misled = update(&believed, &exact, &options, &Silent).unwrap();
+    *believed.known.scan_errors_mut().unwrap() = None;
+    let misled = update(&believed, &exact, &UpdateOptions::default(), &Silent).unwrap();
     let [before, after, wrong] = [&first, &both, &misled].map(height);
     println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
     assert!(before.1 > 0.15 && after.1 < 0.05 * before.1);
@@ -221,7 +226,7 @@ fn an_update_keeps_what_earlier_scans_share() {
     // The new readings all lie on one side of what was believed: that is left out of the shape, and σ says
     // so.
     assert!(wrong.0.abs() > 8.0 * after.1 && wrong.1 > 8.0 * after.1, "{wrong:?}");
-    assert_eq!(both.model.scan_errors.as_ref().unwrap().corner.len(), 36);
+    assert_eq!(both.model.known.scan_errors().unwrap().corner.len(), 36);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use crate::common;
 
 use common::probed;
 use planish::complete::SymmetryChoice;
-use planish::fit::{Filter, Fit, FitOptions, ObjectMotion, fit};
+use planish::fit::{Fit, FitOptions, GlobalOptions, PatchOptions, Strategy, fit};
 use planish::model::{Observed, Posterior};
 use planish::progress::Silent;
 use planish::simulate::{
@@ -49,12 +49,17 @@ fn full_rotation() -> Option<SymmetryChoice> {
     Some(SymmetryChoice::Of(SymmetryKind::Rotation { order: None, towards: None }))
 }
 
+fn with_symmetry(symmetry: Option<SymmetryChoice>) -> FitOptions {
+    let global = GlobalOptions { symmetry, ..GlobalOptions::default() };
+    FitOptions { strategy: Strategy::Global(global), ..FitOptions::default() }
+}
+
 #[test]
 fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
     let scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     let truth = vessel_truth(&scene);
     let plain = fit(&scene.set, &FitOptions::default(), &Silent).unwrap();
-    let options = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
+    let options = with_symmetry(full_rotation());
     let whole = fit(&scene.set, &options, &Silent).unwrap();
     let found = whole.report.propagation.clone().unwrap();
     let symmetry = found.symmetry.unwrap();
@@ -77,12 +82,7 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
     assert!(whole.report.observations.abs_diff(plain.report.observations) < 50);
     assert!(whole.report.sensors.len() == 1);
 
-    let proposed = fit(
-        &scene.set,
-        &FitOptions { symmetry: Some(SymmetryChoice::Auto), ..FitOptions::default() },
-        &Silent,
-    )
-    .unwrap();
+    let proposed = fit(&scene.set, &with_symmetry(Some(SymmetryChoice::Auto)), &Silent).unwrap();
     let symmetry = proposed.report.propagation.unwrap().symmetry.unwrap();
     assert!(symmetry.proposed && symmetry.kind == "rotation" && symmetry.order.is_none());
 }
@@ -109,7 +109,7 @@ fn real_readings_overrule_a_symmetry() {
     scan.sensor = 1;
     scene.set.sensors.push(probe.sensors[0].clone());
     scene.set.scans.push(scan);
-    let options = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
+    let options = with_symmetry(full_rotation());
     let fitted = fit(&scene.set, &options, &Silent).unwrap();
     let (rms, _, seen) = judge(&fitted, &[(deepest, n)], Some(Observed::Measured));
     assert!(seen == 1 && rms < 0.15, "{rms} from the pressed point");
@@ -155,13 +155,14 @@ fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
     for (kind, surface) in [("plane", table), ("sphere", dome), ("cylinder", roof)] {
         let (points, normals, truth) = with_gap(5, sigma, surface);
         let set = probed(points, Some(normals), Some(sigma));
-        let options =
-            FitOptions { shape: Some(Shape::Sheet), complete_smooth: true, ..FitOptions::default() };
+        let sheet = FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() };
+        let fill = Strategy::Global(GlobalOptions { fill_gaps: true, ..GlobalOptions::default() });
+        let options = FitOptions { strategy: fill, ..sheet.clone() };
         let filled = fit(&set, &options, &Silent).unwrap();
         let found = filled.report.propagation.clone().unwrap();
         assert_eq!(found.gaps[0].kind, kind, "{:?}", found.gaps);
         let (rms, coverage, n) = judge(&filled, &truth, Some(Observed::Inferred));
-        let plain = fit(&set, &FitOptions { complete_smooth: false, ..options }, &Silent).unwrap();
+        let plain = fit(&set, &sheet, &Silent).unwrap();
         let (before, _, _) = judge(&plain, &truth, None);
         println!("{kind}: rms {rms} ({n}), coverage {coverage}, before {before}; {:?}", found.gaps);
         assert!(n > 100, "{kind}: {n} of {} are completed", truth.len());
@@ -177,10 +178,10 @@ fn a_freeform_without_symmetry_is_told_so() {
         ..planish::simulate::ScanSceneOptions::default()
     })
     .unwrap();
-    let auto = FitOptions { symmetry: Some(SymmetryChoice::Auto), ..FitOptions::default() };
+    let auto = with_symmetry(Some(SymmetryChoice::Auto));
     let found = fit(&scene.set, &auto, &Silent).unwrap().report.propagation.unwrap();
     assert!(!found.symmetry.unwrap().is_found() && found.pseudo_readings == 0);
-    let wanted = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
+    let wanted = with_symmetry(full_rotation());
     let error = fit(&scene.set, &wanted, &Silent).err().unwrap();
     assert!(
         error.kind() == planish::ErrorKind::Undetermined && error.to_string().contains("--symmetry auto"),
@@ -193,7 +194,8 @@ fn a_scan_at_another_time_than_stated_stands_out() {
     let mut scene =
         turning(&TurningOptions { readings: 16_000, views: 5, ..TurningOptions::default() }).unwrap();
     scene.set.scans[3].scan.time_s = Some(2.4);
-    let options = FitOptions { motion: Some(ObjectMotion::Rigid), ..FitOptions::default() };
+    let options =
+        FitOptions { strategy: Strategy::Moving(GlobalOptions::default()), ..FitOptions::default() };
     let fitted = fit(&scene.set, &options, &Silent).unwrap();
     let motion = fitted.report.propagation.unwrap().motion.unwrap();
     let innovations: Vec<f64> = motion.poses.iter().map(|pose| pose.innovation).collect();
@@ -218,7 +220,8 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         let scene =
             turning(&TurningOptions { seed, readings: 24_000, views: 5, ..TurningOptions::default() })
                 .unwrap();
-        let options = FitOptions { motion: Some(ObjectMotion::Rigid), ..FitOptions::default() };
+        let options =
+            FitOptions { strategy: Strategy::Moving(GlobalOptions::default()), ..FitOptions::default() };
         let fitted = fit(&scene.set, &options, &Silent).unwrap();
         let motion = fitted.report.propagation.clone().unwrap().motion.unwrap();
         let truth = scene.motion.unwrap();
@@ -257,13 +260,14 @@ fn a_moving_thing_needs_times() {
     let mut scene =
         turning(&TurningOptions { readings: 2000, views: 2, ..TurningOptions::default() }).unwrap();
     scene.set.scans[1].scan.time_s = None;
-    let options = FitOptions { motion: Some(ObjectMotion::Rigid), ..FitOptions::default() };
+    let options =
+        FitOptions { strategy: Strategy::Moving(GlobalOptions::default()), ..FitOptions::default() };
     let error = fit(&scene.set, &options, &Silent).err().unwrap();
     assert!(error.to_string().contains("laser-2.ply: needed the time"), "{error}");
 }
 
 fn bend() -> FitOptions {
-    FitOptions { motion: Some(ObjectMotion::Bend), ..FitOptions::default() }
+    FitOptions { strategy: Strategy::Bending, ..FitOptions::default() }
 }
 
 /// Points of the true sheet at the last time, away from its border: those in the hole of the last scan, or
@@ -398,21 +402,20 @@ fn what_cannot_bend_is_refused() {
 
 #[test]
 fn a_model_forms_reading_by_reading_and_ends_as_itself() {
-    for filter in [Filter::Global, Filter::Patch] {
+    let snapshots = Some(12);
+    for strategy in [
+        Strategy::Global(GlobalOptions { snapshots, ..GlobalOptions::default() }),
+        Strategy::Patches(PatchOptions { snapshots, ..PatchOptions::default() }),
+    ] {
         let scene =
             bending(&BendingOptions { states: 2, readings: 16_000, ..BendingOptions::default() }).unwrap();
         let mut set = scene.set.clone();
         set.scans.remove(1);
-        let options = FitOptions {
-            filter: Some(filter),
-            snapshots: Some(12),
-            max_depth: Some(0),
-            ..FitOptions::default()
-        };
+        let options = FitOptions { strategy, max_depth: Some(0), ..FitOptions::default() };
         let fitted = fit(&set, &options, &Silent).unwrap();
         let forming = fitted.formation.as_ref().unwrap();
         let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
-        println!("{filter:?}: {readings:?}");
+        println!("{:?}: {readings:?}", options.strategy);
         assert!(readings[0] == 16 && readings.is_sorted_by(|a, b| a < b), "{readings:?}");
         assert_eq!(readings.last(), Some(&fitted.report.observations), "the last frame knows all readings");
         assert_eq!(forming.places.len(), fitted.report.observations);

@@ -4,7 +4,7 @@
 use crate::common;
 
 use planish::Shape;
-use planish::fit::{Fit, FitOptions, GroundWidth, fit};
+use planish::fit::{Fit, FitOptions, GlobalOptions, GroundWidth, Strategy, fit};
 use planish::progress::Silent;
 use planish_exchange::{ScanSet, Unit, read_inputs};
 use planish_sense::{Ground, GroundOptions, classify_ground};
@@ -47,7 +47,8 @@ fn village(place: [f64; 3]) -> ScanSet {
 }
 
 fn ground(set: &ScanSet) -> Fit {
-    let options = FitOptions { ground: Some(GroundWidth::Usual), ..FitOptions::default() };
+    let global = GlobalOptions { ground: Some(GroundWidth::Usual), ..GlobalOptions::default() };
+    let options = FitOptions { strategy: Strategy::Global(global), ..FitOptions::default() };
     fit(set, &options, &Silent).unwrap()
 }
 

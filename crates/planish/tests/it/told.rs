@@ -1,10 +1,9 @@
 //! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes
 //! that a motion does not suit.
 
-use planish::complete::SymmetryChoice;
 use planish::fit::{
-    Filter, FitOptions, FitTermination, ObjectMotion, ObservationOptions, Observations, Quantity,
-    RejectionCause, fit,
+    FitOptions, FitTermination, ObservationOptions, Observations, PatchOptions, Quantity, RejectionCause,
+    Strategy, fit,
 };
 use planish::progress::{Progress, Silent};
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -76,14 +75,7 @@ fn scans_that_agree_by_their_nature_are_no_copies() {
 #[test]
 fn the_patch_filter_says_what_it_does_not_use() {
     let set = scene(Shape::Sheet, 8000).set;
-    let patch = FitOptions { filter: Some(Filter::Patch), ..sheet() };
-    for (options, name) in [
-        (FitOptions { symmetry: Some(SymmetryChoice::Auto), ..patch.clone() }, "--symmetry"),
-        (FitOptions { complete_smooth: true, ..patch.clone() }, "--complete"),
-    ] {
-        let e = fit(&set, &options, &Silent).err().unwrap();
-        assert!(e.kind() == ErrorKind::Unsupported && e.to_string().starts_with(name), "{e}");
-    }
+    let patch = FitOptions { strategy: Strategy::Patches(PatchOptions::default()), ..sheet() };
     let mut biased = set.clone();
     biased.sensors.iter_mut().for_each(|s| s.sigma_bias = Some(0.05));
     let rough = FitOptions { tolerance: Some(5.0), ..patch };
@@ -109,7 +101,7 @@ fn a_ball_that_bends_is_refused_before_the_work() {
     let mut later = set.scans.clone();
     later.iter_mut().for_each(|posed| posed.scan.time_s = Some(1.0));
     set.scans.extend(later);
-    let options = FitOptions { motion: Some(ObjectMotion::Bend), ..FitOptions::default() };
+    let options = FitOptions { strategy: Strategy::Bending, ..FitOptions::default() };
     let e = fit(&set, &options, &NoWork).err().unwrap();
     assert!(e.kind() == ErrorKind::Input && e.to_string().contains("looks like a ball"), "{e}");
 }
@@ -143,7 +135,7 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
         ground: None,
     };
     let made = Observations::new(&[&scan], &[0], &[Sensor::default()], &options).unwrap();
-    assert_eq!(made.rejected.get(&RejectionCause::DirectionAlongNormal), Some(&13));
+    assert_eq!(made.intake.rejected.get(&RejectionCause::DirectionAlongNormal), Some(&13));
     let bent = (0..made.len()).filter(|&i| made.quantity(i) == Quantity::Curvature).count();
     assert_eq!(bent, 14);
 }

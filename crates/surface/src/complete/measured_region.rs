@@ -18,7 +18,7 @@ impl<'a> MeasuredRegion<'a> {
     /// Points within `reach` of a reading count as measured.
     pub(crate) fn new(observations: &'a Observations, reach: f64) -> Self {
         let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
-        for (i, p) in (0..).zip(&observations.points) {
+        for (i, p) in (0..).zip(&observations.readings.points) {
             cells.entry(cell(*p, reach)).or_default().push(i);
         }
         Self { observations, reach, cells }
@@ -31,7 +31,7 @@ impl<'a> MeasuredRegion<'a> {
             let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
             self.cells.get(&there).into_iter().flatten().any(|&i| {
                 let i = i as usize;
-                let d = sub(self.observations.points[i], p);
+                let d = sub(self.observations.readings.points[i], p);
                 dot(d, d) <= self.reach * self.reach && dot(self.observations.normal(i), normal) > SAME_SIDE
             })
         })

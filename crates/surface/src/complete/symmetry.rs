@@ -180,15 +180,18 @@ impl Cloud {
             .filter(|&i| {
                 let i = i as usize;
                 let channel = observations.channels[observations.channel(i)];
-                channel.quantity == Quantity::Position && !channel.inferred && !observations.held_out[i]
+                channel.quantity == Quantity::Position
+                    && !channel.inferred
+                    && !observations.readings.held_out[i]
             })
             .collect();
-        let points: Vec<[f64; 3]> = readings.iter().map(|&i| observations.points[i as usize]).collect();
+        let points: Vec<[f64; 3]> =
+            readings.iter().map(|&i| observations.readings.points[i as usize]).collect();
         let normals: Vec<[f64; 3]> = readings.iter().map(|&i| observations.normal(i as usize)).collect();
         let mut variance: Vec<f64> = (readings.iter().zip(&normals))
             .map(|(&i, n)| observations.variance(i as usize, *n).max(f64::MIN_POSITIVE))
             .collect();
-        let is_stated = observations.stated.iter().all(|&s| s);
+        let is_stated = observations.channels.iter().all(|c| c.stated);
         let facets = Facets::new(&points, &normals, &variance, is_stated)?;
         for v in &mut variance {
             *v *= facets.variance_factor;
@@ -209,7 +212,7 @@ impl Cloud {
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {
             let i = self.readings[k] as usize;
-            let (p, n) = (observations.points[i], observations.normal(i));
+            let (p, n) = (observations.readings.points[i], observations.normal(i));
             for angle in angles(&found.symmetry, turns, k) {
                 let (point, normal) = found.symmetry.image(angle, p, n);
                 if measured.contains(point, normal) {

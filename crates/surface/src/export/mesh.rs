@@ -208,7 +208,25 @@ pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<
 /// `Unsupported` for other extensions and for meshes too large for a format; `Io` if the file cannot be
 /// written. No partial file is left.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
-    write_known_mesh(path, &mesh.mesh, &mesh.normals, &mesh.sigma, &mesh.observed, None, mesh.unit)
+    let ModelMesh { mesh, normals, sigma, observed, unit, .. } = mesh;
+    write_known_mesh(path, &KnownMesh { mesh, normals, sigma, observed, curvature: None, unit: *unit })
+}
+
+/// A mesh with what is known about each of its vertices.
+#[derive(Debug, Clone, Copy)]
+pub struct KnownMesh<'a> {
+    /// The mesh.
+    pub mesh: &'a TriangleMesh,
+    /// Unit normals.
+    pub normals: &'a [[f64; 3]],
+    /// σ along the normal.
+    pub sigma: &'a [f64],
+    /// How each vertex is known: see [`Observed::mark`](crate::model::Observed::mark).
+    pub observed: &'a [u8],
+    /// Curvature, if it was estimated.
+    pub curvature: Option<&'a VertexCurvature>,
+    /// Unit of every length.
+    pub unit: Unit,
 }
 
 /// Writes a mesh with σ at each vertex in the format of the path's extension.
@@ -217,15 +235,10 @@ pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
 /// As [`write_model_mesh`].
 pub fn write_known_mesh(
     path: &Path,
-    mesh: &TriangleMesh,
-    normals: &[[f64; 3]],
-    sigma: &[f64],
-    observed: &[u8],
-    curvature: Option<&VertexCurvature>,
-    unit: Unit,
+    KnownMesh { mesh, normals, sigma, observed, curvature, unit }: &KnownMesh<'_>,
 ) -> Result<()> {
     let mut columns = vec![("sigma", Column::F64(sigma)), ("observed", Column::U8(observed))];
-    if let Some(known) = curvature {
+    if let Some(known) = *curvature {
         columns.extend([
             ("mean_curvature", Column::F64(&known.mean)),
             ("gaussian_curvature", Column::F64(&known.gaussian)),
@@ -240,7 +253,7 @@ pub fn write_known_mesh(
             normals: Some(normals),
             columns,
             triangles: &mesh.triangles,
-            unit: Some(unit),
+            unit: Some(*unit),
         },
     )
 }
@@ -303,8 +316,9 @@ mod tests {
     #[test]
     fn a_sigma_too_small_to_mesh_is_reported() {
         let mut model = small_model(Shape::Ball);
-        let data = model.data.clone();
-        model.data.add_scaled(&data, 1e16).unwrap();
+        let information = model.known.information_mut().unwrap();
+        let data = information.data.clone();
+        information.data.add_scaled(&data, 1e16).unwrap();
         let posterior = model.posterior().unwrap();
         // So few leaves stay below the limit of triangles at any number of divisions; then that of divisions
         // holds.

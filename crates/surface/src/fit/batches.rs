@@ -221,7 +221,7 @@ fn prepared(
     observations.scan_errors = first.scan_errors.clone();
     let motions = observations.scan_errors.motions();
     observations.move_scans(&motions);
-    let order = neighbours_together(&observations.points);
+    let order = neighbours_together(&observations.readings.points);
     Ok((observations, order))
 }
 
@@ -259,8 +259,8 @@ impl AddedBatches {
         for (seen, now) in self.observed.iter_mut().zip(observed_leaves(surface, &feet, &information)) {
             *seen |= now;
         }
-        self.total += observations.total;
-        for (cause, n) in &observations.rejected {
+        self.total += observations.intake.total;
+        for (cause, n) in &observations.intake.rejected {
             *self.rejected.entry(*cause).or_insert(0) += n;
         }
         for ((&i, foot), &w) in subset.iter().zip(&feet).zip(&information) {
@@ -293,7 +293,7 @@ pub(super) fn add_batches(
         observed: vec![false; surface.space().leaves().len()],
         rejected: batches.rejected.clone(),
         total: 0,
-        used: vec![ResidualSums::default(); first.stated.len()],
+        used: vec![ResidualSums::default(); first.channels.len()],
     };
     let search = FootPointSearch::new(surface, 2, 0.0)?;
     let target = Target { surface, system, noise, search: &search, gate: options.gate };

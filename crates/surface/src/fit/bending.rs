@@ -38,7 +38,7 @@ use super::bending_report::{BendingReport, BendingState, State, states_in_time};
 use super::finish::{FinishInput, finish};
 use super::first::base_shape;
 use super::leaves::leaf_areas;
-use super::{Filter, Fit, FitOptions, fit, observation_options, observe, scans_of};
+use super::{Fit, FitOptions, GlobalOptions, fit, observation_options, observe, scans_of};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::observe::{ObservationOptions, Quantity};
 use planish_core::{Progress, ProgressPart};
@@ -65,19 +65,18 @@ const MAX_BEYOND: f64 = 0.005;
 /// Follows a sheet from state to state; the model is the last state.
 ///
 /// # Errors
-/// `Input` for scans of one time and for closed shapes; `Unsupported` for options that need all readings in
-/// one state.
+/// `Input` for scans of one time and for other shapes than sheets.
 pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let states = states_in_time(set)?;
-    refuse(options)?;
+    refuse_other_shape(options)?;
     let first_scans = scans_of(set, &states[0].scans);
     if options.shape.is_none() {
         // The shape is checked before the work of a fit.
-        let mut readings = observe(&first_scans, &observation_options(set, options))?;
-        readings.recentre();
-        refuse_other_than_sheet(set, &states[0], base_shape(&readings, None)?.shape)?;
+        let mut first_readings = observe(&first_scans, &observation_options(set, options))?;
+        first_readings.recentre();
+        refuse_other_than_sheet(set, &states[0], base_shape(&first_readings.readings, None)?.shape)?;
     }
-    let still = FitOptions { motion: None, ..options.clone() };
+    let still = options.with_global(GlobalOptions::default());
     let first = fit(&first_scans, &still, &ProgressPart::new(progress, 0.0, 0.3))?;
     refuse_other_than_sheet(set, &states[0], first.model.surface.space().shape())?;
     let mut reference = first.model.surface.clone();
@@ -113,22 +112,8 @@ fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result
     )))
 }
 
-/// Refuses options that do not go together with bending.
-fn refuse(options: &FitOptions) -> Result<()> {
-    let asked = [
-        (options.filter == Some(Filter::Patch), "--filter patch"),
-        (options.symmetry.is_some(), "--symmetry"),
-        (options.complete_smooth, "--complete"),
-        (options.align, "--align"),
-        (options.known_parameters.is_some(), "--known-uv"),
-        (options.ground.is_some(), "--ground"),
-    ];
-    if let Some((_, name)) = asked.iter().find(|(asked, _)| *asked) {
-        return Err(Error::unsupported(format!(
-            "--motion bend does not go together with {name}: every state of the sheet is fitted for itself, \
-             to the one before"
-        )));
-    }
+/// Refuses to follow another shape than a sheet.
+fn refuse_other_shape(options: &FitOptions) -> Result<()> {
     match options.shape {
         Some(shape) if shape != Shape::Sheet => Err(Error::input(format!(
             "--motion bend follows sheets, which have one border: needed --shape sheet, found {}",

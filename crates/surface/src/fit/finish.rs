@@ -25,11 +25,14 @@ use super::batches::AddedBatches;
 use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
-use super::refine::ConvergedFit;
+use super::refine::{ConvergedFit, ConvergedKind};
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
 use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
-use crate::model::{NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, SurfaceModel};
+use crate::model::{
+    Knowledge, NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, SurfaceModel,
+    VertexInformation,
+};
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
 use crate::subdivision::RefinementLog;
 use degrees::degrees_of_channels;
@@ -113,11 +116,15 @@ pub(super) fn finish(
     progress: &dyn Progress,
 ) -> Result<Fit> {
     let ConvergedFit { surface, system, subset, feet, noise, weight, prior, mut at, .. } = converged;
-    let ConvergedFit { reached_limit, reached_tolerance, filtered, moves_freely, refined, .. } = converged;
+    let ConvergedFit { reached_limit, reached_tolerance, kind, refined, .. } = converged;
     let FinishInput { set, observations, options, earlier, added, origin } = input;
     progress.check("information", 0.9)?;
     let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
-    let information = match &filtered {
+    let filtered = match &kind {
+        ConvergedKind::Patches(filtered) => Some(filtered),
+        ConvergedKind::AlongNormals | ConvergedKind::Free => None,
+    };
+    let information = match filtered {
         Some(filtered) => filtered.information(readings, &noise),
         None => weights(readings, &noise, options.gate, false),
     };
@@ -132,31 +139,34 @@ pub(super) fn finish(
         subset: &subset,
         feet: &feet,
         information: &information,
-        filtered: filtered.as_ref(),
+        filtered,
     };
     if earlier.is_none() {
         this.refuse_minority_surface()?;
     }
-    let own_data = match &filtered {
+    let own_data = match filtered {
         // Beliefs of single patches are no information of the whole.
         Some(_) => system.nothing()?,
         None => accumulate(&system, &surface, &feet, &information)?,
     };
+    let vertices = || Ok::<_, Error>(VertexInformation { data: this.all_data(&own_data)?, prior });
+    let known = match &kind {
+        ConvergedKind::AlongNormals => {
+            Knowledge::AlongNormals { information: vertices()?, scan_errors: None }
+        }
+        ConvergedKind::Free => Knowledge::Free { information: vertices()? },
+        ConvergedKind::Patches(filtered) => Knowledge::Patches(Arc::clone(&filtered.filter)),
+    };
     let mut model = SurfaceModel {
         unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
-        data: this.all_data(&own_data)?,
+        known,
         surface,
-        prior,
         observed: Vec::new(),
         unresolved_shape: Vec::new(),
         sensors: Vec::new(),
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
         smoothness_weight: weight,
         observations: earlier.map_or(0, |m| m.observations),
-        measured_coordinates: None,
-        moves_freely,
-        patches: filtered.as_ref().map(|filtered| Arc::clone(&filtered.filter)),
-        scan_errors: None,
     };
     let (covariance, stated) = this.covariance(&mut model, progress)?;
 
@@ -164,9 +174,12 @@ pub(super) fn finish(
     let channels = FootChannels::new(observations, &subset);
     // Readings see the surface from where their scan is, so errors of its pose are not part of residuals.
     let seen = Posterior::new(&model.surface, Arc::clone(&covariance)).given_scan_errors();
-    let degrees = if observations.stated.len() == 1 && earlier.is_none() && filtered.is_none() {
+    let degrees = if observations.channels.len() == 1 && earlier.is_none() && filtered.is_none() {
         // With further batches the readings at hand determine only their share of the degrees of freedom.
-        let data = if added.is_some() { &own_data } else { &model.data };
+        let data = match model.known.information() {
+            Some(all) if added.is_none() => &all.data,
+            _ => &own_data,
+        };
         vec![covariance.trace_with(data, &system)?]
     } else {
         degrees_of_channels(&seen, &channels, &feet, &information)?
@@ -343,8 +356,8 @@ impl Finishing<'_> {
     /// Information of the readings at hand, of the earlier model, and of further batches.
     fn all_data(&self, own: &BlockInformation) -> Result<BlockInformation> {
         let mut data = own.clone();
-        if let Some(model) = self.earlier.filter(|_| self.filtered.is_none()) {
-            data.add_scaled(&model.data, 1.0)?;
+        if let Some(earlier) = self.earlier.and_then(|model| model.known.information()) {
+            data.add_scaled(&earlier.data, 1.0)?;
         }
         if let Some(added) = self.added {
             data.add_scaled(&added.data, 1.0)?;
@@ -419,8 +432,13 @@ impl Finishing<'_> {
 
     /// Rejected readings by cause, those of further batches included.
     fn rejected(&self) -> BTreeMap<String, usize> {
-        let mut rejected: BTreeMap<String, usize> =
-            self.observations.rejected.iter().map(|(cause, n)| (cause.name().to_owned(), *n)).collect();
+        let mut rejected: BTreeMap<String, usize> = self
+            .observations
+            .intake
+            .rejected
+            .iter()
+            .map(|(cause, n)| (cause.name().to_owned(), *n))
+            .collect();
         let causes = (self.feet.iter().zip(self.information).enumerate())
             .filter(|(k, _)| self.is_real(*k))
             .filter_map(|(_, (foot, &w))| foot.rejection(w));
@@ -435,7 +453,7 @@ impl Finishing<'_> {
 
     /// Readings before any rejection, those of further batches included.
     fn total(&self) -> usize {
-        self.observations.total + self.added.map_or(0, |added| added.total)
+        self.observations.intake.total + self.added.map_or(0, |added| added.total)
     }
 
     fn totals(&self) -> Totals {

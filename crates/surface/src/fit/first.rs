@@ -9,7 +9,7 @@ use super::FitOptions;
 use super::division::MIN_LEAF_SIGMAS;
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
-use crate::observe::{Observations, Quantity};
+use crate::observe::{Observations, Quantity, ReadingColumns};
 use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights};
@@ -40,8 +40,8 @@ pub(super) fn first_surface(
     progress: &dyn Progress,
 ) -> Result<Surface> {
     let size = observations.len();
-    let sample = shape_sample(observations);
-    let (points, normals) = positions_and_normals(observations, &sample);
+    let sample = shape_sample(&observations.readings);
+    let (points, normals) = positions_and_normals(&observations.readings, &sample);
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // A small cloud cannot pay for many cells, whatever their prior.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
@@ -71,20 +71,20 @@ pub(super) fn first_surface(
 ///
 /// # Errors
 /// `Undetermined` if the readings determine no shape.
-pub(super) fn base_shape(observations: &Observations, shape: Option<Shape>) -> Result<BaseShape> {
-    let (points, normals) = positions_and_normals(observations, &shape_sample(observations));
+pub(super) fn base_shape(readings: &ReadingColumns, shape: Option<Shape>) -> Result<BaseShape> {
+    let (points, normals) = positions_and_normals(readings, &shape_sample(readings));
     choose_base_shape(&points, &normals, shape)
 }
 
 /// A sample of the readings that is large enough to find the shape.
-fn shape_sample(observations: &Observations) -> Vec<u32> {
-    let size = observations.len();
+fn shape_sample(readings: &ReadingColumns) -> Vec<u32> {
+    let size = readings.len();
     (0..size as u32).step_by(size.div_ceil(SHAPE_SAMPLE).max(1)).collect()
 }
 
 /// Positions and normals of the readings in `sample`.
-fn positions_and_normals(observations: &Observations, sample: &[u32]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-    sample.iter().map(|&i| (observations.points[i as usize], observations.normal(i as usize))).unzip()
+fn positions_and_normals(readings: &ReadingColumns, sample: &[u32]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    sample.iter().map(|&i| (readings.points[i as usize], readings.normal(i as usize))).unzip()
 }
 
 /// A base grid of about `cells` cells whose sides are multiples of `multiple`; fewer cells if it would have
@@ -113,7 +113,8 @@ fn typical_sigma(observations: &Observations, sample: &[u32]) -> f64 {
         .iter()
         .map(|&i| i as usize)
         .filter(|&i| {
-            observations.quantity(i) == Quantity::Position && observations.stated[observations.channel(i)]
+            observations.quantity(i) == Quantity::Position
+                && observations.channels[observations.channel(i)].stated
         })
         .map(|i| {
             let [xx, _, _, yy, _, zz] = observations.covariance(i);

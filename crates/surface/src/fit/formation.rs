@@ -130,7 +130,7 @@ pub(super) fn formation_of_global_fit(
     let counts = counts(FIRST_READINGS, order.len(), frames);
     let mut formation = Formation {
         snapshots: Vec::with_capacity(counts.len()),
-        places: order.iter().map(|&k| observations.points[subset[k as usize] as usize]).collect(),
+        places: order.iter().map(|&k| observations.readings.points[subset[k as usize] as usize]).collect(),
     };
     for (number, &count) in counts.iter().enumerate() {
         progress.check("animating", number as f64 / counts.len() as f64)?;

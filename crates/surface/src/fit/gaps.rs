@@ -131,7 +131,7 @@ fn surroundings(
     let away: Vec<f64> = used
         .iter()
         .map(|&k| {
-            let z = observations.points[converged.subset[k] as usize];
+            let z = observations.readings.points[converged.subset[k] as usize];
             sample.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
         })
         .collect();
@@ -146,7 +146,7 @@ fn surroundings(
         let near: Vec<usize> =
             near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
         let points: Vec<[f64; 3]> =
-            near.iter().map(|&k| observations.points[converged.subset[k] as usize]).collect();
+            near.iter().map(|&k| observations.readings.points[converged.subset[k] as usize]).collect();
         let normals: Vec<[f64; 3]> = near.iter().map(|&k| converged.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();

@@ -18,7 +18,9 @@ use super::noise::{
 };
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
-use crate::model::{NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel};
+use crate::model::{
+    Knowledge, NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel, VertexInformation,
+};
 use crate::observe::{Quantity, RejectionCause};
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
@@ -306,20 +308,19 @@ impl Solved {
         let measured = smoothing.measured;
         let observed = with_neighbours(surface.space(), &total.sums.observed());
         let weight = smoothing.found.weight / noise.used;
-        Ok(SurfaceModel {
-            unit: readings.set.unit.unwrap_or(Unit::Millimetre),
+        let information = VertexInformation {
             prior: over_coordinates(&smoothing.energy, weight, measured, [0.0; 3])?,
             data: over_coordinates(&total.information, 1.0 / noise.used, measured, total.sums.origin())?,
+        };
+        Ok(SurfaceModel {
+            unit: readings.set.unit.unwrap_or(Unit::Millimetre),
+            known: Knowledge::PerCoordinate { information, measured },
             unresolved_shape: Vec::new(),
             observed: observed.into_iter().map(Observed::from_measured).collect(),
             sensors: self.sensor_reports(readings, noise),
             poses: scan_pose_reports(readings.set),
             smoothness_weight: weight,
             observations: self.count(),
-            measured_coordinates: Some(measured),
-            moves_freely: false,
-            patches: None,
-            scan_errors: None,
             surface: surface.clone(),
         })
     }

@@ -180,8 +180,11 @@ impl FootNoise {
         let foot = &readings.feet[k];
         let channel = readings.channel(k);
         let bounded = noise.variance_factors[channel].min(noise.factor_bounds[channel]);
-        let factor =
-            if readings.observations.stated[channel] { bounded } else { noise.variance_factors[channel] };
+        let factor = if readings.observations.channels[channel].stated {
+            bounded
+        } else {
+            noise.variance_factors[channel]
+        };
         let variance = factor * foot.variance;
         Self {
             normalised: foot.extremes().0 / variance.sqrt(),

@@ -32,7 +32,7 @@ mod tracker;
 
 pub use report::{MotionPose, MotionReport};
 
-use super::{Fit, FitOptions, fit, observation_options, observe, scans_of};
+use super::{Fit, FitOptions, GlobalOptions, fit, observation_options, observe, scans_of};
 use crate::observe::ObservationOptions;
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::vector3::{add, dot, norm, scale, unit};
@@ -50,10 +50,16 @@ const MAX_AWAY: f64 = 0.03;
 ///
 /// The first scan gives a surface. The others are matched to it, which gives the motion. All scans together
 /// then give the model, in the pose of the object at the first scan.
-pub(super) fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+pub(super) fn fit_moving(
+    set: &ScanSet,
+    global: &GlobalOptions,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
     let order = scans_in_time(set)?;
-    let mut still = FitOptions { motion: None, ..options.clone() };
-    let mut plain = FitOptions { symmetry: None, complete_smooth: false, snapshots: None, ..still.clone() };
+    let mut still = options.with_global(global.clone());
+    let GlobalOptions { ground, align, .. } = *global;
+    let mut plain = options.with_global(GlobalOptions { ground, align, ..GlobalOptions::default() });
     let mut first = fit(&scans_of(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.0, 0.15))?;
     // A turning object shows its sides in time: one that curves away from the scanner is no sheet.
     if options.shape.is_none() && first.model.surface.space().shape() == Shape::Sheet && curves_away(&first) {

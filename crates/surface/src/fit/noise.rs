@@ -3,7 +3,7 @@
 //! Variances are handled as factors on the stated variance of each reading, so that σ may differ from reading
 //! to reading. A channel without a stated σ has stated variance 1.
 
-use crate::observe::{FootState, Observations, ProjectedReadings, Quantity};
+use crate::observe::{Channel, FootState, ProjectedReadings, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
 /// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
@@ -50,30 +50,25 @@ const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {
     /// The noise as stated, before any estimate.
-    pub(super) fn stated(observations: &Observations) -> Self {
-        let channels = observations.stated.len();
-        let factor_bounds: Vec<f64> = (0..channels)
+    pub(super) fn stated(channels: &[Channel]) -> Self {
+        let count = channels.len();
+        let factor_bounds: Vec<f64> = (channels.iter())
             .map(|channel| {
-                let bound = observations
-                    .roughness
-                    .get(channel)
-                    .copied()
-                    .flatten()
-                    .map_or(f64::INFINITY, |r| ROUGHNESS_TO_NOISE * r);
-                if observations.stated[channel] { bound.min(1.0) } else { bound }
+                let bound = channel.roughness.map_or(f64::INFINITY, |r| ROUGHNESS_TO_NOISE * r);
+                if channel.stated { bound.min(1.0) } else { bound }
             })
             .collect();
         // An unstated σ is unknown: until it is estimated, no lift by tangential noise is subtracted.
-        let variance_factors = (0..channels)
-            .map(|channel| if observations.stated[channel] { factor_bounds[channel] } else { 0.0 })
+        let variance_factors = (channels.iter().zip(&factor_bounds))
+            .map(|(channel, bound)| if channel.stated { *bound } else { 0.0 })
             .collect();
         Self {
-            estimated_factors: vec![1.0; channels],
+            estimated_factors: vec![1.0; count],
             variance_factors,
-            count: vec![0; channels],
-            is_contradicted: vec![false; channels],
+            count: vec![0; count],
+            is_contradicted: vec![false; count],
             factor_bounds,
-            lacks_redundancy: vec![false; channels],
+            lacks_redundancy: vec![false; count],
         }
     }
 
@@ -88,14 +83,14 @@ impl SensorNoise {
     /// without end.
     pub(super) fn keep_where_redundancy_lacks(
         &mut self,
-        observations: &Observations,
+        channels: &[Channel],
         before: &Self,
         degrees: &[f64],
     ) {
         for channel in 0..self.variance_factors.len() {
             let spare = self.count[channel] as f64 - degrees[channel];
             let lacks_redundancy = spare < MIN_REDUNDANCY * self.count[channel] as f64;
-            if lacks_redundancy && !observations.stated[channel] && !observations.channels[channel].inferred {
+            if lacks_redundancy && !channels[channel].stated && !channels[channel].inferred {
                 self.estimated_factors[channel] = before.estimated_factors[channel];
                 self.variance_factors[channel] = before.variance_factors[channel];
                 self.lacks_redundancy[channel] = true;
@@ -118,8 +113,8 @@ impl SensorNoise {
         converged: bool,
     ) -> Result<Self> {
         let ProjectedReadings { observations, subset, feet } = readings;
-        let mut noise = Self::stated(observations);
-        for channel in 0..observations.stated.len() {
+        let mut noise = Self::stated(&observations.channels);
+        for channel in 0..observations.channels.len() {
             // Inferred readings carry no information about the noise of sensors.
             if observations.channels[channel].inferred {
                 continue;
@@ -139,7 +134,7 @@ impl SensorNoise {
                 .collect();
             noise.count[channel] = normalised.len();
             if normalised.len() < MIN_FOR_SCALE {
-                if !observations.stated[channel] && !normalised.is_empty() {
+                if !observations.channels[channel].stated && !normalised.is_empty() {
                     // Too few for a scale of their own: use the scale of all readings of the quantity.
                     let quantity = observations.channels[channel].quantity;
                     let all: Vec<f64> = feet
@@ -150,7 +145,7 @@ impl SensorNoise {
                     noise.variance_factors[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
                     noise.estimated_factors[channel] = noise.variance_factors[channel];
                 }
-                if observations.stated[channel] {
+                if observations.channels[channel].stated {
                     noise.variance_factors[channel] = 1.0;
                 }
                 continue;
@@ -164,12 +159,12 @@ impl SensorNoise {
             let ratio = noise.estimated_factors[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             // The surface follows errors that neighbours share, so small residuals do not prove small errors.
-            let may_be_smaller = !observations.correlated_errors[observations.channels[channel].sensor];
+            let may_be_smaller = !observations.channels[channel].correlated_errors;
             let smaller = may_be_smaller && ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
             let off = redundancy > MIN_REDUNDANCY
                 && redundant > ENOUGH_TO_CONTRADICT
                 && (ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error || smaller);
-            if !observations.stated[channel] {
+            if !observations.channels[channel].stated {
                 noise.variance_factors[channel] = noise.estimated_factors[channel];
             } else if !converged {
                 noise.variance_factors[channel] =

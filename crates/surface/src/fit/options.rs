@@ -8,62 +8,154 @@ use serde::Serialize;
 
 /// Settings of a fit.
 ///
+/// The strategy holds the settings that only it has; the other fields apply to every strategy. One exception:
+/// a fit with known parameters has a fixed grid, so it does not use `tolerance`, `max_depth`, `refine_by` and
+/// `max_coefficients`.
+///
+/// Lengths are in the unit of the scans.
+///
 /// # Examples
 /// ```
-/// use planish_surface::fit::{Filter, FitOptions};
-/// let options = FitOptions { gate: 3.0, filter: Some(Filter::Patch), ..FitOptions::default() };
+/// use planish_surface::fit::{FitOptions, GlobalOptions, Strategy};
+/// let options = FitOptions { gate: 3.0, max_depth: Some(4), ..FitOptions::default() };
+/// assert_eq!(options.strategy, Strategy::Global(GlobalOptions::default()));
 /// assert_eq!((options.held_out_share, options.shape), (0.1, None));
+///
+/// // The same with scan poses estimated.
+/// let global = GlobalOptions { align: true, ..GlobalOptions::default() };
+/// let aligned = FitOptions { strategy: Strategy::Global(global), ..options };
+/// assert!(aligned.gate == 3.0 && aligned.ground().is_none());
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
-    /// Topology; if none is given, it is chosen from the cloud.
+    /// How the readings are turned into a surface (default: all at once, the object at rest).
+    pub strategy: Strategy,
+    /// Topology; if none is given, it is chosen from the cloud. A sheet that bends has only one choice.
     pub shape: Option<Shape>,
-    /// Cells of the uniform grid that is fitted to scans whose readings carry their parameters `u` and `v` in
-    /// `[0, 1]`. The problem is linear then: no tolerance and no limit of coefficients apply.
-    pub known_parameters: Option<[usize; 2]>,
-    /// Distance to the points at which refinement stops, in the model's unit; if none is given, it stops at
-    /// their noise.
+    /// Distance to the points at which refinement stops; if none is given, it stops at their noise.
     pub tolerance: Option<f64>,
-    /// Keep only bare earth of scans from above; the shape is a sheet then.
-    pub ground: Option<GroundWidth>,
-    /// How readings are fused; if none is given, globally, and into a saved model as it was made.
-    pub filter: Option<Filter>,
     /// Maximum subdivision depth beyond the base grid. If none is given, refinement goes as deep as the
     /// readings allow; the patch filter goes to 3.
     pub max_depth: Option<u8>,
-    /// Criterion for subdivision.
+    /// Criterion for subdivision (default: residuals).
     pub refine_by: RefineBy,
-    /// Estimate the pose of every scan but the first. Poses with a stated σ are estimated in any case.
-    pub align: bool,
-    /// Maximum number of control vertices.
+    /// Maximum number of control vertices (default 12,000).
     pub max_coefficients: usize,
-    /// Symmetry by which unobserved parts are completed.
-    pub symmetry: Option<SymmetryChoice>,
-    /// Motion of the object between its scans, at the times that they state; if none is given, it stood
-    /// still.
-    pub motion: Option<ObjectMotion>,
-    /// Complete gaps by the simple shape of their surroundings.
-    pub complete_smooth: bool,
-    /// Number of snapshots to keep of the model as it forms, if any: see [`Fit::formation`](super::Fit).
-    pub snapshots: Option<usize>,
-    /// Reject readings more than this many σ from the surface.
+    /// Reject readings more than this many σ from the surface (default 4).
     pub gate: f64,
-    /// Share of the readings held out to judge the fit.
+    /// Share of the readings held out to judge the fit (default 0.1).
     pub held_out_share: f64,
-    /// Seed of every random choice.
+    /// Seed of every random choice (default 0).
     pub seed: u64,
     /// Checks of each scan.
     pub checks: ScanChecks,
 }
 
-/// How an object moves between scans.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ObjectMotion {
-    /// As a rigid body with a velocity of its own.
-    Rigid,
-    /// A sheet bends without stretch: lengths along it are preserved.
-    Bend,
+/// How readings are turned into a surface, with the settings that only this way has.
+///
+/// | strategy | readings | unknowns of a vertex | covariance |
+/// |---|---|---|---|
+/// | `Global` | all at once | displacement along the normal | of the whole surface |
+/// | `Patches` | one after the other | displacement along the normal | of each patch |
+/// | `KnownParameters` | all at once, with columns `u` and `v` | its coordinates | of the whole surface |
+/// | `Moving` | all at once, after the motion is known | displacement along the normal | of the whole surface |
+/// | `Bending` | time by time | its coordinates | of the whole surface at each time |
+///
+/// # Examples
+/// ```
+/// use planish_surface::complete::SymmetryChoice;
+/// use planish_surface::fit::{FitOptions, GlobalOptions, Strategy};
+/// // An object that turns while it is scanned; its unobserved parts are completed by symmetry.
+/// let global = GlobalOptions { symmetry: Some(SymmetryChoice::Auto), ..GlobalOptions::default() };
+/// let turning = FitOptions { strategy: Strategy::Moving(global), ..FitOptions::default() };
+/// assert!(matches!(turning.strategy, Strategy::Moving(_)));
+///
+/// // Readings on a grid of 61 × 61 cells; the columns `u` and `v` hold their parameters.
+/// let strategy = Strategy::KnownParameters { cells: [61, 61] };
+/// assert_ne!(strategy, Strategy::default());
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub enum Strategy {
+    /// All readings at once: one sparse information matrix over all control vertices. The most accurate.
+    Global(GlobalOptions),
+    /// One reading after the other: a quadtree of patches with a dense covariance each. Memory does not grow
+    /// with the readings, and σ is known at any time.
+    ///
+    /// The filter takes readings as independent. It therefore neither estimates poses nor uses readings
+    /// inferred from others, whose errors are correlated.
+    Patches(PatchOptions),
+    /// One linear step over a uniform grid, for scans whose columns `u` and `v` in `[0, 1]` state the
+    /// parameters of each reading. The surface is a sheet unless a shape is given.
+    KnownParameters {
+        /// Number of cells along `u` and `v`.
+        cells: [usize; 2],
+    },
+    /// A rigid object that moves with a velocity of its own. The scans state their times. The model is the
+    /// object at the first scan.
+    Moving(GlobalOptions),
+    /// A sheet that bends without stretch between scans: lengths along it are preserved. The model is the
+    /// sheet at the last time.
+    Bending,
+}
+
+/// Settings of a global fit.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GlobalOptions {
+    /// Keep only bare earth of scans from above (default: keep all); the shape is a sheet then.
+    pub ground: Option<GroundWidth>,
+    /// Estimate the pose of every scan but the first (default: no). Poses with a stated σ are estimated in
+    /// any case.
+    pub align: bool,
+    /// Symmetry by which unobserved parts are completed (default: none).
+    pub symmetry: Option<SymmetryChoice>,
+    /// Complete gaps by the simple shape of their surroundings (default: no).
+    pub fill_gaps: bool,
+    /// Number of snapshots to keep of the model as it forms (default: none): see
+    /// [`Fit::formation`](super::Fit).
+    pub snapshots: Option<usize>,
+}
+
+/// Settings of a fit by the patch filter.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PatchOptions {
+    /// Keep only bare earth of scans from above (default: keep all); the shape is a sheet then.
+    pub ground: Option<GroundWidth>,
+    /// Number of snapshots to keep of the model as it forms (default: none): see
+    /// [`Fit::formation`](super::Fit).
+    pub snapshots: Option<usize>,
+}
+
+/// Settings of an update of a saved model.
+///
+/// The model decides shape, grid and strategy. `refine_by` and `max_coefficients` apply to models of the
+/// patch filter; the grid of other models is kept.
+///
+/// # Examples
+/// ```
+/// use planish_surface::fit::{FitOptions, UpdateOptions};
+/// let options = UpdateOptions { align: true, ..UpdateOptions::default() };
+/// assert_eq!(options.gate, FitOptions::default().gate);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct UpdateOptions {
+    /// The filter that the model must come from (default: any).
+    pub filter: Option<Filter>,
+    /// Keep only bare earth of scans from above (default: keep all).
+    pub ground: Option<GroundWidth>,
+    /// Estimate the poses of the scans (default: no). The patch filter cannot.
+    pub align: bool,
+    /// Criterion for subdivision of patches (default: residuals).
+    pub refine_by: RefineBy,
+    /// Maximum number of control vertices (default 12,000).
+    pub max_coefficients: usize,
+    /// Reject readings more than this many σ from the surface (default 4).
+    pub gate: f64,
+    /// Share of the readings held out to judge the fit (default 0.1).
+    pub held_out_share: f64,
+    /// Seed of every random choice (default 0).
+    pub seed: u64,
+    /// Checks of each scan.
+    pub checks: ScanChecks,
 }
 
 /// How readings are fused.
@@ -87,22 +179,21 @@ pub enum GroundWidth {
     Widest(f64),
 }
 
+impl Default for Strategy {
+    fn default() -> Self {
+        Self::Global(GlobalOptions::default())
+    }
+}
+
 impl Default for FitOptions {
     fn default() -> Self {
         Self {
+            strategy: Strategy::default(),
             shape: None,
-            known_parameters: None,
             tolerance: None,
-            ground: None,
-            filter: None,
             max_depth: None,
             refine_by: RefineBy::Residuals,
-            align: false,
             max_coefficients: 12_000,
-            symmetry: None,
-            motion: None,
-            complete_smooth: false,
-            snapshots: None,
             gate: 4.0,
             held_out_share: 0.1,
             seed: 0,
@@ -111,9 +202,74 @@ impl Default for FitOptions {
     }
 }
 
+impl Default for UpdateOptions {
+    fn default() -> Self {
+        let FitOptions { refine_by, max_coefficients, gate, held_out_share, seed, checks, .. } =
+            FitOptions::default();
+        Self {
+            filter: None,
+            ground: None,
+            align: false,
+            refine_by,
+            max_coefficients,
+            gate,
+            held_out_share,
+            seed,
+            checks,
+        }
+    }
+}
+
+impl Strategy {
+    /// Where the number of snapshots is set; none for strategies that do not use one reading after the other.
+    pub fn snapshots_mut(&mut self) -> Option<&mut Option<usize>> {
+        match self {
+            Self::Global(GlobalOptions { snapshots, .. })
+            | Self::Moving(GlobalOptions { snapshots, .. })
+            | Self::Patches(PatchOptions { snapshots, .. }) => Some(snapshots),
+            Self::KnownParameters { .. } | Self::Bending => None,
+        }
+    }
+}
+
 impl FitOptions {
+    /// The width of objects that are removed, if only bare earth is kept.
+    #[must_use]
+    pub fn ground(&self) -> Option<GroundWidth> {
+        match &self.strategy {
+            Strategy::Global(GlobalOptions { ground, .. })
+            | Strategy::Moving(GlobalOptions { ground, .. })
+            | Strategy::Patches(PatchOptions { ground, .. }) => *ground,
+            Strategy::KnownParameters { .. } | Strategy::Bending => None,
+        }
+    }
+
     /// The same options; with `ground` the shape is a sheet unless another is given.
     pub(super) fn with_shape_of_ground(&self) -> Self {
-        Self { shape: self.shape.or(self.ground.map(|_| Shape::Sheet)), ..self.clone() }
+        Self { shape: self.shape.or(self.ground().map(|_| Shape::Sheet)), ..self.clone() }
+    }
+
+    /// The same options with a global fit.
+    pub(super) fn with_global(&self, global: GlobalOptions) -> Self {
+        Self { strategy: Strategy::Global(global), ..self.clone() }
+    }
+}
+
+impl UpdateOptions {
+    /// The settings that the stages of a fit share with an update.
+    pub(super) fn fit_options(&self) -> FitOptions {
+        let Self { filter: _, ground, align, refine_by, max_coefficients, .. } = *self;
+        let Self { gate, held_out_share, seed, checks, .. } = *self;
+        let global = GlobalOptions { ground, align, ..GlobalOptions::default() };
+        let shared = FitOptions {
+            refine_by,
+            max_coefficients,
+            gate,
+            held_out_share,
+            seed,
+            checks,
+            ..FitOptions::default()
+        };
+        shared.with_global(global)
     }
 }

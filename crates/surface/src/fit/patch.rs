@@ -14,9 +14,9 @@ use super::finish::{FinishInput, finish};
 use super::first::first_surface;
 use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
-use super::refine::{ConvergedFit, refine_to_noise};
+use super::refine::{ConvergedFit, ConvergedKind, refine_to_noise};
 use super::weights::weights;
-use super::{Fit, FitOptions, formation, observation_options, observe};
+use super::{Fit, FitOptions, PatchOptions, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::observe::surface_extent;
 use crate::observe::{FootState, ProjectedReadings, by_leaf, project};
@@ -256,8 +256,8 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
 
 /// Refuses alignment. Poses are not part of a patch's state: information that many patches share would count
 /// in each of them as new.
-pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
-    if options.align {
+pub(super) fn refuse_align(align: bool) -> Result<()> {
+    if align {
         return Err(Error::unsupported(
             "the patch filter takes poses as they are stated: needed the global filter to align scans",
         ));
@@ -279,19 +279,6 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
         .collect()
 }
 
-/// Refuses inferred readings. Their errors are correlated, and a filter that takes readings as independent
-/// would average them away.
-pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
-    let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
-    match asked.iter().find(|(asked, _)| *asked) {
-        Some((_, name)) => Err(Error::unsupported(format!(
-            "{name} concludes readings from others, which err together, and the patch filter takes every \
-             reading as independent: needed --filter global"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// Largest variance of the surface, as a share of a reading's, at which residuals show noise rather than
 /// unknown shape.
 const MAX_SURFACE_SHARE: f64 = 0.1;
@@ -303,9 +290,13 @@ const ENOUGH_FOR_NOISE: usize = 200;
 ///
 /// # Errors
 /// As for [`super::fit`].
-pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+pub(super) fn fit_patches(
+    set: &ScanSet,
+    patches: &PatchOptions,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
     let sheet = options.with_shape_of_ground();
-    refuse_align(options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
@@ -317,7 +308,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let FirstFit { converged, core } =
         first_fit_of(&mut observations, first.to_vec(), &sheet, &ProgressPart::new(progress, 0.02, 0.4))?;
     // Half of the snapshots show the readings of the first fit.
-    let mut formation = (options.snapshots)
+    let mut formation = (patches.snapshots)
         .map(|frames| {
             formation::formation_of_global_fit(
                 &observations,
@@ -330,7 +321,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         .transpose()?;
     let filtered = stream(
         &observations,
-        StreamInput { first: converged, core, others, options },
+        StreamInput { first: converged, core, others, options, snapshots: patches.snapshots },
         formation.as_mut(),
         &ProgressPart::new(progress, 0.4, 0.85),
     )?;
@@ -351,9 +342,9 @@ pub(super) fn update_patches(
     let surface = &model.surface;
     let mut at = vec![[0.0; 2]; observations.len()];
     let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
-    let stated = SensorNoise::stated(observations);
+    let stated = SensorNoise::stated(&observations.channels);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
-    let degrees = vec![0.0; observations.stated.len()];
+    let degrees = vec![0.0; observations.channels.len()];
     // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
     // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
@@ -402,12 +393,11 @@ pub(super) fn update_patches(
         reached_limit: false,
         reached_tolerance: false,
         refined: RefinementLog::default(),
-        filtered: None,
-        moves_freely: false,
+        kind: ConvergedKind::AlongNormals,
     };
     let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
-    let input = StreamInput { first: no_readings, core, others: &order, options };
+    let input = StreamInput { first: no_readings, core, others: &order, options, snapshots: None };
     stream(observations, input, None, &ProgressPart::new(progress, 0.2, 0.85))
 }
 
@@ -423,7 +413,7 @@ pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -
     let factor = factors[observations.channel(i)];
     let variance = || factor * observations.variance(i, [0.0; 3]);
     IncomingReading {
-        at: observations.points[i],
+        at: observations.readings.points[i],
         facing: observations.normal(i),
         value: match observations.measured(i) {
             Measured::Position => ReadingValue::Position(observations.covariance(i).map(|c| factor * c)),
@@ -439,12 +429,14 @@ pub(super) struct StreamInput<'a> {
     pub core: StreamingFilter,
     pub others: &'a [u32],
     pub options: &'a FitOptions,
+    /// Number of snapshots of the whole fit, if any.
+    pub snapshots: Option<usize>,
 }
 
 /// Filters the readings in `input.others` one at a time, and projects all readings on the resulting surface.
 pub(super) fn stream(
     observations: &Observations,
-    StreamInput { first, mut core, others, options }: StreamInput<'_>,
+    StreamInput { first, mut core, others, options, snapshots }: StreamInput<'_>,
     mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
@@ -452,7 +444,7 @@ pub(super) fn stream(
     let mut refused: Vec<Option<RejectionCause>> =
         first.feet.iter().zip(&information).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
-    let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
+    let frames = snapshots.map_or(0, |frames| frames / 2 + 1);
     let mut moments = formation::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {
@@ -463,7 +455,7 @@ pub(super) fn stream(
             core.filter_reading(&incoming(observations, i as usize, &first.noise.variance_factors))?;
         if let Some(formation) = formation.as_deref_mut() {
             if outcome.is_none() {
-                formation.places.push(observations.points[i as usize]);
+                formation.places.push(observations.readings.points[i as usize]);
             }
             if moments.next_if_eq(&(first.subset.len() + k + 1)).is_some() {
                 let snapshot = Snapshot::of_patches(formation.places.len(), core.filter.clone())?;
@@ -503,9 +495,13 @@ pub(super) fn stream(
         reached_limit: full && held_back > 0,
         reached_tolerance: first.reached_tolerance,
         refined: std::mem::take(&mut refined),
-        filtered: Some(PatchFilterOutcome { filter: Arc::new(core.filter), refused, held_back, deepest }),
+        kind: ConvergedKind::Patches(PatchFilterOutcome {
+            filter: Arc::new(core.filter),
+            refused,
+            held_back,
+            deepest,
+        }),
         noise: first.noise,
         weight: first.weight,
-        moves_freely: false,
     })
 }

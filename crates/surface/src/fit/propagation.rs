@@ -2,7 +2,7 @@
 
 use super::gaps::completed;
 use super::refine::{ConvergedFit, refine_to_noise};
-use super::{BendingReport, FitOptions, MotionReport, converge};
+use super::{BendingReport, FitOptions, GlobalOptions, MotionReport, converge};
 use crate::complete::{GapReport, SymmetryReport, complete_by_symmetry};
 use crate::observe::Observations;
 use planish_core::vector3::add;
@@ -49,11 +49,12 @@ impl PropagationReport {
 pub(super) fn converge_with_propagation(
     observations: &mut Observations,
     origin: [f64; 3],
+    global: &GlobalOptions,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<(ConvergedFit, Option<PropagationReport>)> {
     let mut report = None;
-    if let Some(choice) = options.symmetry {
+    if let Some(choice) = global.symmetry {
         progress.check("symmetry", 0.015)?;
         let found = complete_by_symmetry(observations, choice)?;
         let found = PropagationReport {
@@ -63,7 +64,7 @@ pub(super) fn converge_with_propagation(
         };
         report = Some(found.translated(origin));
     }
-    if !options.complete_smooth {
+    if !global.fill_gaps {
         return Ok((converge(observations, options, progress)?, report));
     }
     let converged = converge(observations, options, &ProgressPart::new(progress, 0.0, 0.6))?;

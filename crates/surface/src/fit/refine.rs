@@ -80,10 +80,17 @@ pub(super) struct ConvergedFit {
     pub reached_tolerance: bool,
     /// The divisions made on the way.
     pub refined: RefinementLog,
-    /// Of the patch filter: its state, which then holds all that is known.
-    pub filtered: Option<PatchFilterOutcome>,
-    /// True if vertices move in every direction: see [`crate::model::SurfaceModel::moves_freely`].
-    pub moves_freely: bool,
+    pub kind: ConvergedKind,
+}
+
+/// How the vertices of a converged surface are known; each kind becomes a [`crate::model::Knowledge`].
+pub(super) enum ConvergedKind {
+    /// Each vertex moves along its normal.
+    AlongNormals,
+    /// Vertices move in every direction.
+    Free,
+    /// The patch filter holds all that is known.
+    Patches(PatchFilterOutcome),
 }
 
 impl ConvergedFit {
@@ -123,6 +130,14 @@ struct Round {
     is_last: bool,
 }
 
+/// The equations of a round, over one hierarchy.
+struct RoundEquations<'a> {
+    system: &'a SurfaceSystem,
+    energy: BendingEnergy,
+    /// The last factor; the next step uses its memory again.
+    factor: Option<CholeskyFactor>,
+}
+
 /// Iterates and refines until the residuals contain only noise.
 ///
 /// # Errors
@@ -139,7 +154,7 @@ pub(super) fn refine_to_noise(
     let mut is_last = false;
     let mut state = Refinement {
         at: vec![[f64::NAN; 2]; observations.len()],
-        noise: SensorNoise::stated(observations),
+        noise: SensorNoise::stated(&observations.channels),
         observations,
         options,
         subset,
@@ -235,34 +250,33 @@ impl Refinement<'_> {
         } else {
             MAX_FINDING_ITERATIONS
         };
-        let mut factor = None;
         // The metric stays that of the surface at the start of the round.
-        let mut energy = BendingEnergy::new(system, &self.surface)?;
+        let energy = BendingEnergy::new(system, &self.surface)?;
+        let mut equations = RoundEquations { system, energy, factor: None };
         for iteration in 0..iterations {
             let rounds = round.number as f64 + iteration as f64 / iterations as f64;
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(rounds));
             progress.check(if round.is_last { "settling" } else { "refining" }, share)?;
             progress.items(self.projected, "readings");
             self.projected += sample.len();
-            let rest = self.step(system, sample, round, &mut energy, &mut factor, progress)?;
+            let rest = self.step(&mut equations, sample, round, progress)?;
             let is_found = !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND;
             if rest.is_at_rest || is_found {
                 break;
             }
         }
-        Ok(factor)
+        Ok(equations.factor)
     }
 
     /// One iteration: project, weigh, solve, and update the smoothness weight.
     fn step(
         &mut self,
-        system: &SurfaceSystem,
+        equations: &mut RoundEquations<'_>,
         sample: &[u32],
         round: Round,
-        energy: &mut BendingEnergy,
-        factor: &mut Option<CholeskyFactor>,
         progress: &dyn Progress,
     ) -> Result<StepOutcome> {
+        let RoundEquations { system, energy, factor } = equations;
         let gate = self.options.gate;
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
@@ -381,8 +395,7 @@ impl Refinement<'_> {
             reached_limit: false,
             reached_tolerance: false,
             refined: RefinementLog::default(),
-            filtered: None,
-            moves_freely: false,
+            kind: ConvergedKind::AlongNormals,
         })
     }
 }

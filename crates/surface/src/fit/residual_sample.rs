@@ -84,7 +84,7 @@ impl ResidualSample {
         let step = positions.len().div_ceil(MAX_SAMPLE).max(1);
         for (n, &k) in positions.iter().enumerate() {
             let (i, foot) = (subset[k] as usize, &feet[k]);
-            let scan = observations.scan[i] as usize;
+            let scan = observations.readings.scan[i] as usize;
             let (Some(figures), Some(holds)) = (sample.scans.get_mut(scan), holds.get_mut(scan)) else {
                 continue;
             };
@@ -104,7 +104,7 @@ impl ResidualSample {
                 figures.rejected += 1;
             }
             if n % step == 0 {
-                sample.places.push(observations.points[i]);
+                sample.places.push(observations.readings.points[i]);
                 sample.residuals.push(residual);
                 sample.normalised.push(normalised);
                 sample.scan.push(scan as u16);

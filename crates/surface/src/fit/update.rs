@@ -3,9 +3,9 @@
 use super::FitOptions;
 use super::finish::variances_of_surface;
 use super::noise::SensorNoise;
-use super::refine::ConvergedFit;
+use super::refine::{ConvergedFit, ConvergedKind};
 use super::weights::weights_with_surface_variance;
-use crate::model::{Posterior, SurfaceModel};
+use crate::model::{Posterior, SurfaceModel, VertexInformation};
 use crate::observe::{Foot, FootChannels, Observations, ProjectedReadings, StepInput, normal_step, project};
 use crate::subdivision::RefinementLog;
 use planish_core::Progress;
@@ -21,6 +21,8 @@ const ITERATIONS: u8 = 4;
 /// The state of an update between its iterations.
 struct Update<'a> {
     model: &'a SurfaceModel,
+    /// The model's information about its vertices.
+    information: &'a VertexInformation,
     system: &'a SurfaceSystem,
     options: &'a FitOptions,
     subset: Vec<u32>,
@@ -38,6 +40,7 @@ struct Update<'a> {
 /// Adds observations to a model whose hierarchy stays.
 pub(super) fn add_to_model(
     model: &SurfaceModel,
+    information: &VertexInformation,
     observations: &mut Observations,
     options: &FitOptions,
     progress: &dyn Progress,
@@ -45,13 +48,14 @@ pub(super) fn add_to_model(
     let system = SurfaceSystem::new(model.surface.space())?;
     let mut update = Update {
         model,
+        information,
         system: &system,
         options,
         subset: observations.fitted(),
         surface: model.surface.clone(),
         at: vec![[0.0; 2]; observations.len()],
-        noise: SensorNoise::stated(observations),
-        degrees: vec![0.0; observations.stated.len()],
+        noise: SensorNoise::stated(&observations.channels),
+        degrees: vec![0.0; observations.channels.len()],
         predicted: None,
         variance_before: Vec::new(),
     };
@@ -71,13 +75,12 @@ pub(super) fn add_to_model(
         feet,
         noise,
         weight: model.smoothness_weight,
-        prior: model.prior.clone(),
+        prior: information.prior.clone(),
         at,
         reached_limit: false,
         reached_tolerance: false,
         refined: RefinementLog::default(),
-        filtered: None,
-        moves_freely: false,
+        kind: ConvergedKind::AlongNormals,
         system,
     })
 }
@@ -97,7 +100,7 @@ impl Update<'_> {
             let before = before.with_unresolved_shape(&self.model.unresolved_shape);
             self.variance_before = variances_of_surface(&before, &feet)?;
             for ((foot, of_surface), &i) in judged.iter_mut().zip(&self.variance_before).zip(subset) {
-                let stated = observations.stated[observations.channel(i as usize)];
+                let stated = observations.channels[observations.channel(i as usize)].stated;
                 foot.variance += if stated { *of_surface } else { 0.0 };
             }
         }
@@ -107,7 +110,7 @@ impl Update<'_> {
         match &self.predicted {
             None => self.predicted = Some(self.noise.clone()),
             Some(predicted) => {
-                self.noise.keep_where_redundancy_lacks(observations, predicted, &self.degrees);
+                self.noise.keep_where_redundancy_lacks(&observations.channels, predicted, &self.degrees);
             }
         }
         Ok(feet)
@@ -134,9 +137,9 @@ impl Update<'_> {
                 feet,
                 information: &information,
                 channels: &FootChannels::new(observations, &self.subset),
-                prior: &self.model.prior,
+                prior: &self.information.prior,
                 weight: 1.0,
-                earlier: Some(&self.model.data),
+                earlier: Some(&self.information.data),
             },
             factor,
         )?;

@@ -59,7 +59,7 @@ pub(super) fn weights_with_surface_variance(
             let variance = noise.variance(readings, k);
             let r = foot.extremes().0 / (variance + surface_variance(k)).sqrt();
             if finding {
-                let above = readings.observations.ground
+                let above = readings.observations.intake.ground
                     && foot.quantity == Quantity::Position
                     && foot.height() * foot.normal[2] > 0.0;
                 let softened = match r / BOUNDED {

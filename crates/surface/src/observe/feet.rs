@@ -147,7 +147,7 @@ pub(crate) fn project(
         .with_min_len(512)
         .map(|&i| {
             let i = i as usize;
-            let z = observations.points[i];
+            let z = observations.readings.points[i];
             let scan_normal = observations.normal(i);
             // A foot is followed from its last parameters; a search is only needed for new readings.
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
@@ -175,7 +175,7 @@ pub(crate) fn project(
                     let covariance = observations.covariance(i);
                     let factor = factors[observations.channel(i)];
                     made.residuals[0] = foot.height
-                        - observations.scan_errors.bias_along(observations.scan[i], z, foot.normal);
+                        - observations.scan_errors.bias_along(observations.readings.scan[i], z, foot.normal);
                     made.residuals[0] -= expected_lift(&foot.jet, &covariance, factor);
                 }
                 directional => match made.directional(surface, &directional) {

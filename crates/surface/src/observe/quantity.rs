@@ -38,7 +38,7 @@ impl Quantity {
 }
 
 /// The readings of one quantity by one sensor; each channel has its own σ.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Channel {
     /// Index of the sensor in the set.
     pub sensor: usize,
@@ -47,12 +47,33 @@ pub struct Channel {
     /// True if its readings were inferred from others. The channel then has no sensor and no noise of its
     /// own.
     pub inferred: bool,
+    /// True if σ was stated: by the sensor's model, or for every point of its scans.
+    pub stated: bool,
+    /// Variance of the points of the channel's largest scan about the planes of their neighbours, over the
+    /// stated variance (over 1 if none was stated). It is at least that of the noise, unless errors of
+    /// neighbours are correlated. None if there are too few points.
+    pub roughness: Option<f64>,
+    /// True if errors of neighbouring readings are correlated. In dense stereo they are, since neighbours
+    /// share most of the matched pixels.
+    pub correlated_errors: bool,
+}
+
+impl Channel {
+    /// A channel of a sensor, with a stated σ until a scan states none.
+    pub(super) fn new(sensor: usize, quantity: Quantity) -> Self {
+        Self { sensor, quantity, inferred: false, stated: true, roughness: None, correlated_errors: false }
+    }
+
+    /// True if the channel holds the readings of a quantity by a sensor.
+    pub(super) fn measures(&self, sensor: usize, quantity: Quantity) -> bool {
+        self.sensor == sensor && self.quantity == quantity && !self.inferred
+    }
 }
 
 /// The value of one reading, in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Measured {
-    /// A position, which [`Observations::points`](super::Observations) holds.
+    /// A position, which [`ReadingColumns::points`](super::ReadingColumns) holds.
     Position,
     /// A unit normal.
     Normal([f64; 3]),

@@ -222,12 +222,12 @@ impl ScanErrors {
         align: bool,
         earlier: Option<&SurfaceModel>,
     ) -> Self {
-        let size = BoundingBox::from_points(&observations.points).map_or(0.0, |b| b.diagonal());
+        let size = BoundingBox::from_points(&observations.readings.points).map_or(0.0, |b| b.diagonal());
         let mut made = Self {
-            of_scan: vec![None; observations.channel_of_scan.len()],
+            of_scan: vec![None; observations.scans.channel.len()],
             size,
             earlier: earlier.and_then(|model| {
-                let information = model.scan_errors.clone()?;
+                let information = model.known.scan_errors()?.clone();
                 Some(EarlierScanErrors {
                     moved: vec![0.0; information.corner.len().isqrt()],
                     vertices: model.surface.vertices().to_vec(),
@@ -237,7 +237,7 @@ impl ScanErrors {
             ..Self::default()
         };
         let mut sums = vec![([0.0; 3], 0_usize); set.scans.len()];
-        for (p, &s) in observations.points.iter().zip(&observations.scan) {
+        for (p, &s) in observations.readings.points.iter().zip(&observations.readings.scan) {
             if let Some((sum, count)) = sums.get_mut(observations.base_scan(s as usize)) {
                 (*sum, *count) = (add(*sum, *p), *count + 1);
             }

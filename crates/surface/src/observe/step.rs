@@ -185,7 +185,7 @@ pub(crate) struct FootChannels<'a> {
 
 impl<'a> FootChannels<'a> {
     pub(crate) fn new(observations: &'a Observations, subset: &'a [u32]) -> Self {
-        Self { observations, subset, count: observations.stated.len(), with_scan_errors: true }
+        Self { observations, subset, count: observations.channels.len(), with_scan_errors: true }
     }
 
     /// The same with the poses and biases of scans held.

@@ -121,6 +121,6 @@ fn cells_in_another_order_keep_their_marks() {
 #[test]
 fn a_number_that_is_not_finite_is_not_saved() {
     let mut model = small_model(Shape::Sheet);
-    model.data.values_mut()[0] = f64::NAN;
+    model.known.information_mut().unwrap().data.values_mut()[0] = f64::NAN;
     assert!(to_file(&model, &[]).unwrap_err().to_string().contains("information_data_values"));
 }

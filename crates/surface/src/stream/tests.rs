@@ -53,7 +53,7 @@ fn a_resumed_stream_continues_to_the_last_bit() {
     assert_eq!(stream.readings(), resumed.readings());
     let (a, b) = (stream.model().unwrap(), resumed.model().unwrap());
     assert_eq!(a.surface.vertices(), b.surface.vertices());
-    assert_eq!(a.patches.unwrap().state(), b.patches.unwrap().state());
+    assert_eq!(a.known.filter().unwrap().state(), b.known.filter().unwrap().state());
 }
 
 /// What is stated must be true, and memory must not depend on how much was read.

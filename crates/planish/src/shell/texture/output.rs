@@ -5,7 +5,7 @@
 
 use super::Coloured;
 use super::painted::Texture;
-use crate::shell::appearance::{Known, normals_of, write_glb, write_obj};
+use crate::shell::appearance::{Known, PoseAnimation, normals_of, write_glb, write_obj};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::glb::{PosedMesh, write_posed};
@@ -81,7 +81,7 @@ pub(super) fn write(
             if ending == "obj" {
                 return write_obj(path, &painted, &file.points, Some(&png));
             }
-            write_glb(path, &painted, &file.points, &[], &[], known, Some(&png))?;
+            write_glb(path, &painted, &file.points, PoseAnimation::default(), known, Some(&png))?;
         }
     }
     Ok(vec![path.to_owned()])

@@ -35,13 +35,19 @@ fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
     side.next_power_of_two().clamp(DEFAULT_SIDES[0], DEFAULT_SIDES[1])
 }
 
+/// The mesh that is painted, and the views that colour it.
+pub(super) struct Painting<'a> {
+    pub job: &'a ShellTextureJob,
+    pub file: &'a TexturedMesh,
+    pub scene: &'a Scene,
+    /// Colours of the vertices, for places that no view sees.
+    pub coloured: &'a Coloured,
+    pub views: &'a [&'a ColourView],
+}
+
 /// Paints a texture: each of its pixels by what views see of its place on the mesh.
 pub(super) fn paint(
-    job: &ShellTextureJob,
-    file: &TexturedMesh,
-    scene: &Scene,
-    coloured: &Coloured,
-    views: &[&ColourView],
+    Painting { job, file, scene, coloured, views }: &Painting<'_>,
     seen: &(dyn Fn([f64; 3], [f64; 3]) -> Option<[f64; 3]> + Sync),
     warnings: &mut Vec<String>,
 ) -> Result<Texture> {

@@ -7,7 +7,7 @@ use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
 use crate::fit::leaves::{leaf_areas, leaves_with_feet};
 use crate::fit::noise::SensorNoise;
-use crate::fit::refine::ConvergedFit;
+use crate::fit::refine::{ConvergedFit, ConvergedKind};
 use crate::fit::weights::{weight_of_length, weights};
 use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
@@ -79,8 +79,8 @@ impl Sheet<'_> {
         let area: f64 = leaf_areas(previous).iter().sum();
         let spacing = (area / subset.len().max(1) as f64).sqrt();
         let mut at = vec![[0.0; 2]; observations.len()];
-        let mut noise = SensorNoise::stated(observations);
-        let unknown = vec![0.0; observations.stated.len()];
+        let mut noise = SensorNoise::stated(&observations.channels);
+        let unknown = vec![0.0; observations.channels.len()];
         let mut surface = previous.clone();
         let mut weight = None;
         let mut resting = false;
@@ -160,8 +160,7 @@ impl Sheet<'_> {
             reached_limit: !resting,
             reached_tolerance: false,
             refined: RefinementLog::default(),
-            filtered: None,
-            moves_freely: true,
+            kind: ConvergedKind::Free,
         };
         Ok(LaidSheet { converged, beyond, held })
     }
@@ -216,7 +215,7 @@ impl Sheet<'_> {
                 };
                 // Huber's weight: a reading far beyond the border must not tear it out.
                 let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
-                let z = observations.points[subset[k] as usize];
+                let z = observations.readings.points[subset[k] as usize];
                 cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
                 any = true;
             }
@@ -231,7 +230,7 @@ fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot:
         return None;
     }
     let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
-    let off = sub(observations.points[reading as usize], from);
+    let off = sub(observations.readings.points[reading as usize], from);
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 

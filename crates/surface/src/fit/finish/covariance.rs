@@ -44,14 +44,14 @@ impl Finishing<'_> {
             1.0 + others as f64 / own
         };
         let mut stated = Vec::new();
-        if !errors.is_empty() {
+        if let (false, Some(slot)) = (errors.is_empty(), model.known.scan_errors_mut()) {
             let equations = errors.equations(&here);
             stated = equations.prior.clone();
-            model.scan_errors = Some(equations.into_information(parts));
+            *slot = Some(equations.into_information(parts));
         }
         progress.check("covariance", 0.95)?;
         let covariance = model.covariance(self.system)?;
-        let Some(mut scan_error_information) = model.scan_errors.take() else {
+        let Some(mut scan_error_information) = model.known.scan_errors_mut().and_then(Option::take) else {
             return Ok((Arc::new(covariance), stated));
         };
         // Noise of the surface tilts its normals. Without this correction the tilt would count as
@@ -63,7 +63,9 @@ impl Finishing<'_> {
         for (corner, change) in scan_error_information.corner.iter_mut().zip(change) {
             *corner += change;
         }
-        model.scan_errors = Some(scan_error_information);
+        if let Some(slot) = model.known.scan_errors_mut() {
+            *slot = Some(scan_error_information);
+        }
         Ok((Arc::new(covariance), stated))
     }
 }

@@ -18,7 +18,7 @@ pub(super) fn judge_held_out(
 ) -> Result<HeldOut> {
     let surface = posterior.surface();
     let held: Vec<u32> =
-        (0..observations.len() as u32).filter(|&i| observations.held_out[i as usize]).collect();
+        (0..observations.len() as u32).filter(|&i| observations.readings.held_out[i as usize]).collect();
     if held.is_empty() {
         return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
     }

@@ -35,7 +35,7 @@ pub(super) fn sensor_reports(
 ) -> Vec<SensorReport> {
     let ProjectedReadings { observations, subset, feet } = readings;
     (observations.channels.iter().enumerate())
-        .filter(|(c, channel)| !channel.inferred && observations.channel_of_scan.contains(c))
+        .filter(|(c, channel)| !channel.inferred && observations.scans.channel.contains(c))
         .map(|(c, channel)| {
             let (mut count, mut square, mut stated) =
                 others.get(c).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
@@ -57,10 +57,10 @@ pub(super) fn sensor_reports(
                 name: set.sensors[channel.sensor].name.clone(),
                 quantity: channel.quantity.name().to_owned(),
                 observations: count,
-                sigma_stated: observations.stated[c].then_some(in_unit * typical),
+                sigma_stated: observations.channels[c].stated.then_some(in_unit * typical),
                 sigma_estimated: in_unit * noise.estimated_factors[c].sqrt() * typical,
                 rms: in_unit * (square / n).sqrt(),
-                sigma_used_is_estimated: !observations.stated[c] || noise.is_contradicted[c],
+                sigma_used_is_estimated: !observations.channels[c].stated || noise.is_contradicted[c],
             }
         })
         // A sensor of normals or curvatures has places, but they are not position readings.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::fit::fit;
+use crate::fit::{Strategy, fit};
 use nalgebra::{DMatrix, DVector};
 use planish_core::Silent;
 use planish_estimate::ErrorKind;
@@ -60,7 +60,7 @@ fn set_of(scans: Vec<(Scan, Option<f64>)>) -> ScanSet {
 }
 
 fn options(cells: [usize; 2]) -> FitOptions {
-    FitOptions { known_parameters: Some(cells), ..FitOptions::default() }
+    FitOptions { strategy: Strategy::KnownParameters { cells }, ..FitOptions::default() }
 }
 
 /// The textbook's ridge regression on a dense matrix, with the weight and σ that the fit has found.
@@ -71,7 +71,7 @@ fn vertices_and_sigmas_match_dense_normal_equations() {
     let options = FitOptions { held_out_share: 0.0, ..options([5, 4]) };
     let fitted = fit(&set, &options, &Silent).unwrap();
     let model = &fitted.model;
-    assert_eq!(model.measured_coordinates, Some([false, false, true]));
+    assert_eq!(model.known.measured_coordinates(), Some([false, false, true]));
     let space = model.surface.space();
     let n = space.node_count();
     let system = SurfaceSystem::new(space).unwrap();
@@ -201,7 +201,7 @@ fn closed_shapes_with_known_parameters_are_fitted() {
         .collect();
     let options = FitOptions { shape: Some(Shape::Ball), ..options([24, 12]) };
     let fitted = fit(&set_of(vec![(scan, None)]), &options, &Silent).unwrap();
-    assert_eq!(fitted.model.measured_coordinates, Some([true; 3]));
+    assert_eq!(fitted.model.known.measured_coordinates(), Some([true; 3]));
     let report = &fitted.report;
     assert!((report.sensors[0].sigma_estimated / sigma - 1.0).abs() < 0.02, "{report:?}");
     assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05, "{report:?}");

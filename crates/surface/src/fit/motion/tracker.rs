@@ -159,7 +159,7 @@ impl<'a> RigidTracker<'a> {
         let readings: Vec<Reading> = (0..observations.len())
             .step_by(observations.len().div_ceil(MAX_READINGS).max(1))
             .map(|i| Reading {
-                point: sub(observations.points[i], self.middle),
+                point: sub(observations.readings.points[i], self.middle),
                 normal: observations.normal(i),
                 variance: observations.variance(i, observations.normal(i)).max(f64::MIN_POSITIVE),
             })
@@ -187,7 +187,7 @@ impl<'a> RigidTracker<'a> {
             .ok_or_else(|| Error::undetermined("the predicted pose has no covariance"))?
             .inverse();
         let mut pose = if self.tracked.len() == 1 { start } else { predicted };
-        let stated = observations.stated.iter().all(|&s| s);
+        let stated = observations.channels.iter().all(|c| c.stated);
         let mut scale_of_variance = 1.0;
         let mut posterior = pose_covariance;
         let mut met = 0;

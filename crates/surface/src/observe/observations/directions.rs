@@ -1,6 +1,7 @@
 //! Normals and curvatures of scans as readings of their own.
 
-use super::{Observations, ScanNoise};
+use super::Observations;
+use super::columns::{ReadingRow, ScanNoise};
 use crate::observe::{Channel, Quantity, RejectionCause};
 use planish_estimate::vector3::{cross, dot, norm, scale, unit};
 use planish_estimate::{Error, Result};
@@ -74,11 +75,11 @@ impl Observations {
             // For each reading: its index, its point in the scan, its normal, and −1 if that points away from
             // the side that was found for it.
             let known: Vec<(usize, usize, [f64; 3], f64)> = (0..placed)
-                .filter(|&k| self.scan[k] as usize == s)
+                .filter(|&k| self.readings.scan[k] as usize == s)
                 .filter_map(|k| {
-                    let i = self.source[k] as usize;
+                    let i = self.readings.source[k] as usize;
                     let normal = unit(turn.rotate(scan.normals.as_ref().map_or([0.0; 3], |all| all[i])))?;
-                    let side = dot(normal, self.normals[k].map(f64::from));
+                    let side = dot(normal, self.readings.normals[k].map(f64::from));
                     Some((k, i, normal, if side < 0.0 { -1.0 } else { 1.0 }))
                 })
                 .collect();
@@ -111,51 +112,48 @@ impl Observations {
                 });
                 let (at, readings): (Vec<usize>, Vec<_>) = readings.unzip();
                 if along_normal > 0 {
-                    *self.rejected.entry(RejectionCause::DirectionAlongNormal).or_insert(0) += along_normal;
-                    self.total += along_normal;
+                    *self.intake.rejected.entry(RejectionCause::DirectionAlongNormal).or_insert(0) +=
+                        along_normal;
+                    self.intake.total += along_normal;
                 }
                 let stated = scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
                 let noise = ScanNoise::Curvatures(readings);
                 self.add_scan(sensor_of_scan[s], Quantity::Curvature, stated, &at, noise);
             }
-            let silent = (0..placed).filter(|&k| self.scan[k] as usize == s).count() - known.len();
+            let silent = (0..placed).filter(|&k| self.readings.scan[k] as usize == s).count() - known.len();
             if silent > 0 && !sensor.kind.measures_positions() {
-                *self.rejected.entry(RejectionCause::NoDirection).or_insert(0) += silent;
+                *self.intake.rejected.entry(RejectionCause::NoDirection).or_insert(0) += silent;
             }
         }
-        self.source = Vec::new();
+        self.readings.source = Vec::new();
         let gone: Vec<bool> = (0..self.len())
-            .map(|k| k < placed && !sensors[sensor_of_scan[self.scan[k] as usize]].kind.measures_positions())
+            .map(|k| {
+                k < placed
+                    && !sensors[sensor_of_scan[self.readings.scan[k] as usize]].kind.measures_positions()
+            })
             .collect();
-        self.total -= gone.iter().filter(|&&g| g).count();
-        self.drop_marked(&gone);
+        self.intake.total -= gone.iter().filter(|&&g| g).count();
+        self.readings.drop_marked(&gone);
         Ok(())
     }
 
     /// Adds a scan of another quantity at the places `at` of existing readings.
     fn add_scan(&mut self, sensor: usize, quantity: Quantity, stated: bool, at: &[usize], noise: ScanNoise) {
-        let channel = Channel { sensor, quantity, inferred: false };
-        let number = self.channels.iter().position(|c| *c == channel).unwrap_or_else(|| {
-            self.channels.push(channel);
-            self.stated.push(true);
-            if !self.roughness.is_empty() {
-                self.roughness.push(None);
-            }
+        let number = self.channels.iter().position(|c| c.measures(sensor, quantity)).unwrap_or_else(|| {
+            // The first channels are the positions of the sensors, in their order.
+            let correlated_errors = self.channels[sensor].correlated_errors;
+            self.channels.push(Channel { correlated_errors, ..Channel::new(sensor, quantity) });
             self.channels.len() - 1
         });
-        self.stated[number] &= stated;
-        let scan = self.channel_of_scan.len() as u32;
-        self.channel_of_scan.push(number);
-        self.base.push(at.first().map_or(0, |&k| self.scan[k]));
-        self.noise.push(noise);
+        self.channels[number].stated &= stated;
+        let scan = self.scans.channel.len() as u32;
+        self.scans.channel.push(number);
+        self.scans.base.push(at.first().map_or(0, |&k| self.readings.scan[k]));
+        self.scans.noise.push(noise);
         for (index, &k) in (0..).zip(at) {
-            self.points.push(self.points[k]);
-            self.normals.push(self.normals[k]);
-            self.scan.push(scan);
-            self.index.push(index);
-            self.held_out.push(self.held_out[k]);
-            self.oriented.push(self.oriented[k]);
+            let place = self.readings.row(k);
+            self.readings.push(ReadingRow { scan, index, ..place });
         }
-        self.total += at.len();
+        self.intake.total += at.len();
     }
 }

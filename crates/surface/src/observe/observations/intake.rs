@@ -1,7 +1,8 @@
 //! From scans to observations: checks of points, duplicates, and held-out readings.
 
+use super::columns::{IntakeFigures, ReadingRow, ScanColumns, ScanNoise};
 use super::directions::Directions;
-use super::{ObservationOptions, Observations, ScanNoise, moved_viewing};
+use super::{ObservationOptions, Observations, moved_viewing};
 use crate::observe::hashing::{BitsHasher, hash01};
 use crate::observe::quantity::rotate_covariance;
 use crate::observe::{Channel, Quantity, RejectionCause};
@@ -62,13 +63,14 @@ impl Observations {
     ) -> Result<Self> {
         let total: usize = scans.iter().map(|s| s.points.len() + s.dropped_not_finite).sum();
         let mut made = Self {
-            channel_of_scan: sensor_of_scan.to_vec(),
-            channels: (0..sensors.len())
-                .map(|sensor| Channel { sensor, quantity: Quantity::Position, inferred: false })
+            scans: ScanColumns { channel: sensor_of_scan.to_vec(), ..ScanColumns::default() },
+            channels: (sensors.iter().enumerate())
+                .map(|(number, sensor)| Channel {
+                    correlated_errors: sensor.kind == SensorKind::Stereo,
+                    ..Channel::new(number, Quantity::Position)
+                })
                 .collect(),
-            total,
-            stated: vec![true; sensors.len()],
-            correlated_errors: sensors.iter().map(|s| s.kind == SensorKind::Stereo).collect(),
+            intake: IntakeFigures { total, ..IntakeFigures::default() },
             ..Self::default()
         };
         let found: usize = scans.iter().map(|s| s.points.len()).sum();
@@ -79,7 +81,7 @@ impl Observations {
         }
         let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
         if not_finite > 0 {
-            made.rejected.insert(RejectionCause::NotFinite, not_finite);
+            made.intake.rejected.insert(RejectionCause::NotFinite, not_finite);
         }
         // Normals and suspicions by scan, in parallel.
         let geometries = geometries(scans, options)?;
@@ -126,24 +128,26 @@ impl Observations {
         for i in 0..scan.points.len() {
             let world = scan.world_from_scanner.apply(scan.points[i]);
             if let Some(cause) = self.point_rejection(intake, (s, i), world, &checks) {
-                *self.rejected.entry(cause).or_insert(0) += 1;
+                *self.intake.rejected.entry(cause).or_insert(0) += 1;
                 continue;
             }
             let stated = || scan.normals.as_ref().filter(|_| options.unprocessed).map(|all| all[i]);
             let normal = geometry.map(|g| g.normals[i]).or_else(stated).unwrap_or([0.0; 3]);
-            self.points.push(world);
-            self.normals.push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
-            self.scan.push(s as u32);
-            self.index.push(kept);
             if intake.keep_source {
-                self.source.push(i as u32);
+                self.readings.source.push(i as u32);
             }
             // A normal of zero in a file means that it is not known.
             let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
-            self.oriented.push(known && geometry.is_some_and(|g| g.oriented));
             let may_be_held_out = scan.points.len() >= MIN_JUDGED;
-            self.held_out
-                .push(may_be_held_out && hash01(options.seed, s as u64, i as u64) < options.held_out_share);
+            self.readings.push(ReadingRow {
+                point: world,
+                normal: scan.world_from_scanner.rotate(normal).map(|c| c as f32),
+                scan: s as u32,
+                held_out: may_be_held_out
+                    && hash01(options.seed, s as u64, i as u64) < options.held_out_share,
+                index: kept,
+                oriented: known && geometry.is_some_and(|g| g.oriented),
+            });
             if let Some(all) = &scan.covariance {
                 covariances.push(rotate_covariance(&scan.world_from_scanner.rotation, &all[i]));
             } else if let Some(all) = &scan.sigma {
@@ -152,14 +156,14 @@ impl Observations {
             kept += 1;
         }
         let viewing = moved_viewing(scan.viewing, &scan.world_from_scanner);
-        self.noise.push(if scan.covariance.is_some() {
+        self.scans.noise.push(if scan.covariance.is_some() {
             ScanNoise::Covariance(covariances)
         } else if scan.sigma.is_some() {
             ScanNoise::Sigma(sigmas)
         } else if let Some(noise) = sensor.noise {
             ScanNoise::Model { noise, viewing }
         } else {
-            self.stated[intake.sensor_of_scan[s]] = false;
+            self.channels[intake.sensor_of_scan[s]].stated = false;
             // One unit of length stands for the unknown σ until it is estimated.
             ScanNoise::Model { noise: Noise::Isotropic { sigma: 1.0 }, viewing: Viewing::Unknown }
         });
@@ -186,7 +190,7 @@ impl Observations {
         };
         if let Some(earlier) = repeated {
             if earlier != s {
-                self.copies.insert((earlier as u32, s as u32));
+                self.intake.copies.insert((earlier as u32, s as u32));
             }
             return Some(RejectionCause::Duplicate);
         }
@@ -199,11 +203,11 @@ impl Observations {
     }
 
     fn refuse_too_few(&self) -> Result<()> {
-        let (left, total) = (self.points.len(), self.total);
+        let (left, total) = (self.readings.points.len(), self.intake.total);
         if left >= MIN_POINTS {
             return Ok(());
         }
-        let repeated = self.rejected.get(&RejectionCause::Duplicate).copied().unwrap_or(0);
+        let repeated = self.intake.rejected.get(&RejectionCause::Duplicate).copied().unwrap_or(0);
         Err(Error::undetermined(if repeated > 0 {
             format!(
                 "of {total} readings {repeated} repeat the coordinates of another, which leaves {left}: at \

@@ -24,18 +24,19 @@ impl Observations {
         orient: bool,
         touched: impl Fn(usize) -> bool,
     ) -> Result<()> {
-        if self.oriented.iter().all(|&o| o) {
+        if self.readings.oriented.iter().all(|&o| o) {
             return Ok(());
         }
-        let unknown = |made: &Self, i: usize| !made.oriented[i] && made.normals[i] == [0.0; 3];
+        let unknown =
+            |made: &Self, i: usize| !made.readings.oriented[i] && made.readings.normals[i] == [0.0; 3];
         if (0..self.len()).any(|i| unknown(self, i)) {
-            let cloud = cloud_geometry(&self.points, neighbours)?;
+            let cloud = cloud_geometry(&self.readings.points, neighbours)?;
             let touch = |i: usize| touched(self.channels[self.channel(i)].sensor);
             let mut gone: Vec<bool> =
                 (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
             if (0..self.len()).any(|i| gone[i] && touch(i)) {
                 let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
-                let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.points[i]).collect();
+                let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.readings.points[i]).collect();
                 let among_touches = match points.len() {
                     0..MIN_POINTS => vec![false; points.len()],
                     _ => cloud_geometry(&points, neighbours)?.isolated,
@@ -46,7 +47,7 @@ impl Observations {
             }
             for i in (0..self.len()).filter(|&i| !gone[i]) {
                 if unknown(self, i) {
-                    self.normals[i] = cloud.normals[i].map(|c| c as f32);
+                    self.readings.normals[i] = cloud.normals[i].map(|c| c as f32);
                 }
             }
             self.reject(&gone, RejectionCause::Isolated);
@@ -55,17 +56,17 @@ impl Observations {
             return Ok(());
         }
         let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
-        orient_normals(&self.points, &mut normals, &self.oriented, neighbours)?;
-        self.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
+        orient_normals(&self.readings.points, &mut normals, &self.readings.oriented, neighbours)?;
+        self.readings.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
         Ok(())
     }
 
     /// Rejects points above the ground or far below it, except in scans whose classes mark the ground.
     pub(super) fn keep_ground(&mut self, scans: &[&Scan], options: &GroundOptions) -> Result<()> {
-        self.ground = true;
-        let mut found = classify_ground(&self.points, options)?;
+        self.intake.ground = true;
+        let mut found = classify_ground(&self.readings.points, options)?;
         let is_classified: Vec<bool> = scans.iter().map(|scan| has_ground(scan)).collect();
-        for (what, &scan) in found.iter_mut().zip(&self.scan) {
+        for (what, &scan) in found.iter_mut().zip(&self.readings.scan) {
             if is_classified[scan as usize] {
                 *what = Ground::Bare;
             }
@@ -93,32 +94,33 @@ impl Observations {
     pub(super) fn turn_upwards(&mut self) {
         /// Cosine of sixty degrees.
         const STEEP: f64 = 0.5;
-        let (_, axes, _) = principal_axes(&self.points);
+        let (_, axes, _) = principal_axes(&self.readings.points);
         let flat = axes[2];
         let largest = flat.into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
-        for i in (0..self.len()).filter(|&i| !self.oriented[i]) {
+        for i in (0..self.len()).filter(|&i| !self.readings.oriented[i]) {
             let up = dot(self.normal(i), flat) * largest.signum();
             if up < -STEEP {
-                self.normals[i] = self.normals[i].map(|c| -c);
+                self.readings.normals[i] = self.readings.normals[i].map(|c| -c);
             } else if up < STEEP {
-                self.normals[i] = [0.0; 3];
+                self.readings.normals[i] = [0.0; 3];
             }
         }
     }
 
-    /// Computes [`Self::roughness`] and [`Self::min_variance`].
+    /// Computes [`Self::min_variance`] and the roughness of every channel.
     pub(super) fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
-        let size = BoundingBox::from_points(&self.points).map_or(0.0, |b| b.diagonal());
+        let size = BoundingBox::from_points(&self.readings.points).map_or(0.0, |b| b.diagonal());
         self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
-        self.roughness = (0..sensors)
+        let roughness: Vec<Option<f64>> = (0..sensors)
             .map(|sensor| {
                 let largest = (0..scans.len())
-                    .filter(|&s| self.channel_of_scan[s] == sensor)
+                    .filter(|&s| self.scans.channel[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;
-                let known = |i: usize| self.normals[i] != [0.0; 3];
-                let own: Vec<usize> =
-                    (0..self.len()).filter(|&i| self.scan[i] as usize == largest && known(i)).collect();
-                let points: Vec<[f64; 3]> = own.iter().map(|&i| self.points[i]).collect();
+                let known = |i: usize| self.readings.normals[i] != [0.0; 3];
+                let own: Vec<usize> = (0..self.len())
+                    .filter(|&i| self.readings.scan[i] as usize == largest && known(i))
+                    .collect();
+                let points: Vec<[f64; 3]> = own.iter().map(|&i| self.readings.points[i]).collect();
                 let variance = |&i: &usize| variance_along(&self.covariance(i), self.normal(i));
                 let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
                 local_roughness(&points, neighbours)
@@ -126,5 +128,8 @@ impl Observations {
                     .map(|roughness| (roughness * roughness).max(self.min_variance) / stated)
             })
             .collect();
+        for (channel, roughness) in self.channels.iter_mut().zip(roughness) {
+            channel.roughness = roughness;
+        }
     }
 }

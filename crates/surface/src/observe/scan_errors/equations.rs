@@ -126,7 +126,7 @@ impl ScanErrors {
     pub(crate) fn equations(&self, at: &Linearized<'_>) -> ScanErrorEquations {
         let mut made = self.of_readings(at, |error, foot, i| {
             let observations = at.channels.observations;
-            error.rows(at.surface, foot, observations.points[i], &observations.measured(i))
+            error.rows(at.surface, foot, observations.readings.points[i], &observations.measured(i))
         });
         let width = self.width();
         if let Some(earlier) = &self.earlier {
@@ -202,7 +202,7 @@ impl ScanErrors {
         let mut mean = vec![0.0; self.width() * self.width()];
         for drawn in noise {
             let equations = self.of_readings(at, |error, foot, i| {
-                error.noise_rows(at.surface, drawn, foot, at.channels.observations.points[i])
+                error.noise_rows(at.surface, drawn, foot, at.channels.observations.readings.points[i])
             });
             let ScanErrorInformation { coupling, corner } = equations.into_information(parts);
             for (mean, seen) in mean.iter_mut().zip(Bordered::complement_of(factor, &coupling, &corner)?) {
@@ -216,7 +216,7 @@ impl ScanErrors {
     fn readings(&self, information: &[f64], channels: &FootChannels<'_>) -> Vec<Vec<u32>> {
         let mut own: Vec<Vec<u32>> = vec![Vec::new(); self.errors.len()];
         for (k, (&i, &w)) in channels.subset.iter().zip(information).enumerate() {
-            let scan = channels.observations.scan[i as usize] as usize;
+            let scan = channels.observations.readings.scan[i as usize] as usize;
             if w > 0.0
                 && let Some(error) = self.of_scan[scan]
             {

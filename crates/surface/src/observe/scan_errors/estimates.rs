@@ -28,7 +28,7 @@ impl ScanErrorEstimate {
     pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: [f64; 3], observations: &Observations) {
         if let Some(covariance) = &self.covariance {
             let back = self.stated.after(&self.pose.inverse());
-            let own = (observations.points.iter().zip(&observations.scan))
+            let own = (observations.readings.points.iter().zip(&observations.readings.scan))
                 .filter(|(_, s)| **s as usize == self.scan);
             let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
                 (sum + distance(back.apply(*p), *p).powi(2), count + 1)

@@ -1,0 +1,135 @@
+//! The columns of [`Observations`](super::Observations), apart by what they have an entry for.
+
+use super::InferredVariance;
+use crate::observe::RejectionCause;
+use planish_sense::{Noise, Viewing};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What every reading has: one entry for each, in the same order in all columns.
+#[derive(Debug, Clone, Default)]
+pub struct ReadingColumns {
+    /// Positions in the world frame.
+    pub points: Vec<[f64; 3]>,
+    /// Unit normals of the scans, in the world frame; zero if unknown.
+    pub normals: Vec<[f32; 3]>,
+    /// Index of the scan of each reading.
+    pub scan: Vec<u32>,
+    /// True if the reading is held out of the fit to judge it.
+    pub held_out: Vec<bool>,
+    /// Index of the reading among the scan's kept readings.
+    pub(super) index: Vec<u32>,
+    /// True if the sign of the normal is known, from the scan or its viewpoint.
+    pub(super) oriented: Vec<bool>,
+    /// Index of each reading in its scan's file, until normals and curvatures are added.
+    pub(super) source: Vec<u32>,
+}
+
+/// One row of [`ReadingColumns`].
+#[derive(Clone, Copy)]
+pub(super) struct ReadingRow {
+    pub point: [f64; 3],
+    pub normal: [f32; 3],
+    pub scan: u32,
+    pub held_out: bool,
+    pub index: u32,
+    pub oriented: bool,
+}
+
+impl ReadingColumns {
+    /// Number of readings.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True if there is no reading.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// The normal of a reading; zero if unknown.
+    #[inline]
+    #[must_use]
+    pub fn normal(&self, i: usize) -> [f64; 3] {
+        self.normals[i].map(f64::from)
+    }
+
+    pub(super) fn row(&self, i: usize) -> ReadingRow {
+        ReadingRow {
+            point: self.points[i],
+            normal: self.normals[i],
+            scan: self.scan[i],
+            held_out: self.held_out[i],
+            index: self.index[i],
+            oriented: self.oriented[i],
+        }
+    }
+
+    pub(super) fn push(&mut self, row: ReadingRow) {
+        self.points.push(row.point);
+        self.normals.push(row.normal);
+        self.scan.push(row.scan);
+        self.held_out.push(row.held_out);
+        self.index.push(row.index);
+        self.oriented.push(row.oriented);
+    }
+
+    /// Removes the marked readings.
+    pub(super) fn drop_marked(&mut self, gone: &[bool]) {
+        fn keep<T>(values: &mut Vec<T>, gone: &[bool]) {
+            let mut marks = gone.iter();
+            values.retain(|_| !marks.next().is_some_and(|&g| g));
+        }
+        keep(&mut self.points, gone);
+        keep(&mut self.normals, gone);
+        keep(&mut self.scan, gone);
+        keep(&mut self.index, gone);
+        keep(&mut self.held_out, gone);
+        keep(&mut self.oriented, gone);
+        if !self.source.is_empty() {
+            keep(&mut self.source, gone);
+        }
+    }
+}
+
+/// What every scan has. Normals and curvatures of a scan form further scans, after all others.
+#[derive(Debug, Clone, Default)]
+pub struct ScanColumns {
+    /// The channel of each scan.
+    pub(crate) channel: Vec<usize>,
+    /// The source of its covariances.
+    pub(super) noise: Vec<ScanNoise>,
+    /// For each scan of normals, curvatures or inferred readings, the scan that it belongs to.
+    pub(super) base: Vec<u32>,
+}
+
+/// The source of the covariances of one scan's points.
+#[derive(Debug, Clone)]
+pub(super) enum ScanNoise {
+    /// The sensor's noise model, with rays in the world frame.
+    Model { noise: Noise, viewing: Viewing },
+    /// One σ for each point.
+    Sigma(Vec<f64>),
+    /// One covariance for each point, in the world frame.
+    Covariance(Vec<[f64; 6]>),
+    /// Normals, each with its variance about each axis in the tangent plane, in radians squared.
+    Normals(Vec<([f64; 3], f64)>),
+    /// Curvature tensors, each with the variance of its components.
+    Curvatures(Vec<([f64; 6], f64)>),
+    /// Readings inferred from others.
+    Inferred(Vec<InferredVariance>),
+}
+
+/// What the intake of scans found, for reports and warnings.
+#[derive(Debug, Clone, Default)]
+pub struct IntakeFigures {
+    /// Number of readings before any rejection.
+    pub total: usize,
+    /// Rejected readings, by cause.
+    pub rejected: BTreeMap<RejectionCause, usize>,
+    /// True if objects on the ground were removed; some of their points may remain.
+    pub ground: bool,
+    /// Pairs of scans of which the second repeats readings of the first.
+    pub(super) copies: BTreeSet<(u32, u32)>,
+}
