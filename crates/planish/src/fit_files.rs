@@ -7,13 +7,13 @@ mod page;
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::job::Job;
-use crate::next::Length;
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, check_outputs, plan_outputs, prepare,
     refuse_input_as_output,
 };
 use crate::report::{ReportOutput, with_page};
 use page::fit_page;
+use planish_core::Length;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};

@@ -36,7 +36,6 @@ mod image;
 mod normals;
 pub mod occluding;
 mod photometric;
-mod pose;
 mod rectify;
 mod scan;
 mod sensor;
@@ -57,7 +56,7 @@ pub use normals::{
 pub use photometric::{
     NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals,
 };
-pub use pose::Pose;
+pub use planish_core::Pose;
 pub use rectify::{LensCamera, Rectification, StereoRig};
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind, variance_along};

@@ -14,6 +14,7 @@
 use super::form::ClosedForm;
 use super::truth::{Truth, positive};
 use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
+use planish_core::random::GOLDEN_GAMMA;
 use planish_core::{Progress, ProgressPart, Silent, WRITING_STAGE};
 use planish_estimate::vector3::{add_scaled, cross, scale, tangents, unit};
 use planish_estimate::{Error, Result};
@@ -343,7 +344,7 @@ impl ScanScene {
 /// A seed for each scan.
 pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     // The odd constant is 2⁶⁴ over the golden ratio: neighbours in seed and scan get seeds far apart.
-    seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+    seed.wrapping_add((scan as u64 + 1).wrapping_mul(GOLDEN_GAMMA))
 }
 
 /// Where a view stands: looking at the middle of the object from four lengths away, with a few degrees of

@@ -11,6 +11,7 @@ use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
+use planish_core::BoundingBox;
 use planish_estimate::vector3::sub;
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
@@ -80,8 +81,8 @@ impl Animation {
         if !(seconds > 0.0 && seconds.is_finite()) {
             return Err(Error::input(format!("needed a positive time of each frame, found {seconds} s")));
         }
-        let (low, high) = bounds(&last.points);
-        let centre: [f64; 3] = std::array::from_fn(|k| low[k] + 0.5 * (high[k] - low[k]));
+        let centre = BoundingBox::from_points(&last.points)
+            .map_or([0.0; 3], |b| std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k])));
         let mut columns: Vec<Column> = vec![
             last.points.iter().map(|p| sub(*p, centre).map(|c| c as f32)).collect(),
             last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
@@ -166,12 +167,6 @@ impl Animation {
         }
         Ok(())
     }
-}
-
-fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
-    points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(low, high), p| {
-        (std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k])))
-    })
 }
 
 /// The least and the largest of each coordinate, as they are written.

@@ -187,7 +187,7 @@ fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
         of.join(*a, *b);
         of.join(*a, *c);
     }
-    (0..mesh.positions.len() as u32).map(|v| of.root(v)).collect()
+    of.into_roots()
 }
 
 /// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs

@@ -4,8 +4,8 @@
 //! that frames agree where no pose was given.
 
 use crate::compare::ComparedMesh;
-use crate::next::Length;
 use crate::saved;
+use planish_core::Length;
 use planish_estimate::vector3::{cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, is_step_file, read_mesh};

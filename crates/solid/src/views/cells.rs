@@ -6,6 +6,7 @@
 
 use super::column::SurfaceId;
 use super::drawing_grid::DrawingGrid;
+use planish_core::DisjointSets;
 use planish_estimate::{Error, Result};
 use std::collections::HashSet;
 
@@ -18,7 +19,8 @@ const MAX_ATOMS: usize = 8_000_000;
 pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a DrawingGrid,
     first: Vec<u32>,
-    parent: Vec<u32>,
+    /// The cell of each atom: the smallest atom of the cell.
+    cell_of_atom: Vec<u32>,
     /// Cells thicker than the tolerance somewhere; empty without candidate surfaces.
     thick: HashSet<u32>,
     /// Cells of boxes with candidate surfaces in which no sample point is clear of all surfaces.
@@ -63,19 +65,13 @@ impl<'a> Cells<'a> {
                 }
             }
         }
-        let mut cells = Self {
-            plan,
-            first,
-            parent: (0..total as u32).collect(),
-            thick: HashSet::new(),
-            slivers: HashSet::new(),
-        };
+        let mut cells =
+            Self { plan, first, cell_of_atom: Vec::new(), thick: HashSet::new(), slivers: HashSet::new() };
+        let mut sets = DisjointSets::new(total);
         for axis in 0..3 {
-            cells.join_across(axis);
+            cells.join_across(&mut sets, axis);
         }
-        for atom in 0..total as u32 {
-            cells.parent[atom as usize] = cells.root(atom);
-        }
+        cells.cell_of_atom = sets.into_roots();
         cells.find_thick();
         Ok(cells)
     }
@@ -89,8 +85,8 @@ impl<'a> Cells<'a> {
         let (mut walled, mut real) = (HashSet::new(), HashSet::new());
         for place in 0..n[0] * n[1] * n[2] {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
-            let last = self.first.get(place + 1).map_or(self.parent.len(), |next| *next as usize);
-            let roots = self.parent[self.first[place] as usize..last].iter().copied();
+            let last = self.first.get(place + 1).map_or(self.cell_of_atom.len(), |next| *next as usize);
+            let roots = self.cell_of_atom[self.first[place] as usize..last].iter().copied();
             if plan.walls_in(cell).is_empty() {
                 real.extend(roots);
                 continue;
@@ -166,15 +162,6 @@ impl<'a> Cells<'a> {
         cuts
     }
 
-    fn root(&mut self, mut atom: u32) -> u32 {
-        while self.parent[atom as usize] != atom {
-            let up = self.parent[self.parent[atom as usize] as usize];
-            self.parent[atom as usize] = up;
-            atom = up;
-        }
-        atom
-    }
-
     fn atom(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
         let n = [1, 2].map(|a| self.plan.intervals(a));
         let mut bits = 0;
@@ -201,17 +188,17 @@ impl<'a> Cells<'a> {
 
     /// The cell of a point, by a number that all of its points share.
     pub(crate) fn at(&self, p: [f64; 3]) -> u32 {
-        self.parent[self.atom(self.box_of(p), p) as usize]
+        self.cell_of_atom[self.atom(self.box_of(p), p) as usize]
     }
 
     /// The cell of a point whose box is known.
     pub(crate) fn at_in(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
-        self.parent[self.atom(cell, p) as usize]
+        self.cell_of_atom[self.atom(cell, p) as usize]
     }
 
     /// Joins atoms on both sides of the grid planes across an axis, where a view that sees the plane edge-on
     /// draws nothing.
-    fn join_across(&mut self, axis: usize) {
+    fn join_across(&self, sets: &mut DisjointSets, axis: usize) {
         let plan = self.plan;
         let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::new(plan, v, axis)).collect();
         let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
@@ -224,18 +211,11 @@ impl<'a> Cells<'a> {
                     behind[axis] = at;
                     let hidden = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
                     if !hidden || drawn.is_empty() {
-                        self.join(before, behind, axis, at, [a, b]);
+                        self.join(sets, [before, behind], axis, at, [a, b]);
                     }
                 }
             }
         }
-    }
-
-    fn unite(&mut self, first: u32, second: u32) {
-        let (first, second) = (self.root(first), self.root(second));
-        // The least is the root, so that numbers do not depend on the order.
-        let (least, other) = (first.min(second), first.max(second));
-        self.parent[other as usize] = least;
     }
 
     /// Whether a point lies so near a piece of its box that rounding may put it on either side.
@@ -306,12 +286,19 @@ impl<'a> Cells<'a> {
         cuts
     }
 
-    fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
+    fn join(
+        &self,
+        sets: &mut DisjointSets,
+        [before, behind]: [[usize; 3]; 2],
+        axis: usize,
+        at: usize,
+        [a, b]: [usize; 2],
+    ) {
         let plan = self.plan;
         let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
-            self.unite(self.first[place(before)], self.first[place(behind)]);
+            sets.join(self.first[place(before)], self.first[place(behind)]);
             return;
         }
         let value = plan.grid[axis][at];
@@ -351,7 +338,7 @@ impl<'a> Cells<'a> {
                     continue;
                 }
                 let (first, second) = (self.atom(before, p), self.atom(behind, p));
-                self.unite(first, second);
+                sets.join(first, second);
             }
         }
     }

@@ -4,6 +4,8 @@
 //! # References
 //! Rousseeuw 1984, *Least median of squares regression*; Fischler and Bolles 1981, *Random sample consensus*.
 
+use planish_core::random::SplitMix64;
+
 /// Curves that are tried: of samples of five readings, a fifth of them wild, a hundred are free of wild ones.
 const SAMPLES: usize = 300;
 /// Of more points than this every so manieth is looked at.
@@ -26,19 +28,6 @@ pub(super) struct Curve<'a> {
     pub(super) distance: &'a dyn Fn(&[f64], [f64; 2]) -> f64,
 }
 
-/// Pseudorandom numbers (Steele, Lea and Flood 2014, *Fast splittable pseudorandom number generators*).
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % count as u64) as usize
-    }
-}
-
 impl Curve<'_> {
     /// The median distance of points.
     pub(super) fn median(&self, curve: &[f64], points: &[[f64; 2]]) -> f64 {
@@ -58,12 +47,12 @@ impl Curve<'_> {
         if some.len() < 2 * self.needed {
             return None;
         }
-        let mut random = Random(some.len() as u64);
+        let mut random = SplitMix64::new(some.len() as u64);
         let mut best: Option<(f64, Vec<f64>)> = None;
         for _ in 0..SAMPLES {
             let mut drawn: Vec<usize> = Vec::with_capacity(self.needed);
             while drawn.len() < self.needed {
-                let next = random.below(some.len());
+                let next = (random.next_u64() % some.len() as u64) as usize;
                 if !drawn.contains(&next) {
                     drawn.push(next);
                 }
