@@ -6,7 +6,7 @@
 //! | [`progress`] | [`Progress`]: reports from long work, and requests to stop it |
 //! | [`vector3`] | sums, products and lengths of `[f64; 3]` |
 //! | [`random`] | repeatable random bits and hashes |
-//! | crate root | [`Unit`], [`Length`], [`BoundingBox`], [`Pose`], [`DisjointSets`] |
+//! | crate root | [`Unit`], [`Length`], [`BoundingBox`], [`SymmetricMatrix3`], [`Pose`], [`DisjointSets`] |
 //!
 //! Coordinates are `[f64; 3]` in the unit of the model.
 //!
@@ -29,6 +29,7 @@ pub mod vector3;
 mod bounding_box;
 mod disjoint_sets;
 mod pose;
+mod symmetric_matrix3;
 mod unit;
 
 pub use bounding_box::BoundingBox;
@@ -36,4 +37,5 @@ pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};
+pub use symmetric_matrix3::SymmetricMatrix3;
 pub use unit::{Length, Unit};

@@ -100,7 +100,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
         let (u, v) = (column as f64, row as f64);
         let point = camera.point(u, v, reading).unwrap_or([f64::NAN; 3]);
         record[..3].copy_from_slice(&point);
-        record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default());
+        record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default().to_array());
         collector
             .push(&record, format_args!("column {column}, row {row}"))
             .map_err(|e| e.in_context(path.display()))?;

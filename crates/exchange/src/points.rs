@@ -11,6 +11,7 @@
 
 use std::fmt::Display;
 
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
@@ -246,7 +247,7 @@ impl PointCollector {
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
                 }
-                self.scan.covariance.get_or_insert_default().push(covariance);
+                self.scan.covariance.get_or_insert_default().push(SymmetricMatrix3::from_array(covariance));
             }
         }
         if let Some(columns) = self.columns.normal {

@@ -272,7 +272,7 @@ mod tests {
         let scan = read(b"# x y z sigma\n1 2 3 0.5\n").unwrap();
         assert_eq!(scan.sigma.unwrap(), [0.5]);
         let scan = read(b"x y z cxx cxy cxz cyy cyz czz\n1 2 3 4 0 0 5 0 6\n").unwrap();
-        assert_eq!(scan.covariance.unwrap(), [[4.0, 0.0, 0.0, 5.0, 0.0, 6.0]]);
+        assert_eq!(scan.covariance.unwrap()[0].to_array(), [4.0, 0.0, 0.0, 5.0, 0.0, 6.0]);
     }
 
     #[test]

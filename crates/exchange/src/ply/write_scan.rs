@@ -130,7 +130,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
             put(&[sigma[i]])?;
         }
         if let Some(covariance) = &scan.covariance {
-            put(&covariance[i])?;
+            put(&covariance[i].to_array())?;
         } else if let Some(sigma) = &scan.sigma {
             put(&[sigma[i]])?;
         }
@@ -150,6 +150,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
 mod tests {
     use super::super::read_scan;
     use super::*;
+    use planish_core::SymmetricMatrix3;
 
     #[test]
     fn scans_come_back_as_they_were_written() {
@@ -158,7 +159,10 @@ mod tests {
         let full = Scan {
             name: "a.ply".to_owned(),
             points: vec![[0.1, 1.0 / 3.0, -2e-7], [4.0, 5.0, 6.0]],
-            covariance: Some(vec![[1.0, 0.1, 0.0, 2.0, 0.0, 3.0], [0.5, 0.0, 0.0, 0.5, 0.0, 0.5]]),
+            covariance: Some(vec![
+                SymmetricMatrix3::from_array([1.0, 0.1, 0.0, 2.0, 0.0, 3.0]),
+                SymmetricMatrix3::isotropic(0.5),
+            ]),
             normals: Some(vec![[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
             sigma_normal_deg: Some(vec![2.0, 0.5]),
             grid: Some(RangeGrid { columns: 3, rows: 1, cells: vec![1, RangeGrid::EMPTY, 0] }),

@@ -45,13 +45,14 @@ fn morton(at: [f64; 3], bounds: &BoundingBox) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::SymmetricMatrix3;
     use planish_estimate::vector3::distance;
 
     fn readings(count: u32) -> Vec<PointReading> {
         (0..count)
             .map(|i| PointReading {
                 at: [0, 1, 2].map(|axis| hashed(3 * i + axis)),
-                covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+                covariance: SymmetricMatrix3::isotropic(1.0),
             })
             .collect()
     }

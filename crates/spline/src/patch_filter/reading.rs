@@ -25,10 +25,10 @@
 //! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3; Wang, Wang 1994, eq. 3–7 (which hold
 //! at unit speed only).
 
-use crate::base::symmetric_eigen;
 use crate::basis::cubic;
 use crate::surface::{Jet, leaf_weights};
 use crate::tangent_rows::{TangentRows, tensor_of};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{cross, dot, norm, unit};
 use planish_estimate::{Error, Result};
 
@@ -50,8 +50,8 @@ pub enum SurfaceReading {
         parameters: [f64; 2],
         /// The measured value.
         point: [f64; 3],
-        /// `xx xy xz yy yz zz`.
-        covariance: [f64; 6],
+        /// Covariance of the value.
+        covariance: SymmetricMatrix3,
     },
     /// The component of a position along a unit direction: a height, or a distance along a normal.
     Along {
@@ -137,8 +137,8 @@ impl SurfaceReading {
         let (values, variance, directions): (bool, f64, &[[f64; 3]]) = match self {
             Self::Position { point, variance, .. } => (finite(point), *variance, &[]),
             Self::PositionWithCovariance { point, covariance, .. } => {
-                let (_, values) = symmetric_eigen(*covariance);
-                (finite(point) && finite(covariance), values[2], &[])
+                let (_, values) = covariance.eigen();
+                (finite(point) && covariance.is_finite(), values[2], &[])
             }
             Self::Along { direction, value, variance, .. } => {
                 (value.is_finite(), *variance, std::slice::from_ref(direction))
@@ -182,7 +182,7 @@ impl SurfaceReading {
                 });
             }
             Self::PositionWithCovariance { point, covariance, .. } => {
-                let (axes, values) = symmetric_eigen(covariance);
+                let (axes, values) = covariance.eigen();
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
                     *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
                 }

@@ -15,13 +15,14 @@ mod normals;
 
 pub(crate) use intake::has_ground;
 
-use super::quantity::{Channel, Measured, Quantity, rotate_covariance};
+use super::quantity::{Channel, Measured, Quantity};
 use super::rejection::RejectionCause;
 use super::scan_errors::ScanErrors;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{dot, norm, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
-use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at, variance_along};
+use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -41,11 +42,11 @@ enum ScanNoise {
     /// One σ for each point.
     Sigma(Vec<f64>),
     /// One covariance for each point, in the world frame.
-    Covariance(Vec<[f64; 6]>),
+    Covariance(Vec<SymmetricMatrix3>),
     /// Normals, each with its variance about each axis in the tangent plane, in radians squared.
     Normals(Vec<([f64; 3], f64)>),
     /// Curvature tensors, each with the variance of its components.
-    Curvatures(Vec<([f64; 6], f64)>),
+    Curvatures(Vec<(SymmetricMatrix3, f64)>),
     /// Readings inferred from others.
     Inferred(Vec<InferredVariance>),
 }
@@ -230,12 +231,10 @@ impl Observations {
             match noise {
                 ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
                 ScanNoise::Sigma(_) | ScanNoise::Inferred(_) => {}
-                ScanNoise::Covariance(all) => {
-                    all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c))
-                }
+                ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = c.rotated(&motion.rotation)),
                 ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
                 ScanNoise::Curvatures(all) => {
-                    all.iter_mut().for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
+                    all.iter_mut().for_each(|(t, _)| *t = t.rotated(&motion.rotation));
                 }
             }
         }
@@ -293,7 +292,7 @@ impl Observations {
             ScanNoise::Normals(all) => all[index].1,
             ScanNoise::Curvatures(all) => all[index].1,
             ScanNoise::Inferred(all) => all[index].own + all[index].shared,
-            _ => variance_along(&self.covariance(i), normal),
+            _ => self.covariance(i).along(normal),
         }
     }
 
@@ -304,16 +303,18 @@ impl Observations {
         self.normals[i].map(f64::from)
     }
 
-    /// Stated covariance of a position, `[xx, xy, xz, yy, yz, zz]` in world axes. It is zero for normals and
+    /// Stated covariance of a position, in world axes. It is zero for normals and
     /// curvatures, and for inferred readings, whose error is along their normal.
     #[inline]
     #[must_use]
-    pub fn covariance(&self, i: usize) -> [f64; 6] {
+    pub fn covariance(&self, i: usize) -> SymmetricMatrix3 {
         match &self.noise[self.scan[i] as usize] {
             ScanNoise::Model { noise, viewing } => noise.covariance(ray_at(*viewing, self.points[i])),
             ScanNoise::Sigma(all) => Noise::Isotropic { sigma: all[self.index[i] as usize] }.covariance(None),
             ScanNoise::Covariance(all) => all[self.index[i] as usize],
-            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Inferred(_) => [0.0; 6],
+            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Inferred(_) => {
+                SymmetricMatrix3::ZERO
+            }
         }
     }
 

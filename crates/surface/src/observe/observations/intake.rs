@@ -3,7 +3,6 @@
 use super::directions::Directions;
 use super::{ObservationOptions, Observations, ScanNoise, moved_viewing};
 use crate::observe::hashing::{BitsHasher, hash01};
-use crate::observe::quantity::rotate_covariance;
 use crate::observe::{Channel, Quantity, RejectionCause};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
@@ -145,7 +144,7 @@ impl Observations {
             self.held_out
                 .push(may_be_held_out && hash01(options.seed, s as u64, i as u64) < options.held_out_share);
             if let Some(all) = &scan.covariance {
-                covariances.push(rotate_covariance(&scan.world_from_scanner.rotation, &all[i]));
+                covariances.push(all[i].rotated(&scan.world_from_scanner.rotation));
             } else if let Some(all) = &scan.sigma {
                 sigmas.push(all[i]);
             }
