@@ -3,8 +3,8 @@
 //! Each parser gets the text of one value and returns the value, or a message that begins with `needed` and
 //! names what was expected. clap prints the option and the text that was found in front of it.
 
+use planish::Length;
 use planish::Unit;
-use planish::next::Length;
 
 /// Largest number of threads that is accepted; larger numbers are typing errors.
 const MAX_THREADS: usize = 1024;

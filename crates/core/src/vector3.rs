@@ -7,13 +7,6 @@ pub fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// The entries `[xx, xy, xz, yy, yz, zz]` of a symmetric matrix from each entry's row and column.
-#[inline]
-#[must_use]
-pub fn upper_triangle(entry: impl Fn(usize, usize) -> f64) -> [f64; 6] {
-    [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(i, j)| entry(i, j))
-}
-
 /// `a − b`.
 #[inline]
 #[must_use]

@@ -10,6 +10,7 @@
 //! pairs have similar distances from it by selection. Use the foot points on the surface instead: they do not
 //! depend on the distance.
 
+use planish_core::BoundingBox;
 use planish_core::vector3::dot;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -143,15 +144,10 @@ fn halve(places: &[[f64; 3]], order: &mut [u32], all: Range<usize>, (k, depth): 
     if order.len() < 4 {
         return;
     }
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for &i in &*order {
-        for axis in 0..3 {
-            let x = places[i as usize][axis];
-            low[axis] = low[axis].min(x);
-            high[axis] = high[axis].max(x);
-        }
-    }
-    let side = |axis: &usize| high[*axis] - low[*axis];
+    let Some(bounds) = BoundingBox::around(order.iter().map(|&i| places[i as usize])) else {
+        return;
+    };
+    let side = |axis: &usize| bounds.max[*axis] - bounds.min[*axis];
     // Cutting the longest side keeps batches compact. Long and thin ones would mix near and far pairs.
     let longest = (0..3).max_by(|a, b| side(a).total_cmp(&side(b))).unwrap_or(0);
     let start = bound(all.len(), k, depth);

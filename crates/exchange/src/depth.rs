@@ -6,11 +6,11 @@
 //! **Output.** An organised [`Scan`] in the frame of the camera (x right, y down, z forward), viewed from the
 //! centre of the camera.
 //!
-//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`. It is never guessed
-//! from the size of the image (decision 0038).
+//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`. It is never
+//! guessed from the size of the image (decision 0038).
 //!
-//! **Limits.** Depth is measured along the axis of the camera, not along the ray. A reading that is zero, negative
-//! or not finite is an empty cell and counts as a dropped point.
+//! **Limits.** Depth is measured along the axis of the camera, not along the ray. A reading that is zero,
+//! negative or not finite is an empty cell and counts as a dropped point.
 
 pub(crate) mod tags;
 
@@ -35,7 +35,8 @@ struct Image {
     readings: Vec<f64>,
 }
 
-/// True for PNG and TIFF files, and for NPY files that have the shape of an image and a calibration beside them.
+/// True for PNG and TIFF files, and for NPY files that have the shape of an image and a calibration beside
+/// them.
 ///
 /// An NPY array of 16 columns or fewer may also hold points, so its shape and the calibration decide.
 pub(crate) fn is_depth_image(path: &Path) -> bool {
@@ -114,7 +115,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
         let (u, v) = (column as f64, row as f64);
         let point = camera.point(u, v, reading).unwrap_or([f64::NAN; 3]);
         record[..3].copy_from_slice(&point);
-        record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default());
+        record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default().to_array());
         collector
             .push(&record, format_args!("column {column}, row {row}"))
             .map_err(|e| e.in_context(path.display()))?;
@@ -250,7 +251,9 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
         _ => {
-            return Err(Error::unsupported("expected integers of 8, 16 or 32 bits, or floating-point numbers"));
+            return Err(Error::unsupported(
+                "expected integers of 8, 16 or 32 bits, or floating-point numbers",
+            ));
         }
     };
     Ok(Image { columns: columns as usize, rows: rows as usize, readings })

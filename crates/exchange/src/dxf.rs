@@ -30,8 +30,9 @@ use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Maximum number of entities, counted again for each insert of a block. Far above the drawing of a part; blocks of
-/// blocks multiply, so that a small file could draw any number. Guarded by `a_missing_or_recursive_block_is_named`.
+/// Maximum number of entities, counted again for each insert of a block. Far above the drawing of a part;
+/// blocks of blocks multiply, so that a small file could draw any number. Guarded by
+/// `a_missing_or_recursive_block_is_named`.
 const MAX_ENTITIES: usize = 200_000;
 
 /// Content of a drawing file (DXF or SVG).
@@ -51,8 +52,8 @@ pub struct DxfDrawing {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read;
-/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, if it is not an ASCII DXF file or an entity
-/// is incomplete.
+/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, if it is not an ASCII DXF file or
+/// an entity is incomplete.
 ///
 /// # Examples
 /// ```
@@ -124,7 +125,9 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let (mut drawing, dimensions, ignored) = drawer.finish();
     for (kind, (count, first)) in &ignored {
         drawing.ignored.insert(kind.clone(), *count);
-        drawing.warnings.push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing
+            .warnings
+            .push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
     }
     drawing.warnings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {

@@ -23,8 +23,8 @@ use planish_sense::{Pose, RangeGrid, Scan, Viewing};
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Maximum ratio of grid cells to points. Beyond it, the indices do not describe a sampling grid, and the grid would
-/// take far more memory than the points. Guarded by `shared_and_sparse_cells_give_no_grid`.
+/// Maximum ratio of grid cells to points. Beyond it, the indices do not describe a sampling grid, and the
+/// grid would take far more memory than the points. Guarded by `shared_and_sparse_cells_give_no_grid`.
 const MAX_CELLS_PER_POINT: u64 = 64;
 
 /// Reads all point clouds that have points. If none has, one empty scan is returned, which counts the dropped
@@ -105,7 +105,9 @@ fn scan_from(
         )));
     }
     if record == 0 && cloud.records > 0 {
-        return Err(Error::input("expected points with different coordinates, found a cloud whose points are all equal"));
+        return Err(Error::input(
+            "expected points with different coordinates, found a cloud whose points are all equal",
+        ));
     }
     let world_from_scanner = pose(cloud)?;
     let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
@@ -192,14 +194,12 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
     Pose::from_quaternion_xyzw([q.x, q.y, q.z, q.w], translation)
         .filter(|_| translation.iter().all(|c| c.is_finite()))
         .ok_or_else(|| {
-            Error::input(
-                "expected a finite pose with a quaternion other than zero, found another",
-            )
+            Error::input("expected a finite pose with a quaternion other than zero, found another")
         })
 }
 
-/// Builds the sampling grid from columns and rows of the points; none if two points share a cell, if there is only
-/// one row or column, or if too many cells are empty.
+/// Builds the sampling grid from columns and rows of the points; none if two points share a cell, if there is
+/// only one row or column, or if too many cells are empty.
 fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     let mut low = *cells.first()?;
     let mut high = low;

@@ -71,11 +71,10 @@ mod scan_set;
 mod scans;
 mod source;
 mod split_scans;
-mod unit;
 
 pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
 pub use georeference::GeoReference;
+pub use planish_core::Unit;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::{extension, found_extension};
-pub use unit::Unit;

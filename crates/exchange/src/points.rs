@@ -11,6 +11,7 @@
 
 use std::fmt::Display;
 
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
@@ -105,8 +106,8 @@ impl PointColumns {
     /// Derives the layout from column names.
     ///
     /// # Errors
-    /// `Input` if positions are missing, a group is incomplete, σ and covariance are both given, or a σ belongs
-    /// to a quantity that is absent.
+    /// `Input` if positions are missing, a group is incomplete, σ and covariance are both given, or a σ
+    /// belongs to a quantity that is absent.
     pub(crate) fn find(names: &[&str]) -> Result<Self> {
         let Some(position) = family(names, POSITION)? else {
             return Err(Error::input(format!(
@@ -121,9 +122,7 @@ impl PointColumns {
             (Some(column), None) => Uncertainty::Sigma(column),
             (None, Some(columns)) => Uncertainty::Covariance(columns),
             (Some(_), Some(_)) => {
-                return Err(Error::input(
-                    "expected either sigma or cxx cxy cxz cyy cyz czz, found both",
-                ));
+                return Err(Error::input("expected either sigma or cxx cxy cxz cyy cyz czz, found both"));
             }
         };
         let named = |name: &str| names.iter().position(|n| *n == name);
@@ -219,8 +218,8 @@ impl PointCollector {
 
     /// Adds a record of at least [`PointColumns::width`] numbers; `place` is used in messages.
     ///
-    /// A record without finite coordinates is dropped before its σ is checked, because the σ of a missed reading
-    /// means nothing.
+    /// A record without finite coordinates is dropped before its σ is checked, because the σ of a missed
+    /// reading means nothing.
     #[inline]
     pub(crate) fn push(&mut self, record: &[f64], place: impl Display) -> Result<()> {
         let number = self.records;
@@ -231,7 +230,10 @@ impl PointCollector {
             return Ok(());
         }
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
-            return Err(Error::unsupported(format!("more than {} points in one scan: split the file", u32::MAX)));
+            return Err(Error::unsupported(format!(
+                "more than {} points in one scan: split the file",
+                u32::MAX
+            )));
         }
         self.scan.points.push(point);
         let positive = |name: &str, value: f64| {
@@ -255,7 +257,7 @@ impl PointCollector {
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
                 }
-                self.scan.covariance.get_or_insert_default().push(covariance);
+                self.scan.covariance.get_or_insert_default().push(SymmetricMatrix3::from_array(covariance));
             }
         }
         if let Some(columns) = self.columns.normal {

@@ -15,7 +15,8 @@
 //! Doi, Koide, *An efficient method of triangulating equi-valued surfaces by using tetrahedral cells*, IEICE
 //! Transactions 1991.
 
-use crate::mesh::{BoundingBox, TriangleMesh};
+use crate::mesh::TriangleMesh;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -74,7 +75,7 @@ pub fn isosurface(
     value: impl Fn([f64; 3]) -> f64 + Sync,
     may_pass: impl Fn([f64; 3], f64) -> bool + Sync,
 ) -> Result<TriangleMesh> {
-    let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+    let extent = bounds.longest_side();
     if !(cell > 0.0 && cell.is_finite() && extent >= 0.0 && extent.is_finite()) {
         return Err(Error::input(format!(
             "an isosurface needs a box and cells of positive size, found a box {extent} long and cells of \

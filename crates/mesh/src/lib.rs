@@ -61,7 +61,6 @@ mod primitives;
 mod ray;
 mod sampling;
 mod search;
-mod sets;
 mod subdivision;
 mod triangle;
 mod visibility;
@@ -78,13 +77,13 @@ pub use merge::{
     OverlapOptions, PatchOverlap, StitchOptions, StitchedMesh, fuse_patches, noise_correlation, searches_of,
     stitch_patches, taper,
 };
-pub use mesh::{BoundingBox, Distortion, MeshCheck, TriangleMesh};
+pub use mesh::{Distortion, MeshCheck, TriangleMesh};
 pub use neighbours::Neighbours;
+pub use planish_core::{BoundingBox, DisjointSets};
 pub use primitives::{cylinder, grid_sheet, icosphere, parallelepiped};
 pub use ray::RayHit;
 pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};
-pub use sets::DisjointSets;
 pub use triangle::{Feature, triangle_shape};
 pub use visibility::{DepthBuffer, DepthVisibility, Projected};
 pub use winding::WindingNumbers;

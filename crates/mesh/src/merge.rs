@@ -26,9 +26,9 @@ pub use shared_noise::{NoiseCorrelation, noise_correlation};
 
 use crate::filling::close_loops;
 use crate::mesh::TriangleMesh;
-use crate::sets::DisjointSets;
 use front::{SeamInput, stitch};
 use manifold::{manifold, one_fan_each};
+use planish_core::DisjointSets;
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;

@@ -5,7 +5,8 @@
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub};
+use planish_core::BoundingBox;
+use planish_estimate::vector3::{add_scaled, cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
 
 mod check;
@@ -54,53 +55,6 @@ pub struct TriangleMesh {
     pub positions: Vec<[f64; 3]>,
     /// Three vertex indices for each triangle.
     pub triangles: Vec<[u32; 3]>,
-}
-
-/// An axis-aligned box.
-///
-/// # Examples
-/// ```
-/// use planish_mesh::BoundingBox;
-/// let bounds = BoundingBox::from_points(&[[0.0, 1.0, 2.0], [4.0, -1.0, 2.0]]).expect("two points");
-/// assert_eq!((bounds.min, bounds.max), ([0.0, -1.0, 2.0], [4.0, 1.0, 2.0]));
-/// assert_eq!(bounds.center(), [2.0, 0.0, 2.0]);
-/// assert_eq!(BoundingBox::from_points(&[]), None);
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BoundingBox {
-    /// Minimum coordinates.
-    pub min: [f64; 3],
-    /// Maximum coordinates.
-    pub max: [f64; 3],
-}
-
-impl BoundingBox {
-    /// The box around points; `None` without points.
-    #[must_use]
-    pub fn from_points(points: &[[f64; 3]]) -> Option<Self> {
-        Self::around(points.iter().copied())
-    }
-
-    /// The box around the points of an iterator; `None` without points.
-    pub fn around(mut points: impl Iterator<Item = [f64; 3]>) -> Option<Self> {
-        let first = points.next()?;
-        Some(points.fold(Self { min: first, max: first }, |b, p| Self {
-            min: std::array::from_fn(|k| b.min[k].min(p[k])),
-            max: std::array::from_fn(|k| b.max[k].max(p[k])),
-        }))
-    }
-
-    /// The centre of the box.
-    #[must_use]
-    pub fn center(&self) -> [f64; 3] {
-        scale(0.5, add(self.min, self.max))
-    }
-
-    /// The length of the space diagonal.
-    #[must_use]
-    pub fn diagonal(&self) -> f64 {
-        distance(self.min, self.max)
-    }
 }
 
 impl TriangleMesh {
@@ -321,6 +275,7 @@ mod tests {
     use super::*;
     use crate::primitives::{cylinder, grid_sheet, icosphere};
     use planish_estimate::ErrorKind;
+    use planish_estimate::vector3::{add, scale};
     use std::f64::consts::PI;
 
     #[test]

@@ -12,6 +12,7 @@
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
 use nalgebra::{DMatrix, DVector};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{add, add_scaled, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
@@ -195,7 +196,7 @@ fn one(
             }
         });
         let v = sigma * sigma;
-        readings.push(PointReading { at, covariance: [v, 0.0, 0.0, v, 0.0, v] });
+        readings.push(PointReading { at, covariance: SymmetricMatrix3::isotropic(v) });
         good.push(!gross);
     }
     let options = ShellFitOptions { metaball, stiffness: Some(k.clone()), ..ShellFitOptions::default() };

@@ -28,7 +28,6 @@ use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::{ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, MeshSearch, TriangleMesh};
-use planish_sense::{Pose, variance_along};
 use planish_spline::{
     FootPoint, FootPointSearch, ProjectionOptions, Surface, TessellationOptions, tessellate,
 };

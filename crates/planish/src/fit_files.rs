@@ -10,13 +10,13 @@ pub use task::FitTask;
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::job::Job;
-use crate::next::Length;
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, check_outputs, plan_outputs, prepare,
     refuse_input_as_output,
 };
 use crate::report::{ReportOutput, with_page};
 use page::fit_page;
+use planish_core::Length;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};
@@ -64,8 +64,8 @@ pub struct FitJob {
     pub outputs: Vec<PathBuf>,
     /// The unit of files that name none.
     pub unit: Option<Unit>,
-    /// Where the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in
-    /// that of the scans.
+    /// Where the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length in a unit
+    /// of its own, or in that of the scans.
     pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,

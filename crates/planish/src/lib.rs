@@ -111,8 +111,7 @@ pub mod view;
 
 pub use job::Job;
 pub use planish_core::progress;
-pub use planish_core::{Error, ErrorKind, Result};
-pub use planish_exchange::Unit;
+pub use planish_core::{Error, ErrorKind, Length, Result, Unit};
 /// Settings of the sensors' front ends.
 pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};
 pub use planish_spline::{Shape, SymmetryKind};

@@ -31,10 +31,10 @@ use serde::Serialize;
 use spline::write_spline;
 pub use spline::{MergedSpline, SplineReport, merged_spline};
 
-use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use common_surface::{Refit, refitted};
 use completion::{completed, facing_in_words};
+use planish_core::Length;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;

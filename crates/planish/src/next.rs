@@ -19,12 +19,12 @@ use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use page::next_page;
-use planish_core::Progress;
+use planish_core::{Length, Progress, Unit};
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
-use planish_exchange::{Unit, extension, write_atomically};
+use planish_exchange::{extension, write_atomically};
 use planish_spline::{SurfaceSystem, leaf_weights};
 use planish_surface::model::{Knowledge, Posterior, SurfaceModel};
 use planish_surface::saved::load;
@@ -362,23 +362,6 @@ fn variances_of(
             Ok(cell.variance_along(&leaf_weights(0.5, 0.5), place.normal).max(0.0))
         })
         .collect()
-}
-
-/// A length as a user states it: in a unit of its own, or in the model's.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Length {
-    /// How many of them.
-    pub value: f64,
-    /// Unit of the lengths; that of the model if none is given.
-    pub unit: Option<Unit>,
-}
-
-impl Length {
-    /// The length in a unit; one without a unit of its own is in that already.
-    #[must_use]
-    pub fn in_unit(self, unit: Unit) -> f64 {
-        self.value * self.unit.unwrap_or(unit).millimetres() / unit.millimetres()
-    }
 }
 
 /// What `planish next` is asked for.

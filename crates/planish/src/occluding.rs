@@ -350,15 +350,10 @@ fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<Vi
         return Ok(None);
     }
     let places: Vec<[f64; 3]> = found.points.iter().map(|p| p.position).collect();
-    let Some(mut bounds) = BoundingBox::from_points(&places) else {
+    let Some(bounds) = BoundingBox::from_points(&places) else {
         return Ok(None);
     };
-    let wider = WIDER * bounds.diagonal();
-    for k in 0..3 {
-        bounds.min[k] -= wider;
-        bounds.max[k] += wider;
-    }
-    VisualHull::new(views, &bounds, HULL_CELLS).map(Some)
+    VisualHull::new(views, &bounds.grown(WIDER * bounds.diagonal()), HULL_CELLS).map(Some)
 }
 
 fn agreements(

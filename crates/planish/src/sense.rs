@@ -316,11 +316,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
 fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
     let covariances = scan.covariance.as_ref()?.iter().zip(&scan.points);
     summary(
-        covariances
-            .filter_map(|(c, p)| {
-                Some(planish_sense::variance_along(c, planish_estimate::vector3::unit(*p)?).sqrt())
-            })
-            .collect(),
+        covariances.filter_map(|(c, p)| Some(c.along(planish_estimate::vector3::unit(*p)?).sqrt())).collect(),
     )
 }
 

@@ -1,6 +1,6 @@
 //! A camera that measures a depth at every pixel.
 
-use planish_estimate::vector3::upper_triangle;
+use planish_core::SymmetricMatrix3;
 
 /// A pinhole camera that measures depth along its axis.
 ///
@@ -40,13 +40,13 @@ impl DepthCamera {
         [(u - self.center[0]) / self.focal[0], (v - self.center[1]) / self.focal[1], 1.0]
     }
 
-    /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a pixel at depth z, if σ is known.
+    /// The covariance of the point of a pixel at depth z, if σ is known.
     ///
     /// An error of the depth moves the point along its ray d: `(a + b z²)² d dᵀ`. Across the ray the point is
     /// uniformly distributed over the pixel, with variance `(z/f)²/12`.
     #[inline]
     #[must_use]
-    pub fn covariance(&self, u: f64, v: f64, z: f64) -> Option<[f64; 6]> {
+    pub fn covariance(&self, u: f64, v: f64, z: f64) -> Option<SymmetricMatrix3> {
         let [a, b] = self.sigma?;
         let along = (a + b * z * z).powi(2);
         let across = z * z / (self.focal[0] * self.focal[1]).abs() / 12.0;
@@ -54,19 +54,18 @@ impl DepthCamera {
     }
 }
 
-/// The covariance `[xx, xy, xz, yy, yz, zz]` of a point on the ray `d`, of length 1 along the axis, whose
+/// The covariance of a point on the ray `d`, of length 1 along the axis, whose
 /// depth has the variance `along`: `along d dᵀ`, and `across` in each direction across it.
-pub(crate) fn ray_covariance(d: [f64; 3], along: f64, across: f64) -> [f64; 6] {
+pub(crate) fn ray_covariance(d: [f64; 3], along: f64, across: f64) -> SymmetricMatrix3 {
     let square = d.iter().map(|c| c * c).sum::<f64>();
     // The isotropic part already contains `across` along the ray, so it is subtracted there.
     let extra = along - across / square;
-    upper_triangle(|i, j| extra * d[i] * d[j] + if i == j { across } else { 0.0 })
+    SymmetricMatrix3::from_entries(|i, j| extra * d[i] * d[j] + if i == j { across } else { 0.0 })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variance_along;
 
     const CAMERA: DepthCamera = DepthCamera {
         focal: [500.0, 520.0],
@@ -90,10 +89,10 @@ mod tests {
         // σ_z is 9 mm, the ray is (0.8, 0, 1).
         let length = 1.64_f64.sqrt();
         let ray = [0.8 / length, 0.0, 1.0 / length];
-        assert!((variance_along(&c, ray).sqrt() - 0.009 * length).abs() < 1e-12);
+        assert!((c.along(ray).sqrt() - 0.009 * length).abs() < 1e-12);
         let pixel = 2.0 / (500.0_f64 * 520.0).sqrt() / 12.0_f64.sqrt();
         for across in [[0.0, 1.0, 0.0], [1.0 / length, 0.0, -0.8 / length]] {
-            assert!((variance_along(&c, across).sqrt() - pixel).abs() < 1e-12);
+            assert!((c.along(across).sqrt() - pixel).abs() < 1e-12);
         }
         assert_eq!(DepthCamera { sigma: None, ..CAMERA }.covariance(0.0, 0.0, 1.0), None);
     }

@@ -14,11 +14,11 @@
 //!
 //! The covariance of a range reading is larger along its ray:
 //! ```
-//! use planish_sense::{Noise, variance_along};
+//! use planish_sense::Noise;
 //! let noise = Noise::Ray { sigma_along: 0.3, sigma_across: 0.1 };
 //! let covariance = noise.covariance(Some([0.0, 0.0, 1.0]));
-//! assert!((variance_along(&covariance, [0.0, 0.0, 1.0]) - 0.09).abs() < 1e-12);
-//! assert!((variance_along(&covariance, [1.0, 0.0, 0.0]) - 0.01).abs() < 1e-12);
+//! assert!((covariance.along([0.0, 0.0, 1.0]) - 0.09).abs() < 1e-12);
+//! assert!((covariance.along([1.0, 0.0, 0.0]) - 0.01).abs() < 1e-12);
 //! ```
 //!
 //! A pose carries points from the scanner's frame into the world:
@@ -36,7 +36,6 @@ mod image;
 mod normals;
 pub mod occluding;
 mod photometric;
-mod pose;
 mod rectify;
 mod scan;
 mod sensor;
@@ -57,10 +56,10 @@ pub use normals::{
 pub use photometric::{
     NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals,
 };
-pub use pose::Pose;
+pub use planish_core::Pose;
 pub use rectify::{LensCamera, Rectification, StereoRig};
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
-pub use sensor::{Noise, Sensor, SensorKind, variance_along};
+pub use sensor::{Noise, Sensor, SensorKind};
 pub use silhouette::{Silhouette, SilhouetteOptions, silhouette};
 pub use stereo::{DisparityMap, StereoOptions, StereoRejected, match_stereo};
 pub use stereo_camera::{StereoCamera, StereoPoints};

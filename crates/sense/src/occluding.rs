@@ -49,7 +49,8 @@ use crate::Scan;
 use crate::stripes::Pinhole;
 use circle::Eye;
 use curve::{Curve, Local};
-use planish_estimate::vector3::{distance, upper_triangle};
+use planish_core::SymmetricMatrix3;
+use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
@@ -211,7 +212,9 @@ impl OccludingContours {
         Scan {
             name: name.to_owned(),
             points: chosen.iter().map(|p| p.position).collect(),
-            covariance: Some(chosen.iter().map(|p| upper_triangle(|i, j| p.covariance[i][j])).collect()),
+            covariance: Some(
+                chosen.iter().map(|p| SymmetricMatrix3::from_entries(|i, j| p.covariance[i][j])).collect(),
+            ),
             normals: Some(chosen.iter().map(|p| p.normal).collect()),
             sigma_normal_deg: Some(chosen.iter().map(|p| p.sigma_normal_deg).collect()),
             ..Scan::default()

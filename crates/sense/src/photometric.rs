@@ -22,6 +22,7 @@
 //! - Barsky and Petrou, *The 4-source photometric stereo technique*, PAMI 2003: shadows and highlights left
 //!   out by their residuals.
 
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{dot, norm, tangents, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
@@ -183,12 +184,12 @@ impl Pixel {
         let count = lit.iter().sum::<f64>();
         for round in 1..=ROUNDS {
             let brightness = ambient * norm(b);
-            let (mut m, mut r) = ([0.0; 6], [0.0; 3]);
+            let (mut m, mut r) = (SymmetricMatrix3::ZERO, [0.0; 3]);
             for ((l, i), w) in lights.iter().zip(readings).zip(&weights) {
-                accumulate(&mut m, *w, *l);
+                m.add_outer(*w, *l);
                 (0..3).for_each(|k| r[k] += w * l[k] * (i - brightness));
             }
-            b = multiply(&inverse(&m)?, r);
+            b = inverse(&m)?.times(r);
             let brightness = ambient * norm(b);
             for (k, l) in lights.iter().enumerate() {
                 residuals[k] = readings[k] - dot(b, *l) - brightness;
@@ -235,15 +236,14 @@ impl Pixel {
             Some(sigma) => sigma * sigma,
             None => (squares + SHRINKAGE * sigma * sigma) / (freedom.max(0.0) + SHRINKAGE),
         };
-        let mut m = [0.0; 6];
+        let mut m = SymmetricMatrix3::ZERO;
         for (l, w) in lights.iter().zip(&self.weights) {
-            accumulate(&mut m, *w, *l);
+            m.add_outer(*w, *l);
         }
         // The covariance of `b` with the final weights.
         let inverse = inverse(&m)?;
-        let along = |t: [f64; 3]| dot(t, multiply(&inverse, t));
         let (e1, e2) = tangents(n);
-        let tangential = 0.5 * variance * (along(e1) + along(e2)) / dot(self.b, self.b);
+        let tangential = 0.5 * variance * (inverse.along(e1) + inverse.along(e2)) / dot(self.b, self.b);
         let sigma = (tangential + light_variance).sqrt().to_degrees();
         sigma.is_finite().then_some((n, sigma))
     }
@@ -405,7 +405,10 @@ impl NormalMap {
         Ok(Scan {
             name: name.to_owned(),
             points: known.iter().map(point).collect(),
-            covariance: Some(vec![[across, 0.0, 0.0, across, 0.0, deep]; known.len()]),
+            covariance: Some(vec![
+                SymmetricMatrix3 { zz: deep, ..SymmetricMatrix3::isotropic(across) };
+                known.len()
+            ]),
             normals: Some(known.iter().filter_map(|k| self.normals[*k]).collect()),
             sigma_normal_deg: Some(known.iter().map(|k| self.sigma_deg[*k]).collect()),
             grid: Some(RangeGrid { columns: self.columns, rows: self.rows, cells }),
@@ -453,8 +456,8 @@ fn check(
             sigma_brightness, or use more lights",
         ));
     }
-    let mut m = [0.0; 6];
-    lights.iter().for_each(|l| accumulate(&mut m, 1.0, *l));
+    let mut m = SymmetricMatrix3::ZERO;
+    lights.iter().for_each(|l| m.add_outer(1.0, *l));
     match inverse(&m).is_some() {
         true => Ok(()),
         false => {
@@ -463,28 +466,15 @@ fn check(
     }
 }
 
-/// `m += w l lᵀ`, of `[xx, xy, xz, yy, yz, zz]`.
-fn accumulate(m: &mut [f64; 6], w: f64, l: [f64; 3]) {
-    let products = [l[0] * l[0], l[0] * l[1], l[0] * l[2], l[1] * l[1], l[1] * l[2], l[2] * l[2]];
-    m.iter_mut().zip(products).for_each(|(m, p)| *m += w * p);
-}
-
-fn multiply(m: &[f64; 6], v: [f64; 3]) -> [f64; 3] {
-    [
-        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
-        m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
-        m[2] * v[0] + m[4] * v[1] + m[5] * v[2],
-    ]
-}
-
 /// The inverse, unless the matrix is nearly singular.
-fn inverse(m: &[f64; 6]) -> Option<[f64; 6]> {
-    let [a, b, c, d, e, f] = *m;
+fn inverse(m: &SymmetricMatrix3) -> Option<SymmetricMatrix3> {
+    let [a, b, c, d, e, f] = m.to_array();
     let cofactors =
         [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
     let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
     let trace = a + d + f;
-    (determinant > 1e-7 * trace.powi(3)).then(|| cofactors.map(|c| c / determinant))
+    (determinant > 1e-7 * trace.powi(3))
+        .then(|| SymmetricMatrix3::from_array(cofactors.map(|c| c / determinant)))
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -14,7 +14,7 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
-use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit, upper_triangle};
+use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -248,18 +248,11 @@ impl Rectification {
             *p = self.world_from_rectified.apply(*p);
         }
         for c in scan.covariance.iter_mut().flatten() {
-            *c = turned(&self.world_from_rectified.rotation, c);
+            *c = c.rotated(&self.world_from_rectified.rotation);
         }
         scan.viewing = Viewing::Origin(self.world_from_rectified.translation);
         Ok(scan)
     }
-}
-
-/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
-fn turned(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
-    let [xx, xy, xz, yy, yz, zz] = *c;
-    let full = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
-    upper_triangle(|i, j| dot(r[i], full.map(|row| dot(row, r[j]))))
 }
 
 /// Rejects an image that contains the epipole, or the opposite point: around it rows cannot

@@ -1,6 +1,6 @@
 //! A scan: the points of one sensor from one pose, with their stated errors.
 
-use crate::Pose;
+use planish_core::{Pose, SymmetricMatrix3};
 
 /// The sampling grid of an organised scan: which point, if any, each grid cell holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,8 +70,8 @@ pub struct Scan {
     pub points: Vec<[f64; 3]>,
     /// Standard deviation of each coordinate, in the model's unit.
     pub sigma: Option<Vec<f64>>,
-    /// Covariances `[xx, xy, xz, yy, yz, zz]`, in the model's unit squared.
-    pub covariance: Option<Vec<[f64; 6]>>,
+    /// Covariances, in the model's unit squared.
+    pub covariance: Option<Vec<SymmetricMatrix3>>,
     /// Measured or precomputed normals (not necessarily of unit length).
     pub normals: Option<Vec<[f64; 3]>>,
     /// Standard deviation of the normals, in degrees.

@@ -1,6 +1,6 @@
 //! Sensor error models: the covariance of one reading.
 
-use planish_estimate::vector3::dot;
+use planish_core::SymmetricMatrix3;
 
 /// Kind of instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -48,7 +48,7 @@ impl SensorKind {
 /// use planish_sense::Noise;
 /// let noise = Noise::Isotropic { sigma: 0.2 };
 /// assert_eq!(noise.sigma(), 0.2);
-/// assert!((noise.covariance(None)[0] - 0.04).abs() < 1e-15);
+/// assert!((noise.covariance(None).xx - 0.04).abs() < 1e-15);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Noise {
@@ -67,27 +67,18 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// Covariance `[xx, xy, xz, yy, yz, zz]` of a reading along the unit vector `ray`. If the ray is unknown,
-    /// the σ along the ray is used in all directions.
+    /// Covariance of a reading along the unit vector `ray`. If the ray is unknown, the σ along the ray is
+    /// used in all directions.
     #[must_use]
-    pub fn covariance(&self, ray: Option<[f64; 3]>) -> [f64; 6] {
-        let isotropic = |s: f64| [s * s, 0.0, 0.0, s * s, 0.0, s * s];
+    pub fn covariance(&self, ray: Option<[f64; 3]>) -> SymmetricMatrix3 {
+        let isotropic = |s: f64| SymmetricMatrix3::isotropic(s * s);
         match (*self, ray) {
             (Self::Isotropic { sigma }, _) => isotropic(sigma),
             (Self::Ray { sigma_along, .. }, None) => isotropic(sigma_along),
             (Self::Ray { sigma_along, sigma_across }, Some(r)) => {
                 let extra = sigma_along * sigma_along - sigma_across * sigma_across;
                 let mut c = isotropic(sigma_across);
-                for (entry, product) in c.iter_mut().zip([
-                    r[0] * r[0],
-                    r[0] * r[1],
-                    r[0] * r[2],
-                    r[1] * r[1],
-                    r[1] * r[2],
-                    r[2] * r[2],
-                ]) {
-                    *entry += extra * product;
-                }
+                c.add_outer(extra, r);
                 c
             }
         }
@@ -120,27 +111,6 @@ pub struct Sensor {
     pub sigma_bias: Option<f64>,
 }
 
-/// The variance `nᵀ R n` along `n` of a covariance `[xx, xy, xz, yy, yz, zz]`.
-///
-/// # Examples
-/// ```
-/// use planish_sense::variance_along;
-/// assert_eq!(variance_along(&[4.0, 0.0, 0.0, 1.0, 0.0, 1.0], [1.0, 0.0, 0.0]), 4.0);
-/// ```
-#[inline]
-#[must_use]
-pub fn variance_along(r: &[f64; 6], n: [f64; 3]) -> f64 {
-    let [xx, xy, xz, yy, yz, zz] = *r;
-    dot(
-        n,
-        [
-            xx * n[0] + xy * n[1] + xz * n[2],
-            xy * n[0] + yy * n[1] + yz * n[2],
-            xz * n[0] + yz * n[1] + zz * n[2],
-        ],
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -149,8 +119,8 @@ mod tests {
     fn ray_noise_has_its_two_sigmas_along_and_across() {
         let noise = Noise::Ray { sigma_along: 3.0, sigma_across: 0.5 };
         let c = noise.covariance(Some([0.6, 0.0, 0.8]));
-        assert!((variance_along(&c, [0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);
-        assert!((variance_along(&c, [0.8, 0.0, -0.6]) - 0.25).abs() < 1e-12);
-        assert!((variance_along(&c, [0.0, 1.0, 0.0]) - 0.25).abs() < 1e-12);
+        assert!((c.along([0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);
+        assert!((c.along([0.8, 0.0, -0.6]) - 0.25).abs() < 1e-12);
+        assert!((c.along([0.0, 1.0, 0.0]) - 0.25).abs() < 1e-12);
     }
 }

@@ -1,5 +1,6 @@
 //! Converts disparities to points with covariances.
 
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 
 use crate::depth_camera::ray_covariance;
@@ -70,7 +71,7 @@ impl StereoCamera {
         [(u - self.center[0]) / self.focal, (v - self.center[1]) / self.focal, 1.0]
     }
 
-    /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a disparity with the given σ, in pixels.
+    /// The covariance of the point of a disparity with the given σ, in pixels.
     ///
     /// To first order an error of the disparity moves the point along its ray d: `σ_z² d dᵀ`,
     /// `σ_z = z² σ_d / (f B)`, with `σ_d² = sigma² + sigma_disparity²`. Across it, the point may be anywhere
@@ -80,7 +81,7 @@ impl StereoCamera {
     /// Matthies and Shafer, *Error modeling in stereo navigation*, 1987.
     #[inline]
     #[must_use]
-    pub fn covariance(&self, u: f64, v: f64, disparity: f64, sigma: f64) -> Option<[f64; 6]> {
+    pub fn covariance(&self, u: f64, v: f64, disparity: f64, sigma: f64) -> Option<SymmetricMatrix3> {
         let [_, _, z] = self.point(u, v, disparity)?;
         let by_disparity = z * z / (self.focal * self.baseline);
         let along = by_disparity.powi(2) * (sigma.powi(2) + self.sigma_disparity.powi(2));
@@ -174,7 +175,7 @@ mod tests {
     fn the_covariance_is_that_of_many_draws() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let (u, v, d, sigma) = (500.0, 100.0, 40.0, 0.4);
-        let stated = CAMERA.covariance(u, v, d, sigma).unwrap();
+        let stated = CAMERA.covariance(u, v, d, sigma).unwrap().to_array();
         let truth = CAMERA.point(u, v, d).unwrap();
         let n = 40_000;
         let mut sums = [0.0; 6];
@@ -184,7 +185,7 @@ mod tests {
             let d = d + normal(&mut rng) * 0.3_f64.hypot(sigma);
             let p = CAMERA.point(u + du, v + dv, d).unwrap();
             let e: [f64; 3] = std::array::from_fn(|k| p[k] - truth[k]);
-            let square = planish_estimate::vector3::upper_triangle(|i, j| e[i] * e[j]);
+            let square = SymmetricMatrix3::from_entries(|i, j| e[i] * e[j]).to_array();
             sums.iter_mut().zip(square).for_each(|(s, q)| *s += q / f64::from(n));
         }
         let scale = |i: usize, j: usize| (stated[[0, 3, 5][i]] * stated[[0, 3, 5][j]]).sqrt();

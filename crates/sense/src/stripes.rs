@@ -23,10 +23,9 @@
 //! - Hu and Stockman, *3-D surface solution using structured light and constraint propagation*, PAMI 1989.
 //! - do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-2, for Meusnier and Euler.
 
-use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents, unit, upper_triangle};
+use planish_core::SymmetricMatrix3;
+use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
-
-use crate::variance_along;
 
 /// A pinhole camera or projector: `x ~ K (R X + t)`; x right, y down, pixel centres at integers.
 ///
@@ -164,12 +163,12 @@ pub struct JunctionCovariance {
 pub struct Orientation {
     /// The point, in the world.
     pub point: [f64; 3],
-    /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
-    pub covariance: [f64; 6],
+    /// Its covariance.
+    pub covariance: SymmetricMatrix3,
     /// The unit normal, towards the camera.
     pub normal: [f64; 3],
     /// Covariance of the normal; zero along the normal itself.
-    pub normal_covariance: [f64; 6],
+    pub normal_covariance: SymmetricMatrix3,
     /// σ of one tangential component of the normal, in degrees (root mean square of both).
     pub sigma_normal_deg: f64,
 }
@@ -218,7 +217,7 @@ pub fn orientation(
         *derivative = (slope(ahead.0, behind.0), slope(ahead.1, behind.1));
     }
     let carried = |of: &dyn Fn(usize) -> [f64; 3]| {
-        upper_triangle(|i, j| {
+        SymmetricMatrix3::from_entries(|i, j| {
             // Errors of the two devices are independent, so the products between them are absent.
             let seen: f64 = (0..4)
                 .map(|k| (0..4).map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j]).sum::<f64>())
@@ -231,7 +230,7 @@ pub fn orientation(
     let (e1, e2) = tangents(normal);
     // The normal has unit length, so its covariance is zero along it, and the mean of the two tangential
     // variances describes it.
-    let tangential = 0.5 * (variance_along(&of_normal, e1) + variance_along(&of_normal, e2));
+    let tangential = 0.5 * (of_normal.along(e1) + of_normal.along(e2));
     Ok(Orientation {
         point,
         covariance: of_point,
@@ -322,12 +321,11 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Str
         // A step d along the surface rises by `κ d²/2`. The mean of `2 (step · n)/d²` over both sides cancels
         // an error of the normal if the steps are equally long.
         let kappa = shares[0] * dot(steps[0], n) + shares[1] * dot(steps[1], n);
-        let of_points: f64 =
-            (0..2).map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n)).sum();
-        let of_middle = (shares[0] + shares[1]).powi(2) * variance_along(&middle.covariance, n);
+        let of_points: f64 = (0..2).map(|i| shares[i] * shares[i] * pair[i].covariance.along(n)).sum();
+        let of_middle = (shares[0] + shares[1]).powi(2) * middle.covariance.along(n);
         // What is left of an error of the normal if they are not.
         let lever: [f64; 3] = std::array::from_fn(|k| shares[0] * steps[0][k] + shares[1] * steps[1][k]);
-        let of_normal = variance_along(&middle.normal_covariance, lever);
+        let of_normal = middle.normal_covariance.along(lever);
         let weight = 1.0 / (of_points + of_middle + of_normal);
         // κ = a c² + 2 b c s + d s² in the direction (c, s).
         let row = [x * x / square, 2.0 * x * y / square, y * y / square];

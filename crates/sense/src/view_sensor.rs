@@ -160,7 +160,7 @@ mod tests {
             let ray = [0.0, 0.6, 0.8];
             let normal = [tilt.sin(), 0.6 * tilt.cos(), 0.8 * tilt.cos()];
             let noise = crate::Noise::Ray { sigma_along: 0.1 + 0.01 * range * range, sigma_across: 0.02 };
-            let expected = crate::variance_along(&noise.covariance(Some(ray)), normal);
+            let expected = noise.covariance(Some(ray)).along(normal);
             let found = sensor.variance_along_normal(range, dot(ray, normal));
             assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
         }

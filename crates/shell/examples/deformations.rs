@@ -9,6 +9,7 @@
 #![allow(clippy::unwrap_used, reason = "an example stops at the first surprise")]
 
 use nalgebra::DMatrix;
+use planish_core::SymmetricMatrix3;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, icosphere, sample_points};
 use planish_shell::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PointReading, ShellFitOptions, VertexDisplacements,
@@ -51,7 +52,7 @@ fn written(
     let mut text = String::from("x,y,z,sigma\n");
     for point in points {
         let [x, y, z] = point.at;
-        writeln!(text, "{x},{y},{z},{}", point.covariance[0].sqrt()).unwrap();
+        writeln!(text, "{x},{y},{z},{}", point.covariance.xx.sqrt()).unwrap();
     }
     std::fs::write(folder.join("points.csv"), text)?;
     let mut text = String::from("x,y,z,nx,ny,nz\n");
@@ -83,7 +84,7 @@ fn main() {
                     _ => place.position[axis] + sigma * noise,
                 }
             }),
-            covariance: [sigma * sigma, 0.0, 0.0, sigma * sigma, 0.0, sigma * sigma],
+            covariance: SymmetricMatrix3::isotropic(sigma * sigma),
         })
         .collect();
     let search = MeshSearch::try_new(&truth).unwrap();

@@ -85,9 +85,7 @@ impl Delaunay {
         if (0..3).any(|k| !(low[k].is_finite() && high[k].is_finite() && low[k] < high[k])) {
             return Err(Error::input("the box of a triangulation needs a volume"));
         }
-        let points: Vec<[f64; 3]> = (0..8)
-            .map(|corner| std::array::from_fn(|k| if corner >> k & 1 == 1 { high[k] } else { low[k] }))
-            .collect();
+        let points = bounds.corners().to_vec();
         // Six tetrahedra about the diagonal from corner 0 to corner 7, one for each order of the axes: H. W.
         // Kuhn 1960.
         const AXES: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];

@@ -16,7 +16,7 @@
 use crate::field::Shell;
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
-use planish_mesh::{BoundingBox, MeshCheck, TriangleMesh, WindingNumbers, isosurface};
+use planish_mesh::{MeshCheck, TriangleMesh, WindingNumbers, isosurface};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -130,7 +130,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
         nearest - reach <= high && (nearest + reach >= low || (flips && nearest <= reach + radius))
     };
     let around = high.max(0.0) + 2.0 * cell;
-    let bounds = BoundingBox { min: bounds.min.map(|x| x - around), max: bounds.max.map(|x| x + around) };
+    let bounds = bounds.grown(around);
     let mesh = isosurface(&bounds, cell, value, may_pass)?;
     if mesh.triangles.is_empty() {
         return Err(Error::undetermined(

@@ -98,7 +98,7 @@ impl NaturalNeighbours {
         let bounds = BoundingBox::around(points.iter().chain(also).copied())
             .filter(|_| !points.is_empty())
             .ok_or_else(|| Error::input("natural neighbours need at least one point"))?;
-        let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+        let extent = bounds.longest_side();
         let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
         let middle = bounds.center();
         let around = BoundingBox { min: middle.map(|x| x - half), max: middle.map(|x| x + half) };

@@ -12,7 +12,7 @@
 
 use planish_estimate::vector3::{add_scaled, cross, dot, sub};
 use planish_estimate::{Error, Result};
-use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, WindingNumbers, isosurface};
+use planish_mesh::{MeshSearch, TriangleMesh, WindingNumbers, isosurface};
 use rayon::prelude::*;
 
 /// A region of space with a signed depth.
@@ -117,7 +117,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     };
     let around = 2.0 * cell + flow.map_or(0.0, |(_, farthest)| farthest);
     let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
-    let around = BoundingBox { min: bounds.min.map(|x| x - around), max: bounds.max.map(|x| x + around) };
+    let around = bounds.grown(around);
     let made = isosurface(&around, cell, value, may_pass)?;
     let mut kept = large_parts(&made, min_part_volume_ratio);
     if kept.triangles.is_empty() {

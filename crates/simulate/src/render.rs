@@ -12,6 +12,7 @@
 //! # References
 //! - Perlin, *An image synthesizer*, 1985, for solid textures.
 
+use planish_core::random::{GOLDEN_GAMMA, mix64, signed_unit_interval};
 use planish_estimate::Result;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_mesh::MeshSearch;
@@ -89,13 +90,9 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
             let weight: f64 = (0..3).map(|k| if side(k) == 1 { blend[k] } else { 1.0 - blend[k] }).product();
             let mut x = seed;
             for k in 0..3 {
-                // Mixed as in splitmix64 (Steele, Lea and Flood 2014).
-                x = (x ^ (base[k] as i64 + side(k) as i64) as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
-                x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-                x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-                x ^= x >> 31;
+                x = mix64((x ^ (base[k] as i64 + side(k) as i64) as u64).wrapping_add(GOLDEN_GAMMA));
             }
-            weight * ((x >> 11) as f64 / (1_u64 << 52) as f64 - 1.0)
+            weight * signed_unit_interval(x)
         })
         .sum()
 }

@@ -16,6 +16,7 @@
 use super::form::ClosedForm;
 use super::truth::{Truth, positive};
 use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
+use planish_core::random::GOLDEN_GAMMA;
 use planish_core::{Progress, ProgressPart, Silent, WRITING_STAGE};
 use planish_estimate::vector3::{add_scaled, cross, scale, tangents, unit};
 use planish_estimate::{Error, Result};
@@ -60,8 +61,8 @@ pub struct ScanSceneOptions {
     pub misstated: f64,
     /// Number of points of the touch probe; 0 for no probe.
     pub probe_points: usize,
-    /// Share of the readings of scanners that are outliers, by 1 to 10 % of the length of the object along the
-    /// ray.
+    /// Share of the readings of scanners that are outliers, by 1 to 10 % of the length of the object along
+    /// the ray.
     pub outlier_share: f64,
     /// Relative increase of σ from the middle of the field of view to its corners.
     ///
@@ -367,7 +368,7 @@ impl ScanScene {
 /// The seed of a scan.
 pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     // The odd constant is 2⁶⁴ over the golden ratio: neighbours in seed and scan get seeds far apart.
-    seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+    seed.wrapping_add((scan as u64 + 1).wrapping_mul(GOLDEN_GAMMA))
 }
 
 /// Pose of a view from four lengths away towards the middle of the object, off by a few random degrees.
@@ -419,8 +420,8 @@ pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64)
     let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
     let position = add_scaled(middle, 4.0 * size, z);
     let exact = Pose { rotation, translation: position };
-    // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory and
-    // one read from files agree exactly.
+    // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory
+    // and one read from files agree exactly.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
         .ok_or_else(|| Error::input("the direction of view is undefined"))
 }

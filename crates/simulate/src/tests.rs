@@ -3,7 +3,7 @@ use planish_core::Silent;
 use planish_estimate::ErrorKind;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
 use planish_exchange::{Unit, read_inputs};
-use planish_sense::{Noise, Pose, SensorKind, ray_at, variance_along};
+use planish_sense::{Noise, Pose, SensorKind, ray_at};
 use planish_spline::{Hierarchy, Jet, Shape, SurfaceSystem, leaf_weights, quadrature};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -266,7 +266,7 @@ fn errors_of_readings_agree_with_the_true_sigma() {
                     let noise =
                         Noise::Ray { sigma_along: sensor.sigma_along, sigma_across: sensor.sigma_across };
                     let factor2 = reading.noise_factor * reading.noise_factor;
-                    let covariance = noise.covariance(ray).map(|c| factor2 * c);
+                    let covariance = noise.covariance(ray).scaled(factor2);
                     let along = ray.map_or(0.0, |r| dot(error, r));
                     let across2 = dot(error, error) - along * along;
                     vector += (along / sensor.sigma_along).powi(2) / factor2
@@ -275,13 +275,14 @@ fn errors_of_readings_agree_with_the_true_sigma() {
                     let foot = scene.truth.foot(pose.apply(z)).unwrap();
                     if !foot.at_border {
                         let local_normal = pose.inverse().rotate(reading.point.normal);
-                        normal += foot.signed_distance.powi(2) / variance_along(&covariance, local_normal);
+                        normal += foot.signed_distance.powi(2) / covariance.along(local_normal);
                         counted += 1.0;
                     }
-                    // The σ that the sensor or the reading states is the true one divided by the misstatement.
+                    // The σ that the sensor or the reading states is the true one divided by the
+                    // misstatement.
                     let stated = match (&scan.sigma, &scan.covariance) {
                         (Some(sigma), _) => sigma[i].powi(2),
-                        (_, Some(c)) => variance_along(&c[i], ray_at(scan.viewing, z).unwrap()),
+                        (_, Some(c)) => c[i].along(ray_at(scan.viewing, z).unwrap()),
                         _ => stated.sigma().powi(2),
                     };
                     let claimed = factor2 * (sensor.sigma_along / sensor.misstatement).powi(2);

@@ -21,6 +21,8 @@ mod measures;
 mod trimmed;
 mod turned;
 
+use planish_core::DisjointSets;
+
 pub use bodies::Body;
 pub use contact::Contact;
 pub(crate) use geometry::unit;
@@ -246,19 +248,13 @@ impl Solid {
     /// Parts of the boundary that only touch then share no vertex, which keeps the topology manifold.
     pub(crate) fn part_vertices(&mut self) {
         // Each edge has two ends; a loop's corner joins two of them.
-        let mut fan: Vec<usize> = (0..2 * self.edges.len()).collect();
-        fn root(fan: &[usize], mut k: usize) -> usize {
-            while fan[k] != k {
-                k = fan[k];
-            }
-            k
-        }
+        let mut fans = DisjointSets::new(2 * self.edges.len());
         for ring in self.faces.iter().flat_map(|f| &f.loops) {
             for (k, coedge) in ring.iter().enumerate() {
                 let next = ring[(k + 1) % ring.len()];
-                let a = root(&fan, 2 * coedge.edge + usize::from(coedge.forward));
-                let b = root(&fan, 2 * next.edge + usize::from(!next.forward));
-                fan[a.max(b)] = a.min(b);
+                let end = 2 * coedge.edge + usize::from(coedge.forward);
+                let start = 2 * next.edge + usize::from(!next.forward);
+                fans.join(end as u32, start as u32);
             }
         }
         let mut vertices = Vec::new();
@@ -267,7 +263,7 @@ impl Solid {
             for end in 0..2 {
                 let edge = &mut self.edges[index];
                 let old = if end == 0 { edge.start } else { edge.end };
-                let new = *vertex_of.entry(root(&fan, 2 * index + end)).or_insert_with(|| {
+                let new = *vertex_of.entry(fans.root((2 * index + end) as u32)).or_insert_with(|| {
                     vertices.push(self.vertices[old]);
                     vertices.len() - 1
                 });

@@ -29,6 +29,7 @@ mod weld;
 
 pub use curve::ParametricCurve;
 pub use mesh::{Meshed, Part, SkippedFace};
+use planish_core::BoundingBox;
 pub use spline::{MAX_DEGREE, SplineCurve, SplineSurface};
 pub use surface::{ParametricSurface, Pole};
 
@@ -83,25 +84,17 @@ pub struct ParametricShape {
 const PROBES: usize = 8;
 
 impl ParametricShape {
-    /// Minimum and maximum coordinates of edges and untrimmed surfaces, by samples.
-    ///
-    /// The minimum exceeds the maximum if the shape is empty.
+    /// The box around edges and untrimmed surfaces, by samples; `None` if the shape is empty.
     ///
     /// ```
     /// use planish_solid::parametric::ParametricShape;
     ///
-    /// let [min, max] = ParametricShape::default().bounds();
-    /// assert!(min[0] > max[0]);
+    /// assert_eq!(ParametricShape::default().bounds(), None);
     /// ```
     #[must_use]
-    pub fn bounds(&self) -> [[f64; 3]; 2] {
-        let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
-        let mut reach = |p: [f64; 3]| {
-            for c in 0..3 {
-                bounds[0][c] = bounds[0][c].min(p[c]);
-                bounds[1][c] = bounds[1][c].max(p[c]);
-            }
-        };
+    pub fn bounds(&self) -> Option<BoundingBox> {
+        let mut bounds: Option<BoundingBox> = None;
+        let mut reach = |p| bounds.get_or_insert(BoundingBox { min: p, max: p }).include(p);
         let share = |k: usize| k as f64 / PROBES as f64;
         for edge in &self.edges {
             edge.ends.iter().filter_map(|v| self.vertices.get(*v)).for_each(|p| reach(*p));

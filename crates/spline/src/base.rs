@@ -8,6 +8,7 @@
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::Surface;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use std::f64::consts::{PI, TAU};
@@ -392,11 +393,11 @@ fn perpendicular_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
         return None;
     }
     // Moments about zero, not about the mean: the axis is perpendicular to the normals themselves.
-    let mut m = [0.0; 6];
+    let mut moments = SymmetricMatrix3::ZERO;
     for n in normals {
-        accumulate(&mut m, *n);
+        moments.add_outer(1.0, *n);
     }
-    let (axes, _) = symmetric_eigen(m);
+    let (axes, _) = moments.eigen();
     Some(axes[2])
 }
 
@@ -405,82 +406,15 @@ fn perpendicular_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
 pub fn principal_axes(points: &[[f64; 3]]) -> ([f64; 3], [[f64; 3]; 3], [f64; 3]) {
     let count = points.len() as f64;
     let mean = scale(1.0 / count, points.iter().fold([0.0; 3], |s, p| add(s, *p)));
-    let mut m = [0.0; 6];
+    let mut moments = SymmetricMatrix3::ZERO;
     for p in points {
-        accumulate(&mut m, sub(*p, mean));
+        moments.add_outer(1.0, sub(*p, mean));
     }
-    let (mut axes, values) = symmetric_eigen(m.map(|x| x / count));
+    let covariance = SymmetricMatrix3::from_array(moments.to_array().map(|x| x / count));
     // The signs of eigenvectors are arbitrary and could give a left-handed frame.
+    let (mut axes, values) = covariance.eigen();
     axes[2] = cross(axes[0], axes[1]);
     (mean, axes, values)
-}
-
-fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
-    let outer = [d[0] * d[0], d[0] * d[1], d[0] * d[2], d[1] * d[1], d[1] * d[2], d[2] * d[2]];
-    for (s, o) in m.iter_mut().zip(outer) {
-        *s += o;
-    }
-}
-
-/// Unit eigenvectors (largest value first) and eigenvalues of a symmetric `[xx, xy, xz, yy, yz, zz]`, by
-/// Jacobi rotations.
-///
-/// The largest component is positive, so that equal input gives equal frames.
-///
-/// # Examples
-/// ```
-/// use planish_spline::symmetric_eigen;
-///
-/// let (vectors, values) = symmetric_eigen([1.0, 0.0, 0.0, 3.0, 0.0, 2.0]);
-/// assert_eq!(values, [3.0, 2.0, 1.0]);
-/// assert_eq!(vectors[0], [0.0, 1.0, 0.0]);
-/// ```
-#[must_use]
-pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
-    // Jacobi rotations instead of the closed form: the roots of the cubic lose half of their digits if two
-    // eigenvalues are close, and the eigenvectors even more.
-    let mut a = [[m[0], m[1], m[2]], [m[1], m[3], m[4]], [m[2], m[4], m[5]]];
-    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    for _ in 0..60 {
-        let off = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
-        if off <= 1e-300 || off < 1e-17 * (a[0][0].abs() + a[1][1].abs() + a[2][2].abs()) {
-            break;
-        }
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            if a[p][q] == 0.0 {
-                continue;
-            }
-            let theta = 0.5 * (a[q][q] - a[p][p]) / a[p][q];
-            // The smaller of the two angles that zero the entry (at most 45°). The larger one would exchange
-            // the axes in every sweep (Golub and Van Loan, section 8.5).
-            let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-            let t = if theta == 0.0 { 1.0 } else { t };
-            let c = 1.0 / t.hypot(1.0);
-            let s = t * c;
-            for k in 0..3 {
-                let (x, y) = (a[k][p], a[k][q]);
-                a[k][p] = c * x - s * y;
-                a[k][q] = s * x + c * y;
-            }
-            for k in 0..3 {
-                let (x, y) = (a[p][k], a[q][k]);
-                a[p][k] = c * x - s * y;
-                a[q][k] = s * x + c * y;
-                let (x, y) = (v[p][k], v[q][k]);
-                v[p][k] = c * x - s * y;
-                v[q][k] = s * x + c * y;
-            }
-        }
-    }
-    let mut order = [0, 1, 2];
-    order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
-    let axes = order.map(|i| {
-        let e = v[i];
-        // The margin decides between components of equal size by position, not by rounding.
-        let largest = e.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
-        scale(if largest < 0.0 { -1.0 } else { 1.0 }, e)
-    });
-    (axes, order.map(|i| a[i][i]))
 }
 
 fn bounds(points: &[[f64; 3]], directions: [[f64; 3]; 2]) -> ([f64; 2], [f64; 2]) {

@@ -424,6 +424,7 @@ impl FootPointSearch {
 mod tests {
     use super::*;
     use crate::base::BaseShape;
+    use planish_core::SymmetricMatrix3;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
@@ -450,7 +451,7 @@ mod tests {
         let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.0).unwrap();
         let options = ProjectionOptions::default();
-        let covariance = [sigma * sigma, 0.0, 0.0, sigma * sigma, 0.0, sigma * sigma];
+        let covariance = SymmetricMatrix3::isotropic(sigma * sigma);
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let (mut naive, mut corrected) = (0.0, 0.0);
         let count = 60_000;

@@ -11,6 +11,7 @@
 
 use crate::hierarchy::Shape;
 use crate::surface::{Jet, Surface};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{cross, dot, norm, scale, tangents, unit};
 
 /// Curvature of a surface at a point.
@@ -123,24 +124,15 @@ impl Jet {
     }
 
     /// `tr(II R_t)/2`: the mean apparent height over the surface due to tangential noise of covariance `R`,
-    /// to second order; `None` if the parametrisation is singular. `covariance` is
-    /// `[xx, xy, xz, yy, yz, zz]`.
+    /// to second order; `None` if the parametrisation is singular.
     ///
     /// For isotropic noise on a sphere of radius r with outward normals this is `−σ²/r`. The expected signed
     /// distance of a noisy point is `−tr(II R_t)/2`.
     #[inline]
     #[must_use]
-    pub fn tangential_bias(&self, covariance: &[f64; 6]) -> Option<f64> {
+    pub fn tangential_bias(&self, covariance: &SymmetricMatrix3) -> Option<f64> {
         let OrthonormalForm { tangents: [e1, e2], form: [a, b, c], .. } = self.orthonormal_form()?;
-        let [xx, xy, xz, yy, yz, zz] = *covariance;
-        let times = |d: [f64; 3]| {
-            [
-                xx * d[0] + xy * d[1] + xz * d[2],
-                xy * d[0] + yy * d[1] + yz * d[2],
-                xz * d[0] + yz * d[1] + zz * d[2],
-            ]
-        };
-        let (r1, r2) = (times(e1), times(e2));
+        let (r1, r2) = (covariance.times(e1), covariance.times(e2));
         Some(0.5 * (a * dot(e1, r1) + 2.0 * b * dot(e2, r1) + c * dot(e2, r2)))
     }
 }

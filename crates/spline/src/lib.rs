@@ -57,7 +57,7 @@ mod system;
 mod tangent_rows;
 mod tessellation;
 
-pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes, symmetric_eigen};
+pub use base::{BaseShape, choose_base_shape, fit_function, principal_axes};
 pub use basis::{End, MAX_DEGREE, UniformBasis, cubic, cubic_bezier, cubic_half};
 pub use cell_information::{CellCovariance, CellInformation, scalar_element, variance_along};
 pub use directed_moments::{DirectedMoments, DirectedSums};

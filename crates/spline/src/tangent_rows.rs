@@ -37,6 +37,7 @@
 
 use crate::basis::cubic;
 use crate::surface::{Jet, Surface};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{cross, dot, norm, scale, unit};
 
 /// The tangent frame at a point and the rows of orientation and curvature.
@@ -145,24 +146,16 @@ impl TangentRows {
         self.tangents.map(|e| dot(measured, e))
     }
 
-    /// A measured curvature tensor `[xx, xy, xz, yy, yz, zz]` minus that of the surface: `[11, 12, 22]`.
+    /// A measured curvature tensor minus that of the surface: `[11, 12, 22]`.
     #[must_use]
-    pub fn bend(&self, measured: &[f64; 6]) -> [f64; 3] {
-        let [xx, xy, xz, yy, yz, zz] = *measured;
-        let times = |e: [f64; 3]| {
-            [
-                xx * e[0] + xy * e[1] + xz * e[2],
-                xy * e[0] + yy * e[1] + yz * e[2],
-                xz * e[0] + yz * e[1] + zz * e[2],
-            ]
-        };
+    pub fn bend(&self, measured: &SymmetricMatrix3) -> [f64; 3] {
         let [e1, e2] = self.tangents;
-        let (c1, c2) = (times(e1), times(e2));
+        let (c1, c2) = (measured.times(e1), measured.times(e2));
         [dot(e1, c1) - self.form[0], dot(e2, c1) - self.form[1], dot(e2, c2) - self.form[2]]
     }
 }
 
-/// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`, as `[xx, xy, xz, yy, yz, zz]`.
+/// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`.
 ///
 /// The normal component of `d1` is removed. `None` if nothing remains or the normal is zero.
 ///
@@ -172,19 +165,23 @@ impl TangentRows {
 ///
 /// // A cylinder of radius 2 along z, at its point on the x axis: curved around y only.
 /// let tensor = curvature_tensor([-0.5, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]);
-/// assert_eq!(tensor, Some([0.0, 0.0, 0.0, -0.5, 0.0, 0.0]));
+/// assert_eq!(tensor.map(|t| t.to_array()), Some([0.0, 0.0, 0.0, -0.5, 0.0, 0.0]));
 /// ```
 #[must_use]
-pub fn curvature_tensor([k1, k2]: [f64; 2], direction: [f64; 3], normal: [f64; 3]) -> Option<[f64; 6]> {
+pub fn curvature_tensor(
+    [k1, k2]: [f64; 2],
+    direction: [f64; 3],
+    normal: [f64; 3],
+) -> Option<SymmetricMatrix3> {
     let n = unit(normal)?;
     let along = scale(dot(direction, n), n);
     let d1 = unit([0, 1, 2].map(|d| direction[d] - along[d]))?;
     Some(tensor_of([k1, k2], [d1, cross(n, d1)]))
 }
 
-/// `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` as `[xx, xy, xz, yy, yz, zz]`.
-pub(crate) fn tensor_of([k1, k2]: [f64; 2], [d1, d2]: [[f64; 3]; 2]) -> [f64; 6] {
-    planish_estimate::vector3::upper_triangle(|i, j| k1 * d1[i] * d1[j] + k2 * d2[i] * d2[j])
+/// `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ`.
+pub(crate) fn tensor_of([k1, k2]: [f64; 2], [d1, d2]: [[f64; 3]; 2]) -> SymmetricMatrix3 {
+    SymmetricMatrix3::from_entries(|i, j| k1 * d1[i] * d1[j] + k2 * d2[i] * d2[j])
 }
 
 #[cfg(test)]
@@ -353,7 +350,7 @@ mod tests {
     #[test]
     fn the_tensor_of_a_cylinder_is_recovered() {
         let tensor = curvature_tensor([0.0, -0.5], [0.1, 0.0, 1.0], [1.0, 0.0, 0.0]).unwrap();
-        assert_eq!(tensor, [0.0, 0.0, 0.0, -0.5, 0.0, 0.0]);
+        assert_eq!(tensor.to_array(), [0.0, 0.0, 0.0, -0.5, 0.0, 0.0]);
         assert!(curvature_tensor([1.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]).is_none());
     }
 }

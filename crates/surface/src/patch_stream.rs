@@ -9,12 +9,11 @@
 
 use crate::observe::{MIN_COSINE, RejectionCause, expected_lift, surface_extent};
 use crate::subdivision::{RefineBy, RefinementLog};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::Result;
 use planish_estimate::vector3::dot;
-use planish_sense::variance_along;
 use planish_spline::{
     FootPoint, FootPointSearch, PatchFilter, ProjectionOptions, SubdivisionCriteria, Surface, SurfaceReading,
-    symmetric_eigen,
 };
 
 /// Number of readings after which patches are first considered for division; afterwards at each doubling.
@@ -38,12 +37,12 @@ pub(crate) struct IncomingReading {
 /// The value of a reading.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum ReadingValue {
-    /// A position, with its covariance `[xx, xy, xz, yy, yz, zz]`.
-    Position([f64; 6]),
+    /// A position, with its covariance.
+    Position(SymmetricMatrix3),
     /// A unit normal, and the variance of its tilt along either tangent.
     Normal([f64; 3], f64),
     /// A curvature tensor, and the variance of its diagonal components; off-diagonal ones have half of it.
-    Curvature([f64; 6], f64),
+    Curvature(SymmetricMatrix3, f64),
 }
 
 /// Limits by which patches are divided and readings rejected.
@@ -163,14 +162,14 @@ impl StreamingFilter {
                     parameters,
                     direction: foot.normal,
                     value: dot(foot.normal, foot.jet.point) + height,
-                    variance: variance_along(&covariance, foot.normal),
+                    variance: covariance.along(foot.normal),
                 }
             }
             ReadingValue::Normal(normal, variance) => {
                 SurfaceReading::Normal { parameters, normal, sigma_rad: variance.sqrt() }
             }
             ReadingValue::Curvature(tensor, variance) => {
-                let (mut directions, mut principal) = symmetric_eigen(tensor);
+                let (mut directions, mut principal) = tensor.eigen();
                 // The third direction is the normal, along which a curvature tensor is zero.
                 let least = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
                 let last = least.unwrap_or(2);

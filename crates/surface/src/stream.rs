@@ -19,6 +19,7 @@ use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFi
 use crate::saved::{Session, load_with_provenance, save};
 use crate::subdivision::{LevelRefinement, RefineBy};
 use planish_core::Silent;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_sense::{Scan, Sensor};
@@ -57,8 +58,8 @@ pub enum Reading {
     Position {
         /// The point.
         point: [f64; 3],
-        /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
-        covariance: [f64; 6],
+        /// Its covariance.
+        covariance: SymmetricMatrix3,
         /// Unit vector from the surface towards the sensor, if known. It separates the two sides of a thin
         /// part.
         facing: Option<[f64; 3]>,
@@ -91,8 +92,7 @@ impl Reading {
     /// A position with isotropic noise.
     #[must_use]
     pub fn position(point: [f64; 3], sigma: f64) -> Self {
-        let v = sigma * sigma;
-        Self::Position { point, covariance: [v, 0.0, 0.0, v, 0.0, v], facing: None }
+        Self::Position { point, covariance: SymmetricMatrix3::isotropic(sigma * sigma), facing: None }
     }
 
     fn incoming(&self) -> Result<IncomingReading> {

@@ -2,6 +2,7 @@
 
 use super::{points, written};
 use las::point::{Classification, Format};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::ply::write_scan;
@@ -15,7 +16,7 @@ pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
     let points = points(4);
     let count = points.len();
     let full = Scan {
-        covariance: Some(vec![[0.4, 0.1, 0.0, 0.5, 0.0, 0.6]; count]),
+        covariance: Some(vec![SymmetricMatrix3::from_array([0.4, 0.1, 0.0, 0.5, 0.0, 0.6]); count]),
         normals: Some(vec![[0.0, 0.6, 0.8]; count]),
         sigma_normal_deg: Some(vec![2.0; count]),
         grid: Some(RangeGrid {

@@ -4,7 +4,7 @@ use super::values::{KindChoice, kind, pair, rectangle};
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::values::{count, length, not_negative, positive, probability};
 use clap::{Args, ValueEnum, ValueHint};
-use planish::next::Length;
+use planish::Length;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\

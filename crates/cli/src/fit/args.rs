@@ -4,10 +4,10 @@ use super::values::{depth, gate, held_out, max_coefficients, symmetry};
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::values::{grid, length, positive};
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Length;
 use planish::Shape;
 use planish::complete::SymmetryChoice;
 use planish::fit::{Filter, RefineBy};
-use planish::next::Length;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\

@@ -3,8 +3,8 @@
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::values::{count, length, right_angle};
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Length;
 use planish::merge::MergeMethod;
-use planish::next::Length;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\

@@ -3,7 +3,7 @@
 use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::values::{corners, count, length, positive_count};
 use clap::{Args, ValueHint};
-use planish::next::Length;
+use planish::Length;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\

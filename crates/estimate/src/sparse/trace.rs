@@ -5,6 +5,7 @@
 
 use super::{BlockInformation, CholeskyFactor};
 use crate::{Error, Result};
+use planish_core::random::SplitMix64;
 
 /// Number of probes solved together.
 const BATCH: usize = 8;
@@ -64,7 +65,7 @@ pub fn stochastic_trace(
     }
     // Signs have the smallest variance of all probes: their squares are 1, so diagonal entries contribute no
     // error.
-    let mut signs = Signs { state: seed, bits: 0, left: 0 };
+    let mut signs = Signs { random: SplitMix64::new(seed), bits: 0, left: 0 };
     let mut samples: Vec<f64> = Vec::with_capacity(probes);
     while samples.len() < probes {
         // Together, because a solution is limited by reading the factor from memory, once per batch.
@@ -91,9 +92,9 @@ pub fn stochastic_trace(
     Ok(TraceEstimate { value, standard_error: (spread / (count - 1.0) / count).sqrt(), probes })
 }
 
-/// Random signs from SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).
+/// Random signs, 64 from each number drawn.
 struct Signs {
-    state: u64,
+    random: SplitMix64,
     bits: u64,
     left: u32,
 }
@@ -101,11 +102,7 @@ struct Signs {
 impl Signs {
     fn draw(&mut self) -> f64 {
         if self.left == 0 {
-            self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-            let mut mixed = self.state;
-            mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-            self.bits = mixed ^ (mixed >> 31);
+            self.bits = self.random.next_u64();
             self.left = u64::BITS;
         }
         let sign = if self.bits & 1 == 0 { -1.0 } else { 1.0 };

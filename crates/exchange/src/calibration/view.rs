@@ -23,8 +23,8 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
-/// Default maximum angle of incidence. Range sensors fail on grazing surfaces; a larger angle plans views whose
-/// readings are missing, a smaller one more views than necessary.
+/// Default maximum angle of incidence. Range sensors fail on grazing surfaces; a larger angle plans views
+/// whose readings are missing, a smaller one more views than necessary.
 const DEFAULT_INCIDENCE_DEG: f64 = 60.0;
 
 /// A range sensor with the unit of its lengths.

@@ -2,8 +2,8 @@
 
 use super::DrawnContour;
 use crate::atomic::write_atomically;
-use crate::unit::Unit;
 use planish_contour::planar::ContourKind;
+use planish_core::Unit;
 use planish_estimate::Result;
 use std::fmt::Write as _;
 use std::io::Write as _;

@@ -8,11 +8,11 @@
 //! **Limits.** Estimators check that a covariance is positive definite, not this module.
 
 use crate::source::read_text;
-use crate::unit::Unit;
 use nalgebra::DMatrix;
 use planish_contour::constraint::Constraint;
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::EstimatedContour;
+use planish_core::Unit;
 use planish_estimate::{Error, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@ use std::fs;
 use std::io::Cursor;
 
 use planish_estimate::ErrorKind;
-use planish_sense::{RangeGrid, variance_along};
+use planish_sense::RangeGrid;
 use proptest::prelude::*;
 use tiff::encoder::{TiffEncoder, colortype};
 
@@ -68,11 +68,8 @@ fn every_format_gives_the_same_organised_scan() {
         // Column 0, row 1: half a unit left of the axis and a quarter below it, at 1.5 m.
         let p = scan.points[2];
         assert!(p.iter().zip([-0.75, 0.375, 1.5]).all(|(a, b)| (a - b).abs() < 1e-12), "{name} {p:?}");
-        let sigma = variance_along(
-            &scan.covariance.as_ref().unwrap()[2],
-            [-0.75, 0.375, 1.5].map(|c| c / 2.953_125_f64.sqrt()),
-        )
-        .sqrt();
+        let ray = [-0.75, 0.375, 1.5].map(|c| c / 2.953_125_f64.sqrt());
+        let sigma = scan.covariance.as_ref().unwrap()[2].along(ray).sqrt();
         assert!((sigma - 0.0055 * 1.3125_f64.sqrt()).abs() < 1e-12, "{name} {sigma}");
     }
 }
@@ -83,7 +80,10 @@ fn the_calibration_may_be_beside_the_image() {
     let path = folder.path().join("depth.png");
     fs::write(&path, png16()).unwrap();
     let e = read_inputs(&[&path], None).unwrap_err().to_string();
-    assert!(e.contains("depth.png: expected the calibration") && e.contains("depth.toml with fx fy cx cy"), "{e}");
+    assert!(
+        e.contains("depth.png: expected the calibration") && e.contains("depth.toml with fx fy cx cy"),
+        "{e}"
+    );
     fs::write(folder.path().join("depth.toml"), CAMERA).unwrap();
     assert_eq!(read_inputs(&[&path], None).unwrap().scans[0].scan.points.len(), 5);
     let e = read_inputs(&[folder.path().join("gone.png")], None).unwrap_err();

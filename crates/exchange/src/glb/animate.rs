@@ -1,15 +1,16 @@
 //! Writes a mesh whose shape and colours change in time as one GLB file.
 //!
-//! The file holds the last frame as a mesh, each earlier frame as a morph target (differences of positions, normals
-//! and colours), and one animation of the weights. Viewers without animation show the last frame.
+//! The file holds the last frame as a mesh, each earlier frame as a morph target (differences of positions,
+//! normals and colours), and one animation of the weights. Viewers without animation show the last frame.
 //!
-//! **Limits.** Viewers need not animate colours: glTF 2.0 allows morph targets of `COLOR_0` (section 3.7.2.2), but
-//! does not require viewers to support them.
+//! **Limits.** Viewers need not animate colours: glTF 2.0 allows morph targets of `COLOR_0` (section
+//! 3.7.2.2), but does not require viewers to support them.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
+use planish_core::BoundingBox;
 use planish_estimate::vector3::sub;
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
@@ -32,8 +33,8 @@ pub struct MeshFrame {
 /// A column of a frame as it is written.
 type Column = Vec<[f32; 3]>;
 
-/// Writes frames with common triangles as one animated mesh, one frame per `seconds_per_frame`. Without a unit,
-/// lengths are metres.
+/// Writes frames with common triangles as one animated mesh, one frame per `seconds_per_frame`. Without a
+/// unit, lengths are metres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners
@@ -93,13 +94,15 @@ impl Animation {
             ));
         }
         if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
-            return Err(Error::input(format!("expected corners below {n}, the number of points, found another")));
+            return Err(Error::input(format!(
+                "expected corners below {n}, the number of points, found another"
+            )));
         }
         if !(seconds > 0.0 && seconds.is_finite()) {
             return Err(Error::input(format!("expected a positive time per frame, found {seconds} s")));
         }
-        let (low, high) = bounds(&last.points);
-        let centre: [f64; 3] = std::array::from_fn(|k| low[k] + 0.5 * (high[k] - low[k]));
+        let centre = BoundingBox::from_points(&last.points)
+            .map_or([0.0; 3], |b| std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k])));
         let mut columns: Vec<Column> = vec![
             last.points.iter().map(|p| sub(*p, centre).map(|c| c as f32)).collect(),
             last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
@@ -166,7 +169,9 @@ impl Animation {
             "buffers": [{"byteLength": sections.length}],
         });
         let head = Head::new(&document, sections.length).map_err(|total| {
-            Error::unsupported(format!("expected an animation of at most 4 GiB, the limit of GLB, found {total} bytes"))
+            Error::unsupported(format!(
+                "expected an animation of at most 4 GiB, the limit of GLB, found {total} bytes"
+            ))
         })?;
         Ok(Self { head, columns, times, weights })
     }
@@ -184,12 +189,6 @@ impl Animation {
         }
         Ok(())
     }
-}
-
-fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
-    points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(low, high), p| {
-        (std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k])))
-    })
 }
 
 /// Minimum and maximum of each coordinate as written; glTF requires them for positions (section 3.6.2.5).

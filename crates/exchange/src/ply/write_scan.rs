@@ -18,8 +18,8 @@ use crate::atomic::write_atomically;
 /// Writes a scan; [`read_scan`](super::read_scan) returns the same numbers.
 ///
 /// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance
-/// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Pose, viewing direction and the number of
-/// dropped readings are not written.
+/// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Pose, viewing direction and the number
+/// of dropped readings are not written.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length or a grid that names no point;
@@ -131,7 +131,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
             put(&[sigma[i]])?;
         }
         if let Some(covariance) = &scan.covariance {
-            put(&covariance[i])?;
+            put(&covariance[i].to_array())?;
         } else if let Some(sigma) = &scan.sigma {
             put(&[sigma[i]])?;
         }
@@ -151,6 +151,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
 mod tests {
     use super::super::read_scan;
     use super::*;
+    use planish_core::SymmetricMatrix3;
 
     #[test]
     fn written_scans_read_back_unchanged() {
@@ -159,7 +160,10 @@ mod tests {
         let full = Scan {
             name: "a.ply".to_owned(),
             points: vec![[0.1, 1.0 / 3.0, -2e-7], [4.0, 5.0, 6.0]],
-            covariance: Some(vec![[1.0, 0.1, 0.0, 2.0, 0.0, 3.0], [0.5, 0.0, 0.0, 0.5, 0.0, 0.5]]),
+            covariance: Some(vec![
+                SymmetricMatrix3::from_array([1.0, 0.1, 0.0, 2.0, 0.0, 3.0]),
+                SymmetricMatrix3::isotropic(0.5),
+            ]),
             normals: Some(vec![[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
             sigma_normal_deg: Some(vec![2.0, 0.5]),
             grid: Some(RangeGrid { columns: 3, rows: 1, cells: vec![1, RangeGrid::EMPTY, 0] }),

@@ -23,7 +23,7 @@ mod topology;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-use planish_estimate::vector3::distance;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use planish_solid::parametric::{Fineness, Meshed};
 
@@ -280,23 +280,14 @@ fn loose_shells(geometry: Geometry) -> Result<Vec<ReadShape>> {
 }
 
 fn extent(read: &ReadShape) -> f64 {
-    let [lo, hi] = read.shape.bounds();
-    if lo[0] <= hi[0] { distance(lo, hi) } else { 0.0 }
+    read.shape.bounds().map_or(0.0, |b| b.diagonal())
 }
 
 fn size_of(shapes: &[Placed]) -> f64 {
-    let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
-    for placed in shapes {
-        let [lo, hi] = placed.read.shape.bounds();
-        for motion in placed.motions.iter().filter(|_| lo[0] <= hi[0]) {
-            for corner in 0..8 {
-                let p = motion.apply([0, 1, 2].map(|c| if corner >> c & 1 == 0 { lo[c] } else { hi[c] }));
-                for c in 0..3 {
-                    bounds[0][c] = bounds[0][c].min(p[c]);
-                    bounds[1][c] = bounds[1][c].max(p[c]);
-                }
-            }
-        }
-    }
-    if bounds[0][0] <= bounds[1][0] { distance(bounds[0], bounds[1]) } else { 0.0 }
+    let corners = shapes.iter().flat_map(|placed| {
+        let own = placed.read.shape.bounds();
+        let moved = placed.motions.iter().flat_map(move |m| own.map(|b| b.corners().map(|p| m.apply(p))));
+        moved.flatten()
+    });
+    BoundingBox::around(corners).map_or(0.0, |b| b.diagonal())
 }

@@ -63,7 +63,9 @@ impl<'a> Words<'a> {
     fn flag(&mut self) -> Result<bool> {
         self.skip();
         let flag = self.left.chars().next().filter(|c| matches!(c, '0' | '1'));
-        let flag = flag.ok_or_else(|| Error::input("expected 0 or 1 as a flag of an arc in the path, found another character"))?;
+        let flag = flag.ok_or_else(|| {
+            Error::input("expected 0 or 1 as a flag of an arc in the path, found another character")
+        })?;
         self.left = &self.left[1..];
         Ok(flag == '1')
     }
@@ -206,8 +208,8 @@ fn turn(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too short
-/// (F.6.6).
+/// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too
+/// short (F.6.6).
 fn arc(
     from: [f64; 2],
     to: [f64; 2],

@@ -10,9 +10,9 @@
 
 use super::MergePatch;
 use super::border::distance_to_border;
-use crate::mesh::BoundingBox;
 use crate::search::MeshSearch;
-use crate::sets::DisjointSets;
+use planish_core::BoundingBox;
+use planish_core::DisjointSets;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;

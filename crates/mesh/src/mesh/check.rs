@@ -7,8 +7,8 @@
 
 use super::TriangleMesh;
 use crate::edges::{EdgeTable, is_collapsed};
-use crate::sets::DisjointSets;
 use crate::triangle::area_vector;
+use planish_core::DisjointSets;
 
 /// Counts that describe a mesh; see [`TriangleMesh::check`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! The two sides of a comparison, read from files.
 
 use super::*;
+use planish_core::SymmetricMatrix3;
 
 /// A model to be compared.
 #[derive(Debug, Clone)]
@@ -33,9 +34,9 @@ pub struct Reference {
     pub normals: Option<Vec<[f64; 3]>>,
     /// Triangles between the points; none for a cloud.
     pub triangles: Vec<[u32; 3]>,
-    /// Covariances `[xx, xy, xz, yy, yz, zz]` of the points, zero where not stated; none where the reference
+    /// Covariances of the points, zero where not stated; none where the reference
     /// counts as exact.
-    pub covariance: Option<Vec<[f64; 6]>>,
+    pub covariance: Option<Vec<SymmetricMatrix3>>,
     /// Unit of every length, where a file names it.
     pub unit: Option<Unit>,
 }
@@ -147,17 +148,17 @@ impl Reference {
                 let normal = scan.normals.as_ref().and_then(|n| unit(n[k])).unwrap_or([0.0; 3]);
                 normals.push(pose.rotate(normal));
                 let stated = match (&scan.covariance, &scan.sigma, set.sensors[posed.sensor].noise) {
-                    (Some(all), _, _) => rotated(pose, &all[k]),
-                    (None, Some(sigmas), _) => isotropic(sigmas[k]),
+                    (Some(all), _, _) => all[k].rotated(&pose.rotation),
+                    (None, Some(sigmas), _) => SymmetricMatrix3::isotropic(sigmas[k] * sigmas[k]),
                     (None, None, Some(noise)) => noise.covariance(None),
-                    (None, None, None) => [0.0; 6],
+                    (None, None, None) => SymmetricMatrix3::ZERO,
                 };
                 covariance.push(stated);
             }
         }
         let known = |n: &[f64; 3]| *n != [0.0; 3];
         made.normals = normals.iter().any(known).then_some(normals);
-        made.covariance = covariance.iter().any(|c| *c != [0.0; 6]).then_some(covariance);
+        made.covariance = covariance.iter().any(|c| *c != SymmetricMatrix3::ZERO).then_some(covariance);
         made
     }
 
@@ -165,7 +166,7 @@ impl Reference {
     pub(super) fn scaled(mut self, factor: f64) -> Self {
         if factor != 1.0 {
             self.points.iter_mut().for_each(|p| *p = scale(factor, *p));
-            self.covariance.iter_mut().flatten().for_each(|c| *c = c.map(|v| v * factor * factor));
+            self.covariance.iter_mut().flatten().for_each(|c| *c = c.scaled(factor).scaled(factor));
         }
         self
     }
@@ -175,41 +176,28 @@ impl Reference {
     }
 
     pub(super) fn variance(&self, k: usize, direction: [f64; 3]) -> f64 {
-        self.covariance.as_ref().map_or(0.0, |c| variance_along(&c[k], direction))
+        self.covariance.as_ref().map_or(0.0, |c| c[k].along(direction))
     }
 }
 
-pub(super) fn isotropic(sigma: f64) -> [f64; 6] {
-    let v = sigma * sigma;
-    [v, 0.0, 0.0, v, 0.0, v]
-}
-
-/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
-fn rotated(pose: &Pose, c: &[f64; 6]) -> [f64; 6] {
-    // Rows of C, each carried to the world: C Rᵀ, then its columns.
-    let rows = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]].map(|row| pose.rotate(row));
-    let columns = [0, 1, 2].map(|d| pose.rotate([rows[0][d], rows[1][d], rows[2][d]]));
-    [columns[0][0], columns[0][1], columns[0][2], columns[1][1], columns[1][2], columns[2][2]]
-}
-
-fn covariances(file: &PolygonMesh) -> Result<Option<Vec<[f64; 6]>>> {
+fn covariances(file: &PolygonMesh) -> Result<Option<Vec<SymmetricMatrix3>>> {
     if let Some(sigma) = file.column("sigma") {
         if let Some(at) = sigma.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
             return Err(Error::input(format!("vertex {at}: needed sigma ≥ 0, found {}", sigma[at])));
         }
-        return Ok(Some(sigma.iter().map(|&s| isotropic(s)).collect()));
+        return Ok(Some(sigma.iter().map(|&s| SymmetricMatrix3::isotropic(s * s)).collect()));
     }
     let columns = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"].map(|name| file.column(name));
     let [Some(a), Some(b), Some(c), Some(d), Some(e), Some(f)] = columns else {
         return Ok(None);
     };
-    let all: Vec<[f64; 6]> = (0..a.len()).map(|k| [a[k], b[k], c[k], d[k], e[k], f[k]]).collect();
-    let possible =
-        |c: &[f64; 6]| c.iter().all(|v| v.is_finite()) && c[0] >= 0.0 && c[3] >= 0.0 && c[5] >= 0.0;
+    let all: Vec<SymmetricMatrix3> =
+        (0..a.len()).map(|k| SymmetricMatrix3::from_array([a[k], b[k], c[k], d[k], e[k], f[k]])).collect();
+    let possible = |c: &SymmetricMatrix3| c.is_finite() && c.xx >= 0.0 && c.yy >= 0.0 && c.zz >= 0.0;
     if let Some(at) = all.iter().position(|c| !possible(c)) {
         return Err(Error::input(format!(
             "vertex {at}: needed a covariance cxx cxy cxz cyy cyz czz, found {}",
-            all[at].map(|v| v.to_string()).join(" ")
+            all[at].to_array().map(|v| v.to_string()).join(" ")
         )));
     }
     Ok(Some(all))

@@ -1,6 +1,6 @@
-use super::inputs::isotropic;
 use super::*;
 use planish_core::Silent;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::ErrorKind;
 use planish_mesh::{grid_sheet, icosphere};
 use planish_spline::{Shape, Surface, SurfaceSystem, leaf_weights};
@@ -106,7 +106,10 @@ fn points_of_plane(rng: &mut ChaCha8Rng, sigma: f64) -> Reference {
             [x, y, sigma * standard_normal(rng)]
         })
         .collect();
-    Reference { covariance: (sigma > 0.0).then(|| vec![isotropic(sigma); made.len()]), ..points(made) }
+    Reference {
+        covariance: (sigma > 0.0).then(|| vec![SymmetricMatrix3::isotropic(sigma * sigma); made.len()]),
+        ..points(made)
+    }
 }
 
 /// Mean coverage of many fits.
@@ -200,7 +203,8 @@ fn a_reference_in_another_unit_is_converted() {
     let in_unit = |unit: Option<Unit>, factor: f64| {
         let mut reference = mesh_reference(icosphere(0.9, 3));
         reference.points.iter_mut().for_each(|p| *p = scale(factor, *p));
-        reference.covariance = Some(vec![isotropic(0.05 * factor); reference.points.len()]);
+        reference.covariance =
+            Some(vec![SymmetricMatrix3::isotropic((0.05 * factor).powi(2)); reference.points.len()]);
         Reference { unit, ..reference }
     };
     let plain = compared(&model, in_unit(Some(Unit::Millimetre), 1.0));

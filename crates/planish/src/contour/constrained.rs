@@ -8,7 +8,6 @@ use super::Part;
 use super::lengths::in_unit;
 use super::report::{ReportedValue, as_map, canonical};
 use crate::graphs::{GraphsOfView, NamedStructure};
-use crate::next::Length;
 use nalgebra::DMatrix;
 use planish_contour::constraint::{
     ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, ParametricDrawing,
@@ -17,6 +16,7 @@ use planish_contour::constraint::{
 };
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
+use planish_core::Length;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! Lengths with units in the sentences of `--given`.
 
-use crate::next::Length;
+use planish_core::Length;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 

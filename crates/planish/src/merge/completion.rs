@@ -188,7 +188,7 @@ fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
         of.join(*a, *b);
         of.join(*a, *c);
     }
-    (0..mesh.positions.len() as u32).map(|v| of.root(v)).collect()
+    of.into_roots()
 }
 
 /// Triangles inside the bound, the original numbers of their vertices, and the number of removed triangles.

@@ -4,15 +4,16 @@
 //! that frames agree where no pose was given.
 
 use crate::compare::ComparedMesh;
-use crate::next::Length;
 use crate::saved;
+use planish_core::Length;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, is_step_file, read_mesh};
 use planish_exchange::step::read_step;
 use planish_exchange::{PosedScan, Unit, extension, read_inputs};
 use planish_mesh::{ManifoldPatch, MergePatch, TriangleMesh};
-use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
+use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at};
 use planish_surface::export::mesh_from_model;
 use planish_surface::model::Observed;
 use std::path::{Path, PathBuf};
@@ -243,7 +244,7 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
     let normals = mesh.vertex_normals();
     let back = scan.world_from_scanner.inverse();
     let along =
-        |k: usize, covariance: &[f64; 6]| variance_along(covariance, back.rotate(normals[k])).max(0.0).sqrt();
+        |k: usize, covariance: &SymmetricMatrix3| covariance.along(back.rotate(normals[k])).max(0.0).sqrt();
     if let Some(covariance) = &scan.covariance {
         return covariance.iter().enumerate().map(|(k, c)| along(k, c)).collect();
     }

@@ -1,10 +1,11 @@
 //! `planish next --views`: a saved model and a sensor's file in, poses out.
 
 use super::page::views_page;
-use super::{Length, NextOptions, NextView, ViewsReport, next_views};
+use super::{NextOptions, NextView, ViewsReport, next_views};
 use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
+use planish_core::Length;
 use planish_core::Progress;
 use planish_estimate::Result;
 use planish_exchange::calibration::read_view_sensor;

@@ -11,7 +11,6 @@ use planish_exchange::{Unit, extension, read_inputs};
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{count, counted, significant};
 use planish_report::{Cloud, FieldKind, Scene};
-use planish_sense::variance_along;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of points that are drawn.
@@ -135,15 +134,12 @@ impl ViewedContent {
         let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| norm(*n) > 0.0));
         if let Some(covariance) = &all.covariance {
             let (label, sigma): (_, Vec<f64>) = match normals {
-                Some(normals) => (
-                    "σ along the normal",
-                    kept().map(|k| variance_along(&covariance[k], normals[k]).sqrt()).collect(),
-                ),
+                Some(normals) => {
+                    ("σ along the normal", kept().map(|k| covariance[k].along(normals[k]).sqrt()).collect())
+                }
                 None => (
                     "σ, mean over directions",
-                    kept()
-                        .map(|k| ((covariance[k][0] + covariance[k][3] + covariance[k][5]) / 3.0).sqrt())
-                        .collect(),
+                    kept().map(|k| (covariance[k].trace() / 3.0).sqrt()).collect(),
                 ),
             };
             let known = sigma.iter().map(|s| if *s > 0.0 { *s } else { f64::NAN }).collect();

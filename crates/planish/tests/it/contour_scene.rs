@@ -6,7 +6,6 @@ use planish::occluding::{OccludingJob, OccludingOptions};
 use planish::progress::Silent;
 use planish::simulate::{ContoursOptions, ContoursShape, write_contours_scene};
 use planish_exchange::ply::read_scan;
-use planish_sense::variance_along;
 
 /// Points of the scene's contours lie on the object to within their σ, for both shapes, and follow from
 /// the masks alone, too.
@@ -39,7 +38,7 @@ fn points_of_the_scene_lie_on_the_thing() {
                     let [r, slope] = shape.profile(p[2]);
                     let height = (p[0].hypot(p[1]) - r) / slope.hypot(1.0);
                     let normal = scan.normals.as_ref().unwrap()[k];
-                    height * height / variance_along(&scan.covariance.as_ref().unwrap()[k], normal)
+                    height * height / scan.covariance.as_ref().unwrap()[k].along(normal)
                 })
                 .collect();
             (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()

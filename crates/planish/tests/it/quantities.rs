@@ -2,6 +2,7 @@
 
 use planish::fit::{Fit, FitOptions, RefineBy, fit};
 use planish::progress::Silent;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{add_scaled, dot, tangents, unit};
 use planish_exchange::{PosedScan, ScanSet, Unit};
 use planish_sense::{Noise, PrincipalCurvatures, Scan, Sensor, SensorKind};
@@ -106,7 +107,7 @@ const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, m
 /// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length,
 /// each match off by σ = 0.05 pixels: along the ray `z² / (f b)` of that, across it `z / f`. And its
 /// covariance.
-fn stereo_noise(point: [f64; 3], normal_draws: [f64; 3]) -> ([f64; 3], [f64; 6]) {
+fn stereo_noise(point: [f64; 3], normal_draws: [f64; 3]) -> ([f64; 3], SymmetricMatrix3) {
     let seen_from = [0.5 * SIZE, 0.5 * SIZE, 60.0];
     let away: [f64; 3] = std::array::from_fn(|k| point[k] - seen_from[k]);
     let (ray, z) = (unit(away).unwrap(), -away[2]);
@@ -114,11 +115,11 @@ fn stereo_noise(point: [f64; 3], normal_draws: [f64; 3]) -> ([f64; 3], [f64; 6])
     let (e1, e2) = tangents(ray);
     let noise = add_scaled(ray.map(|c| c * along * normal_draws[0]), across * normal_draws[1], e1);
     let noise = add_scaled(noise, across * normal_draws[2], e2);
-    let of = |a: usize, b: usize| {
+    let covariance = SymmetricMatrix3::from_entries(|a, b| {
         let same = if a == b { across * across } else { 0.0 };
         same + (along * along - across * across) * ray[a] * ray[b]
-    };
-    (noise, [of(0, 0), of(0, 1), of(0, 2), of(1, 1), of(1, 2), of(2, 2)])
+    });
+    (noise, covariance)
 }
 
 fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {

@@ -4,8 +4,8 @@
 use planish::GridOptions;
 use planish::simulate::{Exposure, Light, RayTarget, Texture};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, tangents, unit};
+use planish_sense::Image;
 use planish_sense::stripes::{GridCamera, GridReadings, Pinhole, StripePattern, read_grid};
-use planish_sense::{Image, variance_along};
 
 const SIZE: [usize; 2] = [480, 400];
 
@@ -90,7 +90,7 @@ impl Judged {
             let o = &r.orientation;
             let truth = (shape.normal)(o.point);
             let truth = if dot(truth, o.normal) < 0.0 { scale(-1.0, truth) } else { truth };
-            self.place.push((shape.distance)(o.point).powi(2) / variance_along(&o.covariance, truth));
+            self.place.push((shape.distance)(o.point).powi(2) / o.covariance.along(truth));
             // Two tangential components.
             let (e1, e2) = tangents(o.normal);
             let sigma = o.sigma_normal_deg.to_radians();

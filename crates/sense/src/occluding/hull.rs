@@ -117,7 +117,7 @@ impl VisualHull {
     /// them; as [`isosurface`].
     pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
         let bound = SilhouetteBound::new(views)?;
-        let longest = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+        let longest = bounds.longest_side();
         let cell = longest / cells.max(1) as f64;
         let mesh = isosurface(
             bounds,

@@ -10,6 +10,7 @@ use super::circle::add_along;
 use super::matching::Found;
 use super::organised::{Following, relaxed, triangles};
 use super::{OccludingOptions, OccludingPoint, Ready, Spot};
+use planish_core::DisjointSets;
 use planish_estimate::vector3::distance;
 
 /// Maximum distance of a mutual match along the contour, in steps.
@@ -80,7 +81,7 @@ pub(super) fn joined(
     let mut points: Vec<OccludingPoint> =
         (keys.iter()).map(|key| point(ready, places, &of_key, &changes, *key)).collect();
     // Strips, by links along contours and between views.
-    let mut parent: Vec<usize> = (0..keys.len()).collect();
+    let mut strips = DisjointSets::new(keys.len());
     let mut reach = vec![0.0_f64; keys.len()];
     let mut following = Following { along: vec![None; keys.len()], across: vec![None; keys.len()] };
     for (k, key) in keys.iter().enumerate() {
@@ -94,7 +95,7 @@ pub(super) fn joined(
             // Between views a contour point slides over the surface by its radius times the angle.
             let glide = if is_along { 0.0 } else { 2.0 * turn(places, *key) * points[k].radius.abs() };
             if apart <= JUMP * step + unsure + glide {
-                union(&mut parent, k, other);
+                strips.join(k as u32, other as u32);
                 let next = if is_along { &mut following.along } else { &mut following.across };
                 next[k] = Some(other);
                 reach[k] = reach[k].max(apart);
@@ -102,7 +103,7 @@ pub(super) fn joined(
             }
         }
     }
-    let roots: Vec<usize> = (0..keys.len()).map(|k| root(&mut parent, k)).collect();
+    let roots: Vec<usize> = strips.into_roots().into_iter().map(|root| root as usize).collect();
     let mut size = vec![0; keys.len()];
     roots.iter().for_each(|r| size[*r] += 1);
     let mut order: Vec<usize> = (0..keys.len()).filter(|r| size[*r] >= options.least_places.max(1)).collect();
@@ -262,18 +263,4 @@ fn point(
         strip: 0,
         reach: 0.0,
     }
-}
-
-fn root(parent: &mut [usize], mut k: usize) -> usize {
-    while parent[k] != k {
-        parent[k] = parent[parent[k]];
-        k = parent[k];
-    }
-    k
-}
-
-fn union(parent: &mut [usize], a: usize, b: usize) {
-    let (a, b) = (root(parent, a), root(parent, b));
-    let (low, high) = (a.min(b), a.max(b));
-    parent[high] = low;
 }

@@ -4,6 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use planish_core::SymmetricMatrix3;
 
 const SIDE: usize = 64;
 const RADIUS: f64 = 28.0;
@@ -111,8 +112,8 @@ fn highlights_are_rejected() {
     let map = photometric_normals(&images, &lights, None, &PhotometricOptions::default()).unwrap();
     let (_, robust) = judge(&map);
     // Least squares of all readings, as a measure of what was to be left out.
-    let mut m = [0.0; 6];
-    lights.iter().for_each(|l| accumulate(&mut m, 1.0, *l));
+    let mut m = SymmetricMatrix3::ZERO;
+    lights.iter().for_each(|l| m.add_outer(1.0, *l));
     let inverse = inverse(&m).unwrap();
     let plain = |k: usize| {
         let truth = true_normal(k)?;
@@ -120,7 +121,7 @@ fn highlights_are_rejected() {
         for (l, image) in lights.iter().zip(&images) {
             (0..3).for_each(|c| r[c] += l[c] * f64::from(image.values[k]));
         }
-        Some(dot(unit(multiply(&inverse, r))?, truth).clamp(-1.0, 1.0).acos().to_degrees())
+        Some(dot(unit(inverse.times(r))?, truth).clamp(-1.0, 1.0).acos().to_degrees())
     };
     let plain: Vec<f64> = (0..SIDE * SIDE).filter_map(plain).collect();
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;

@@ -103,7 +103,7 @@ fn points_and_covariances_turn_with_the_rig() {
         let expected = motion.apply(before.points[k]);
         assert!(norm(sub(expected, after.points[k])) < 1e-9 * norm(expected).max(1.0));
         for n in [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.48, -0.6, 0.64]] {
-            let same = crate::variance_along(&d[k], motion.rotate(n)) / crate::variance_along(&c[k], n);
+            let same = d[k].along(motion.rotate(n)) / c[k].along(n);
             assert!((same - 1.0).abs() < 1e-6, "{same}");
         }
     }

@@ -4,6 +4,7 @@
 //! facets, vertices and weights of one point are still in the cache for the next.
 
 use super::readings::PointReading;
+use planish_core::random::{nth, unit_interval};
 use planish_mesh::BoundingBox;
 
 /// Bits of the cell number along each axis; three times ten fit a `u32`.
@@ -23,10 +24,7 @@ pub(super) fn chosen_points(points: &[PointReading], wanted: usize, bounds: &Bou
 
 /// A hash of the index in `[0, 1)`. Multiples of the golden ratio would correlate with the rows of a grid.
 fn hashed(i: u32) -> f64 {
-    let mut x = u64::from(i).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    (x >> 11) as f64 / (1_u64 << 53) as f64
+    unit_interval(nth(u64::from(i)))
 }
 
 /// The interleaved bits of the three cell numbers; points outside of the bounds belong to the outermost
@@ -47,13 +45,14 @@ fn morton(at: [f64; 3], bounds: &BoundingBox) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::SymmetricMatrix3;
     use planish_estimate::vector3::distance;
 
     fn readings(count: u32) -> Vec<PointReading> {
         (0..count)
             .map(|i| PointReading {
                 at: [0, 1, 2].map(|axis| hashed(3 * i + axis)),
-                covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+                covariance: SymmetricMatrix3::isotropic(1.0),
             })
             .collect()
     }

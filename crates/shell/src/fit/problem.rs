@@ -257,10 +257,9 @@ impl Problem<'_> {
         made: &mut Equations,
     ) -> bool {
         let point = &self.readings.points[i as usize];
-        let [xx, _, _, yy, _, zz] = point.covariance;
         let factor = weighing.factors[Source::Point.scale()];
         let mut sheets = std::mem::take(&mut gathered.sheets);
-        sheets.find(shell, point.at, shares, factor * ((xx + yy + zz) / 3.0).sqrt(), weighing.loss);
+        sheets.find(shell, point.at, shares, factor * (point.covariance.trace() / 3.0).sqrt(), weighing.loss);
         let mut any = false;
         for (g, sheet) in sheets.likely() {
             any = true;

@@ -1,6 +1,7 @@
 //! The readings that a shell is fitted to: points, outlines in views, and features tracked over views.
 
 use crate::camera::Camera;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 
 /// A measured point with its covariance.
@@ -8,14 +9,14 @@ use planish_estimate::{Error, Result};
 pub struct PointReading {
     /// Position, in the unit of the mesh.
     pub at: [f64; 3],
-    /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
-    pub covariance: [f64; 6],
+    /// Its covariance.
+    pub covariance: SymmetricMatrix3,
 }
 
 impl PointReading {
     /// σ along a direction that need not be a unit vector.
     pub(super) fn sigma(&self, along: [f64; 3]) -> f64 {
-        let [xx, xy, xz, yy, yz, zz] = self.covariance;
+        let SymmetricMatrix3 { xx, xy, xz, yy, yz, zz } = self.covariance;
         let [x, y, z] = along;
         let variance = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z);
         // Gradients of the field are shorter than one near edges; the σ belongs to the unit direction.
@@ -115,12 +116,13 @@ impl ShellReadings<'_> {
             ));
         }
         for (i, point) in self.points.iter().enumerate() {
-            let [xx, _, _, yy, _, zz] = point.covariance;
-            let finite = point.at.iter().chain(&point.covariance).all(|x| x.is_finite());
+            let SymmetricMatrix3 { xx, yy, zz, .. } = point.covariance;
+            let finite = point.at.iter().all(|x| x.is_finite()) && point.covariance.is_finite();
             if !finite || xx + yy + zz <= 0.0 || xx.min(yy).min(zz) < 0.0 {
                 return Err(Error::input(format!(
                     "point {i} is not finite or has no positive variance: {:?}, {:?}",
-                    point.at, point.covariance
+                    point.at,
+                    point.covariance.to_array()
                 )));
             }
         }

@@ -106,9 +106,6 @@ pub(super) fn leverage_of_signs(
 
 /// Random signs of equation `i`, by a hash: independent of order and threads.
 fn signs_of(i: usize) -> [f64; DRAWS] {
-    let mut x = (i as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    x ^= x >> 31;
+    let x = planish_core::random::nth(i as u64);
     std::array::from_fn(|draw| if x >> draw & 1 == 0 { 1.0 } else { -1.0 })
 }

@@ -2,6 +2,7 @@ use super::*;
 use crate::controls::{automatic_controls, stiffness};
 use crate::deformation::displacements;
 use crate::deformation::{Dirichlet, Lattice, LatticeBasis};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::add;
 use planish_estimate::vector3::{dot, sub};
 use planish_mesh::{MeshSearch, icosphere, sample_points};
@@ -65,7 +66,7 @@ fn truth(points: usize, seed: u64) -> Truth {
             })
         };
         let v = SIGMA * SIGMA;
-        readings.push(PointReading { at, covariance: [v, 0.0, 0.0, v, 0.0, v] });
+        readings.push(PointReading { at, covariance: SymmetricMatrix3::isotropic(v) });
         sources.push((!gross).then_some((sample.triangle, sample.barycentric)));
     }
     Truth { mesh, deformed, deformation, stiffness, readings, sources }
@@ -202,7 +203,7 @@ fn a_lattice_is_fitted_by_the_same_code() {
 fn invalid_input_is_named() {
     let mesh = icosphere(1.0, 1);
     let deformation = Dirichlet::new(&mesh.positions[..4], &mesh.positions).unwrap();
-    let good = PointReading { at: [1.0, 0.0, 0.0], covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };
+    let good = PointReading { at: [1.0, 0.0, 0.0], covariance: SymmetricMatrix3::isotropic(1.0) };
     let refused = |points: &[PointReading], options: &ShellFitOptions| {
         fit_points(&mesh, &deformation, points, options).unwrap_err().to_string()
     };

@@ -10,6 +10,7 @@
 //! faces are manifold as they are written.
 
 use super::{Edge, EdgeCurve, Solid, along};
+use planish_core::BoundingBox;
 use planish_estimate::vector3::{dot, norm, sub};
 
 /// Places of an edge, as shares of its range, that are looked for on others.
@@ -49,14 +50,13 @@ impl Solid {
         }
         let body_of_edge = |edge: usize| faces_of[edge].first().map(|f| body_of[*f]);
         let mut found = Vec::new();
-        let boxes: Vec<[[f64; 3]; 2]> = self.edges.iter().map(|e| bounds(e, tolerance)).collect();
+        let boxes: Vec<BoundingBox> = self.edges.iter().map(|e| bounds(e, tolerance)).collect();
         for (index, edge) in self.edges.iter().enumerate() {
             let [from, to] = edge.range;
             let places = SHARES.map(|share| edge.curve.point(from + share * (to - from)));
             for (other, near) in boxes.iter().enumerate() {
-                let in_box = |p: &[f64; 3]| (0..3).all(|k| p[k] >= near[0][k] && p[k] <= near[1][k]);
                 if other != index
-                    && places.iter().all(in_box)
+                    && places.iter().all(|p| near.contains(*p))
                     && places.iter().all(|p| self.edges[other].distance(*p) <= tolerance)
                 {
                     let at = places[1];
@@ -92,7 +92,7 @@ impl Solid {
 }
 
 /// A box around an edge, larger by a margin and by what its curve may bulge between the points looked at.
-fn bounds(edge: &Edge, margin: f64) -> [[f64; 3]; 2] {
+fn bounds(edge: &Edge, margin: f64) -> BoundingBox {
     let points = points(edge);
     let longest = points.windows(2).map(|p| norm(sub(p[1], p[0]))).fold(0.0, f64::max);
     let more = margin
@@ -100,9 +100,9 @@ fn bounds(edge: &Edge, margin: f64) -> [[f64; 3]; 2] {
             EdgeCurve::Line { .. } => 0.0,
             _ => longest,
         };
-    points.iter().fold([[f64::MAX; 3], [f64::MIN; 3]], |[lo, hi], p| {
-        [[0, 1, 2].map(|k| lo[k].min(p[k] - more)), [0, 1, 2].map(|k| hi[k].max(p[k] + more))]
-    })
+    let mut bounds = BoundingBox { min: points[0], max: points[0] };
+    points.iter().for_each(|p| bounds.include(*p));
+    bounds.grown(more)
 }
 
 /// Points along an edge, at equal steps of its parameter.

@@ -3,6 +3,7 @@
 use super::scene::Eye;
 use crate::brep::TrimmedFace;
 use crate::brep::{Coedge, EdgeCurve, FaceSurface, Solid, along, unit};
+use planish_core::BoundingBox;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::{PI, TAU};
 
@@ -57,9 +58,10 @@ impl Edges {
         };
         let middles: Vec<[f64; 3]> = (0..solid.edges.len()).map(middle).collect();
         let touches = |k: usize, p: [f64; 3]| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
-        let boxes: Vec<[[f64; 3]; 2]> = chains.iter().map(|c| bounds(c)).collect();
-        let in_box =
-            |b: &[[f64; 3]; 2], p: [f64; 3]| (0..3).all(|c| p[c] > b[0][c] - near && p[c] < b[1][c] + near);
+        let boxes: Vec<Option<BoundingBox>> = chains.iter().map(|c| BoundingBox::from_points(c)).collect();
+        let in_box = |b: &Option<BoundingBox>, p: [f64; 3]| {
+            b.is_some_and(|b| (0..3).all(|c| p[c] > b.min[c] - near && p[c] < b.max[c] + near))
+        };
         let is_double = (0..chains.len())
             .map(|k| {
                 (0..chains.len()).any(|other| {
@@ -71,12 +73,6 @@ impl Edges {
             .collect();
         Self { uses, chains, is_double }
     }
-}
-
-fn bounds(points: &[[f64; 3]]) -> [[f64; 3]; 2] {
-    points.iter().fold([[f64::MAX; 3], [f64::MIN; 3]], |[lo, hi], p| {
-        [[0, 1, 2].map(|c| lo[c].min(p[c])), [0, 1, 2].map(|c| hi[c].max(p[c]))]
-    })
 }
 
 /// The distance of a point to a straight line between two points.

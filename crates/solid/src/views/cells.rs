@@ -6,6 +6,7 @@
 
 use super::column::SurfaceId;
 use super::drawing_grid::DrawingGrid;
+use planish_core::DisjointSets;
 use planish_estimate::{Error, Result};
 use std::collections::HashSet;
 
@@ -19,9 +20,9 @@ pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a DrawingGrid,
     /// First atom of each box, third coordinate fastest.
     first: Vec<u32>,
-    /// Union–find forest over the atoms; afterwards, the cell of each atom.
-    parent: Vec<u32>,
-    /// Cells thicker than the tolerance somewhere; empty without walls.
+    /// The cell of each atom: the smallest atom of the cell.
+    cell_of_atom: Vec<u32>,
+    /// Cells thicker than the tolerance somewhere; empty without candidate surfaces.
     thick: HashSet<u32>,
     /// Cells in boxes with walls in which no sample point is clear of all surfaces.
     slivers: HashSet<u32>,
@@ -68,19 +69,13 @@ impl<'a> Cells<'a> {
                 }
             }
         }
-        let mut cells = Self {
-            plan,
-            first,
-            parent: (0..total as u32).collect(),
-            thick: HashSet::new(),
-            slivers: HashSet::new(),
-        };
+        let mut cells =
+            Self { plan, first, cell_of_atom: Vec::new(), thick: HashSet::new(), slivers: HashSet::new() };
+        let mut sets = DisjointSets::new(total);
         for axis in 0..3 {
-            cells.join_across(axis);
+            cells.join_across(&mut sets, axis);
         }
-        for atom in 0..total as u32 {
-            cells.parent[atom as usize] = cells.root(atom);
-        }
+        cells.cell_of_atom = sets.into_roots();
         cells.find_thick();
         Ok(cells)
     }
@@ -97,8 +92,8 @@ impl<'a> Cells<'a> {
         let (mut walled, mut real) = (HashSet::new(), HashSet::new());
         for place in 0..n[0] * n[1] * n[2] {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
-            let last = self.first.get(place + 1).map_or(self.parent.len(), |next| *next as usize);
-            let roots = self.parent[self.first[place] as usize..last].iter().copied();
+            let last = self.first.get(place + 1).map_or(self.cell_of_atom.len(), |next| *next as usize);
+            let roots = self.cell_of_atom[self.first[place] as usize..last].iter().copied();
             if plan.walls_in(cell).is_empty() {
                 real.extend(roots);
                 continue;
@@ -176,16 +171,6 @@ impl<'a> Cells<'a> {
         cuts
     }
 
-    fn root(&mut self, mut atom: u32) -> u32 {
-        // Path halving: each visited atom then points to its grandparent.
-        while self.parent[atom as usize] != atom {
-            let up = self.parent[self.parent[atom as usize] as usize];
-            self.parent[atom as usize] = up;
-            atom = up;
-        }
-        atom
-    }
-
     /// The atom of a point in a box: one bit for the sign of each surface in the box.
     ///
     /// The order of the bits (views, pieces, walls) must be the same as when the atoms were counted.
@@ -215,19 +200,19 @@ impl<'a> Cells<'a> {
 
     /// The cell of a point. All points of a cell have the same number.
     pub(crate) fn at(&self, p: [f64; 3]) -> u32 {
-        self.parent[self.atom(self.box_of(p), p) as usize]
+        self.cell_of_atom[self.atom(self.box_of(p), p) as usize]
     }
 
     /// The cell of a point whose box is known.
     pub(crate) fn at_in(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
-        self.parent[self.atom(cell, p) as usize]
+        self.cell_of_atom[self.atom(cell, p) as usize]
     }
 
     /// Joins atoms on both sides of the grid planes across an axis, unless every view that sees the plane
     /// edge-on draws a line there.
     ///
     /// A face in the plane would be a line in each of these views, so one view without a line excludes it.
-    fn join_across(&mut self, axis: usize) {
+    fn join_across(&self, sets: &mut DisjointSets, axis: usize) {
         let plan = self.plan;
         let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::new(plan, v, axis)).collect();
         let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
@@ -240,18 +225,11 @@ impl<'a> Cells<'a> {
                     behind[axis] = at;
                     let may_be_face = drawn.iter().all(|d| d.covers(at, if d.other == a { i } else { j }));
                     if !may_be_face || drawn.is_empty() {
-                        self.join(before, behind, axis, at, [a, b]);
+                        self.join(sets, [before, behind], axis, at, [a, b]);
                     }
                 }
             }
         }
-    }
-
-    fn unite(&mut self, first: u32, second: u32) {
-        let (first, second) = (self.root(first), self.root(second));
-        // The smallest number is the root, so that cell numbers do not depend on the order of joining.
-        let (root, other) = (first.min(second), first.max(second));
-        self.parent[other as usize] = root;
     }
 
     /// True if a point is so near a surface of its box that rounding may put it on either side.
@@ -325,12 +303,19 @@ impl<'a> Cells<'a> {
     /// Joins the atoms of two boxes that share a part of the grid plane between them.
     ///
     /// The plane is divided where surfaces cross it, and each part joins the atoms on its two sides.
-    fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
+    fn join(
+        &self,
+        sets: &mut DisjointSets,
+        [before, behind]: [[usize; 3]; 2],
+        axis: usize,
+        at: usize,
+        [a, b]: [usize; 2],
+    ) {
         let plan = self.plan;
         let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
-            self.unite(self.first[place(before)], self.first[place(behind)]);
+            sets.join(self.first[place(before)], self.first[place(behind)]);
             return;
         }
         let value = plan.grid[axis][at];
@@ -374,7 +359,7 @@ impl<'a> Cells<'a> {
                     continue;
                 }
                 let (first, second) = (self.atom(before, p), self.atom(behind, p));
-                self.unite(first, second);
+                sets.join(first, second);
             }
         }
     }

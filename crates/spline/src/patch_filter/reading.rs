@@ -27,10 +27,10 @@
 //! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3; Wang, Wang 1994, eq. 3–7 (which hold
 //! at unit speed only).
 
-use crate::base::symmetric_eigen;
 use crate::basis::cubic;
 use crate::surface::{Jet, leaf_weights};
 use crate::tangent_rows::{TangentRows, tensor_of};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{cross, dot, norm, unit};
 use planish_estimate::{Error, Result};
 
@@ -52,8 +52,8 @@ pub enum SurfaceReading {
         parameters: [f64; 2],
         /// The measured value.
         point: [f64; 3],
-        /// `xx xy xz yy yz zz`.
-        covariance: [f64; 6],
+        /// Covariance of the value.
+        covariance: SymmetricMatrix3,
     },
     /// The component of a position along a unit direction: a height, or a distance along a normal.
     Along {
@@ -141,8 +141,8 @@ impl SurfaceReading {
             Self::PositionWithCovariance { point, covariance, .. } => {
                 // A covariance is valid if its smallest eigenvalue is not negative; it stands in for the
                 // variance below.
-                let (_, values) = symmetric_eigen(*covariance);
-                (finite(point) && finite(covariance), values[2], &[])
+                let (_, values) = covariance.eigen();
+                (finite(point) && covariance.is_finite(), values[2], &[])
             }
             Self::Along { direction, value, variance, .. } => {
                 (value.is_finite(), *variance, std::slice::from_ref(direction))
@@ -187,7 +187,7 @@ impl SurfaceReading {
             }
             Self::PositionWithCovariance { point, covariance, .. } => {
                 // Along the eigenvectors the three components are independent, so each is one scalar update.
-                let (axes, values) = symmetric_eigen(covariance);
+                let (axes, values) = covariance.eigen();
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
                     *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
                 }

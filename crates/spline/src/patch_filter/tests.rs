@@ -5,6 +5,7 @@ use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Surface, leaf_weights};
 use crate::system::SurfaceSystem;
 use nalgebra::DMatrix;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::dot;
 use quadtree::{Quadtree, VERTICES, quarter_matrix};
 use rand::{RngExt, SeedableRng};
@@ -476,7 +477,7 @@ fn wrong_readings_and_options_are_rejected_and_change_nothing() {
         SurfaceReading::PositionWithCovariance {
             parameters: good.0,
             point: good.1,
-            covariance: [1.0, 2.0, 0.0, 1.0, 0.0, 1.0],
+            covariance: SymmetricMatrix3::from_array([1.0, 2.0, 0.0, 1.0, 0.0, 1.0]),
         },
     ] {
         assert!(filter.observe(&reading).is_err(), "{reading:?}");

@@ -12,9 +12,9 @@
 //! # References
 //! Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978), for the BIC.
 
-use crate::symmetric_eigen;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
-use planish_estimate::vector3::{add, add_scaled, dot, norm, scale, sub, tangents, unit, upper_triangle};
+use planish_core::SymmetricMatrix3;
+use planish_estimate::vector3::{add, add_scaled, dot, norm, scale, sub, tangents, unit};
 
 /// Maximum number of parameters: a cylinder has five.
 const MAX_PARAMETERS: usize = 5;
@@ -329,12 +329,14 @@ fn mean(points: &[[f64; 3]]) -> [f64; 3] {
 /// perpendicular to most normals.
 fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Primitive> {
     let moments = |of: &[[f64; 3]], centre: [f64; 3]| {
-        upper_triangle(|i, j| of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum())
+        SymmetricMatrix3::from_entries(|i, j| {
+            of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum()
+        })
     };
-    let (axes, _) = symmetric_eigen(moments(points, middle));
+    let (axes, _) = moments(points, middle).eigen();
     let mut all = vec![Primitive::Plane { point: middle, normal: axes[2] }];
     all.extend(algebraic_sphere(points, middle));
-    let (of_normals, _) = symmetric_eigen(moments(normals, [0.0; 3]));
+    let (of_normals, _) = moments(normals, [0.0; 3]).eigen();
     let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
     all.extend(directions.into_iter().filter_map(|d| algebraic_cylinder(points, middle, d)));
     all

@@ -3,9 +3,10 @@
 use super::facets::Facets;
 use super::maps::Symmetry;
 use super::symmetry::SymmetryKind;
-use crate::{principal_axes, symmetric_eigen};
+use crate::principal_axes;
 use nalgebra::{Matrix3, Vector3};
-use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit, upper_triangle};
+use planish_core::SymmetricMatrix3;
+use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
 use std::f64::consts::TAU;
 
 /// Number of random pairs of facets to examine, and maximum number of starts. More pairs find weaker
@@ -145,7 +146,7 @@ impl LineComplex {
             return [[0.0; 3]; 3];
         };
         let left = self.moments - self.mixed.transpose() * factor.solve(&self.mixed);
-        symmetric_eigen(upper_triangle(|i, j| 0.5 * (left[(i, j)] + left[(j, i)]))).0
+        SymmetricMatrix3::from_entries(|i, j| 0.5 * (left[(i, j)] + left[(j, i)])).eigen().0
     }
 
     /// A point of the axis of this direction, from the middle.

@@ -116,10 +116,7 @@ fn typical_sigma(observations: &Observations, sample: &[u32]) -> f64 {
             observations.quantity(i) == Quantity::Position
                 && observations.channels[observations.channel(i)].stated
         })
-        .map(|i| {
-            let [xx, _, _, yy, _, zz] = observations.covariance(i);
-            (xx + yy + zz) / 3.0
-        })
+        .map(|i| observations.covariance(i).trace() / 3.0)
         .sum();
     (sum / sample.len().max(1) as f64).sqrt()
 }

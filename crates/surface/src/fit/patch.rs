@@ -416,7 +416,7 @@ pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -
         at: observations.readings.points[i],
         facing: observations.normal(i),
         value: match observations.measured(i) {
-            Measured::Position => ReadingValue::Position(observations.covariance(i).map(|c| factor * c)),
+            Measured::Position => ReadingValue::Position(observations.covariance(i).scaled(factor)),
             Measured::Normal(normal) => ReadingValue::Normal(normal, variance()),
             Measured::Curvature(tensor) => ReadingValue::Curvature(tensor, variance()),
         },

@@ -136,7 +136,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
         }
     }
     for (at, c) in scan.covariance.iter().flatten().enumerate() {
-        for variance in [c[0], c[3], c[5]] {
+        for variance in [c.xx, c.yy, c.zz] {
             if out_of_range(variance.sqrt()) {
                 return Err(wrong(posed, at, message(variance.sqrt())));
             }
@@ -154,6 +154,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::SymmetricMatrix3;
     use planish_estimate::ErrorKind;
     use planish_sense::{Noise, Scan, Sensor, SensorKind};
 
@@ -181,7 +182,13 @@ mod tests {
             (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
             (|scan, _| scan.points[1] = [1e-80, 0.0, 0.0], "larger than"),
             (|scan, _| scan.sigma = Some(vec![0.1, 1e-13]), "a.ply: point 1: σ = 1e-13"),
-            (|scan, _| scan.covariance = Some(vec![[1e40, 0.0, 0.0, 1.0, 0.0, 1.0]; 2]), "point 0: σ = 1e20"),
+            (
+                |scan, _| {
+                    scan.covariance =
+                        Some(vec![SymmetricMatrix3 { xx: 1e40, ..SymmetricMatrix3::isotropic(1.0) }; 2])
+                },
+                "point 0: σ = 1e20",
+            ),
             (|_, sensor| sensor.noise = Some(Noise::Isotropic { sigma: 1e30 }), "sensor \"laser\": σ = 1e30"),
             (|scan, _| scan.points.iter_mut().for_each(|p| p[0] += 1e9), "subtract an offset"),
         ];

@@ -4,6 +4,7 @@ use super::observations::Observations;
 use super::quantity::{Measured, Quantity};
 use super::rejection::RejectionCause;
 use crate::model::order_by_leaf;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::vector3::dot;
@@ -195,12 +196,12 @@ pub(crate) fn project(
 
 /// Mean distance `tr(II R_t)/2` by which noise along the tangent plane lifts a reading off a curved surface.
 /// The covariance of the reading is `factor` times `covariance`.
-pub(crate) fn expected_lift(jet: &Jet, covariance: &[f64; 6], factor: f64) -> f64 {
+pub(crate) fn expected_lift(jet: &Jet, covariance: &SymmetricMatrix3, factor: f64) -> f64 {
     let Some(bias) = jet.tangential_bias(covariance) else {
         return 0.0;
     };
     // The expansion holds for noise well below the radius of curvature; elsewhere it is bounded by σ/2.
-    let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
+    let sigma = (factor * covariance.trace() / 3.0).sqrt();
     (-factor * bias).clamp(-0.5 * sigma, 0.5 * sigma)
 }
 

@@ -17,14 +17,15 @@ mod normals;
 pub use columns::{IntakeFigures, ReadingColumns, ScanColumns};
 pub(crate) use intake::has_ground;
 
-use super::quantity::{Channel, Measured, Quantity, rotate_covariance};
+use super::quantity::{Channel, Measured, Quantity};
 use super::rejection::RejectionCause;
 use super::scan_errors::ScanErrors;
 use columns::{ReadingRow, ScanNoise};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::{dot, norm, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
-use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at, variance_along};
+use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at};
 use rayon::prelude::*;
 
 /// Duplicate pairs of scans that are listed one by one in warnings.
@@ -185,12 +186,10 @@ impl Observations {
             match noise {
                 ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
                 ScanNoise::Sigma(_) | ScanNoise::Inferred(_) => {}
-                ScanNoise::Covariance(all) => {
-                    all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c))
-                }
+                ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = c.rotated(&motion.rotation)),
                 ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
                 ScanNoise::Curvatures(all) => {
-                    all.iter_mut().for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
+                    all.iter_mut().for_each(|(t, _)| *t = t.rotated(&motion.rotation));
                 }
             }
         }
@@ -248,7 +247,7 @@ impl Observations {
             ScanNoise::Normals(all) => all[index].1,
             ScanNoise::Curvatures(all) => all[index].1,
             ScanNoise::Inferred(all) => all[index].own + all[index].shared,
-            _ => variance_along(&self.covariance(i), normal),
+            _ => self.covariance(i).along(normal),
         }
     }
 
@@ -259,11 +258,11 @@ impl Observations {
         self.readings.normal(i)
     }
 
-    /// Stated covariance of a position, `[xx, xy, xz, yy, yz, zz]` in world axes. It is zero for normals and
+    /// Stated covariance of a position, in world axes. It is zero for normals and
     /// curvatures, and for inferred readings, whose error is along their normal.
     #[inline]
     #[must_use]
-    pub fn covariance(&self, i: usize) -> [f64; 6] {
+    pub fn covariance(&self, i: usize) -> SymmetricMatrix3 {
         match &self.scans.noise[self.readings.scan[i] as usize] {
             ScanNoise::Model { noise, viewing } => {
                 noise.covariance(ray_at(*viewing, self.readings.points[i]))
@@ -272,7 +271,9 @@ impl Observations {
                 Noise::Isotropic { sigma: all[self.readings.index[i] as usize] }.covariance(None)
             }
             ScanNoise::Covariance(all) => all[self.readings.index[i] as usize],
-            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Inferred(_) => [0.0; 6],
+            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Inferred(_) => {
+                SymmetricMatrix3::ZERO
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! Quantities that readings measure, and the channels of a fit.
 
-use planish_estimate::vector3::upper_triangle;
+use planish_core::SymmetricMatrix3;
 use planish_sense::Pose;
 
 /// The quantity that a reading measures.
@@ -77,8 +77,8 @@ pub enum Measured {
     Position,
     /// A unit normal.
     Normal([f64; 3]),
-    /// The second fundamental form as a tensor `[xx, xy, xz, yy, yz, zz]` in space.
-    Curvature([f64; 6]),
+    /// The second fundamental form as a tensor in space.
+    Curvature(SymmetricMatrix3),
 }
 
 impl Measured {
@@ -87,16 +87,7 @@ impl Measured {
         match self {
             Self::Position => Self::Position,
             Self::Normal(n) => Self::Normal(by.rotate(*n)),
-            Self::Curvature(tensor) => Self::Curvature(rotate_covariance(&by.rotation, tensor)),
+            Self::Curvature(tensor) => Self::Curvature(tensor.rotated(&by.rotation)),
         }
     }
-}
-
-/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
-pub(super) fn rotate_covariance(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
-    let full = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]];
-    let entry = |i: usize, j: usize| -> f64 {
-        (0..3).map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>()).sum()
-    };
-    upper_triangle(entry)
 }

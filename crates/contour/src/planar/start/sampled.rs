@@ -3,6 +3,8 @@
 //! # References
 //! Rousseeuw 1984, *Least median of squares regression*; Fischler and Bolles 1981, *Random sample consensus*.
 
+use planish_core::random::SplitMix64;
+
 /// Number of random samples.
 ///
 /// With five readings per sample and a fifth of outliers, about a hundred samples contain no outlier.
@@ -27,20 +29,6 @@ pub(super) struct Curve<'a> {
     pub(super) distance: &'a dyn Fn(&[f64], [f64; 2]) -> f64,
 }
 
-/// SplitMix64 pseudorandom numbers (Steele, Lea and Flood 2014, *Fast splittable pseudorandom number
-/// generators*).
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % count as u64) as usize
-    }
-}
-
 impl Curve<'_> {
     /// Median absolute distance of the points; infinite if any distance is not finite.
     pub(super) fn median(&self, curve: &[f64], points: &[[f64; 2]]) -> f64 {
@@ -61,12 +49,12 @@ impl Curve<'_> {
         if subset.len() < 2 * self.needed {
             return None;
         }
-        let mut random = Random(subset.len() as u64);
+        let mut random = SplitMix64::new(subset.len() as u64);
         let mut best: Option<(f64, Vec<f64>)> = None;
         for _ in 0..SAMPLES {
             let mut drawn: Vec<usize> = Vec::with_capacity(self.needed);
             while drawn.len() < self.needed {
-                let next = random.below(subset.len());
+                let next = (random.next_u64() % subset.len() as u64) as usize;
                 if !drawn.contains(&next) {
                     drawn.push(next);
                 }

@@ -3,6 +3,7 @@
 use super::super::pose::{USUAL_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
 use nalgebra::{DMatrix, DVector};
+use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_exchange::picture::read_brightness;
@@ -328,17 +329,13 @@ fn read_points(
         for (i, point) in scan.points.iter().enumerate() {
             let stated = match (&scan.covariance, &scan.sigma) {
                 (Some(all), _) => all[i],
-                (None, Some(all)) => {
-                    let v = all[i] * all[i];
-                    [v, 0.0, 0.0, v, 0.0, v]
-                }
+                (None, Some(all)) => SymmetricMatrix3::isotropic(all[i] * all[i]),
                 (None, None) => {
                     unknown += 1;
-                    let v = (UNKNOWN_SIGMA * size).powi(2);
-                    [v, 0.0, 0.0, v, 0.0, v]
+                    SymmetricMatrix3::isotropic((UNKNOWN_SIGMA * size).powi(2))
                 }
             };
-            points.push(PointReading { at: pose.apply(*point), covariance: turned(pose, stated) });
+            points.push(PointReading { at: pose.apply(*point), covariance: stated.rotated(&pose.rotation) });
         }
     }
     if unknown > 0 && job.believe_sigma {
@@ -354,15 +351,6 @@ fn read_points(
         ));
     }
     Ok((points, unknown == 0))
-}
-
-/// `R Σ Rᵀ`.
-fn turned(pose: &planish_sense::Pose, [xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f64; 6] {
-    let rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
-    // Columns of R Σ, then rows of that by R.
-    let half = [0, 1, 2].map(|k| pose.rotate(rows[k]));
-    let full = [0, 1, 2].map(|i| pose.rotate([half[0][i], half[1][i], half[2][i]]));
-    planish_estimate::vector3::upper_triangle(|i, j| full[i][j])
 }
 
 fn read_masks(views: &Views, job: &ShellFitJob) -> Result<Vec<Option<Silhouette>>> {

@@ -7,6 +7,7 @@ use crate::camera::Camera;
 use crate::deformation::displaced_positions;
 use crate::field::ShellOptions;
 use nalgebra::Vector3;
+use planish_core::SymmetricMatrix3;
 
 pub(super) const FOCAL: f64 = 800.0;
 const SIGMA_PX: f64 = 1.0;
@@ -260,7 +261,7 @@ fn derivatives_are_those_of_differences() {
         let points: Vec<PointReading> = (0..3)
             .map(|_| PointReading {
                 at: Vector3::from_fn(|_, _| normal()).normalize().scale(1.0 + 0.05 * normal()).into(),
-                covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+                covariance: SymmetricMatrix3::isotropic(1.0),
             })
             .collect();
         let tracks = [FeatureTrack { observations: tracked, sigma_surface: 0.01 }];

@@ -3,6 +3,7 @@
 use super::outlines::{around, borders};
 use super::*;
 use nalgebra::Vector3;
+use planish_core::SymmetricMatrix3;
 
 const CONTROLS: usize = 20;
 
@@ -60,7 +61,7 @@ fn a_moving_object_is_tracked() {
                 (sample_points(&truth, 150, || places.random_range(0.0..1.0)).unwrap().iter())
                     .map(|place| PointReading {
                         at: place.position.map(|x| x + 0.01 * noise()),
-                        covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4],
+                        covariance: SymmetricMatrix3::isotropic(1e-4),
                     })
                     .collect();
             let readings =

@@ -7,6 +7,7 @@ use crate::patch_filter::{
 use crate::surface::{Surface, leaf_weights};
 use crate::system::SurfaceSystem;
 use nalgebra::DMatrix;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::vector3::{cross, unit};
 use rand::seq::SliceRandom;
@@ -170,7 +171,7 @@ fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
                 0 => SurfaceReading::PositionWithCovariance {
                     parameters,
                     point: jet.point.map(|c| c + 0.2 + noise(0.03)),
-                    covariance: [1e-3, 2e-4, 0.0, 2e-3, -1e-4, 5e-4],
+                    covariance: SymmetricMatrix3::from_array([1e-3, 2e-4, 0.0, 2e-3, -1e-4, 5e-4]),
                 },
                 1 => SurfaceReading::Normal { parameters, normal: tilted, sigma_rad: 0.02 },
                 _ => {

@@ -2,6 +2,7 @@ use super::*;
 use crate::fit::{Strategy, fit};
 use nalgebra::{DMatrix, DVector};
 use planish_core::Silent;
+use planish_core::SymmetricMatrix3;
 use planish_estimate::ErrorKind;
 use planish_sense::{Noise, Scan, SensorKind};
 use planish_spline::PositionSums;
@@ -227,7 +228,7 @@ fn unsupported_input_with_known_parameters_is_refused() {
     let mut unknown = good();
     unknown.parameters.as_mut().unwrap()[3] = [f64::NAN, 0.5];
     let mut slanted = good();
-    slanted.covariance = Some(vec![[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]; 50]);
+    slanted.covariance = Some(vec![SymmetricMatrix3::isotropic(1.0); 50]);
     let mut line = good();
     line.parameters.as_mut().unwrap().iter_mut().for_each(|p| p[1] = p[0]);
     let mut few = good();

@@ -2,6 +2,7 @@
 
 use super::InferredVariance;
 use crate::observe::RejectionCause;
+use planish_core::SymmetricMatrix3;
 use planish_sense::{Noise, Viewing};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -112,11 +113,11 @@ pub(super) enum ScanNoise {
     /// One σ for each point.
     Sigma(Vec<f64>),
     /// One covariance for each point, in the world frame.
-    Covariance(Vec<[f64; 6]>),
+    Covariance(Vec<SymmetricMatrix3>),
     /// Normals, each with its variance about each axis in the tangent plane, in radians squared.
     Normals(Vec<([f64; 3], f64)>),
     /// Curvature tensors, each with the variance of its components.
-    Curvatures(Vec<([f64; 6], f64)>),
+    Curvatures(Vec<(SymmetricMatrix3, f64)>),
     /// Readings inferred from others.
     Inferred(Vec<InferredVariance>),
 }

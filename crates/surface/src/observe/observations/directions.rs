@@ -106,7 +106,7 @@ impl Observations {
                         along_normal += usize::from(norm(direction) > 0.0);
                         return None;
                     }
-                    let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.map(|c| side * c);
+                    let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.scaled(side);
                     let own = scan.sigma_curvature.as_ref().map(|all| all[i]);
                     Some((k, (tensor, own.or(sensor.sigma_curvature).unwrap_or(1.0).powi(2))))
                 });

@@ -4,7 +4,6 @@ use super::columns::{IntakeFigures, ReadingRow, ScanColumns, ScanNoise};
 use super::directions::Directions;
 use super::{ObservationOptions, Observations, moved_viewing};
 use crate::observe::hashing::{BitsHasher, hash01};
-use crate::observe::quantity::rotate_covariance;
 use crate::observe::{Channel, Quantity, RejectionCause};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
@@ -149,7 +148,7 @@ impl Observations {
                 oriented: known && geometry.is_some_and(|g| g.oriented),
             });
             if let Some(all) = &scan.covariance {
-                covariances.push(rotate_covariance(&scan.world_from_scanner.rotation, &all[i]));
+                covariances.push(all[i].rotated(&scan.world_from_scanner.rotation));
             } else if let Some(all) = &scan.sigma {
                 sigmas.push(all[i]);
             }

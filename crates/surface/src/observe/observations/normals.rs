@@ -8,7 +8,6 @@ use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
     Ground, GroundOptions, Scan, classify_ground, cloud_geometry, local_roughness, orient_normals,
-    variance_along,
 };
 use planish_spline::principal_axes;
 
@@ -121,7 +120,7 @@ impl Observations {
                     .filter(|&i| self.readings.scan[i] as usize == largest && known(i))
                     .collect();
                 let points: Vec<[f64; 3]> = own.iter().map(|&i| self.readings.points[i]).collect();
-                let variance = |&i: &usize| variance_along(&self.covariance(i), self.normal(i));
+                let variance = |&i: &usize| self.covariance(i).along(self.normal(i));
                 let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
                 local_roughness(&points, neighbours)
                     .filter(|_| stated > 0.0)

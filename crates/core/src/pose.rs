@@ -1,12 +1,20 @@
-//! Rigid motions from a scanner's frame to the world.
+//! Rigid motions between two frames, such as a scanner's and the world's.
+//!
+//! In: a quaternion, a rotation vector or a twist, and a translation. Out: a [`Pose`] that moves points,
+//! rotates directions, is composed and inverted, and gives its rotation back in the same forms.
+//!
+//! Not guaranteed: a pose that is built from a matrix by hand is not checked. The rotation must be
+//! orthonormal with determinant +1.
 
-use planish_estimate::vector3::{add_scaled, cross, norm};
+use crate::vector3::{add_scaled, cross, norm};
 
 /// A rigid motion `p_world = R p_scanner + t`.
 ///
+/// Variables are named after both frames, as in `world_from_scanner`.
+///
 /// # Examples
 /// ```
-/// use planish_sense::Pose;
+/// use planish_core::Pose;
 /// let pose = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::FRAC_PI_2], [0.0, 0.0, 5.0]);
 /// let p = pose.apply([1.0, 0.0, 0.0]);
 /// assert!((p[1] - 1.0).abs() < 1e-12 && p[2] == 5.0);
@@ -35,6 +43,14 @@ impl Pose {
 
     /// The motion of a quaternion `(x, y, z, w)`, which is normalised, and a translation; `None` for a
     /// quaternion that is zero or not finite.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::Pose;
+    /// let half_turn = Pose::from_quaternion_xyzw([0.0, 0.0, 2.0, 0.0], [0.0; 3]).expect("not zero");
+    /// assert_eq!(half_turn.apply([1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
+    /// assert_eq!(Pose::from_quaternion_xyzw([0.0; 4], [0.0; 3]), None);
+    /// ```
     #[must_use]
     pub fn from_quaternion_xyzw(quaternion: [f64; 4], translation: [f64; 3]) -> Option<Self> {
         let length = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -111,6 +127,15 @@ impl Pose {
     }
 
     /// The composition that applies `inner` first, then this motion.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::Pose;
+    /// let world_from_table = Pose { translation: [0.0, 0.0, 1.0], ..Pose::identity() };
+    /// let table_from_scanner = Pose { translation: [2.0, 0.0, 0.0], ..Pose::identity() };
+    /// let world_from_scanner = world_from_table.after(&table_from_scanner);
+    /// assert_eq!(world_from_scanner.translation, [2.0, 0.0, 1.0]);
+    /// ```
     #[must_use]
     pub fn after(&self, inner: &Self) -> Self {
         let columns = [0, 1, 2].map(|k| self.rotate(inner.rotation.map(|row| row[k])));
@@ -122,6 +147,14 @@ impl Pose {
 
     /// The exponential of a twist: the motion after unit time with the constant angular velocity
     /// `rotation_rad` and the velocity `translation` of the origin in the rotating frame.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::Pose;
+    /// let step = Pose::from_twist([0.0, 0.0, 0.3], [1.0, 0.0, 0.0]);
+    /// let (rotation_rad, translation) = step.twist();
+    /// assert!((rotation_rad[2] - 0.3).abs() < 1e-15 && (translation[0] - 1.0).abs() < 1e-15);
+    /// ```
     ///
     /// # References
     /// Murray, Li & Sastry, *A mathematical introduction to robotic manipulation*, 1994, eq. 2.36.

@@ -8,9 +8,10 @@
 ///
 /// # Examples
 /// ```
-/// let mut sets = planish_mesh::DisjointSets::new(4);
+/// let mut sets = planish_core::DisjointSets::new(4);
 /// assert!(sets.join(3, 1) && sets.join(1, 2) && !sets.join(2, 3));
-/// assert_eq!([0, 1, 2, 3].map(|k| sets.root(k)), [0, 1, 1, 1]);
+/// assert_eq!(sets.root(3), 1);
+/// assert_eq!(sets.into_roots(), [0, 1, 1, 1]);
 /// ```
 #[derive(Debug, Clone)]
 pub struct DisjointSets {
@@ -18,7 +19,7 @@ pub struct DisjointSets {
 }
 
 impl DisjointSets {
-    /// Creates one set for each number below `count`.
+    /// Creates one set for each number below `count`, which is at most 2³².
     #[must_use]
     pub fn new(count: usize) -> Self {
         Self { parent: (0..count as u32).collect() }
@@ -46,5 +47,15 @@ impl DisjointSets {
         // The smaller root stays, so that the result does not depend on the order of the pairs.
         self.parent[a.max(b) as usize] = a.min(b);
         a != b
+    }
+
+    /// The root of every number.
+    #[must_use]
+    pub fn into_roots(mut self) -> Vec<u32> {
+        // Parents have smaller numbers, so those before a number already point to their root.
+        for number in 0..self.parent.len() {
+            self.parent[number] = self.parent[self.parent[number] as usize];
+        }
+        self.parent
     }
 }
