@@ -10,20 +10,20 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use crate::output_set::{note_folder, recover, stage_file, stage_folder, temporary_file, temporary_folder};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use planish_estimate::{Error, Result};
-use tempfile::NamedTempFile;
 
 /// Buffered writer of a file.
 pub type Writer<'a> = BufWriter<&'a File>;
 
 /// Writes a file under a temporary name in the same folder, then renames it. Readers see the old file or the
-/// complete new one.
+/// complete new one. Within [`write_as_set`](crate::write_as_set), it is renamed together with the others.
 ///
 /// On an error or a panic the temporary file is removed, and an older file of that name is unchanged. A
-/// symbolic link is followed: the file that it names is replaced. The call returns after the disk has stored
-/// the bytes (`fsync`).
+/// symbolic link is followed: the file that it names is replaced. The new file has the mode of the old one and,
+/// if permitted, its owner. The call returns after the disk has stored the bytes (`fsync`).
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing, the path names a folder, or writing
@@ -46,13 +46,32 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
         let mut writer = BufWriter::new(&device);
         return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
     };
-    let temporary = temporary_in(&folder).map_err(|e| not_made(path, &folder, &e))?;
+    let temporary = temporary_file(&folder).map_err(|e| not_made(path, &folder, &e))?;
     let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
     write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
     drop(writer);
     // Without this, a power failure after the rename could leave an empty file under the final name.
+    keep_attributes(temporary.path(), &target).map_err(failed)?;
     temporary.as_file().sync_all().map_err(failed)?;
-    temporary.persist(&target).map_err(|e| failed(e.error))?;
+    stage_file(temporary, target)
+}
+
+/// Gives a new file the mode of the file that it replaces and, if permitted, its owner and group.
+fn keep_attributes(new: &Path, old: &Path) -> io::Result<()> {
+    let Ok(old) = fs::metadata(old) else { return Ok(()) };
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
+        let own = fs::metadata(new)?;
+        if (own.uid(), own.gid()) != (old.uid(), old.gid()) {
+            // Only root may give a file away, and a group must be one of the user's: the file stays the user's.
+            let _ = chown(new, Some(old.uid()), Some(old.gid()));
+        }
+        // Without set-user-ID, set-group-ID and sticky bits, which were granted to the old content.
+        fs::set_permissions(new, fs::Permissions::from_mode(old.permissions().mode() & 0o777))?;
+    }
+    #[cfg(not(unix))]
+    fs::set_permissions(new, old.permissions())?;
     Ok(())
 }
 
@@ -97,8 +116,14 @@ pub fn check_writable(path: &Path) -> Result<()> {
     }
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
-        Target::File { folder, .. } => {
-            temporary_in(&folder).map(drop).map_err(|e| not_made(path, &folder, &e))
+        Target::File { target, folder } => {
+            recover(&folder);
+            // A name that is too long fails here and not after the work. A missing file is as expected.
+            match fs::symlink_metadata(&target) {
+                Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(failed(e)),
+                _ => {}
+            }
+            temporary_file(&folder).map(drop).map_err(|e| not_made(path, &folder, &e))
         }
         Target::Device => OpenOptions::new().write(true).open(path).map(drop).map_err(failed),
     }
@@ -168,18 +193,6 @@ fn target_of(path: &Path) -> Result<Target> {
     Ok(Target::File { target, folder })
 }
 
-fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".planish-").suffix(".part");
-    #[cfg(unix)]
-    {
-        // Temporary files are private by default; the result gets the usual rights, limited by the umask.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    builder.tempfile_in(folder)
-}
-
 /// Creates a folder and missing folders above it; an existing folder is kept.
 ///
 /// # Errors
@@ -188,8 +201,12 @@ pub fn make_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
         return Err(Error::io(format!("{}: expected a folder, found a file", path.display())));
     }
+    let missing: Vec<&Path> =
+        path.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
     fs::create_dir_all(path)
-        .map_err(|e| Error::io(format!("{}: could not be created", path.display())).with_source(e))
+        .map_err(|e| Error::io(format!("{}: could not be created", path.display())).with_source(e))?;
+    missing.iter().rev().for_each(|folder| note_folder(folder.to_path_buf()));
+    Ok(())
 }
 
 /// A folder of files that appears complete or not at all.
@@ -212,6 +229,7 @@ pub fn make_folder(path: &Path) -> Result<()> {
 #[derive(Debug)]
 pub struct FolderInWork {
     made: tempfile::TempDir,
+    lock: Option<File>,
     target: PathBuf,
 }
 
@@ -246,12 +264,9 @@ impl FolderInWork {
         let target: PathBuf = path.components().collect();
         let folder = folder_of(&target);
         make_folder(&folder)?;
-        let made = tempfile::Builder::new()
-            .prefix(".planish-")
-            .suffix(".part")
-            .tempdir_in(&folder)
-            .map_err(|e| not_made(path, &folder, &e))?;
-        Ok(Self { made, target })
+        recover(&folder);
+        let (made, lock) = temporary_folder(&folder).map_err(|e| not_made(path, &folder, &e))?;
+        Ok(Self { made, lock, target })
     }
 
     /// Temporary path into which files are written before [`FolderInWork::finish`].
@@ -274,13 +289,7 @@ impl FolderInWork {
             fs::set_permissions(self.made.path(), fs::Permissions::from_mode(0o755)).map_err(failed)?;
         }
         // The check allows an empty folder, which is replaced.
-        if self.target.is_dir() {
-            fs::remove_dir(&self.target).map_err(failed)?;
-        }
-        fs::rename(self.made.path(), &self.target).map_err(failed)?;
-        // After the rename, dropping the temporary folder must not remove anything.
-        let _ = self.made.keep();
-        Ok(())
+        stage_folder(self.made, self.lock, self.target)
     }
 }
 
