@@ -90,7 +90,10 @@ pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io
 /// ```
 pub fn check_writable(path: &Path) -> Result<()> {
     if path.as_os_str().as_encoded_bytes().ends_with(b"/") {
-        return Err(Error::io(format!("{}: expected a file name, found the name of a folder", path.display())));
+        return Err(Error::io(format!(
+            "{}: expected a file name, found the name of a folder",
+            path.display()
+        )));
     }
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
@@ -363,8 +366,7 @@ mod tests {
         fs::write(folder.path().join("c"), "").unwrap();
         let e = make_folder(&folder.path().join("c")).unwrap_err();
         assert!(
-            e.kind() == ErrorKind::Io
-                && e.to_string().contains("c: expected a folder, found a file"),
+            e.kind() == ErrorKind::Io && e.to_string().contains("c: expected a folder, found a file"),
             "{e}"
         );
     }

@@ -109,8 +109,10 @@ fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
 }
 
 fn parse(text: &str) -> Result<Calibration> {
-    let table: Table =
-        table(text, "expected fx fy cx cy of a depth camera, and optionally scale, sigma_a, sigma_b and unit")?;
+    let table: Table = table(
+        text,
+        "expected fx fy cx cy of a depth camera, and optionally scale, sigma_a, sigma_b and unit",
+    )?;
     let numbers = [
         ("fx", Some(table.fx), table.fx > 0.0),
         ("fy", Some(table.fy), table.fy > 0.0),
@@ -135,7 +137,9 @@ fn parse(text: &str) -> Result<Calibration> {
         (a, b) => Some([a.unwrap_or(0.0), b.unwrap_or(0.0)]),
     };
     if sigma == Some([0.0; 2]) {
-        return Err(Error::input("expected sigma_a or sigma_b above 0, found 0 for both: leave them out to estimate σ"));
+        return Err(Error::input(
+            "expected sigma_a or sigma_b above 0, found 0 for both: leave them out to estimate σ",
+        ));
     }
     Ok(Calibration {
         camera: DepthCamera {

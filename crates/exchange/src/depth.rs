@@ -250,7 +250,9 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
         _ => {
-            return Err(Error::unsupported("expected integers of 8, 16 or 32 bits, or floating-point numbers"));
+            return Err(Error::unsupported(
+                "expected integers of 8, 16 or 32 bits, or floating-point numbers",
+            ));
         }
     };
     Ok(Image { columns: columns as usize, rows: rows as usize, readings })

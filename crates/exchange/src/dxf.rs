@@ -124,7 +124,9 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let (mut drawing, dimensions, ignored) = drawer.finish();
     for (kind, (count, first)) in &ignored {
         drawing.ignored.insert(kind.clone(), *count);
-        drawing.warnings.push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing
+            .warnings
+            .push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
     }
     drawing.warnings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {

@@ -105,7 +105,9 @@ fn scan_from(
         )));
     }
     if record == 0 && cloud.records > 0 {
-        return Err(Error::input("expected points with different coordinates, found a cloud whose points are all equal"));
+        return Err(Error::input(
+            "expected points with different coordinates, found a cloud whose points are all equal",
+        ));
     }
     let world_from_scanner = pose(cloud)?;
     let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
@@ -192,9 +194,7 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
     Pose::from_quaternion_xyzw([q.x, q.y, q.z, q.w], translation)
         .filter(|_| translation.iter().all(|c| c.is_finite()))
         .ok_or_else(|| {
-            Error::input(
-                "expected a finite pose with a quaternion other than zero, found another",
-            )
+            Error::input("expected a finite pose with a quaternion other than zero, found another")
         })
 }
 

@@ -290,7 +290,9 @@ impl Text {
                 )
             })?,
             None if sensors.len() == 1 => 0,
-            None => return Err(self.wrong(entry, "expected `sensor` in this scan, because the job names several")),
+            None => {
+                return Err(self.wrong(entry, "expected `sensor` in this scan, because the job names several"));
+            }
         };
         let pose = table.pose.as_ref();
         let translation = match pose.and_then(|p| p.translation.as_ref()) {

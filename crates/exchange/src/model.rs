@@ -213,8 +213,10 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
 
 fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let damaged = |e: safetensors::SafeTensorError| {
-        Error::input("expected a model saved by Planish, found another file, or one that is damaged or cut off")
-            .with_source(e)
+        Error::input(
+            "expected a model saved by Planish, found another file, or one that is damaged or cut off",
+        )
+        .with_source(e)
     };
     let (header, description) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let promised = description.data_len();
@@ -224,11 +226,13 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             "the header promises {promised} bytes of tensors, found {found}: the file is cut off or damaged"
         )));
     }
-    let foreign =
-        || Error::input("expected a model saved by Planish, found a safetensors file without metadata `planish`");
+    let foreign = || {
+        Error::input("expected a model saved by Planish, found a safetensors file without metadata `planish`")
+    };
     let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(foreign)?;
-    let metadata: Value = serde_json::from_str(text)
-        .map_err(|e| Error::input("expected JSON in the metadata `planish`, found other text").with_source(e))?;
+    let metadata: Value = serde_json::from_str(text).map_err(|e| {
+        Error::input("expected JSON in the metadata `planish`, found other text").with_source(e)
+    })?;
     match metadata.get("schema").and_then(Value::as_u64) {
         Some(SCHEMA) => {}
         Some(newer) if newer > SCHEMA => {
@@ -237,7 +241,9 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             )));
         }
         _ => {
-            return Err(Error::input(format!("expected a schema from 1 to {SCHEMA} in the metadata `planish`, found none")));
+            return Err(Error::input(format!(
+                "expected a schema from 1 to {SCHEMA} in the metadata `planish`, found none"
+            )));
         }
     }
     let mut tensors = BTreeMap::new();
@@ -338,7 +344,9 @@ mod tests {
         assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("newer Planish"), "{e}");
         assert!(from_bytes(&write(Some("{}"))).unwrap_err().to_string().contains("expected a schema"));
         assert!(from_bytes(&write(Some("{"))).unwrap_err().to_string().contains("expected JSON"));
-        assert!(from_bytes(b"solid part").unwrap_err().to_string().contains("expected a model saved by Planish"));
+        assert!(
+            from_bytes(b"solid part").unwrap_err().to_string().contains("expected a model saved by Planish")
+        );
     }
 
     #[test]

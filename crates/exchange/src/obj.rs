@@ -235,7 +235,9 @@ impl Obj {
             Some(b"v") => {
                 let point = three(&mut rest, number)?;
                 if self.points.len() as u64 >= u64::from(NONE) {
-                    return Err(Error::unsupported(format!("line {number}: expected at most {NONE} vertices, found more")));
+                    return Err(Error::unsupported(format!(
+                        "line {number}: expected at most {NONE} vertices, found more"
+                    )));
                 }
                 if self.not_finite.is_none() && !point.iter().all(|c| c.is_finite()) {
                     self.not_finite = Some(number);

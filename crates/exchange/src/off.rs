@@ -105,7 +105,9 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         });
     }
     if rest.trim_ascii() == b"BINARY" {
-        return Err(Error::unsupported(format!("line {number}: expected an ASCII file, found a binary OFF file")));
+        return Err(Error::unsupported(format!(
+            "line {number}: expected an ASCII file, found a binary OFF file"
+        )));
     }
     let mut counts = rest.trim_ascii().to_vec();
     let mut at = number;
@@ -119,7 +121,10 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;
     source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), MIN_LINE_BYTES)?;
     if vertices > u64::from(u32::MAX) {
-        return Err(Error::unsupported(format!("line {at}: expected at most {} vertices, found more", u32::MAX)));
+        return Err(Error::unsupported(format!(
+            "line {at}: expected at most {} vertices, found more",
+            u32::MAX
+        )));
     }
     let mut points = Vec::with_capacity(source.reserve(vertices, MIN_LINE_BYTES));
     for _ in 0..vertices {
@@ -141,7 +146,9 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         let mut rest = &buffer[..];
         let count = whole(&mut rest, at, "a number of corners")?;
         if count > buffer.len() as u64 {
-            return Err(Error::input(format!("line {at}: expected {count} corners, found the end of the line")));
+            return Err(Error::input(format!(
+                "line {at}: expected {count} corners, found the end of the line"
+            )));
         }
         corners.clear();
         for _ in 0..count {

@@ -178,7 +178,9 @@ impl HeaderEntries {
             .map(|((name, (size, kind)), count)| field(name, size, kind, count))
             .collect::<Result<Vec<_>>>()?;
         if fields.iter().map(|f| f.count).sum::<usize>() > MAX_COLUMNS {
-            return Err(Error::input(format!("expected at most {MAX_COLUMNS} numbers per record, found more")));
+            return Err(Error::input(format!(
+                "expected at most {MAX_COLUMNS} numbers per record, found more"
+            )));
         }
         Ok(fields)
     }
@@ -201,7 +203,9 @@ impl HeaderEntries {
                 Ok((width, height, area))
             }
             (None, 0..=1, Some(points)) => Ok((points, 1, points)),
-            (None, _, Some(_)) => Err(Error::input("expected `WIDTH` in the header beside `HEIGHT`, found none")),
+            (None, _, Some(_)) => {
+                Err(Error::input("expected `WIDTH` in the header beside `HEIGHT`, found none"))
+            }
             (None, _, None) => Err(Error::input("expected `POINTS` or `WIDTH` in the header, found neither")),
         }
     }
@@ -361,8 +365,8 @@ fn read_compressed<R: Read>(
             "byte {byte}: {packed} compressed bytes cannot hold {unpacked}: the file is damaged"
         )));
     }
-    let size = usize::try_from(packed)
-        .map_err(|_| Error::unsupported("the file is too large for this computer"))?;
+    let size =
+        usize::try_from(packed).map_err(|_| Error::unsupported("the file is too large for this computer"))?;
     let Some(bytes) = source.bytes(size)? else {
         return Err(cut_off(format_args!("byte {byte}"), header, 0));
     };
@@ -557,7 +561,10 @@ mod tests {
                 .contains("line 12: expected a number, found `one`")
         );
         assert!(message(text.replace("TYPE F", "TYPE Q").as_bytes()).contains("`x`: expected a type"));
-        assert!(message(text.replace("COUNT 1 1", "COUNT 1").as_bytes()).contains("in `COUNT`, one per field, found 6"));
+        assert!(
+            message(text.replace("COUNT 1 1", "COUNT 1").as_bytes())
+                .contains("in `COUNT`, one per field, found 6")
+        );
         assert!(message(text.replace("FIELDS x", "FIELDS w").as_bytes()).contains("found no x"));
         assert!(message(b"hello\n").contains("line 1: expected `VERSION`"));
         assert!(message(b"VERSION 0.7\n").contains("before `DATA`"));

@@ -121,9 +121,7 @@ impl PointColumns {
             (Some(column), None) => Uncertainty::Sigma(column),
             (None, Some(columns)) => Uncertainty::Covariance(columns),
             (Some(_), Some(_)) => {
-                return Err(Error::input(
-                    "expected either sigma or cxx cxy cxz cyy cyz czz, found both",
-                ));
+                return Err(Error::input("expected either sigma or cxx cxy cxz cyy cyz czz, found both"));
             }
         };
         let named = |name: &str| names.iter().position(|n| *n == name);
@@ -231,7 +229,10 @@ impl PointCollector {
             return Ok(());
         }
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
-            return Err(Error::unsupported(format!("more than {} points in one scan: split the file", u32::MAX)));
+            return Err(Error::unsupported(format!(
+                "more than {} points in one scan: split the file",
+                u32::MAX
+            )));
         }
         self.scan.points.push(point);
         let positive = |name: &str, value: f64| {

@@ -199,9 +199,7 @@ fn parse(text: &str) -> Result<PoseFile> {
             ControlsEntry::Points(points)
         }
         Some(_) => {
-            return Err(Error::input(format!(
-                "expected 1 to {MAX_CONTROLS} controls at finite positions"
-            )));
+            return Err(Error::input(format!("expected 1 to {MAX_CONTROLS} controls at finite positions")));
         }
     };
     if let Some(blend) = t.blend.filter(|b| !(b.is_finite() && *b >= 0.0)) {
@@ -327,7 +325,10 @@ weights = { down = 0.5 }
         assert!(with("control = 7, ", "").contains("pose `up`: expected moves"));
         assert!(with("\"down\"", "\"up\"").contains("two named `up`"));
         assert!(with("seconds = 1.5", "seconds = 0").contains("keyframe 2"));
-        assert!(with("down = 0.5", "left = 0.5").contains("keyframe 2: expected the name of a pose, found `left`"));
+        assert!(
+            with("down = 0.5", "left = 0.5")
+                .contains("keyframe 2: expected the name of a pose, found `left`")
+        );
         assert!(parse("controls = 3").unwrap_err().to_string().contains("at least one [[pose]]"));
     }
 }

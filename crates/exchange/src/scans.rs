@@ -487,7 +487,12 @@ mod tests {
         for (names, unit, kind, words) in [
             (&[][..], None, ErrorKind::Input, "at least one scan"),
             (&["a.ply", "a.ply"], None, ErrorKind::Input, "named twice"),
-            (&["a.ply"], Some(Unit::Metre), ErrorKind::Input, "states lengths in mm, but the option states m"),
+            (
+                &["a.ply"],
+                Some(Unit::Metre),
+                ErrorKind::Input,
+                "states lengths in mm, but the option states m",
+            ),
             (&["b.xyz"], None, ErrorKind::Input, "1 records without finite coordinates"),
             (&["c.3mf"], None, ErrorKind::Unsupported, "found the extension `3mf`"),
             (&["gone.3mf"], None, ErrorKind::Io, "does not exist"),

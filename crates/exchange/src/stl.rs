@@ -105,8 +105,12 @@ fn check_size(mesh: &MeshColumns) -> Result<u32> {
             "vertex {at}: expected coordinates in the range of float32, found {x} {y} {z}"
         )));
     }
-    u32::try_from(mesh.triangles.len())
-        .map_err(|_| Error::new(ErrorKind::Unsupported, "expected at most 2³² triangles, the limit of STL: write PLY instead"))
+    u32::try_from(mesh.triangles.len()).map_err(|_| {
+        Error::new(
+            ErrorKind::Unsupported,
+            "expected at most 2³² triangles, the limit of STL: write PLY instead",
+        )
+    })
 }
 
 fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Result<()> {
@@ -272,7 +276,10 @@ impl Soup {
                 continue;
             }
             let next = u32::try_from(self.points.len()).map_err(|_| {
-                Error::new(ErrorKind::Unsupported, "expected at most 2³² vertices, found more: split the mesh")
+                Error::new(
+                    ErrorKind::Unsupported,
+                    "expected at most 2³² vertices, found more: split the mesh",
+                )
             })?;
             // Adding zero turns −0 into +0, so that both are one key.
             *index = *self.vertices.entry(corner.map(|c| (c + 0.0).to_bits())).or_insert(next);

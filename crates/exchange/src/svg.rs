@@ -87,7 +87,9 @@ fn read(text: &str) -> Result<DxfDrawing> {
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
     for (kind, (count, first)) in reader.ignored {
-        drawing.warnings.push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing
+            .warnings
+            .push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
         drawing.ignored.insert(kind, count);
     }
     Ok(drawing)

@@ -173,6 +173,8 @@ mod tests {
         assert!(read_vertex_list(&list).unwrap_err().to_string().contains("line 2"));
         let materials = folder.path().join("a.mtl");
         std::fs::write(&materials, "map_Kd a.png\n").unwrap();
-        assert!(read_materials(&materials).unwrap_err().to_string().contains("line 1: expected `newmtl NAME`"));
+        assert!(
+            read_materials(&materials).unwrap_err().to_string().contains("line 1: expected `newmtl NAME`")
+        );
     }
 }

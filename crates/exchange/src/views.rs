@@ -312,8 +312,9 @@ fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Tra
     for (line, row) in rows {
         let read = || {
             let name = row[1].clone().unwrap_or_default();
-            let view = (views.iter().position(|view| view.name == name))
-                .ok_or_else(|| Error::input(format!("line {line}: expected the name of a view, found `{name}`")))?;
+            let view = (views.iter().position(|view| view.name == name)).ok_or_else(|| {
+                Error::input(format!("line {line}: expected the name of a view, found `{name}`"))
+            })?;
             let at = |k: usize, fallback, positive| number(line, row[k].as_deref(), fallback, positive);
             Ok((view as u32, [at(2, 0.0, false)?, at(3, 0.0, false)?], at(4, sigma_px, true)?))
         };

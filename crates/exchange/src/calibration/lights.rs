@@ -163,7 +163,9 @@ fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
                 Frame::Viewer => [x, -y, -z],
             })
             .ok_or_else(|| {
-                Error::input(format!("expected a direction other than zero for light {k} of `lights`, found {light:?}"))
+                Error::input(format!(
+                    "expected a direction other than zero for light {k} of `lights`, found {light:?}"
+                ))
             })
     };
     lights.iter().enumerate().map(unit).collect()

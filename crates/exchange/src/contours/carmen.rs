@@ -72,9 +72,9 @@ pub(crate) fn read_carmen<R: Read>(
             )));
         }
         let value = |k: usize| {
-            parse_number(words[k])
-                .filter(|v| v.is_finite())
-                .ok_or_else(|| wrong(format!("expected a finite number as word {}, found {}", k + 1, shown(words[k]))))
+            parse_number(words[k]).filter(|v| v.is_finite()).ok_or_else(|| {
+                wrong(format!("expected a finite number as word {}, found {}", k + 1, shown(words[k])))
+            })
         };
         let origin = [value(beams + 2)?, value(beams + 3)?];
         let heading = value(beams + 4)?;

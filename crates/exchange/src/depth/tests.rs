@@ -83,7 +83,10 @@ fn the_calibration_may_be_beside_the_image() {
     let path = folder.path().join("depth.png");
     fs::write(&path, png16()).unwrap();
     let e = read_inputs(&[&path], None).unwrap_err().to_string();
-    assert!(e.contains("depth.png: expected the calibration") && e.contains("depth.toml with fx fy cx cy"), "{e}");
+    assert!(
+        e.contains("depth.png: expected the calibration") && e.contains("depth.toml with fx fy cx cy"),
+        "{e}"
+    );
     fs::write(folder.path().join("depth.toml"), CAMERA).unwrap();
     assert_eq!(read_inputs(&[&path], None).unwrap().scans[0].scan.points.len(), 5);
     let e = read_inputs(&[folder.path().join("gone.png")], None).unwrap_err();

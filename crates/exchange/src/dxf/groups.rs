@@ -118,7 +118,10 @@ impl<'a, R: Read> Groups<'a, R> {
                 break;
             }
             if record.groups.len() >= MAX_GROUPS {
-                return Err(Error::input(format!("line {}: expected at most {MAX_GROUPS} groups per entity, found more", group.line)));
+                return Err(Error::input(format!(
+                    "line {}: expected at most {MAX_GROUPS} groups per entity, found more",
+                    group.line
+                )));
             }
             record.groups.push(group);
         }

@@ -132,7 +132,8 @@ fn conflicting_dimensions_are_named() {
     assert!(radius.contains("D3") && radius.contains("states 6.5"), "{radius}");
     let loose = warnings("0 DIMENSION 5 D4 70 33 13 0 23 0 14 45 24 0");
     assert!(
-        loose.contains("DIMENSION D4") && loose.contains("measures from (45.0000, 0.0000), where the drawing has no line"),
+        loose.contains("DIMENSION D4")
+            && loose.contains("measures from (45.0000, 0.0000), where the drawing has no line"),
         "{loose}"
     );
 }

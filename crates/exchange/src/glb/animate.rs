@@ -93,7 +93,9 @@ impl Animation {
             ));
         }
         if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
-            return Err(Error::input(format!("expected corners below {n}, the number of points, found another")));
+            return Err(Error::input(format!(
+                "expected corners below {n}, the number of points, found another"
+            )));
         }
         if !(seconds > 0.0 && seconds.is_finite()) {
             return Err(Error::input(format!("expected a positive time per frame, found {seconds} s")));
@@ -166,7 +168,9 @@ impl Animation {
             "buffers": [{"byteLength": sections.length}],
         });
         let head = Head::new(&document, sections.length).map_err(|total| {
-            Error::unsupported(format!("expected an animation of at most 4 GiB, the limit of GLB, found {total} bytes"))
+            Error::unsupported(format!(
+                "expected an animation of at most 4 GiB, the limit of GLB, found {total} bytes"
+            ))
         })?;
         Ok(Self { head, columns, times, weights })
     }

@@ -144,8 +144,11 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
 fn chunk<R: Read>(source: &mut Source<R>, wanted: [u8; 4]) -> Result<Vec<u8>> {
     let byte = source.offset();
     let name = String::from_utf8_lossy(&wanted[..3]).into_owned();
-    let cut_off =
-        |n: u64| Error::input(format!("byte {byte}: the file ends inside the {n} bytes of its {name} chunk: it is cut off"));
+    let cut_off = |n: u64| {
+        Error::input(format!(
+            "byte {byte}: the file ends inside the {n} bytes of its {name} chunk: it is cut off"
+        ))
+    };
     let head = source.bytes(8)?.ok_or_else(|| cut_off(8))?;
     if head[4..8] != wanted {
         return Err(Error::input(format!("byte {byte}: expected a {name} chunk, found another type")));
@@ -234,7 +237,9 @@ impl File<'_> {
         while let Some((node, parent, depth)) = stack.pop() {
             visited += 1;
             if depth > MAX_DEPTH || visited > MAX_NODES {
-                return Err(Error::input(format!("node {node}: expected a tree of nodes, found a cycle or too many nodes")));
+                return Err(Error::input(format!(
+                    "node {node}: expected a tree of nodes, found a cycle or too many nodes"
+                )));
             }
             let value = &self.document["nodes"][node];
             if !value.is_object() {
@@ -293,7 +298,9 @@ impl File<'_> {
                 // Points and lines.
                 0..TRIANGLES => continue,
                 _ => {
-                    return Err(Error::unsupported("strips and fans of triangles are not supported: export separate triangles"));
+                    return Err(Error::unsupported(
+                        "strips and fans of triangles are not supported: export separate triangles",
+                    ));
                 }
             }
             let attributes = &primitive["attributes"];
@@ -384,7 +391,8 @@ impl File<'_> {
         mirrored: bool,
     ) -> Result<()> {
         let vertices = mesh.points.len() - first;
-        u32::try_from(mesh.points.len()).map_err(|_| Error::unsupported("expected at most 2³² vertices, found more"))?;
+        u32::try_from(mesh.points.len())
+            .map_err(|_| Error::unsupported("expected at most 2³² vertices, found more"))?;
         let indices = match indices.is_null() {
             true => None,
             false => Some(self.accessor_of(indices, &[BYTE, SHORT, INTEGER], "SCALAR")?),
@@ -436,7 +444,9 @@ impl File<'_> {
             )));
         }
         if accessor["sparse"].is_object() || accessor["bufferView"].is_null() {
-            return Err(Error::unsupported(format!("accessor {number}: sparse data, or data without a bufferView, are not supported")));
+            return Err(Error::unsupported(format!(
+                "accessor {number}: sparse data, or data without a bufferView, are not supported"
+            )));
         }
         let type_ = match component {
             BYTE => NumberType::U8,

@@ -201,7 +201,9 @@ impl Layout {
             "buffers": [{"byteLength": sections.length}],
         });
         let head = Head::new(&document, sections.length).map_err(|total| {
-            Error::unsupported(format!("expected a mesh of at most 4 GiB, the limit of GLB, found {total} bytes: write PLY instead"))
+            Error::unsupported(format!(
+                "expected a mesh of at most 4 GiB, the limit of GLB, found {total} bytes: write PLY instead"
+            ))
         })?;
         Ok(Self { center, head })
     }

@@ -39,8 +39,7 @@ pub(super) struct Header {
 }
 
 pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
-    let no_npy =
-        || Error::input("byte 0: expected `\\x93NUMPY` and a version: not an NPY file, or cut off");
+    let no_npy = || Error::input("byte 0: expected `\\x93NUMPY` and a version: not an NPY file, or cut off");
     let start = source.bytes(8)?.ok_or_else(no_npy)?;
     if !start.starts_with(b"\x93NUMPY") {
         return Err(no_npy());
@@ -60,7 +59,9 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         .map(|bytes| bytes.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b)))
         .ok_or_else(|| cut_off(8))?;
     if length > MAX_HEADER_BYTES {
-        return Err(Error::input(format!("byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is damaged")));
+        return Err(Error::input(format!(
+            "byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is damaged"
+        )));
     }
     let text = source.bytes(length as usize)?.ok_or_else(|| cut_off(8 + width as u64))?;
     let mut parser = Parser { text, at: 0 };
@@ -128,7 +129,9 @@ impl Header {
         };
         let count = shape.iter().try_fold(1_u64, |n, &side| n.checked_mul(side));
         let count = count.filter(|&n| n + self.fields.len() as u64 <= MAX_NUMBERS).ok_or_else(|| {
-            Error::input(format!("the field '{name}': expected at most {MAX_NUMBERS} numbers per element, found more"))
+            Error::input(format!(
+                "the field '{name}': expected at most {MAX_NUMBERS} numbers per element, found more"
+            ))
         })?;
         let lower = name.to_ascii_lowercase();
         let family: &[&str] = match (count, lower.as_str()) {

@@ -143,7 +143,8 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     made.texture = textured().max_by_key(|(count, _)| *count).map(|(_, picture)| picture.clone());
     if let Some(other) = textured().find(|(_, picture)| Some(*picture) != made.texture.as_ref()) {
         let other = other.1.display().to_string();
-        made.warnings.push(format!("{}: only one of several textures is used; {other} is ignored", path.display()));
+        made.warnings
+            .push(format!("{}: only one of several textures is used; {other} is ignored", path.display()));
     }
     Ok(made)
 }

@@ -70,7 +70,9 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         None => return Err(Error::input("the file is empty")),
         Some(b"ply") => {}
         Some(line) if line.starts_with(b"ply\r") => {
-            return Err(Error::input("line 1: expected lines that end in LF or CRLF, found a lone carriage return"));
+            return Err(Error::input(
+                "line 1: expected lines that end in LF or CRLF, found a lone carriage return",
+            ));
         }
         Some(line) => {
             return Err(Error::input(format!("line 1: expected `ply`, found {}", shown(line))));
@@ -162,6 +164,7 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
             }
         }
     }
-    header.encoding = encoding.ok_or_else(|| Error::input("expected a `format` line in the header, found none"))?;
+    header.encoding =
+        encoding.ok_or_else(|| Error::input("expected a `format` line in the header, found none"))?;
     Ok(header)
 }

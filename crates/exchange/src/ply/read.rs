@@ -145,7 +145,10 @@ fn index_list(element: &Element) -> Result<usize> {
         .iter()
         .position(|p| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index"));
     found.ok_or_else(|| {
-        Error::input(format!("the element `{}`: expected a list property `vertex_indices`, found none", element.name))
+        Error::input(format!(
+            "the element `{}`: expected a list property `vertex_indices`, found none",
+            element.name
+        ))
     })
 }
 

@@ -144,7 +144,7 @@ fn truncated_binary_files_are_rejected() {
         for end in 0..bytes.len() {
             assert_eq!(mesh(&bytes[..end]).unwrap_err().kind(), ErrorKind::Input);
             assert_eq!(scan(&bytes[..end]).unwrap_err().kind(), ErrorKind::Input);
-                // The length of a pipe is unknown, so only the end of the data shows the truncation.
+            // The length of a pipe is unknown, so only the end of the data shows the truncation.
             let e = mesh_from(&mut Source::new(&bytes[..end], None)).unwrap_err();
             assert_eq!(e.kind(), ErrorKind::Input);
         }

@@ -63,7 +63,9 @@ impl<'a> Words<'a> {
     fn flag(&mut self) -> Result<bool> {
         self.skip();
         let flag = self.left.chars().next().filter(|c| matches!(c, '0' | '1'));
-        let flag = flag.ok_or_else(|| Error::input("expected 0 or 1 as a flag of an arc in the path, found another character"))?;
+        let flag = flag.ok_or_else(|| {
+            Error::input("expected 0 or 1 as a flag of an arc in the path, found another character")
+        })?;
         self.left = &self.left[1..];
         Ok(flag == '1')
     }

@@ -351,7 +351,11 @@ fn bad_readings_are_refused_with_file_line_and_column() {
             "# a log\nFLASER 180 1 2 3\n",
             "line 2: expected `FLASER n` with n ranges and a pose, found 5 words",
         ),
-        ("word.log", "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 2: expected a finite number as word 4, found `x`"),
+        (
+            "word.log",
+            "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n",
+            "line 2: expected a finite number as word 4, found `x`",
+        ),
         ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "found none in a log of 1 scans"),
         ("picture.png", "no picture", "picture.png"),
     ] {
