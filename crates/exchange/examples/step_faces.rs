@@ -1,7 +1,7 @@
 //! Prints a table of STEP files: faces, skipped faces, and area, volume and open edges of their triangles.
 //!
-//! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, where CHORD is the chord error
-//! as a share of the size.
+//! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, where CHORD is the chord
+//! error as a share of the size.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program whose output is a table")]
 

@@ -42,7 +42,8 @@ impl Affine {
         match curve {
             Curve2::Segment(p, q) => Curve2::Segment(self.point(*p), self.point(*q)),
             Curve2::Arc { center, radius, start, sweep } if keeps_circles => {
-                // Arcs run counter-clockwise, so the image of an arc under a mirror starts at the image of its end.
+                // Arcs run counter-clockwise, so the image of an arc under a mirror starts at the image of
+                // its end.
                 let mirrors = a[0] * b[1] - a[1] * b[0] < 0.0;
                 let first = if mirrors { start + sweep } else { *start };
                 let [x, y] = self.turned([first.cos(), first.sin()]);

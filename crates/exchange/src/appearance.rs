@@ -70,7 +70,8 @@ pub struct TexturedMesh {
     pub unit: Option<Unit>,
 }
 
-/// A mesh whose vertices are split at seams, so that each has one pair of texture coordinates, as GLB requires.
+/// A mesh whose vertices are split at seams, so that each has one pair of texture coordinates, as GLB
+/// requires.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplitMesh {
     /// Index of the original vertex of each vertex.
@@ -124,7 +125,8 @@ impl TexturedMesh {
         split
     }
 
-    /// Vertices of the part with this name, ascending. An object is preferred to a group, and a group to a material.
+    /// Vertices of the part with this name, ascending. An object is preferred to a group, and a group to a
+    /// material.
     #[must_use]
     pub fn vertices_of(&self, name: &str) -> Option<Vec<u32>> {
         let part = [PartKind::Object, PartKind::Group, PartKind::Material]
@@ -147,7 +149,8 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
         .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
 }
 
-/// Reads a list of vertex indices, separated by white space, with `#` for comments. Returns them ascending, each once.
+/// Reads a list of vertex indices, separated by white space, with `#` for comments. Returns them ascending,
+/// each once.
 ///
 /// # Errors
 /// `Io` if the file cannot be read; `Input` for a word that is not an index, with the line.
@@ -204,8 +207,8 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
             match word {
                 "newmtl" => current = Some(rest.trim().to_owned()),
                 "map_Kd" => {
-                    // Options precede the name. Without options, the whole rest is the name, which may contain
-                    // blanks.
+                    // Options precede the name. Without options, the whole rest is the name, which may
+                    // contain blanks.
                     let rest = rest.trim();
                     let name = match rest.starts_with('-') {
                         true => rest.rsplit(char::is_whitespace).next().unwrap_or_default(),
@@ -213,7 +216,8 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
                     };
                     let Some(material) = current.clone().filter(|_| !name.is_empty()) else {
                         return Err(Error::input(format!(
-                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of a picture after it",
+                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of a picture \
+                             after it",
                             index + 1
                         )));
                     };
@@ -241,12 +245,13 @@ pub fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, 0xd8])
 }
 
-/// Writes an OBJ file with its objects, groups and materials in the order of the triangles. With a picture, it also
-/// writes `NAME.mtl` and `NAME.png` (or `NAME.jpg`); all materials use that picture. Returns the paths.
+/// Writes an OBJ file with its objects, groups and materials in the order of the triangles. With a picture,
+/// it also writes `NAME.mtl` and `NAME.png` (or `NAME.jpg`); all materials use that picture. Returns the
+/// paths.
 ///
 /// # Errors
-/// `Input` for corners or texture coordinates that do not exist; `Io` when a file cannot be written; none is left
-/// half-written.
+/// `Input` for corners or texture coordinates that do not exist; `Io` when a file cannot be written; none is
+/// left half-written.
 pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8]>) -> Result<Vec<PathBuf>> {
     check(mesh).map_err(|e| e.in_context(path.display()))?;
     let ending = if picture.is_some_and(is_jpeg) { "jpg" } else { "png" };

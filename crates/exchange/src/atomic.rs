@@ -219,8 +219,8 @@ impl FolderInWork {
     /// Checks that a folder can be created at this path: nothing exists there, or an empty folder.
     ///
     /// # Errors
-    /// [`Io`](planish_estimate::ErrorKind::Io) if a file or a folder with files exists there, or no folder can
-    /// be created.
+    /// [`Io`](planish_estimate::ErrorKind::Io) if a file or a folder with files exists there, or no folder
+    /// can be created.
     pub fn check(path: &Path) -> Result<()> {
         Self::beside(path).map(drop)
     }
@@ -263,8 +263,8 @@ impl FolderInWork {
     /// Renames the folder to its final name.
     ///
     /// # Errors
-    /// [`Io`](planish_estimate::ErrorKind::Io) if a file or folder has appeared there since; the files are then
-    /// removed.
+    /// [`Io`](planish_estimate::ErrorKind::Io) if a file or folder has appeared there since; the files are
+    /// then removed.
     pub fn finish(self) -> Result<()> {
         let failed = |e: io::Error| could_not_write(&self.target, e);
         #[cfg(unix)]

@@ -16,8 +16,8 @@
 //! sigma_b = 0.0019
 //! ```
 //!
-//! Other sensors have their own keys: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`] and
-//! [`read_view_sensor`].
+//! Other sensors have their own keys: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`]
+//! and [`read_view_sensor`].
 //!
 //! **Limits.** Lens distortion is supported only for unrectified stereo views.
 
@@ -71,8 +71,8 @@ fn one() -> f64 {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) if the file is missing;
-/// [`Input`](planish_estimate::ErrorKind::Input) for malformed TOML, missing or unknown keys, and numbers out of
-/// range: with file, line and key.
+/// [`Input`](planish_estimate::ErrorKind::Input) for malformed TOML, missing or unknown keys, and numbers out
+/// of range: with file, line and key.
 ///
 /// # Examples
 /// ```
@@ -97,8 +97,8 @@ pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) 
     })
 }
 
-/// Rejects the first number that is not finite or out of range. Entries: key, value, whether it is in range, and a
-/// description of the range.
+/// Rejects the first number that is not finite or out of range. Entries: key, value, whether it is in range,
+/// and a description of the range.
 fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
     match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
         Some((key, value, _, expected)) => {

@@ -3,7 +3,7 @@
 //! | format | |
 //! |---|---|
 //! | CSV with a header | read: `x,y,heading_deg,range` and their σ, or points `x,y` with `sigma` |
-//! | CSV in space | read: `x,y,z,azimuth_deg,elevation_deg,range` and their σ, or points `x,y,z` with `sigma` |
+//! | CSV in space | read: `x,y,z,azimuth_deg,elevation_deg,range` and σ, or points `x,y,z` with `sigma` |
 //! | CARMEN log | read: `FLASER` lines of planar lasers, in metres |
 //! | JSON | read: contours with their covariance, as `planish contour` writes them |
 //! | DXF | written: LINE, CIRCLE, ELLIPSE and LWPOLYLINE on layer VISIBLE |

@@ -6,11 +6,11 @@
 //! **Output.** An organised [`Scan`] in the frame of the camera (x right, y down, z forward), viewed from the
 //! centre of the camera.
 //!
-//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`. It is never guessed
-//! from the size of the image (decision 0038).
+//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`. It is never
+//! guessed from the size of the image (decision 0038).
 //!
-//! **Limits.** Depth is measured along the axis of the camera, not along the ray. A reading that is zero, negative
-//! or not finite is an empty cell and counts as a dropped point.
+//! **Limits.** Depth is measured along the axis of the camera, not along the ray. A reading that is zero,
+//! negative or not finite is an empty cell and counts as a dropped point.
 
 pub(crate) mod tags;
 
@@ -35,7 +35,8 @@ struct Image {
     readings: Vec<f64>,
 }
 
-/// True for PNG and TIFF files, and for NPY files that have the shape of an image and a calibration beside them.
+/// True for PNG and TIFF files, and for NPY files that have the shape of an image and a calibration beside
+/// them.
 ///
 /// An NPY array of 16 columns or fewer may also hold points, so its shape and the calibration decide.
 pub(crate) fn is_depth_image(path: &Path) -> bool {
@@ -141,7 +142,8 @@ fn read_image(path: &Path) -> Result<Image> {
         }
         other => {
             return Err(Error::unsupported(format!(
-                "expected a depth image (png, tif, tiff, npy) for this calibration, found the extension `{other}`"
+                "expected a depth image (png, tif, tiff, npy) for this calibration, found the extension \
+                 `{other}`"
             )));
         }
     };

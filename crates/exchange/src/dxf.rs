@@ -30,8 +30,9 @@ use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Maximum number of entities, counted again for each insert of a block. Far above the drawing of a part; blocks of
-/// blocks multiply, so that a small file could draw any number. Guarded by `a_missing_or_recursive_block_is_named`.
+/// Maximum number of entities, counted again for each insert of a block. Far above the drawing of a part;
+/// blocks of blocks multiply, so that a small file could draw any number. Guarded by
+/// `a_missing_or_recursive_block_is_named`.
 const MAX_ENTITIES: usize = 200_000;
 
 /// Content of a drawing file (DXF or SVG).
@@ -51,16 +52,15 @@ pub struct DxfDrawing {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read;
-/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, if it is not an ASCII DXF file or an entity
-/// is incomplete.
+/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, if it is not an ASCII DXF file or
+/// an entity is incomplete.
 ///
 /// # Examples
 /// ```
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("line.dxf");
-/// let groups = ["0", "SECTION", "2", "ENTITIES", "0", "LINE", "8", "HIDDEN", "10", "0", "20", "0", "11", "3", "21",
-///     "4", "0", "ENDSEC", "0", "EOF"];
-/// std::fs::write(&path, groups.join("\n"))?;
+/// let groups = "0 SECTION 2 ENTITIES 0 LINE 10 0 20 0 11 3 21 4 0 ENDSEC 0 EOF";
+/// std::fs::write(&path, groups.replace(' ', "\n"))?;
 /// let drawing = planish_exchange::dxf::read_dxf(&path)?;
 /// assert_eq!(drawing.curves[0].curve.length(), 5.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

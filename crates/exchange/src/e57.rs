@@ -23,8 +23,8 @@ use planish_sense::{Pose, RangeGrid, Scan, Viewing};
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Maximum ratio of grid cells to points. Beyond it, the indices do not describe a sampling grid, and the grid would
-/// take far more memory than the points. Guarded by `shared_and_sparse_cells_give_no_grid`.
+/// Maximum ratio of grid cells to points. Beyond it, the indices do not describe a sampling grid, and the
+/// grid would take far more memory than the points. Guarded by `shared_and_sparse_cells_give_no_grid`.
 const MAX_CELLS_PER_POINT: u64 = 64;
 
 /// Reads all point clouds that have points. If none has, one empty scan is returned, which counts the dropped
@@ -99,8 +99,8 @@ fn scan_from(
         && needed > length
     {
         return Err(Error::input(format!(
-            "the header promises {} points, which take at least {needed} bytes, but the file has {length}: it \
-             is cut off or its header is wrong",
+            "the header promises {} points, which take at least {needed} bytes, but the file has {length}: \
+             it is cut off or its header is wrong",
             cloud.records
         )));
     }
@@ -198,8 +198,8 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
         })
 }
 
-/// Builds the sampling grid from columns and rows of the points; none if two points share a cell, if there is only
-/// one row or column, or if too many cells are empty.
+/// Builds the sampling grid from columns and rows of the points; none if two points share a cell, if there is
+/// only one row or column, or if too many cells are empty.
 fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     let mut low = *cells.first()?;
     let mut high = low;

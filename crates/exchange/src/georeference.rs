@@ -34,7 +34,8 @@ const METRE: u16 = 9001;
 const FEET: [u16; 2] = [9002, 9003];
 
 impl GeoReference {
-    /// Reads the three records of a LAS file: little-endian keys, doubles and text. None without a projected system.
+    /// Reads the three records of a LAS file: little-endian keys, doubles and text. None without a projected
+    /// system.
     ///
     /// Entries that point outside their values are removed, so that a raster never gets invalid keys.
     pub(crate) fn from_keys(keys: &[u8], doubles: &[u8], text: &[u8]) -> Option<Self> {

@@ -125,7 +125,8 @@ fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
     tags.write_tag(Tag::GdalNodata, format!("{NODATA}").as_str())?;
     tags.write_tag(GDAL_METADATA, metadata(grid.unit).as_str())?;
     let georeference = grid.georeference.as_ref();
-    // The key that a pixel is an area is written even without a known projection: it shifts heights by half a cell.
+    // The key that a pixel is an area is written even without a known projection: it shifts heights by half a
+    // cell.
     let known = georeference.map_or(&[][..], |g| &g.keys);
     let mut keys: Vec<[u16; 4]> = known.iter().copied().filter(|k| k[0] != RASTER_TYPE).collect();
     keys.push([RASTER_TYPE, 0, 1, 1]);

@@ -6,14 +6,14 @@
 //! unit of glTF). Normals are the columns `nx ny nz`; the attributes `_SIGMA` and `_OBSERVED` are the columns
 //! `sigma` and `observed`.
 //!
-//! **Written files** hold one mesh with `float32` positions relative to its middle. The translation of the node is
-//! that middle, so that coordinates far from the origin lose no digits; the scale of the node converts the unit
-//! of the model to metres. `_SIGMA` is a length in the frame of the positions, before that scale. `COLOR_0` shows
-//! σ from dark violet (small) to yellow (large) on a logarithmic scale, and grey for unmeasured parts. The same
-//! input gives the same bytes.
+//! **Written files** hold one mesh with `float32` positions relative to its middle. The translation of the
+//! node is that middle, so that coordinates far from the origin lose no digits; the scale of the node
+//! converts the unit of the model to metres. `_SIGMA` is a length in the frame of the positions, before that
+//! scale. `COLOR_0` shows σ from dark violet (small) to yellow (large) on a logarithmic scale, and grey for
+//! unmeasured parts. The same input gives the same bytes.
 //!
-//! [`write_animation`] writes meshes that change in time as morph targets with an animation, [`write_posed`] textured
-//! meshes with poses.
+//! [`write_animation`] writes meshes that change in time as morph targets with an animation, [`write_posed`]
+//! textured meshes with poses.
 //!
 //! **Limits.** The axes of the model are kept; viewers of glTF assume that y points up.
 //! Skins, morph targets, animations, points and lines are ignored when a file is read. Textures are read only

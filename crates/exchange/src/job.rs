@@ -2,8 +2,8 @@
 //!
 //! **Input.** A TOML file.
 //!
-//! **Output.** A [`Job`]. Lengths are in the unit of the job; relative paths start at its folder. Unknown keys are
-//! errors, so that a misspelt σ does not go unnoticed.
+//! **Output.** A [`Job`]. Lengths are in the unit of the job; relative paths start at its folder. Unknown
+//! keys are errors, so that a misspelt σ does not go unnoticed.
 //!
 //! ```toml
 //! unit = "mm"                      # mm, m or in
@@ -64,7 +64,8 @@ pub struct ScanEntry {
     pub sensor: usize,
     /// Pose: maps the frame of the scanner to the world.
     pub world_from_scanner: Pose,
-    /// Standard deviation of each coordinate of the translation, in the unit of the job; none for an exact pose.
+    /// Standard deviation of each coordinate of the translation, in the unit of the job; none for an exact
+    /// pose.
     pub sigma_translation: Option<f64>,
     /// Standard deviation of the rotation about each axis, in degrees; none for an exact pose.
     pub sigma_rotation_deg: Option<f64>,
@@ -125,8 +126,8 @@ struct PoseTable {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) if the job or a file that it names is missing;
-/// [`Input`](planish_estimate::ErrorKind::Input) for malformed TOML, unknown keys or kinds, σ ≤ 0, and quaternions
-/// without unit length: with file, line and key.
+/// [`Input`](planish_estimate::ErrorKind::Input) for malformed TOML, unknown keys or kinds, σ ≤ 0, and
+/// quaternions without unit length: with file, line and key.
 ///
 /// # Examples
 /// ```
@@ -291,7 +292,7 @@ impl Text {
             })?,
             None if sensors.len() == 1 => 0,
             None => {
-                return Err(self.wrong(entry, "expected `sensor` in this scan, because the job names several"));
+                return Err(self.wrong(entry, "expected `sensor` in this scan: the job names several"));
             }
         };
         let pose = table.pose.as_ref();

@@ -2,8 +2,8 @@
 //!
 //! **Input.** Any point format, plain or compressed.
 //!
-//! **Output.** A [`Scan`] at the identity pose, with the class of each point if the file distinguishes classes.
-//! Points marked as withheld are skipped.
+//! **Output.** A [`Scan`] at the identity pose, with the class of each point if the file distinguishes
+//! classes. Points marked as withheld are skipped.
 //!
 //! The decoder trusts the sizes that a file declares, so `limits` first checks that the file can hold them.
 //!
@@ -33,8 +33,8 @@ use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Approximate number of bytes of records that are read at once: amortises the call of the decoder and stays in the
-/// cache.
+/// Approximate number of bytes of records that are read at once: amortises the call of the decoder and stays
+/// in the cache.
 const BATCH_BYTES: u64 = 1 << 21;
 
 /// Reads points, and their classes if the file distinguishes classes.
@@ -88,8 +88,8 @@ impl Records {
                 header.vlrs().iter().any(|v| is_laszip_vlr(v) && v.data.starts_with(&limits::ONE_CHUNK));
             return Ok(Self::Sequential(Box::new(Sequential::new(file, &description, one_chunk)?)));
         }
-        // Only the layers that are used. Skipped layers cost no time, and the decoder of the GPS time recurses as
-        // often as a damaged layer requests, which overflows the stack (decision 0041).
+        // Only the layers that are used. Skipped layers cost no time, and the decoder of the GPS time
+        // recurses as often as a damaged layer requests, which overflows the stack (decision 0041).
         let wanted = DecompressionSelection::xy_returns_channel()
             .decompress_z()
             .decompress_classification()

@@ -21,7 +21,8 @@ use std::path::Path;
 
 pub use crate::mesh_data::{Column, MeshColumns, PolygonMesh};
 
-/// True if the extension is that of a mesh format: `ply`, `obj`, `stl`, `off` or `glb`, with or without `.gz`.
+/// True if the extension is that of a mesh format: `ply`, `obj`, `stl`, `off` or `glb`, with or without
+/// `.gz`.
 #[must_use]
 pub fn is_mesh_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "ply" | "obj" | "stl" | "off" | "glb")
@@ -70,7 +71,8 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 /// Writes a mesh in the format of the extension, compressed if the path ends with `.gz`.
 ///
 /// # Errors
-/// As the writer of the format; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions.
+/// As the writer of the format; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other
+/// extensions.
 ///
 /// # Examples
 /// ```

@@ -1,4 +1,5 @@
-//! Mesh types shared by all formats: [`PolygonMesh`] is what readers return, [`MeshColumns`] what writers take.
+//! Mesh types shared by all formats: [`PolygonMesh`] is what readers return, [`MeshColumns`] what writers
+//! take.
 
 use crate::Unit;
 use crate::points::{PointCollector, PointColumns};
@@ -22,7 +23,8 @@ use planish_sense::Scan;
 pub struct PolygonMesh {
     /// Positions, in the file's unit; all finite.
     pub points: Vec<[f64; 3]>,
-    /// Indices of the corners, all below `points.len()`. Polygons are split into fans around their first corner.
+    /// Indices of the corners, all below `points.len()`. Polygons are split into fans around their first
+    /// corner.
     pub triangles: Vec<[u32; 3]>,
     /// Further vertex properties in the order of the file: a name and one number per vertex, which may be not
     /// finite.
@@ -84,7 +86,8 @@ pub struct MeshColumns<'a> {
 }
 
 impl MeshColumns<'_> {
-    /// Checks that columns have one length and different names and, if `faces`, that corners are valid indices.
+    /// Checks that columns have one length and different names and, if `faces`, that corners are valid
+    /// indices.
     pub(crate) fn check(&self, faces: bool) -> Result<()> {
         let points = self.points.len();
         let normals = self.normals.map(|n| ("normals", n.len()));

@@ -1,8 +1,8 @@
 //! `.planish`: saved models, as safetensors.
 //!
-//! **Input and output.** Named tensors and one JSON object. Any safetensors library opens the file, for example
-//! `safetensors.numpy.load_file("part.planish")` in Python. The JSON is text under the metadata key `planish`; its
-//! `schema` is the version of the format. The same model gives the same bytes.
+//! **Input and output.** Named tensors and one JSON object. Any safetensors library opens the file, for
+//! example `safetensors.numpy.load_file("part.planish")` in Python. The JSON is text under the metadata key
+//! `planish`; its `schema` is the version of the format. The same model gives the same bytes.
 //!
 //! **Limits.** This module checks shapes and types of tensors, not their meaning.
 

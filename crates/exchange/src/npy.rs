@@ -5,15 +5,16 @@
 //!
 //! **Output.** A [`Scan`] at the identity pose.
 //!
-//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if all of them have length 1 within 1 %;
-//! of other widths up to 16 the rest is ignored, as in text. Fields of a structured array are columns: `x y z`,
-//! `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three numbers may be called `xyz`,
-//! `points` or `position`, and `normal` or `normals`. An array with one more axis, `(h, w, 3)` or structured
-//! `(h, w)`, is organised: it gives the sampling grid, and points that are not finite are empty cells.
+//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if all of them have length 1 within
+//! 1 %; of other widths up to 16 the rest is ignored, as in text. Fields of a structured array are columns:
+//! `x y z`, `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three numbers may be
+//! called `xyz`, `points` or `position`, and `normal` or `normals`. An array with one more axis, `(h, w, 3)`
+//! or structured `(h, w)`, is organised: it gives the sampling grid, and points that are not finite are empty
+//! cells.
 //!
-//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers per point. An array of one
-//! number per point is the column of its name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` is the
-//! position of the scanner. A single array may have any name.
+//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers per point. An array of
+//! one number per point is the column of its name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint`
+//! is the position of the scanner. A single array may have any name.
 //!
 //! **Limits.** A number without a name is never read as σ (decision 0039).
 //!
@@ -116,8 +117,8 @@ fn scan_from<R: Read>(source: Source<R>, name: &str) -> Result<Scan> {
     collect(vec![array], columns, tentative_normals, name)
 }
 
-/// Collects points from arrays that each hold some of the columns. They are read in step, so that memory does not
-/// depend on their size.
+/// Collects points from arrays that each hold some of the columns. They are read in step, so that memory does
+/// not depend on their size.
 fn collect<R: Read>(
     mut arrays: Vec<Array<R>>,
     columns: PointColumns,

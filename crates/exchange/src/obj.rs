@@ -1,14 +1,14 @@
 //! OBJ, the text format of Wavefront: vertices, normals and polygons.
 //!
-//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if negative,
-//! back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
+//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if
+//! negative, back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
 //! with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
-//! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. If no face assigns
-//! any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. A comment `# unit mm`
-//! states the unit, because the format has none.
+//! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. If no face
+//! assigns any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. A comment `#
+//! unit mm` states the unit, because the format has none.
 //!
 //! [`crate::textured::read_textured`] also reads texture coordinates, groups, objects and materials; the
 //! other readers ignore them.
@@ -72,8 +72,8 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
 /// Reads a mesh; normals become the columns `nx ny nz`.
 ///
 /// # Errors
-/// As [`read_scan`]; also for a coordinate that is not finite, if there are faces. Without faces, the vertex is
-/// dropped.
+/// As [`read_scan`]; also for a coordinate that is not finite, if there are faces. Without faces, the vertex
+/// is dropped.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
@@ -317,8 +317,8 @@ impl Obj {
         Ok(())
     }
 
-    /// Adds a normal to a vertex; both must exist. A normal that neighbouring faces repeat is added once, so that the
-    /// sum does not depend on the number of faces of a smooth vertex.
+    /// Adds a normal to a vertex; both must exist. A normal that neighbouring faces repeat is added once, so
+    /// that the sum does not depend on the number of faces of a smooth vertex.
     fn add_normal(&mut self, vertex: u32, normal: u32) {
         if self.normals.len() < self.points.len() {
             self.normals.resize(self.points.len(), ([0.0; 3], NONE));

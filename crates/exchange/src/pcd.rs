@@ -191,8 +191,8 @@ impl HeaderEntries {
             (Some(width), height, points) => {
                 let area = u64::checked_mul(width, height).ok_or_else(|| {
                     Error::input(format!(
-                        "the header promises {width} × {height} points, which no file can hold: correct `WIDTH` \
-                         or `HEIGHT`"
+                        "the header promises {width} × {height} points, which no file can hold: correct \
+                         `WIDTH` or `HEIGHT`"
                     ))
                 })?;
                 if let Some(points) = points.filter(|&points| points != area) {
@@ -215,7 +215,8 @@ impl HeaderEntries {
 fn field(name: &str, size: &str, kind: &str, count: &str) -> Result<Field> {
     let number = NumberType::of_kind(kind, size).ok_or_else(|| {
         Error::input(format!(
-            "the field `{name}`: expected a type I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, found {kind} of {size}"
+            "the field `{name}`: expected a type I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, found {kind} \
+             of {size}"
         ))
     })?;
     let count = count.parse().ok().filter(|&n: &usize| n <= MAX_COLUMNS).ok_or_else(|| {
@@ -270,8 +271,8 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         };
         scan.grid = Some(grid_without(side(header.width)?, side(header.height)?, &dropped));
     }
-    // The origin is the default of the format and is also written if the position is unknown. Only an organised
-    // cloud, which comes from one place, makes it credible.
+    // The origin is the default of the format and is also written if the position is unknown. Only an
+    // organised cloud, which comes from one place, makes it credible.
     scan.viewing = match header.viewpoint {
         Some(origin) if header.height > 1 || origin != [0.0; 3] => Viewing::Origin(origin),
         _ => Viewing::Unknown,
@@ -355,7 +356,8 @@ fn read_compressed<R: Read>(
     let needed = header.points.saturating_mul(header.record_size());
     if unpacked != needed {
         return Err(Error::input(format!(
-            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body states {unpacked}",
+            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body states \
+             {unpacked}",
             header.points,
             header.record_size()
         )));
@@ -400,8 +402,8 @@ const MAX_EXPANSION: u64 = 88;
 
 /// Unpacks LZF; `None` if the data are malformed or do not give `length` bytes.
 ///
-/// A control byte `000lllll` precedes `l + 1` literal bytes. `lllooooo oooooooo` copies `l + 2` bytes from `o + 1`
-/// bytes back; for `l = 7`, another byte before the second one is added to the length.
+/// A control byte `000lllll` precedes `l + 1` literal bytes. `lllooooo oooooooo` copies `l + 2` bytes,
+/// starting `o + 1` bytes back; for `l = 7`, another byte before the second one is added to the length.
 ///
 /// # References
 /// M. Lehmann, *LibLZF* (`lzf_d.c`).

@@ -30,8 +30,8 @@ use crate::foreign::guarded;
 use crate::source::{extension, open_file};
 use crate::write_atomically;
 
-/// Maximum number of pixels along a side of a JPEG picture, which bounds the memory of the decoder. The format itself
-/// has 16 bits per side.
+/// Maximum number of pixels along a side of a JPEG picture, which bounds the memory of the decoder. The
+/// format itself has 16 bits per side.
 const MAX_SIDE: usize = 1 << 16;
 
 /// A picture.
@@ -87,8 +87,8 @@ pub fn read_brightness(path: &Path) -> Result<Image> {
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
 /// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed or cut off;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each error names
-/// the file.
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each
+/// error names the file.
 ///
 /// # Examples
 /// ```
@@ -153,7 +153,8 @@ pub fn write_grey_png(path: &Path, columns: usize, rows: usize, values: &[u8]) -
     write_png(path, [columns, rows], png::ColorType::Grayscale, values)
 }
 
-/// Writes red, green and blue from 0 to 255, row by row, as a PNG with 8 bits per channel. `size` is columns and rows.
+/// Writes red, green and blue from 0 to 255, row by row, as a PNG with 8 bits per channel. `size` is columns
+/// and rows.
 ///
 /// # Errors
 /// As [`write_grey_png`].
@@ -187,7 +188,8 @@ fn encode_png(
     Ok(out.finish()?)
 }
 
-/// Encodes red, green and blue from 0 to 255 as a PNG, for embedding into another file. `size` is columns and rows.
+/// Encodes red, green and blue from 0 to 255 as a PNG, for embedding into another file. `size` is columns and
+/// rows.
 ///
 /// # Errors
 /// `Input` for another number of values than pixels.
@@ -313,8 +315,8 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     let grey = matches!(kind, 3 | 11);
     if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
         return Err(Error::unsupported(format!(
-            "expected a TGA image with 24 or 32 bits of colour or 8 bits of grey, found type {kind} with {bits} \
-             bits"
+            "expected a TGA image with 24 or 32 bits of colour or 8 bits of grey, found type {kind} with \
+             {bits} bits"
         )));
     }
     let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;
@@ -327,7 +329,8 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     if kind < 9 {
         unpacked.extend_from_slice(body.get(..size).ok_or_else(damaged)?);
     }
-    // Run-length packets: bit 7 of the first byte marks a repeated pixel, the other bits are the count less one.
+    // Run-length packets: bit 7 of the first byte marks a repeated pixel, the other bits are the count less
+    // one.
     while unpacked.len() < size {
         let (&head, rest) = body.split_first().ok_or_else(damaged)?;
         let count = usize::from(head & 0x7f) + 1;
@@ -337,8 +340,8 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
         body = &rest[stored * samples..];
     }
     unpacked.truncate(size);
-    // Colours are stored as blue, green, red. Rows run from the bottom unless bit 5 of the descriptor is set, and from
-    // right to left if bit 4 is set.
+    // Colours are stored as blue, green, red. Rows run from the bottom unless bit 5 of the descriptor is set,
+    // and from right to left if bit 4 is set.
     let (downwards, backwards) = (head[17] & 0x20 != 0, head[17] & 0x10 != 0);
     let mut values = Vec::with_capacity(size);
     for y in 0..rows {

@@ -1,10 +1,10 @@
 //! PLY, the polygon file format: scans and meshes in, scans, meshes and points out.
 //!
-//! **Input.** ASCII, binary little endian or binary big endian, with any number types, lists, unknown elements,
-//! comments, and lines that end in LF or CRLF.
+//! **Input.** ASCII, binary little endian or binary big endian, with any number types, lists, unknown
+//! elements, comments, and lines that end in LF or CRLF.
 //!
-//! **Output.** A [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]. Written files are binary little endian and
-//! keep every bit of a number.
+//! **Output.** A [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]. Written files are binary little endian
+//! and keep every bit of a number.
 //!
 //! **Limits.** `tristrips`, colours and other elements and properties are ignored.
 //!

@@ -105,8 +105,8 @@ impl PointColumns {
     /// Derives the layout from column names.
     ///
     /// # Errors
-    /// `Input` if positions are missing, a group is incomplete, σ and covariance are both given, or a σ belongs
-    /// to a quantity that is absent.
+    /// `Input` if positions are missing, a group is incomplete, σ and covariance are both given, or a σ
+    /// belongs to a quantity that is absent.
     pub(crate) fn find(names: &[&str]) -> Result<Self> {
         let Some(position) = family(names, POSITION)? else {
             return Err(Error::input(format!(
@@ -217,8 +217,8 @@ impl PointCollector {
 
     /// Adds a record of at least [`PointColumns::width`] numbers; `place` is used in messages.
     ///
-    /// A record without finite coordinates is dropped before its σ is checked, because the σ of a missed reading
-    /// means nothing.
+    /// A record without finite coordinates is dropped before its σ is checked, because the σ of a missed
+    /// reading means nothing.
     #[inline]
     pub(crate) fn push(&mut self, record: &[f64], place: impl Display) -> Result<()> {
         let number = self.records;
@@ -251,8 +251,8 @@ impl PointCollector {
                 let covariance = columns.map(|c| record[c]);
                 if !is_positive_definite(&covariance) {
                     return Err(Error::input(format!(
-                        "{place}: expected a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
-                         (point {number})",
+                        "{place}: expected a positive definite covariance, found cxx cxy cxz cyy cyz czz = \
+                         {} (point {number})",
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
                 }
@@ -273,8 +273,8 @@ impl PointCollector {
             let sigma = positive(SIGMA_NORMAL, record[column])?;
             if sigma >= MAX_SIGMA_NORMAL_DEG {
                 return Err(Error::input(format!(
-                    "{place}: expected {SIGMA_NORMAL} below {MAX_SIGMA_NORMAL_DEG} degrees, found {sigma} (point \
-                     {number})"
+                    "{place}: expected {SIGMA_NORMAL} below {MAX_SIGMA_NORMAL_DEG} degrees, found {sigma} \
+                     (point {number})"
                 )));
             }
             self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);

@@ -163,8 +163,8 @@ struct KeyframeTable {
 /// Reads poses.
 ///
 /// # Errors
-/// `Io` if the file cannot be read; `Input` for unknown keys, numbers that are not finite, two poses of one name, and
-/// keyframes that are not in order of time or name unknown poses: with the pose or keyframe.
+/// `Io` if the file cannot be read; `Input` for unknown keys, numbers that are not finite, two poses of one
+/// name, and keyframes that are not in order of time or name unknown poses: with the pose or keyframe.
 ///
 /// # Examples
 /// ```
@@ -267,8 +267,8 @@ fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
         }
         _ => {
             return Err(Error::input(
-                "expected moves with control = INDEX, or near = [x, y, z] and optionally within = LENGTH, and \
-                 by = [x, y, z]",
+                "expected moves with control = INDEX, or near = [x, y, z] and optionally within = LENGTH, \
+                 and by = [x, y, z]",
             ));
         }
     };

@@ -36,11 +36,12 @@ impl<const N: usize> ColorType for Samples<N> {
     }
 }
 
-/// Writes bands of values; the extension selects the format (`.tif` and `.tiff` with two or four bands, `.npy`).
+/// Writes bands of values; the extension selects the format (`.tif` and `.tiff` with two or four bands,
+/// `.npy`).
 ///
 /// # Errors
-/// `Input` for bands with another number of values than pixels; `Unsupported` for other extensions, other numbers of
-/// bands and more than 4 GB; `Io` when the file cannot be written; nothing is left half-written.
+/// `Input` for bands with another number of values than pixels; `Unsupported` for other extensions, other
+/// numbers of bands and more than 4 GB; `Io` when the file cannot be written; nothing is left half-written.
 ///
 /// # Examples
 /// ```

@@ -1,8 +1,8 @@
 //! Lists of input files, read into one set of scans.
 //!
-//! **Input.** Paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`, `xyz`,
-//! `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans (`conf`,
-//! `toml`), in any combination.
+//! **Input.** Paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`,
+//! `xyz`, `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans
+//! (`conf`, `toml`), in any combination.
 //!
 //! **Output.** A [`ScanSet`] in the order of the paths, for any number of threads.
 //!
@@ -272,8 +272,8 @@ fn read_by_extension(path: &Path) -> Result<Read> {
 /// current rayon pool.
 ///
 /// # Errors
-/// The errors of the readers of the formats; [`Input`](planish_estimate::ErrorKind::Input) also for no paths, a
-/// file named twice (its measurements would count twice), a scan without points, and conflicting units or
+/// The errors of the readers of the formats; [`Input`](planish_estimate::ErrorKind::Input) also for no paths,
+/// a file named twice (its measurements would count twice), a scan without points, and conflicting units or
 /// sensors; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions. If several files
 /// are invalid, the error names the first.
 ///

@@ -17,7 +17,8 @@ use planish_estimate::{Error, Result};
 /// Initial size of the buffer. Large enough that system calls cost little, small enough for many readers.
 const BUFFER_BYTES: usize = 1 << 16;
 /// Maximum length of a line. It stops a binary file without line ends from filling the memory, and is far
-/// above the longest line of a point file (guarded by `an_endless_line_is_refused_before_it_fills_the_memory`).
+/// above the longest line of a point file (guarded by
+/// `an_endless_line_is_refused_before_it_fills_the_memory`).
 const MAX_LINE_BYTES: usize = 1 << 22;
 
 /// A buffered reader that knows where it is.
@@ -92,8 +93,8 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     })
 }
 
-/// Maximum ratio of unpacked to packed bytes. Deflate reaches 1032, but only without measurements; nearly empty
-/// organised clouds reach some dozens (decision 0041).
+/// Maximum ratio of unpacked to packed bytes. Deflate reaches 1032, but only without measurements; nearly
+/// empty organised clouds reach some dozens (decision 0041).
 const MAX_EXPANSION: u64 = 100;
 /// Unpacked size that is accepted at any ratio: a size that does no harm.
 const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
@@ -102,8 +103,8 @@ const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
 pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
     match unpacked > ALWAYS_ALLOWED_BYTES.saturating_add(packed.saturating_mul(MAX_EXPANSION)) {
         true => Err(Error::input(format!(
-            "{packed} compressed bytes unpack to {unpacked} or more, which would fill the memory; if the file \
-             is valid, unpack it first"
+            "{packed} compressed bytes unpack to {unpacked} or more, which would fill the memory; if the \
+             file is valid, unpack it first"
         ))),
         false => Ok(()),
     }
@@ -296,7 +297,8 @@ impl<R: Read> Source<R> {
         &self.buffer[self.start - n..self.start]
     }
 
-    /// Returns the next line without its end, or `None` at the end of the file. The last line may lack its end.
+    /// Returns the next line without its end, or `None` at the end of the file. The last line may lack its
+    /// end.
     pub(crate) fn line(&mut self) -> Result<Option<&[u8]>> {
         let mut searched = 0;
         let length = loop {

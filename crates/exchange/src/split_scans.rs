@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 
 /// Minimum average number of points per distinct time for times to separate scans.
 ///
-/// Too small a value splits a scan of a slow sensor, whose points have times of their own, into many scans. Too
-/// large a value joins small scans. Guarded by `times_split_only_if_many_points_share_each`.
+/// Too small a value splits a scan of a slow sensor, whose points have times of their own, into many scans.
+/// Too large a value joins small scans. Guarded by `times_split_only_if_many_points_share_each`.
 const MIN_POINTS_PER_TIME: usize = 100;
 
 /// Splits a scan by the scan number of each point, or else by its time.
@@ -46,7 +46,8 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
     }
     if scan.grid.is_some() {
         return Err(Error::unsupported(format!(
-            "{}: expected one scan in an organised file, found {}: write one file per scan, or points without a grid",
+            "{}: expected one scan in an organised file, found {}: write one file per scan, or points \
+             without a grid",
             scan.name,
             points.len()
         )));

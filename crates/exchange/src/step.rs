@@ -1,14 +1,16 @@
-//! STEP (ISO 10303-21): writes boundary representations, and reads faces of any kind as triangles ([`read_step`]).
+//! STEP (ISO 10303-21): writes boundary representations, and reads faces of any kind as triangles
+//! ([`read_step`]).
 //!
-//! **Input.** A [`Brep`] of B-spline faces ([`write_step`]) or a [`Solid`] on analytic surfaces ([`write_solid`]).
+//! **Input.** A [`Brep`] of B-spline faces ([`write_step`]) or a [`Solid`] on analytic surfaces
+//! ([`write_solid`]).
 //!
 //! **Output.** `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
 //! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid if the shell is closed, else a surface
 //! model. The surface is exact: every number is the shortest text that reads back as the same `f64`. The file
 //! is streamed; the same input gives the same bytes (no clock time, host or user in the header).
 //!
-//! A side of a face whose control points coincide (the pole of a ball) is not part of the loop of the face: the edges
-//! of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.
+//! A side of a face whose control points coincide (the pole of a ball) is not part of the loop of the face:
+//! the edges of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.
 //!
 //! **Limits.** It is not checked that the curve of an edge lies on its faces, or that faces do not intersect.
 //! Parameter curves are not written, because readers can project the edges.
@@ -74,7 +76,8 @@ impl Default for StepOptions {
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface, StepOptions, write_step};
+/// use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
+/// use planish_exchange::step::{StepOptions, write_step};
 /// # let folder = tempfile::tempdir()?;
 /// // A flat square as one bilinear face.
 /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -116,8 +119,8 @@ pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()>
 /// Writes a solid on analytic surfaces.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) if [`Solid::check`] rejects it with a tolerance of 100 times the
-/// uncertainty; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// [`Input`](planish_estimate::ErrorKind::Input) if [`Solid::check`] rejects it with a tolerance of 100 times
+/// the uncertainty; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
 /// half-written.
 pub fn write_solid(path: &Path, solid: &Solid, options: &StepOptions) -> Result<()> {
     if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {

@@ -5,8 +5,8 @@
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`] of the vertices. Written files are binary.
 //!
-//! A binary file may begin with `solid` like an ASCII one. It is recognised by zero bytes near its start, which text
-//! never contains.
+//! A binary file may begin with `solid` like an ASCII one. It is recognised by zero bytes near its start,
+//! which text never contains.
 //!
 //! **Limits.** Binary files hold seven digits of a coordinate; [`rounding`] gives the resulting error. The
 //! unit is read only from headers that Planish wrote, because the format defines none.
@@ -35,7 +35,8 @@ use crate::source::{Source, next_word, parse_number, read_file, shown};
 const HEADER: usize = 80;
 /// Size of a triangle: twelve numbers of four bytes, and two bytes of attributes.
 const RECORD: usize = 50;
-/// Prefix of the unit in headers that Planish writes. It must not begin with `solid`, the mark of ASCII files.
+/// Prefix of the unit in headers that Planish writes. It must not begin with `solid`, the mark of ASCII
+/// files.
 const UNIT_HEADER: &str = "Planish mesh, unit ";
 
 /// Reads the vertices as points. Corners with a coordinate that is not finite are dropped and counted.
@@ -81,8 +82,8 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     write_packed(path, |mut writer| write_to(&mut writer, mesh, count))
 }
 
-/// Maximum rounding error of a coordinate in a binary file: half the distance of neighbouring `float32` numbers at the
-/// largest coordinate.
+/// Maximum rounding error of a coordinate in a binary file: half the distance of neighbouring `float32`
+/// numbers at the largest coordinate.
 ///
 /// # Examples
 /// ```

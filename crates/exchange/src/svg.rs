@@ -6,9 +6,11 @@
 //! dash-dot strokes and names with `center` or `centre`; they are ignored.
 //!
 //! **Output.** The same as for a DXF file. y points up, and lengths are in millimetres if `width` and
-//! `viewBox` define them. Cubic curves that follow a circle within [`ARC_TOLERANCE`] of its radius become arcs.
+//! `viewBox` define them. Cubic curves that follow a circle within [`ARC_TOLERANCE`] of its radius become
+//! arcs.
 //!
-//! **Limits.** Texts, pictures, clones (`use`) and clips give no edges. Fills without a stroke are read as outlines.
+//! **Limits.** Texts, pictures, clones (`use`) and clips give no edges. Fills without a stroke are read as
+//! outlines.
 //!
 //! # References
 //! W3C, *Scalable Vector Graphics (SVG) 2* (paths, units); *SVG 1.1*, appendix F.6 (arcs).
@@ -33,8 +35,8 @@ use style::{Sheet, Style};
 
 /// Maximum deviation of a cubic curve that is read as an arc, as a share of the radius.
 ///
-/// Drawing programs write a quarter circle as one cubic, which deviates by 2.7e-4. A larger tolerance would turn other
-/// curves into arcs. Guarded by `a_cubic_along_a_circle_becomes_an_arc`.
+/// Drawing programs write a quarter circle as one cubic, which deviates by 2.7e-4. A larger tolerance would
+/// turn other curves into arcs. Guarded by `a_cubic_along_a_circle_becomes_an_arc`.
 pub const ARC_TOLERANCE: f64 = 4e-4;
 /// Maximum number of nodes of the document, which bounds the memory of the XML parser.
 const MAX_ELEMENTS: u32 = 500_000;
@@ -47,8 +49,8 @@ const MAX_DEPTH: usize = 64;
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read;
-/// [`Input`](planish_estimate::ErrorKind::Input), naming element and line, if it is not an SVG file or an element is
-/// invalid.
+/// [`Input`](planish_estimate::ErrorKind::Input), naming element and line, if it is not an SVG file or an
+/// element is invalid.
 ///
 /// # Examples
 /// ```

@@ -1,7 +1,8 @@
 //! Meshes with texture coordinates, named parts and a texture.
 //!
-//! **Input.** Any mesh file. OBJ is read with texture coordinates, groups, objects, materials and their pictures (`.mtl`,
-//! `map_Kd`); GLB with `TEXCOORD_0` and the picture of its base colour. Other formats give a mesh without texture.
+//! **Input.** Any mesh file. OBJ is read with texture coordinates, groups, objects, materials and their
+//! pictures (`.mtl`, `map_Kd`); GLB with `TEXCOORD_0` and the picture of its base colour. Other formats give
+//! a mesh without texture.
 //!
 //! **Output.** A [`TexturedMesh`], or an OBJ file with its materials and picture ([`write_textured_obj`]).
 //!
@@ -18,8 +19,8 @@ use std::path::Path;
 /// Reads a mesh with its texture coordinates, parts and texture.
 ///
 /// # Errors
-/// As [`crate::mesh::read_mesh`]; also for invalid texture coordinates, with file and line or accessor. A missing
-/// material file is a warning.
+/// As [`crate::mesh::read_mesh`]; also for invalid texture coordinates, with file and line or accessor. A
+/// missing material file is a warning.
 ///
 /// # Examples
 /// ```
@@ -98,7 +99,8 @@ mod tests {
         assert_eq!(parts(&read_textured(&out).unwrap()), parts(&found));
     }
 
-    /// A square with a seam between its triangles keeps its four vertices, texture coordinates, picture and σ.
+    /// A square with a seam between its triangles keeps its four vertices, texture coordinates, picture and
+    /// σ.
     #[test]
     fn texture_and_sigma_survive_glb_files() {
         let folder = tempfile::tempdir().unwrap();

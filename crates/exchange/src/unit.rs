@@ -14,7 +14,8 @@ pub enum Unit {
     Metre,
     /// Inches of 25.4 mm, `in`.
     Inch,
-    /// International feet of 304.8 mm, `ft`. US survey feet, longer by two parts in a million, are read as these.
+    /// International feet of 304.8 mm, `ft`. US survey feet, longer by two parts in a million, are read as
+    /// these.
     Foot,
 }
 

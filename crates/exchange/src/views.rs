@@ -28,8 +28,8 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be set in a
-//! view, and then apply to it alone. Paths are relative to the file.
+//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be
+//! set in a view, and then apply to it alone. Paths are relative to the file.
 //!
 //! **Limits.** Lenses are assumed to be free of distortion.
 
@@ -42,8 +42,8 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Default σ of the border of a mask in pixels: masks are rounded to whole pixels. Too small a value makes outlines
-/// outweigh points, too large a value ignores them.
+/// Default σ of the border of a mask in pixels: masks are rounded to whole pixels. Too small a value makes
+/// outlines outweigh points, too large a value ignores them.
 const DEFAULT_SIGMA_PX: f64 = 0.5;
 
 /// A view of an object.
@@ -128,8 +128,8 @@ struct View {
 /// Reads views with their contours and tracks; pictures are not opened.
 ///
 /// # Errors
-/// `Io` if a file cannot be read; `Input` for unknown keys, invalid cameras, σ that are not positive, two views of one
-/// name, and tracks of unknown views: with file and line or view.
+/// `Io` if a file cannot be read; `Input` for unknown keys, invalid cameras, σ that are not positive, two
+/// views of one name, and tracks of unknown views: with file and line or view.
 ///
 /// # Examples
 /// ```
@@ -228,8 +228,8 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     Ok(Views { views, tracks, unit: t.unit.map(|name| name.parse()).transpose()?, files })
 }
 
-/// Reads a CSV file with a header: for each line its number and the words of the named columns, `None` for a missing
-/// column. The first `needed` columns are required.
+/// Reads a CSV file with a header: for each line its number and the words of the named columns, `None` for a
+/// missing column. The first `needed` columns are required.
 fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, Vec<Option<String>>)>> {
     read_file(path, |mut source, _| {
         let mut header: Option<Vec<Option<usize>>> = None;

@@ -5,8 +5,8 @@
 //!
 //! **Output.** The path of each file (relative paths start at the folder of the list) and its [`Pose`].
 //!
-//! The quaternion is the inverse of the usual convention: `p_world = R(q)ᵀ p + t`. With it, the Stanford scans
-//! agree to 0.14 mm; with every other convention they differ by 3 mm or more (guarded by the test
+//! The quaternion is the inverse of the usual convention: `p_world = R(q)ᵀ p + t`. With it, the Stanford
+//! scans agree to 0.14 mm; with every other convention they differ by 3 mm or more (guarded by the test
 //! `poses_align_the_scans` in `tests/bunny.rs`).
 //!
 //! **Limits.** The listed files are not opened here.

@@ -5,15 +5,15 @@
 //!
 //! **Output.** A [`Scan`] at the identity pose.
 //!
-//! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or
-//! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`;
-//! other names are ignored. A comment directly before the first point that names `x`, `y` and `z` counts as a
-//! header. Without a header the first three columns are x y z; of exactly six, the last three are normals if all
-//! of them have length 1 within 1 %. Further columns are ignored. A first line of one whole number is the count
-//! of a PTS file and is skipped.
+//! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or `cxx cxy cxz cyy cyz
+//! czz`, `nx ny nz`, `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`; other names are ignored.
+//! A comment directly before the first point that names `x`, `y` and `z` counts as a header. Without a header
+//! the first three columns are x y z; of exactly six, the last three are normals if all of them have length 1
+//! within 1 %. Further columns are ignored. A first line of one whole number is the count of a PTS file and
+//! is skipped.
 //!
-//! **Limits.** A column without a header is never read as σ, because scanners write intensities there (decision
-//! 0039). Decimal commas are an error, because a comma may also separate numbers.
+//! **Limits.** A column without a header is never read as σ, because scanners write intensities there
+//! (decision 0039). Decimal commas are an error, because a comma may also separate numbers.
 
 use std::io::Read;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Reads CAD files of other programs and compares area and volume with Open Cascade. Files are skipped unless they
-//! are in `../shared/data` beside the repository, or in the folder that PLANISH_DATA names.
+//! Reads CAD files of other programs and compares area and volume with Open Cascade. Files are skipped unless
+//! they are in `../shared/data` beside the repository, or in the folder that PLANISH_DATA names.
 
 #![allow(clippy::print_stdout, reason = "reports skipped files and deviations")]
 

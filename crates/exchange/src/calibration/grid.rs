@@ -32,8 +32,8 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
-/// Default σ of a calibration in pixels: typical of a good calibration of a real camera. A smaller value states
-/// points as more accurate than their calibration allows.
+/// Default σ of a calibration in pixels: typical of a good calibration of a real camera. A smaller value
+/// states points as more accurate than their calibration allows.
 const DEFAULT_SIGMA_PX: f64 = 0.02;
 /// Tolerance of the orthonormality of a rotation: accepts numbers written with seven digits.
 const ROTATION_TOLERANCE: f64 = 1e-6;

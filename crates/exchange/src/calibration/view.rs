@@ -23,8 +23,8 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
-/// Default maximum angle of incidence. Range sensors fail on grazing surfaces; a larger angle plans views whose
-/// readings are missing, a smaller one more views than necessary.
+/// Default maximum angle of incidence. Range sensors fail on grazing surfaces; a larger angle plans views
+/// whose readings are missing, a smaller one more views than necessary.
 const DEFAULT_INCIDENCE_DEG: f64 = 60.0;
 
 /// A range sensor with the unit of its lengths.
@@ -67,7 +67,8 @@ struct Table {
 /// ```
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sensor.toml");
-/// std::fs::write(&path, "fov_deg = [90, 60]\nrays = [64, 48]\nnear = 200\nfar = 800\nsigma_along = 0.05\n")?;
+/// let text = "fov_deg = [90, 60]\nrays = [64, 48]\nnear = 200\nfar = 800\nsigma_along = 0.05\n";
+/// std::fs::write(&path, text)?;
 /// let sensor = planish_exchange::calibration::read_view_sensor(&path)?.sensor;
 /// assert_eq!((sensor.rays, sensor.range), ([64, 48], [200.0, 800.0]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -1,4 +1,5 @@
-//! Reads CARMEN logs: lines `FLASER n r1 … rn x y θ odom_x odom_y odom_θ time host time`, in metres and radians.
+//! Reads CARMEN logs: lines `FLASER n r1 … rn x y θ odom_x odom_y odom_θ time host time`, in metres and
+//! radians.
 
 use super::readings::{ContourReadings, SigmaDefaults};
 use crate::source::{Source, parse_number, shown};
@@ -35,8 +36,8 @@ impl Default for CarmenOptions {
 /// Default σ of a range in metres, as manufacturers of these scanners state it. The log itself states none.
 const DEFAULT_SIGMA_RANGE: f64 = 0.03;
 
-/// Reads the selected scans; `first` is the first line of the file, which was read to detect the format. Beam `i` of
-/// `n` points to `θ − 90° + i·180°/n`. Beams of a scan share a pose.
+/// Reads the selected scans; `first` is the first line of the file, which was read to detect the format. Beam
+/// `i` of `n` points to `θ − 90° + i·180°/n`. Beams of a scan share a pose.
 pub(crate) fn read_carmen<R: Read>(
     source: &mut Source<R>,
     first: &[u8],
@@ -112,8 +113,8 @@ pub(crate) fn read_carmen<R: Read>(
     }
     if read.sightings.is_empty() {
         return Err(Error::input(format!(
-            "expected ranges from {} to {} m in the selected scans ({} from scan {} on), found none in a log of \
-             {scans} scans",
+            "expected ranges from {} to {} m in the selected scans ({} from scan {} on), found none in a log \
+             of {scans} scans",
             options.range[0], options.range[1], options.count, options.first
         )));
     }

@@ -18,9 +18,11 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Maximum number of contours of a view; bounds the size of the joint covariance, which grows with its square.
+/// Maximum number of contours of a view; bounds the size of the joint covariance, which grows with its
+/// square.
 const MAX_CONTOURS: usize = 200;
-/// Maximum number of corners of a contour, which bounds the memory that a name such as `polygon-99999` requests.
+/// Maximum number of corners of a contour, which bounds the memory that a name such as `polygon-99999`
+/// requests.
 const MAX_CORNERS: usize = 500;
 
 /// Content of a file of contours.
@@ -80,8 +82,8 @@ struct WrittenConstraint {
 /// Reads contours with their covariance.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON without contours, an unknown kind, and
-/// parameters or a covariance that do not match it.
+/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON without contours, an unknown
+/// kind, and parameters or a covariance that do not match it.
 ///
 /// # Examples
 /// ```

@@ -23,12 +23,12 @@ pub const RAY_COLUMNS: [&str; 13] = [
     "sigma",
 ];
 
-/// Reads a CSV file with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points `x,y,z` with
-/// `sigma`. It may be compressed by gzip. The default σ of a heading applies to both angles.
+/// Reads a CSV file with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points
+/// `x,y,z` with `sigma`. It may be compressed by gzip. The default σ of a heading applies to both angles.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not positive,
-/// a missing column, or a σ that neither the file nor `defaults` states.
+/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not
+/// positive, a missing column, or a σ that neither the file nor `defaults` states.
 ///
 /// # Examples
 /// ```
@@ -63,7 +63,8 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         }
         if rays.is_empty() {
             return Err(Error::input(
-                "expected a header `x,y,z,azimuth_deg,elevation_deg,range` or `x,y,z`, and readings, found none",
+                "expected a header `x,y,z,azimuth_deg,elevation_deg,range` or `x,y,z`, and readings, found \
+                 none",
             ));
         }
         Ok(rays)

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-/// σ of quantities for which a file has no column. `None` means exact for poses, and is an error for ranges and points,
-/// whose σ cannot be guessed.
+/// σ of quantities for which a file has no column. `None` means exact for poses, and is an error for ranges
+/// and points, whose σ cannot be guessed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SigmaDefaults {
     /// σ of the coordinates of the sensor.
@@ -31,7 +31,8 @@ pub struct ContourReadings {
     pub levels: Option<Vec<f64>>,
     /// True if the file has times.
     pub has_times: bool,
-    /// Number of ignored readings: at the maximum range of the sensor, or outside the selected range or region.
+    /// Number of ignored readings: at the maximum range of the sensor, or outside the selected range or
+    /// region.
     pub left_out: usize,
     /// True if the format prescribes metres.
     pub in_metres: bool,
@@ -54,11 +55,12 @@ pub const COLUMNS: [&str; 13] = [
     "sigma_point",
 ];
 
-/// Reads a CSV file with a header or a CARMEN log; the first line shows which. Either may be compressed by gzip.
+/// Reads a CSV file with a header or a CARMEN log; the first line shows which. Either may be compressed by
+/// gzip.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not positive,
-/// a missing column, or a σ that neither the file nor `defaults` states.
+/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not
+/// positive, a missing column, or a σ that neither the file nor `defaults` states.
 ///
 /// # Examples
 /// ```
@@ -233,8 +235,8 @@ impl<'a> Row<'a> {
             .ok_or_else(|| Error::input(format!("line {}: expected column `{name}`", self.number)))
     }
 
-    /// σ from a column or the default. Without an option that states it, zero is allowed and is the default: such a
-    /// quantity may be exact.
+    /// σ from a column or the default. Without an option that states it, zero is allowed and is the default:
+    /// such a quantity may be exact.
     pub(super) fn sigma(&self, name: &'static str, default: Option<f64>, option: &str) -> Result<f64> {
         let may_be_zero = option.is_empty();
         match self.optional(name)?.or(default) {

@@ -26,8 +26,8 @@ pub struct SizeLabel {
     pub text: String,
 }
 
-/// Draws contours over the points of their readings, with y upwards. Each point states whether it was used; rejected
-/// points are hollow.
+/// Draws contours over the points of their readings, with y upwards. Each point states whether it was used;
+/// rejected points are hollow.
 ///
 /// # Errors
 /// `Io` when the file cannot be written.

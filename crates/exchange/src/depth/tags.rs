@@ -8,8 +8,8 @@
 //! decoder, which reports the reason.
 //!
 //! # References
-//! Adobe, *TIFF Revision 6.0*, 1992, section 2 (image file directories); *BigTIFF*, 2007, which has counts and
-//! offsets of eight bytes.
+//! Adobe, *TIFF Revision 6.0*, 1992, section 2 (image file directories); *BigTIFF*, 2007, which has counts
+//! and offsets of eight bytes.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -17,8 +17,8 @@ use planish_estimate::{Error, Result};
 
 use crate::numbers::NumberType;
 
-/// Rejects tags with more values than the file has bytes, because the decoder allocates memory for them before it
-/// reads them.
+/// Rejects tags with more values than the file has bytes, because the decoder allocates memory for them
+/// before it reads them.
 pub(crate) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
     let failed = |e: io::Error| Error::io("could not be read").with_source(e);
     let length = file.seek(SeekFrom::End(0)).map_err(failed)?;

@@ -12,8 +12,8 @@ use super::groups::Record;
 use planish_estimate::Result;
 use planish_solid::views::{Curve2, DrawnCurve};
 
-/// Tolerance of the distance of a dimension's points from lines, as a share of the size of the drawing. Too small a value
-/// reports rounded coordinates, too large a value overlooks small changes of the drawing.
+/// Tolerance of the distance of a dimension's points from lines, as a share of the size of the drawing. Too
+/// small a value reports rounded coordinates, too large a value overlooks small changes of the drawing.
 const ON_LINE_SHARE: f64 = 2e-3;
 
 /// Describes each dimension that conflicts with the drawing.
@@ -46,7 +46,8 @@ pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result
             .find(|p| !curves.iter().any(|c| distance_to(&c.curve, *p) <= near));
         if let Some([x, y]) = loose {
             found.push(format!(
-                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably changed later"
+                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably \
+                 changed later"
             ));
         }
     }
@@ -104,8 +105,8 @@ impl Measured {
 
 /// Number in the text of a dimension, and half of its last digit; none if the text has no number of its own.
 fn stated(text: &str) -> Option<(f64, f64)> {
-    // `<>` is replaced by the measurement, so numbers around it are additions such as tolerances. Codes such as `\\A1;`
-    // format the text.
+    // `<>` is replaced by the measurement, so numbers around it are additions such as tolerances. Codes such
+    // as `\\A1;` format the text.
     if text.contains("<>") {
         return None;
     }

@@ -5,8 +5,8 @@ use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::TAU;
 
-/// Number of segments of an ellipse. Chords deviate by 0.2 % of the radius (1 − cos(π/48)); more segments reduce the
-/// deviation and enlarge the drawing.
+/// Number of segments of an ellipse. Chords deviate by 0.2 % of the radius (1 − cos(π/48)); more segments
+/// reduce the deviation and enlarge the drawing.
 const CURVE_SEGMENTS: usize = 48;
 
 /// Curves of an entity; none if its kind draws no edges.
@@ -28,8 +28,8 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
     if !flat {
         return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
     }
-    // An extrusion direction of −z mirrors x (arbitrary axis algorithm of the DXF reference). Lines, ellipses and
-    // splines are stored in world coordinates and are not affected.
+    // An extrusion direction of −z mirrors x (arbitrary axis algorithm of the DXF reference). Lines, ellipses
+    // and splines are stored in world coordinates and are not affected.
     let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
     Ok(Some(match turned && planar {
         true => curves.iter().map(|curve| curve.moved(|[x, y]| [-x, y], true)).collect(),
@@ -181,7 +181,8 @@ fn spline(record: &Record) -> Result<Curve2> {
         || !ascending
     {
         return Err(Error::input(format!(
-            "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} knots",
+            "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} \
+             knots",
             poles.len(),
             knots.len()
         )));
@@ -206,7 +207,8 @@ fn spline(record: &Record) -> Result<Curve2> {
     Ok(Curve2::Chain(chain))
 }
 
-/// Evaluates a rational B-spline in homogeneous coordinates (C. de Boor, *A Practical Guide to Splines*, 1978).
+/// Evaluates a rational B-spline in homogeneous coordinates (C. de Boor, *A Practical Guide to Splines*,
+/// 1978).
 fn de_boor(
     poles: &[[f64; 2]],
     knots: &[f64],

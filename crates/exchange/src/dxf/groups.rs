@@ -91,7 +91,8 @@ impl<'a, R: Read> Groups<'a, R> {
             }
             let found: String = code.chars().take(40).collect();
             return Err(Error::input(format!(
-                "line {at}: expected a DXF group code (a whole number), found `{found}`: not an ASCII DXF file?"
+                "line {at}: expected a DXF group code (a whole number), found `{found}`: not an ASCII DXF \
+                 file?"
             )));
         };
         let Some(value) = self.next_line()? else {

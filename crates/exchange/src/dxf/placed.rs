@@ -1,8 +1,8 @@
 //! Draws entities directly or through blocks that are placed by `INSERT`.
 //!
-//! A point p of a block is drawn at `P + R S (p − b)` with the base point b of the block, and the scales S, rotation R
-//! and insertion point P of the insert. Blocks may contain inserts. An entity on layer 0 of a block takes the layer of
-//! the insert, and with line type `BYBLOCK` also its line type.
+//! A point p of a block is drawn at `P + R S (p − b)` with the base point b of the block, and the scales S,
+//! rotation R and insertion point P of the insert. Blocks may contain inserts. An entity on layer 0 of a
+//! block takes the layer of the insert, and with line type `BYBLOCK` also its line type.
 
 use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;

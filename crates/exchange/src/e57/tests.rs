@@ -15,8 +15,8 @@ fn whole(name: RecordName, max: i64) -> Record {
     Record { name, data_type: RecordDataType::Integer { min: 0, max } }
 }
 
-/// A file with a Cartesian cloud that has a pose and an invalid point, an organised spherical cloud, and an empty
-/// one.
+/// A file with a Cartesian cloud that has a pose and an invalid point, an organised spherical cloud, and an
+/// empty one.
 fn file(folder: &Path) -> PathBuf {
     let path = folder.join("a.e57");
     let mut writer = E57Writer::from_file(&path, "file").unwrap();

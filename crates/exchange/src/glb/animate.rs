@@ -1,10 +1,10 @@
 //! Writes a mesh whose shape and colours change in time as one GLB file.
 //!
-//! The file holds the last frame as a mesh, each earlier frame as a morph target (differences of positions, normals
-//! and colours), and one animation of the weights. Viewers without animation show the last frame.
+//! The file holds the last frame as a mesh, each earlier frame as a morph target (differences of positions,
+//! normals and colours), and one animation of the weights. Viewers without animation show the last frame.
 //!
-//! **Limits.** Viewers need not animate colours: glTF 2.0 allows morph targets of `COLOR_0` (section 3.7.2.2), but
-//! does not require viewers to support them.
+//! **Limits.** Viewers need not animate colours: glTF 2.0 allows morph targets of `COLOR_0` (section
+//! 3.7.2.2), but does not require viewers to support them.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
@@ -32,8 +32,8 @@ pub struct MeshFrame {
 /// A column of a frame as it is written.
 type Column = Vec<[f32; 3]>;
 
-/// Writes frames with common triangles as one animated mesh, one frame per `seconds_per_frame`. Without a unit,
-/// lengths are metres.
+/// Writes frames with common triangles as one animated mesh, one frame per `seconds_per_frame`. Without a
+/// unit, lengths are metres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners

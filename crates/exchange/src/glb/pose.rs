@@ -1,7 +1,7 @@
 //! Writes a textured mesh with poses as one GLB file.
 //!
-//! The file holds the mesh at rest, a morph target per pose (differences of positions and normals), the picture of the
-//! texture and, with keyframes, an animation of the weights.
+//! The file holds the mesh at rest, a morph target per pose (differences of positions and normals), the
+//! picture of the texture and, with keyframes, an animation of the weights.
 //!
 //! **Limits.** Targets that are applied together add up, which need not give a plausible shape.
 
@@ -65,10 +65,9 @@ pub struct PosedMesh<'a> {
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points,
-/// keyframes that are not in order of time or have another number of weights than targets, and a picture that is
-/// neither PNG nor JPEG; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more
-/// than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
-/// half-written.
+/// keyframes that are not in order of time or have another number of weights than targets, and a picture that
+/// is neither PNG nor JPEG; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 ///
 /// # Examples
 /// ```

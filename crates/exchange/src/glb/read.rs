@@ -18,12 +18,12 @@ use crate::source::{Source, read_file};
 
 /// Maximum depth of the tree of nodes. glTF forbids cycles; the limit finds them.
 const MAX_DEPTH: usize = 64;
-/// Maximum number of visited nodes. A node that is referred to twice at each of 40 levels would be visited 2⁴⁰ times.
-/// Guarded by `endless_copies_are_rejected`.
+/// Maximum number of visited nodes. A node that is referred to twice at each of 40 levels would be visited
+/// 2⁴⁰ times. Guarded by `endless_copies_are_rejected`.
 const MAX_NODES: usize = 100_000;
 
-/// Maximum ratio of vertices to those that the file can hold: nodes may repeat a mesh, and a small file must not fill
-/// the memory.
+/// Maximum ratio of vertices to those that the file can hold: nodes may repeat a mesh, and a small file must
+/// not fill the memory.
 const MAX_COPIES: usize = 256;
 /// Number of vertices that is accepted at any ratio.
 const ALWAYS_ALLOWED_VERTICES: usize = 1 << 20;
@@ -32,14 +32,15 @@ const ALWAYS_ALLOWED_VERTICES: usize = 1 << 20;
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
-/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or has an invalid reference: with
-/// the file and the accessor or node; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or has an invalid reference:
+/// with the file and the accessor or node; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for
 /// geometry in other files, compressed, sparse or quantised.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
-/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the base-colour picture of the most triangles.
+/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the base-colour picture of the most
+/// triangles.
 ///
 /// Vertices at the same position are merged, because glTF splits vertices at seams of the texture.
 pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
@@ -129,8 +130,8 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
     drop(json);
     if let Some(extension) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
         return Err(Error::unsupported(format!(
-            "the file requires the extension {extension}, which is not supported: export it without compression and \
-             quantisation"
+            "the file requires the extension {extension}, which is not supported: export it without \
+             compression and quantisation"
         )));
     }
     let binary = match source.peek(1)?.is_empty() {
@@ -189,8 +190,8 @@ impl Transform {
         dot(a, cross(b, c))
     }
 
-    /// Transforms a unit normal by the matrix of cofactors, which keeps it perpendicular to a stretched surface. Unlike
-    /// the inverse transpose, it needs no division by a determinant that may be zero.
+    /// Transforms a unit normal by the matrix of cofactors, which keeps it perpendicular to a stretched
+    /// surface. Unlike the inverse transpose, it needs no division by a determinant that may be zero.
     fn normal(&self, n: [f64; 3]) -> [f64; 3] {
         let [a, b, c] = self.columns;
         let sign = self.determinant().signum();
@@ -263,8 +264,8 @@ impl File<'_> {
         Ok((mesh, materials))
     }
 
-    /// Picture of the base colour of a material, if it is in the file, is PNG or JPEG, and uses the first texture
-    /// coordinates.
+    /// Picture of the base colour of a material, if it is in the file, is PNG or JPEG, and uses the first
+    /// texture coordinates.
     fn picture(&self, material: usize) -> Option<&[u8]> {
         let texture = &self.document["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"];
         if texture["texCoord"].as_u64().unwrap_or(0) != 0 {

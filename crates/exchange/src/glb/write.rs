@@ -23,8 +23,8 @@ const RAMP: [[f64; 3]; 5] = [
 /// Colour of unmeasured parts.
 const GREY: [f64; 3] = [0.3, 0.3, 0.3];
 
-/// Writes a mesh with its normals, the columns `sigma` and `observed`, and colours that show them. Other columns are
-/// not written. Without a unit, lengths are metres.
+/// Writes a mesh with its normals, the columns `sigma` and `observed`, and colours that show them. Other
+/// columns are not written. Without a unit, lengths are metres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, or
@@ -102,8 +102,8 @@ pub(super) struct Sections {
 }
 
 impl Sections {
-    /// Adds a section of `count` elements of `bytes` each; returns the index of its accessor. `target` is the purpose of
-    /// a section that belongs to a mesh.
+    /// Adds a section of `count` elements of `bytes` each; returns the index of its accessor. `target` is the
+    /// purpose of a section that belongs to a mesh.
     pub(super) fn add(
         &mut self,
         count: usize,
@@ -254,8 +254,8 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
     })
 }
 
-/// Colour of the map at a share from 0 (dark violet) to 1 (yellow), as linear red, green and blue. Shares outside this
-/// range have the colours of the ends.
+/// Colour of the map at a share from 0 (dark violet) to 1 (yellow), as linear red, green and blue. Shares
+/// outside this range have the colours of the ends.
 ///
 /// # Examples
 /// ```

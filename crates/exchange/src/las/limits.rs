@@ -2,8 +2,8 @@
 //!
 //! **Input.** A file that can be rewound.
 //!
-//! **Output.** An error before anything is decoded, or success with the file rewound. Every number that makes the decoder allocate memory is checked: metadata records, points, chunks, and the
-//! layers of each chunk.
+//! **Output.** An error before anything is decoded, or success with the file rewound. Every number that makes
+//! the decoder allocate memory is checked: metadata records, points, chunks, and the layers of each chunk.
 //!
 //! **Limits.** The file may still fail to decode. A header that cannot be interpreted here is left to the
 //! decoder, which reports the reason.
@@ -20,8 +20,8 @@ use planish_estimate::{Error, Result};
 use crate::foreign::guarded;
 use crate::source::check_expansion;
 
-/// Maximum size of a point record. The decoder allocates several kilobytes of tables per extra byte of a record; the
-/// largest standard format has 67 bytes.
+/// Maximum size of a point record. The decoder allocates several kilobytes of tables per extra byte of a
+/// record; the largest standard format has 67 bytes.
 const MAX_RECORD_BYTES: u64 = 4096;
 /// Size of the header of an extended variable-length record.
 const EXTENDED_HEADER_BYTES: u64 = 60;
@@ -139,8 +139,8 @@ fn item_sizes(item: &LazItem) -> (u64, u64) {
     }
 }
 
-/// Checks that the compressed items add up to the record. The decoder trusts their sizes and would otherwise write
-/// beyond the record.
+/// Checks that the compressed items add up to the record. The decoder trusts their sizes and would otherwise
+/// write beyond the record.
 fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     let size: u64 = items.iter().map(|item| item_sizes(item).0).sum();
     let alike = items.iter().all(|item| {
@@ -149,7 +149,8 @@ fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     });
     if items.is_empty() || !alike || size != record {
         return Err(Error::input(format!(
-            "the compressed items of a point: expected {record} bytes in all, found {size}: the file is damaged"
+            "the compressed items of a point: expected {record} bytes in all, found {size}: the file is \
+             damaged"
         )));
     }
     Ok(())

@@ -73,8 +73,8 @@ const REPEAT_SYMBOL: i32 = MAX_MULTIPLE - MIN_MULTIPLE + 1;
 const NEW_SERIES_SYMBOL: i32 = REPEAT_SYMBOL + 1;
 /// Number of symbols, with three series to return to.
 const SYMBOLS: u32 = (NEW_SERIES_SYMBOL + 4) as u32;
-/// Maximum number of consecutive switches between series. A valid file needs one; damaged data request any number.
-/// Guarded by `damaged_times_do_not_cause_endless_recursion`.
+/// Maximum number of consecutive switches between series. A valid file needs one; damaged data request any
+/// number. Guarded by `damaged_times_do_not_cause_endless_recursion`.
 const MAX_SWITCHES: usize = 4;
 
 /// Decodes times without keeping them: the position of the next item depends on their content.
@@ -121,8 +121,8 @@ impl Times {
             return Ok(true);
         }
         let symbol = decoder.decode_symbol(&mut self.after_other)? as i32;
-        // Multiple of the last difference that predicts the next, and the context of its error. The contexts are
-        // fixed by the format.
+        // Multiple of the last difference that predicts the next, and the context of its error. The contexts
+        // are fixed by the format.
         let (multiple, context) = match symbol {
             0 => (0, 7),
             1 => (1, 1),

@@ -113,8 +113,8 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
         let names: Vec<&str> = entries.iter().map(|(_, name)| name.as_str()).collect();
         e.in_context(format_args!("expected an array `points`, found [{}]", names.join(", ")))
     })?;
-    // Each array gets its own reader of the archive: a ZIP reader can stream one entry at a time, and all arrays
-    // are read in step.
+    // Each array gets its own reader of the archive: a ZIP reader can stream one entry at a time, and all
+    // arrays are read in step.
     let mut archives = wanted.iter().map(|_| open_archive(path)).collect::<Result<Vec<_>>>()?;
     let mut arrays = Vec::with_capacity(wanted.len());
     for (archive, (number, array, role)) in archives.iter_mut().zip(&wanted) {

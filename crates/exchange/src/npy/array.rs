@@ -41,7 +41,8 @@ impl<R: Read> Array<R> {
         Ok(made)
     }
 
-    /// Reads the header of an array of points: plain with three to [`MAX_COLUMNS`] numbers per point, or structured.
+    /// Reads the header of an array of points: plain with three to [`MAX_COLUMNS`] numbers per point, or
+    /// structured.
     pub(super) fn open_points(source: Source<R>) -> Result<Self> {
         let mut made = Self::open(source, 0)?;
         let axes = made.header.shape.len();

@@ -60,7 +60,8 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         .ok_or_else(|| cut_off(8))?;
     if length > MAX_HEADER_BYTES {
         return Err(Error::input(format!(
-            "byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is damaged"
+            "byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is \
+             damaged"
         )));
     }
     let text = source.bytes(length as usize)?.ok_or_else(|| cut_off(8 + width as u64))?;
@@ -124,7 +125,8 @@ impl Header {
         };
         let Literal::Text(kind) = kind else {
             return Err(Error::unsupported(format!(
-                "the field '{name}': expected a number type, found nested fields: write them as fields of the array"
+                "the field '{name}': expected a number type, found nested fields: write them as fields of \
+                 the array"
             )));
         };
         let count = shape.iter().try_fold(1_u64, |n, &side| n.checked_mul(side));
@@ -148,8 +150,8 @@ impl Header {
         self.add(names, kind)
     }
 
-    /// Appends numbers of a type. Other types only advance the offset, so that text and dates beside points are
-    /// accepted.
+    /// Appends numbers of a type. Other types only advance the offset, so that text and dates beside points
+    /// are accepted.
     fn add(&mut self, names: Vec<String>, kind: &str) -> Result<()> {
         let unknown = || {
             Error::unsupported(format!(

@@ -115,8 +115,8 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut pictures: BTreeMap<String, PathBuf> = BTreeMap::new();
     for line in &appearance.libraries {
-        // Exporters write names with blanks, but the format also allows several names per line. The whole line is
-        // tried first.
+        // Exporters write names with blanks, but the format also allows several names per line. The whole
+        // line is tried first.
         let whole = folder.join(line);
         let names: Vec<PathBuf> = match whole.is_file() {
             true => vec![whole],

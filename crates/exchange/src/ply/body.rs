@@ -95,7 +95,8 @@ pub(crate) fn read_rows<R: Read>(
 
 /// Skips an element.
 ///
-/// Binary rows without lists have a fixed size and are skipped at once; others must be parsed to find their end.
+/// Binary rows without lists have a fixed size and are skipped at once; others must be parsed to find their
+/// end.
 pub(crate) fn skip_rows<R: Read>(
     source: &mut Source<R>,
     element: &Element,
@@ -113,7 +114,8 @@ pub(crate) fn skip_rows<R: Read>(
     }
 }
 
-/// Rejects data after the last declared row, because they are measurements that would be lost (decision 0042).
+/// Rejects data after the last declared row, because they are measurements that would be lost (decision
+/// 0042).
 pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
     let Some(byte) = source.more_than_blanks()? else {
         return Ok(());

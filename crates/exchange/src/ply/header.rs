@@ -15,8 +15,8 @@ use crate::source::{Source, shown};
 
 /// Maximum number of elements of a file and of properties of an element.
 ///
-/// Names are searched linearly, so a header of a million names would take quadratic time. Far above what programs
-/// write. Guarded by `headers_of_a_million_names_are_rejected_at_once`.
+/// Names are searched linearly, so a header of a million names would take quadratic time. Far above what
+/// programs write. Guarded by `headers_of_a_million_names_are_rejected_at_once`.
 const MAX_NAMES: usize = 4096;
 
 /// Encoding of the body.
@@ -49,7 +49,8 @@ pub(crate) struct Element {
 pub(crate) struct Header {
     pub(crate) encoding: Encoding,
     pub(crate) elements: Vec<Element>,
-    /// `obj_info num_cols` and `num_rows`: size of the sampling grid, as in the scans of the Stanford repository.
+    /// `obj_info num_cols` and `num_rows`: size of the sampling grid, as in the scans of the Stanford
+    /// repository.
     pub(crate) grid_columns: Option<u64>,
     pub(crate) grid_rows: Option<u64>,
     /// `obj_info is_cyberware_data 1`: the scanner looked along −z.

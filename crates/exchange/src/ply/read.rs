@@ -17,9 +17,9 @@ use crate::source::{Source, read_file};
 ///
 /// Vertex properties: `x y z`; `sigma` or `cxx cxy cxz cyy cyz czz`; `nx ny nz`; `sigma_n_deg`. An element
 /// `range_grid` (a list `vertex_indices` of none or one vertex per cell, row by row, with `obj_info num_cols`
-/// and `num_rows`) gives the sampling grid. `obj_info is_cyberware_data 1` means that the scanner looked along −z
-/// of its own frame. Vertices whose coordinates are not finite are dropped and counted, and the grid is
-/// renumbered. The pose is the identity.
+/// and `num_rows`) gives the sampling grid. `obj_info is_cyberware_data 1` means that the scanner looked
+/// along −z of its own frame. Vertices whose coordinates are not finite are dropped and counted, and the grid
+/// is renumbered. The pose is the identity.
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
@@ -172,7 +172,8 @@ pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(
     if let Some(grid) = &mut grid
         && !dropped.is_empty()
     {
-        // The grid may come before the vertices, so it is renumbered only now that all dropped ones are known.
+        // The grid may come before the vertices, so it is renumbered only now that all dropped ones are
+        // known.
         for cell in grid.cells.iter_mut().filter(|cell| **cell != RangeGrid::EMPTY) {
             *cell = match dropped.binary_search(&u64::from(*cell)) {
                 Ok(_) => RangeGrid::EMPTY,

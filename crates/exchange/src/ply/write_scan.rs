@@ -17,9 +17,9 @@ use crate::atomic::write_atomically;
 
 /// Writes a scan; [`read_scan`](super::read_scan) returns the same numbers.
 ///
-/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance
-/// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Pose, viewing direction and the number of
-/// dropped readings are not written.
+/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance `cxx cxy cxz
+/// cyy cyz czz`, else `sigma`; the element `range_grid`. Pose, viewing direction and the number of dropped
+/// readings are not written.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length or a grid that names no point;

@@ -57,8 +57,8 @@ pub struct BrepEdge {
 pub struct BrepFace {
     /// Surface.
     pub surface: BsplineSurface,
-    /// The loop: edges by index, and whether each is traversed forward; counter-clockwise seen from the outer side of
-    /// the face. Sides that collapse to a point are omitted.
+    /// The loop: edges by index, and whether each is traversed forward; counter-clockwise seen from the outer
+    /// side of the face. Sides that collapse to a point are omitted.
     pub edges: Vec<(usize, bool)>,
     /// True if `S_u × S_v` points to the outer side of the face.
     pub same_sense: bool,
@@ -92,8 +92,8 @@ fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()
     let sum: usize = knots.iter().map(|k| k.1).sum();
     if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
         return Err(Error::input(format!(
-            "expected ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found \
-             degree {degree}, {poles} poles, {} knots with multiplicities that sum to {sum}",
+            "expected ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, \
+             found degree {degree}, {poles} poles, {} knots with multiplicities that sum to {sum}",
             knots.len()
         )));
     }
@@ -200,16 +200,17 @@ impl Brep {
             let (edge, forward) = *oriented;
             if start != at {
                 return Err(Error::input(format!(
-                    "expected edge {edge} to start at vertex {at}, where the previous one ends, found vertex {start}"
+                    "expected edge {edge} to start at vertex {at}, where the previous one ends, found vertex \
+                     {start}"
                 )));
             }
             at = end;
-            // Loops are stated as seen from the outer side, also for faces of reversed sense, so the direction is
-            // compared as it is.
+            // Loops are stated as seen from the outer side, also for faces of reversed sense, so the
+            // direction is compared as it is.
             if std::mem::replace(&mut used[edge][usize::from(forward)], true) {
                 return Err(Error::input(format!(
-                    "expected edge {edge} once in each direction, found it twice in the same: neighbouring faces \
-                     disagree on the outer side"
+                    "expected edge {edge} once in each direction, found it twice in the same: neighbouring \
+                     faces disagree on the outer side"
                 )));
             }
         }

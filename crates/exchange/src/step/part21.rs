@@ -90,7 +90,8 @@ impl<'a, W: Write> Part21<'a, W> {
     }
 }
 
-/// Formats a real with the fewest digits that read back as the same number, and the `.` and `E` that Part 21 requires.
+/// Formats a real with the fewest digits that read back as the same number, and the `.` and `E` that Part 21
+/// requires.
 pub(super) fn real(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
     // −0 has no meaning in a shape and would change the bytes of equal shapes.
     let value = if value == 0.0 { 0.0 } else { value };

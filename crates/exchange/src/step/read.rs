@@ -3,8 +3,8 @@
 //!
 //! **Input.** A file.
 //!
-//! **Output.** One mesh per set of faces that share edges, and the faces that could not be read or triangulated, each
-//! with the reason.
+//! **Output.** One mesh per set of faces that share edges, and the faces that could not be read or
+//! triangulated, each with the reason.
 //!
 //! **Limits.** Other geometry (wires, tessellations, annotations) is ignored. Parameter curves of edges are
 //! not used: edges are projected onto the surfaces.
@@ -35,14 +35,14 @@ use product::{Motion, Products, Units};
 use syntax::Index;
 use topology::{Builder, Read as ReadShape};
 
-/// Maximum number of parts of an assembly: parts multiply through nested assemblies, so a small file could request any
-/// number.
+/// Maximum number of parts of an assembly: parts multiply through nested assemblies, so a small file could
+/// request any number.
 const MAX_PARTS: usize = 100_000;
-/// Minimum distance at which points are merged, as a share of the size. Used if the file states no uncertainty or a
-/// smaller one; it absorbs the rounding of coordinates.
+/// Minimum distance at which points are merged, as a share of the size. Used if the file states no
+/// uncertainty or a smaller one; it absorbs the rounding of coordinates.
 const MIN_TOLERANCE_SHARE: f64 = 1e-7;
-/// Maximum distance at which points are merged, as a share of the size. A larger stated uncertainty would merge small
-/// features.
+/// Maximum distance at which points are merged, as a share of the size. A larger stated uncertainty would
+/// merge small features.
 const MAX_TOLERANCE_SHARE: f64 = 1e-4;
 
 /// A shape and its placements.
@@ -72,9 +72,10 @@ pub struct StepMesh {
 /// Reads the faces of a STEP file, which may be compressed by gzip.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, if it is not a STEP file, if it is
-/// damaged in the description of a shape, or if it has no faces; [`Io`](planish_estimate::ErrorKind::Io) if it cannot
-/// be read. An invalid face is not an error, but listed in [`StepMesh::left_out`].
+/// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, if it is not a STEP file,
+/// if it is damaged in the description of a shape, or if it has no faces;
+/// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read. An invalid face is not an error, but listed
+/// in [`StepMesh::left_out`].
 ///
 /// # Examples
 /// ```
@@ -110,18 +111,18 @@ pub fn read_step(path: &Path) -> Result<StepFaces> {
     read().map_err(|e| e.in_context(path.display()))
 }
 
-/// Default chord error of triangles, as a share of the size. A larger one shows facets, a smaller one multiplies the
-/// triangles.
+/// Default chord error of triangles, as a share of the size. A larger one shows facets, a smaller one
+/// multiplies the triangles.
 const DEFAULT_CHORD_SHARE: f64 = 1e-4;
-/// Default maximum side of triangles, as a share of the size. Planes have no chord error, so it alone limits their
-/// triangles.
+/// Default maximum side of triangles, as a share of the size. Planes have no chord error, so it alone limits
+/// their triangles.
 const DEFAULT_SIDE_SHARE: f64 = 1.0 / 64.0;
 
 /// Reads the triangles of all faces as one mesh.
 ///
 /// # Errors
-/// As [`read_step`]; `Unsupported` if a face cannot be read or triangulated, because a mesh without some faces would be
-/// mistaken for the whole.
+/// As [`read_step`]; `Unsupported` if a face cannot be read or triangulated, because a mesh without some
+/// faces would be mistaken for the whole.
 pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     let faces = read_step(path)?;
     let named = |e: Error| e.in_context(path.display());
@@ -146,7 +147,8 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 type Ignored = BTreeMap<String, usize>;
 
 impl StepFaces {
-    /// Unit of every length, if the file states one. Lengths in units other than [`Unit`] are converted to millimetres.
+    /// Unit of every length, if the file states one. Lengths in units other than [`Unit`] are converted to
+    /// millimetres.
     #[must_use]
     pub fn unit(&self) -> Option<Unit> {
         self.unit
@@ -158,7 +160,8 @@ impl StepFaces {
         self.size
     }
 
-    /// Fineness with a maximum chord error of `chord` (default 1/10 000 of the size) and sides of at most 1/64 of the size.
+    /// Fineness with a maximum chord error of `chord` (default 1/10 000 of the size) and sides of at most
+    /// 1/64 of the size.
     #[must_use]
     pub fn fineness(&self, chord: Option<f64>) -> Fineness {
         Fineness {
@@ -318,8 +321,8 @@ fn extent(read: &ReadShape) -> f64 {
     if lo[0] <= hi[0] { distance(lo, hi) } else { 0.0 }
 }
 
-/// Diagonal of the bounding box of all placed shapes; their own boxes are enough, because only an order of size is
-/// required.
+/// Diagonal of the bounding box of all placed shapes; their own boxes are enough, because only an order of
+/// size is required.
 fn size_of(shapes: &[Placed]) -> f64 {
     let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
     for placed in shapes {

@@ -1,5 +1,5 @@
-//! Writes solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`, `SPHERICAL_SURFACE`,
-//! `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
+//! Writes solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`,
+//! `SPHERICAL_SURFACE`, `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
 
 use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
@@ -69,8 +69,8 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
     }
 }
 
-/// Joins cubic Hermite pieces to one B-spline. Double inner knots keep the continuity of the first derivative, which is
-/// all that the pieces have.
+/// Joins cubic Hermite pieces to one B-spline. Double inner knots keep the continuity of the first
+/// derivative, which is all that the pieces have.
 fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
     let last = points.len() - 1;
     let third = |k: usize, sign: f64| [0, 1, 2].map(|c| points[k][c] + sign * derivatives[k][c] / 3.0);
@@ -86,12 +86,12 @@ fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
 
 /// Number of samples per edge by which the angles that it covers on a cylinder are found.
 const EDGE_SAMPLES: usize = 64;
-/// Minimum angular gap without edges that proves that a face does not reach there: larger than the step of samples, which
-/// is at most 360°/64 = 5.6°.
+/// Minimum angular gap without edges that proves that a face does not reach there: larger than the step of
+/// samples, which is at most 360°/64 = 5.6°.
 const MIN_GAP_RAD: f64 = TAU / 24.0;
 
-/// Surface of a face, with the seam of a cylinder rotated into the part that the face does not cover. The surface is
-/// unchanged if the face does not cross the seam, or covers the whole circumference.
+/// Surface of a face, with the seam of a cylinder rotated into the part that the face does not cover. The
+/// surface is unchanged if the face does not cross the seam, or covers the whole circumference.
 ///
 /// Open Cascade 7.9 reads a face of more than half of a cylinder that crosses the seam as the other part.
 fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
@@ -128,8 +128,8 @@ fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
     FaceSurface::Cylinder { origin, axis, x: add_scaled(scale(cos, x), sin, cross(axis, x)), radius }
 }
 
-/// Middle of an open arc of more than half a turn, which is written in two parts: Open Cascade 7.9 read such an arc
-/// (of 184.7°) as the other arc between its ends.
+/// Middle of an open arc of more than half a turn, which is written in two parts: Open Cascade 7.9 read such
+/// an arc (of 184.7°) as the other arc between its ends.
 fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
     let [from, to] = edge.range;
     let is_long = matches!(edge.curve, EdgeCurve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);

@@ -208,8 +208,8 @@ fn turn(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too short
-/// (F.6.6).
+/// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too
+/// short (F.6.6).
 fn arc(
     from: [f64; 2],
     to: [f64; 2],

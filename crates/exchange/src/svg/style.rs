@@ -3,8 +3,8 @@
 use planish_solid::views::LineStyle;
 use roxmltree::{Document, Node};
 
-/// Minimum ratio of the longest to the shortest dash of a centre line. Hidden lines have equal dashes; centre lines
-/// alternate long dashes with dots. Guarded by `dashes_are_hidden_lines_and_dash_dots_centre_lines`.
+/// Minimum ratio of the longest to the shortest dash of a centre line. Hidden lines have equal dashes; centre
+/// lines alternate long dashes with dots. Guarded by `dashes_are_hidden_lines_and_dash_dots_centre_lines`.
 const CENTRE_LINE_RATIO: f64 = 1.5;
 
 /// Class names of `<style>` sheets with their declarations.

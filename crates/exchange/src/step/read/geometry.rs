@@ -169,7 +169,8 @@ impl Geometry<'_, '_> {
             return Err(Error::input("an instance without keyword"));
         };
         let simple = parts.len() == 1;
-        // A simple instance has the name as its first attribute; in a complex one, the name is in another part.
+        // A simple instance has the name as its first attribute; in a complex one, the name is in another
+        // part.
         let Some((base, at)) = (match simple {
             true => Some((first, 1)),
             false => part(parts, "B_SPLINE_CURVE").map(|base| (base, 0)),
@@ -329,13 +330,14 @@ fn unsupported_kind(entity: &Entity, what: &str) -> Error {
     ))
 }
 
-/// Repeats knots by their multiplicities. The sum is checked first, because a file can state any multiplicity.
+/// Repeats knots by their multiplicities. The sum is checked first, because a file can state any
+/// multiplicity.
 fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> Result<Vec<f64>> {
     let sum = counts.iter().fold(0_usize, |sum, n| sum.saturating_add(*n));
     if counts.len() != knots.len() || sum != wanted {
         return Err(entity.wrong(&format!(
-            "expected a multiplicity per knot, {wanted} in all, found {} knots and {} multiplicities that sum \
-             to {sum}",
+            "expected a multiplicity per knot, {wanted} in all, found {} knots and {} multiplicities that \
+             sum to {sum}",
             knots.len(),
             counts.len()
         )));

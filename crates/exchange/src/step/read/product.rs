@@ -250,8 +250,8 @@ impl Products {
         Ok(found)
     }
 
-    /// Representations, plain ones last. These may repeat items of others, for example to attach a note, so the others
-    /// claim their items first.
+    /// Representations, plain ones last. These may repeat items of others, for example to attach a note, so
+    /// the others claim their items first.
     pub(super) fn specialised_first(&self) -> impl Iterator<Item = (&u64, &Representation)> {
         let of = |plain: bool| self.representations.iter().filter(move |(_, r)| r.is_plain == plain);
         of(false).chain(of(true))
@@ -322,7 +322,8 @@ impl Products {
             Geometry { index, length: length(&units), angle: units.angle }
         };
         let [mut from, mut to] = within.frames;
-        // Some exporters swap the frames. Each frame is an item of its own representation, which shows the swap.
+        // Some exporters swap the frames. Each frame is an item of its own representation, which shows the
+        // swap.
         let holds =
             |id: u64, item: u64| self.representations.get(&id).is_some_and(|r| r.items.contains(&item));
         if holds(within.parent, from) && holds(within.child, to) && !holds(within.child, from) {
@@ -340,8 +341,8 @@ impl Products {
 
 /// `CARTESIAN_TRANSFORMATION_OPERATOR_3D(name, description, name, axis1, axis2, origin, scale, axis3)`.
 fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
-    // Depending on the schema, the names of the supertypes are one attribute or two, so the attributes are located by
-    // their content: the origin is the first point.
+    // Depending on the schema, the names of the supertypes are one attribute or two, so the attributes are
+    // located by their content: the origin is the first point.
     let first =
         (0..entity.record.values.len()).find(|k| entity.optional(*k).is_ok_and(|v| v.is_some())).unwrap_or(0);
     let at_origin = (first..entity.record.values.len()).find(|k| {

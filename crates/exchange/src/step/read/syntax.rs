@@ -2,8 +2,8 @@
 //!
 //! **Input.** The bytes of a file.
 //!
-//! **Output.** An index of instances. Each is parsed when it is requested, so that notes and tessellations, often most of
-//! a file, cost only their entry in the index (decision 0044).
+//! **Output.** An index of instances. Each is parsed when it is requested, so that notes and tessellations,
+//! often most of a file, cost only their entry in the index (decision 0044).
 //!
 //! **Limits.** Anchors, references and signatures of later editions are ignored.
 //!
@@ -238,7 +238,8 @@ impl<'a> Index<'a> {
     /// Finds the instances of all data sections.
     ///
     /// # Errors
-    /// `Input`, with the line, for a file that is not STEP or ends too early, a repeated number, and an invalid statement.
+    /// `Input`, with the line, for a file that is not STEP or ends too early, a repeated number, and an
+    /// invalid statement.
     pub(super) fn new(bytes: &'a [u8]) -> Result<Self> {
         let mut index = Self { bytes, places: HashMap::new(), by_keyword: HashMap::new() };
         let mut start = bytes.strip_prefix(b"\xef\xbb\xbf").map_or(0, |_| 3);
@@ -366,7 +367,8 @@ fn count_lines(bytes: &[u8]) -> usize {
     bytes.iter().filter(|b| **b == b'\n').count()
 }
 
-/// Position after the statement that starts at `from`; none at the end. Semicolons in strings and comments do not count.
+/// Position after the statement that starts at `from`; none at the end. Semicolons in strings and comments do
+/// not count.
 fn statement_end(bytes: &[u8], from: usize) -> Option<usize> {
     let mut at = from;
     while let Some(byte) = bytes.get(at) {

@@ -1,5 +1,5 @@
-//! Reads files of Open Cascade 7.9 (`tests/data`, created by `benches/peers/step_files.py`, which prints area and
-//! volume), and small files that are written here.
+//! Reads files of Open Cascade 7.9 (`tests/data`, created by `benches/peers/step_files.py`, which prints area
+//! and volume), and small files that are written here.
 
 use super::*;
 use planish_estimate::vector3::{cross, dot, norm, sub};

@@ -2,8 +2,8 @@
 //!
 //! **Input.** Items of a representation.
 //!
-//! **Output.** Shapes that share vertices and edges as the file does. A face that cannot be read is skipped and
-//! reported.
+//! **Output.** Shapes that share vertices and edges as the file does. A face that cannot be read is skipped
+//! and reported.
 
 use super::geometry::Geometry;
 use super::syntax::Index;
