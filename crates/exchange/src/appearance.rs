@@ -107,6 +107,7 @@ impl TexturedMesh {
                 triangles: self.triangles.clone(),
             };
         }
+        // Vertices are numbered in order of first use, which does not depend on the map.
         let mut made: BTreeMap<(u32, u32), u32> = BTreeMap::new();
         let mut split = SplitMesh {
             vertex_of: Vec::new(),
@@ -259,6 +260,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let names = TriangleParts::new(mesh);
     let mut written = Vec::new();
+    // Files are written before those that refer to them: picture, materials, mesh.
     if let Some(bytes) = picture {
         write_atomically(&texture, |writer| writer.write_all(bytes))?;
         write_atomically(&materials, |writer| {

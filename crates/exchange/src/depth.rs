@@ -196,6 +196,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     let mut readings = Vec::new();
     while let Some(row) = reader.next_row().map_err(damaged)? {
         match wide {
+            // PNG stores 16-bit values in big endian.
             true => readings
                 .extend(row.data().chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])))),
             false => readings.extend(row.data().iter().map(|&b| f64::from(b))),

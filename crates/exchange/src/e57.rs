@@ -120,6 +120,7 @@ fn scan_from(
         let cannot = |e| damaged(e, &format!("point {number} cannot be read"));
         let values = values.map_err(cannot)?;
         let position = layout.position(cloud, &values).map_err(cannot)?;
+        // Only kept points have a cell.
         let before = collector.len();
         collector.push(&position.unwrap_or([f64::NAN; 3]), format_args!("point {number}"))?;
         if let Some([column, row]) = layout.cell.filter(|_| collector.len() > before) {

@@ -149,6 +149,7 @@ struct PoseTable {
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
+        // Checked now, so that a mistyped name is reported before large scans are read.
         for scan in &job.scans {
             let named = [("scan", Some(&scan.path)), ("calibration", scan.calibration.as_ref())];
             let missing = |path: &Path| !path.is_file();
@@ -250,6 +251,7 @@ impl Text {
         }
         let sigma_curvature = self.sigma(&key("sigma_k"), table.sigma_k.as_ref())?;
         let sigma_bias = self.sigma(&key("sigma_bias"), table.sigma_bias.as_ref())?;
+        // A σ of positions would have no effect on a sensor that measures none.
         let of_places = table.sigma.as_ref().or(ray_key).or(table.sigma_bias.as_ref());
         if let (false, Some(found)) = (kind.measures_positions(), of_places) {
             return Err(self.wrong(
@@ -305,6 +307,7 @@ impl Text {
             Some(stated) => {
                 let q = self.finite("pose.quaternion_xyzw", stated)?;
                 let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
+                // The length is checked, not only normalised: another length shows a mistake in the numbers.
                 Pose::from_quaternion_xyzw(q, translation)
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {

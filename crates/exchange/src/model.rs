@@ -207,6 +207,7 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
     metadata.insert("schema".to_owned(), SCHEMA.into());
     // A single key, because safetensors writes a hash map, whose order of keys changes from run to run.
     let metadata = HashMap::from([(KEY.to_owned(), Value::Object(metadata).to_string())]);
+    // The map of tensors is sorted by name, so their order in the file is fixed.
     safetensors::serialize(model.tensors.iter(), Some(metadata))
         .map_err(|e| Error::input("the model cannot be written as safetensors").with_source(e))
 }

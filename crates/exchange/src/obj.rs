@@ -7,8 +7,8 @@
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
 //! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. If no face
-//! assigns any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. A comment `#
-//! unit mm` states the unit, because the format has none.
+//! assigns any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. The format
+//! has no unit; a comment `# unit mm` states it.
 //!
 //! [`crate::textured::read_textured`] also reads texture coordinates, groups, objects and materials; the
 //! other readers ignore them.
@@ -212,6 +212,7 @@ impl Obj {
         }
         obj.farthest_vertex.check(obj.points.len(), "vertex")?;
         obj.farthest_normal.check(obj.stated.len(), "normal")?;
+        // Normals that faces used before their definition are known now.
         for (vertex, normal) in std::mem::take(&mut obj.pending) {
             obj.add_normal(vertex, normal);
         }
@@ -270,6 +271,7 @@ impl Obj {
             let index = |part: &[u8], count: usize, what: &str| {
                 let text = std::str::from_utf8(part).map_err(|_| wrong())?;
                 let stated: i64 = text.parse().map_err(|_| wrong())?;
+                // Negative indices count back from the last element defined so far.
                 let from_zero = if stated < 0 { count as i64 + stated } else { stated - 1 };
                 u32::try_from(from_zero).ok().filter(|&i| i != NONE).ok_or_else(|| {
                     Error::input(format!(

@@ -354,6 +354,7 @@ fn read_compressed<R: Read>(
     let word = |k: usize| NumberType::U32.decode::<false>(&sizes[4 * k..4 * k + 4]) as u64;
     let (packed, unpacked) = (word(0), word(1));
     let needed = header.points.saturating_mul(header.record_size());
+    // The file states both sizes. They are compared before memory is allocated.
     if unpacked != needed {
         return Err(Error::input(format!(
             "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body states \
@@ -430,6 +431,7 @@ fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
             }
             rest = after;
         }
+        // Stops early, so that damaged data cannot grow the output without limit.
         if out.len() > length {
             return None;
         }

@@ -230,6 +230,7 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
     let damaged =
         |e: png::DecodingError| Error::input("not a PNG image, or damaged or cut off").with_source(e);
     let mut decoder = png::Decoder::new(file);
+    // Expands palettes, and grey levels of fewer than 8 bits, to 8 bits.
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (columns, rows) = (reader.info().width, reader.info().height);
@@ -384,6 +385,7 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
         _ => return Err(damaged()),
     };
     let (columns, rows, white) = (number()?, number()?, number()?);
+    // Each value takes at least one byte, which bounds the size before memory is allocated.
     let size = columns.checked_mul(rows).and_then(|n| n.checked_mul(samples)).filter(|n| *n <= bytes.len());
     let size = size.ok_or_else(damaged)?;
     if !(1..=65535).contains(&white) {

@@ -228,6 +228,7 @@ impl PointCollector {
             self.dropped.push(number);
             return Ok(());
         }
+        // Sampling grids refer to points by 32-bit indices; the largest one marks an empty cell.
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
             return Err(Error::unsupported(format!(
                 "more than {} points in one scan: split the file",
@@ -261,6 +262,7 @@ impl PointCollector {
         }
         if let Some(columns) = self.columns.normal {
             let normal = columns.map(|c| record[c]);
+            // Kept as zero instead of dropped, so that normals stay parallel to points.
             let known = normal.iter().all(|c| c.is_finite());
             let normals = self.scan.normals.get_or_insert_default();
             normals.push(if known { normal } else { [0.0; 3] });

@@ -220,6 +220,7 @@ fn parse(text: &str) -> Result<PoseFile> {
     }
     let mut poses: Vec<PoseEntry> = Vec::new();
     for pose in t.pose {
+        // Keyframes refer to poses by name.
         if poses.iter().any(|other| other.name == pose.name) {
             return Err(Error::input(format!(
                 "expected poses of different names, found two named `{}`",
@@ -236,6 +237,7 @@ fn parse(text: &str) -> Result<PoseFile> {
     for (index, frame) in t.keyframe.into_iter().enumerate() {
         let wrong = |what: String| Error::input(format!("keyframe {}: {what}", index + 1));
         let after = keyframes.last().map_or(f64::NEG_INFINITY, |last| last.seconds);
+        // Times of a glTF animation must increase strictly.
         if !(frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > after) {
             return Err(wrong(format!(
                 "expected seconds of at least 0 and after {after}, found {}",

@@ -92,6 +92,7 @@ impl Requests {
                 if let Some(unit) = job.unit {
                     gathered.unit(unit, path.display().to_string())?;
                 }
+                // A job numbers its own sensors; the set has other indices.
                 let sensors = job.sensors.into_iter().map(|sensor| gathered.sensor(sensor, path));
                 let sensors = sensors.collect::<Result<Vec<_>>>()?;
                 self.scans.extend(job.scans.into_iter().map(|scan| Wanted {

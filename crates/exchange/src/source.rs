@@ -77,6 +77,7 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     let (mut file, length) = open_file(path)?;
     let mut first = [0; 2];
     let mut found = 0;
+    // A read may return fewer bytes than requested.
     while found < first.len() {
         match file.read(&mut first[found..]) {
             Ok(0) => break,
@@ -199,6 +200,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String> {
     const MAX_TEXT_BYTES: u64 = 16 << 20;
     let (file, _) = open_file(path)?;
     let mut bytes = Vec::new();
+    // One more byte than allowed shows that the file is too long.
     let read = file.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes);
     read.map_err(|e| Error::io("could not be read").with_source(e))?;
     if bytes.len() as u64 > MAX_TEXT_BYTES {
@@ -256,6 +258,8 @@ impl<R: Read> Source<R> {
     /// Appends more bytes to the buffer; false at the end of the file.
     fn fill(&mut self) -> Result<bool> {
         if self.start > 0 {
+            // Unread bytes move to the front, so that the buffer grows only for a line or record larger than
+            // it.
             self.buffer.copy_within(self.start..self.end, 0);
             self.end -= self.start;
             self.start = 0;
@@ -306,6 +310,7 @@ impl<R: Read> Source<R> {
             if let Some(at) = unseen.iter().position(|&b| b == b'\n') {
                 break searched + at + 1;
             }
+            // Bytes are searched once, also if the buffer grows, so that long lines take linear time.
             searched = self.end - self.start;
             if searched > MAX_LINE_BYTES {
                 let line = self.lines + 1;
@@ -380,6 +385,7 @@ impl<R: Read> Source<R> {
         let mut left = n;
         loop {
             let buffered = self.end - self.start;
+            // Reads instead of seeking, because the source may be a pipe or unpack gzip.
             let step = usize::try_from(left).unwrap_or(usize::MAX).min(buffered);
             self.take(step);
             left -= step as u64;
@@ -424,6 +430,7 @@ pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
 /// Formats bytes for a message: as text between back quotes, shortened, without control characters.
 pub(crate) fn shown(bytes: &[u8]) -> String {
     const MAX_CHARS: usize = 40;
+    // A character has at most four bytes, so the rest of a long line need not be decoded.
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * MAX_CHARS)]);
     let clean: String =
         text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(MAX_CHARS).collect();

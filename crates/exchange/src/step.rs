@@ -228,6 +228,7 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
     let length = match options.unit {
         Unit::Millimetre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?,
         Unit::Metre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))"))?,
+        // STEP has only SI units; others are defined by a conversion.
         Unit::Inch | Unit::Foot => {
             let millimetre = out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?;
             let (name, length) = match options.unit {
@@ -317,6 +318,7 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &BsplineSurface) -> io:
 }
 
 fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
+    // Vertices and edges are written once and shared, by which readers recognise a closed shell.
     let mut vertices = Vec::with_capacity(brep.vertices.len());
     for vertex in &brep.vertices {
         let point = write_point(out, *vertex)?;

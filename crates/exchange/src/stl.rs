@@ -152,6 +152,7 @@ struct Soup {
 
 impl Soup {
     fn read<R: Read>(source: &mut Source<R>) -> Result<Self> {
+        // Header, count and first triangle: a binary file has a zero byte among them.
         let head = source.peek(HEADER + 4 + RECORD)?;
         let text = head.trim_ascii_start();
         let solid = text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid");
@@ -271,6 +272,7 @@ impl Soup {
         let mut whole = true;
         for (index, corner) in triangle.iter_mut().zip(corners) {
             if !corner.iter().all(|c| c.is_finite()) {
+                // The other corners are still points of a scan.
                 whole = false;
                 self.dropped += 1;
                 self.first_dropped.get_or_insert_with(|| place.to_string());

@@ -249,12 +249,14 @@ fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
     };
     let width = width.trim();
     let end = width.find(|c: char| c.is_ascii_alphabetic() || c == '%').unwrap_or(width.len());
+    // Pixels and percentages have no size on paper, so the drawing has no unit.
     let Some(mm) = millimetres(&width[end..]) else {
         return Ok((1.0, None));
     };
     let value = number(&width[..end]).map_err(|e| e.in_context("width"))?;
     let units = match root.attribute("viewBox") {
         Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: expected four numbers"))?,
+        // Without a view box, a user unit is a CSS pixel, 1/96 inch.
         None => value * mm / 25.4 * 96.0,
     };
     match value > 0.0 && units > 0.0 {
@@ -281,6 +283,7 @@ fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
     if rx < 0.0 || ry < 0.0 {
         return Err(Error::input(format!("expected radii of at least 0, found {rx} and {ry}")));
     }
+    // A radius of zero draws nothing (SVG 2, section 10.4).
     if rx == 0.0 || ry == 0.0 {
         return Ok(Vec::new());
     }

@@ -185,6 +185,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
                     )));
                 }
             }
+            // With one of the two, the other would silently be exact.
             let pose = match (rotation, translation) {
                 (None, None) => None,
                 (Some(deg), Some(sigma_translation)) => {
@@ -308,6 +309,7 @@ fn read_pixels(path: &Path, sigma_px: f64) -> Result<(Pixels, Vec<usize>)> {
 fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Track>> {
     let rows = read_columns(path, &["track", "view", "x", "y", "sigma_px"], 4)?;
     let mut tracks: BTreeMap<String, Track> = BTreeMap::new();
+    // Tracks keep the order of the file, which a map by name would change.
     let mut order = Vec::new();
     for (line, row) in rows {
         let read = || {

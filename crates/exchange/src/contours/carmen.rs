@@ -66,6 +66,7 @@ pub(crate) fn read_carmen<R: Read>(
         let wrong = |what: String| Error::input(format!("line {number}: {what}"));
         let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).collect();
         let beams = words.get(1).and_then(|w| parse_number(w)).unwrap_or(0.0) as usize;
+        // Saturating, because the file may state any number of beams.
         if beams == 0 || words.len() < beams.saturating_add(5) {
             return Err(wrong(format!(
                 "expected `FLASER n` with n ranges and a pose, found {} words",

@@ -125,6 +125,7 @@ fn parse(text: &str) -> Result<ContourFile> {
         hole_of: contours.iter().map(|contour| contour.hole_of).collect(),
         levels: contours.iter().map(|contour| contour.level).collect(),
         constraints: written.constrained.map(|constrained| {
+            // Constraints that follow from the kinds are implied by them.
             let own = constrained.constraints.into_iter().filter(|written| written.from != "kind");
             own.map(|written| written.constraint).collect()
         }),

@@ -87,6 +87,7 @@ pub fn read_contour_readings(
                 ));
             };
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
+            // CARMEN logs begin with comments, parameters or scans.
             if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {
                 let first = line.to_vec();
                 return read_carmen(&mut source, &first, defaults, carmen);

@@ -198,6 +198,7 @@ impl<'a> Drawer<'a> {
         let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
         let (columns, rows) = (count(70)?, count(71)?);
         let (dx, dy) = (record.number(44)?.unwrap_or(0.0), record.number(45)?.unwrap_or(0.0));
+        // Checked before drawing, because rows and columns can be any numbers.
         if columns.saturating_mul(rows) > MAX_ENTITIES {
             return Err(too_many());
         }

@@ -175,6 +175,8 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
     let center: [f64; 3] = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
     let mut chunk = Chunk::default();
+    // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
+    // origin.
     let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&sub(*p, center))).collect();
     let normals: Vec<[f32; 3]> = mesh.normals.iter().map(single).collect();
     let mut attributes = serde_json::Map::new();
@@ -241,6 +243,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         document["textures"] = json!([{"source": 0, "sampler": 0}]);
         surface["baseColorTexture"] = json!({"index": 0});
     }
+    // Double-sided, because open surfaces are viewed from both sides.
     document["materials"] = json!([{"pbrMetallicRoughness": surface, "doubleSided": true}]);
     if !mesh.keyframes.is_empty() {
         let times: Vec<[f32; 1]> = mesh.keyframes.iter().map(|frame| [frame.seconds as f32]).collect();

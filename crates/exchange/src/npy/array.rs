@@ -136,6 +136,7 @@ impl<R: Read> Array<R> {
             }
         };
         if let Some(all) = &self.loaded {
+            // In Fortran order, the numbers of a record are as many elements apart as there are records.
             let (records, place) = (self.records(), self.place(number));
             for k in 0..width as u64 {
                 let at = (place + k * records) as usize * size;

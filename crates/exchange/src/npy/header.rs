@@ -45,6 +45,7 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         return Err(no_npy());
     }
     let version = start[6];
+    // Length of the field that states the length of the header, in bytes.
     let width = match version {
         1 => 2,
         2 | 3 => 4,
@@ -158,6 +159,7 @@ impl Header {
                 "expected integers or floating-point numbers, found the type '{kind}'"
             ))
         };
+        // A missing or native byte order is read as little endian.
         let (order, rest) = match kind.as_bytes() {
             [order @ (b'<' | b'>' | b'|' | b'='), rest @ ..] => (*order, rest),
             rest => (b'=', rest),
@@ -167,6 +169,7 @@ impl Header {
         // The unit of dates follows in brackets: `<M8[ns]`.
         let digits = digits.split('[').next().unwrap_or_default();
         let stated: usize = digits.parse().ok().filter(|&n: &usize| n <= 1 << 20).ok_or_else(unknown)?;
+        // Booleans are read as bytes. Half and extended precision have no `NumberType` and are rejected.
         let number = match letter {
             b'b' => NumberType::of_kind("U", "1").filter(|_| stated == 1),
             b'f' => NumberType::of_kind("F", digits),

@@ -276,6 +276,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                             row.list.len()
                         )));
                     }
+                    // A polygon becomes a fan around its first corner.
                     let first = index_below(row.list[0], vertex.count, row.place)?;
                     let mut last = index_below(row.list[1], vertex.count, row.place)?;
                     for &corner in &row.list[2..] {

@@ -163,6 +163,7 @@ impl Brep {
                 let apart = pole.map_or(0.0, |p| {
                     p.iter().zip(vertex_at).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
                 });
+                // Curves that are not clamped do not end at their first and last pole.
                 if is_clamped(edge.curve.degree, &edge.curve.knots) && apart > uncertainty {
                     let message =
                         format!("expected its curve to end at vertex {vertex}, found a distance of {apart}");

@@ -173,6 +173,7 @@ impl StepFaces {
     fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let index = Index::new(bytes)?;
         let products = Products::find(&index)?;
+        // The first stated unit becomes that of the result; other representations are converted.
         let with_unit = products.representations.values().find_map(|r| r.units.length_mm);
         let unit = with_unit.map(named_unit);
         let length = |units: &Units| match (units.length_mm, unit) {
@@ -184,6 +185,7 @@ impl StepFaces {
         let mut ignored = Ignored::new();
         let mut is_taken: HashSet<u64> = HashSet::new();
         for (id, representation) in products.specialised_first() {
+            // Items of several representations are read once.
             let items: Vec<u64> =
                 representation.items.iter().copied().filter(|i| is_taken.insert(*i)).collect();
             let geometry = Geometry {
@@ -199,6 +201,7 @@ impl StepFaces {
             }
         }
         if shapes.is_empty() {
+            // Some files have shells that no representation refers to.
             let geometry = Geometry { index: &index, length: 1.0, angle: 1.0 };
             for read in loose_shells(geometry)? {
                 let motions = vec![Motion::NONE];

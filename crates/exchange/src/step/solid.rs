@@ -60,6 +60,7 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
             let x = scale(1.0 / major, *a);
             let normal = cross(x, scale(1.0 / minor, *b));
             let frame = write_frame(out, *center, normal, x)?;
+            // Axes that are equal up to rounding are those of a circle.
             match (major - minor).abs() <= 1e-12 * major {
                 true => out.add(format_args!("CIRCLE('',{frame},{})", reals(&[major]))),
                 false => out.add(format_args!("ELLIPSE('',{frame},{})", reals(&[major, minor]))),
@@ -155,6 +156,7 @@ pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
             None => None,
         };
         let along: Vec<Id> = [Some(start), middle, Some(end)].into_iter().flatten().collect();
+        // Both parts of a split arc share one curve.
         let parts: io::Result<Vec<Id>> = along
             .windows(2)
             .map(|ends| out.add(format_args!("EDGE_CURVE('',{},{},{curve},.T.)", ends[0], ends[1])))
@@ -188,6 +190,7 @@ fn write_shell<W: Write>(
                 let sense = if coedge.forward { "T" } else { "F" };
                 let mut parts = edges[coedge.edge].clone();
                 if !coedge.forward {
+                    // Traversed backwards, the parts come in reverse order.
                     parts.reverse();
                 }
                 for part in parts {

@@ -88,6 +88,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
         let from = if is_relative { at } else { [0.0; 2] };
         let point =
             |words: &mut Words<'_>| Ok::<_, Error>([words.number()? + from[0], words.number()? + from[1]]);
+        // Only a curve of the same kind has a control point to mirror.
         let mirrored = |kind: char| match handle {
             Some((last, h)) if last == kind => [2.0 * at[0] - h[0], 2.0 * at[1] - h[1]],
             _ => at,
@@ -139,6 +140,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
         at = end;
         handle = next_handle;
         match words.letter() {
+            // A letter may be omitted if the command is repeated.
             Some(next) => letter = next,
             None if words.left.is_empty() => return Ok(curves),
             None if letter.eq_ignore_ascii_case(&'Z') || !words.is_at_number() => {

@@ -84,6 +84,7 @@ impl Geometry<'_, '_> {
         let entity = self.index.entity_of(id, "AXIS2_PLACEMENT_3D")?;
         let origin = self.point(entity.reference(1)?)?;
         let z = self.direction_or(entity.optional(2)?, [0.0, 0.0, 1.0])?;
+        // Without a second direction, any one that is far from parallel to z will do.
         let aside = if z[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let wanted = self.direction_or(entity.optional(3)?, aside)?;
         let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
@@ -268,6 +269,7 @@ impl Geometry<'_, '_> {
         let Frame { origin, x, z, .. } = frame;
         let radius = entity.number(2)? * self.length;
         let half_angle_rad = entity.number(3)? * self.angle;
+        // A radius of 0 is valid: the frame is then at the tip.
         if !(radius >= 0.0 && half_angle_rad > 0.0 && half_angle_rad < FRAC_PI_2) {
             return Err(entity.wrong(&format!(
                 "expected a radius of at least 0 and a half angle between 0 and π/2, found {radius} and \
@@ -301,6 +303,7 @@ impl Geometry<'_, '_> {
         let poles: Result<Vec<_>> = ids.into_iter().map(|p| self.point(p)).collect();
         let knots = match part(parts, "B_SPLINE_SURFACE_WITH_KNOTS") {
             Some(own) => {
+                // Attributes: multiplicities along u and v, then knots along u and v.
                 let at = if simple { 8 } else { 0 };
                 [
                     repeated(own, &own.counts(at)?, &own.numbers(at + 2)?, n_u + degrees[0] + 1)?,

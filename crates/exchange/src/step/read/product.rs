@@ -90,6 +90,7 @@ impl Units {
             let measure = index.entity(id)?;
             let (value, unit) = (measure.number(0)?, size_of_unit(index, measure.reference(1)?, 0)?);
             if let (Some(("LENGTH_UNIT", metres)), Some(mm)) = (unit, found.length_mm) {
+                // Converted to the unit of lengths, because it may be stated in another one.
                 found.uncertainty = Some(value * 1000.0 * metres / mm);
             }
         }
@@ -181,6 +182,7 @@ impl Products {
         let mut found = Self { representations: BTreeMap::new(), within: Vec::new(), same: HashMap::new() };
         let mut contexts: HashMap<u64, Units> = HashMap::new();
         let mut add = |found: &mut Self, id: u64, items: Vec<u64>, context: u64| -> Result<()> {
+            // Many representations share a context, which is read once.
             let units = match contexts.get(&context) {
                 Some(units) => *units,
                 None => Units::of_context(index, context)?,
@@ -223,10 +225,12 @@ impl Products {
                 }
             }
         }
+        // Such a relationship joins representations in one frame, for example a product and its geometry.
         for id in index.of_keyword("SHAPE_REPRESENTATION_RELATIONSHIP") {
             let entity = index.entity(*id)?;
             let [a, b] = [entity.reference(2)?, entity.reference(3)?].map(|r| found.first_of(r));
             if a != b {
+                // Larger numbers refer to smaller ones, so that chains end and contain no cycle.
                 found.same.insert(a.max(b), a.min(b));
             }
         }
@@ -288,10 +292,12 @@ impl Products {
         firsts.sort_unstable();
         firsts.dedup();
         let mut total = 0;
+        // Representations that are not part of another one are the roots of assemblies.
         for root in firsts.iter().filter(|id| !is_child.contains_key(id)) {
             let mut open = vec![(*root, Motion::NONE, 0)];
             while let Some((id, motion, depth)) = open.pop() {
                 total += 1;
+                // A path longer than the number of representations visits one of them twice.
                 if depth > self.representations.len() {
                     return Err(Error::input(format!(
                         "#{id}: expected a tree of parts, found an assembly that contains itself"
@@ -308,6 +314,7 @@ impl Products {
                 }
             }
         }
+        // Without a root, each representation is part of another one, so there is a cycle.
         if places.is_empty() && !self.representations.is_empty() {
             return Err(Error::input("expected a tree of parts, found an assembly that contains itself"));
         }
@@ -321,6 +328,7 @@ impl Products {
             let units = self.representations.get(&id).map_or(Units::NONE, |r| r.units);
             Geometry { index, length: length(&units), angle: units.angle }
         };
+        // Each frame is in the units of its own representation, and these may differ.
         let [mut from, mut to] = within.frames;
         // Some exporters swap the frames. Each frame is an item of its own representation, which shows the
         // swap.
@@ -363,6 +371,7 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
     let x = unit(add_scaled(wanted, -dot(wanted, z), z))
         .ok_or_else(|| entity.wrong("expected directions that are not parallel, found parallel ones"))?;
     let mut y = cross(z, x);
+    // The second axis only determines the handedness.
     if axis(at - 1)?.is_some_and(|given| dot(given, y) < 0.0) {
         y = scale(-1.0, y);
     }

@@ -131,6 +131,7 @@ impl<'a> Cursor<'a> {
 
     fn keyword(&mut self) -> Result<&'a str> {
         self.skip();
+        // `!` begins user-defined keywords.
         let word = self.while_is(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'!');
         match std::str::from_utf8(word) {
             Ok(word) if !word.is_empty() => Ok(word),
@@ -187,6 +188,7 @@ impl<'a> Cursor<'a> {
             Some(b'+' | b'-' | b'0'..=b'9') => {
                 let text =
                     self.while_is(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
+                // Rust parses `1.` and `1.E-7`, as STEP writes reals.
                 let number = std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok());
                 match number {
                     Some(x) if x.is_finite() => Ok(Value::Number(x)),
@@ -252,8 +254,10 @@ impl<'a> Index<'a> {
             cursor.skip();
             let (from, at_line) = (cursor.at, line + count_lines(&bytes[start..cursor.at]));
             let named = |e: Error| e.in_context(format!("line {at_line}"));
+            // Lines are counted statement by statement, so that the file is scanned once.
             line += count_lines(&bytes[start..end]);
             start = end;
+            // Only the position and the keyword are stored; attributes are parsed on request.
             if bytes[from] == b'#' {
                 if !is_data {
                     return Err(named(Error::input(
@@ -264,6 +268,7 @@ impl<'a> Index<'a> {
                 continue;
             }
             let text = &bytes[from..end];
+            // A file of another format is recognised at its first statement.
             if std::mem::take(&mut is_first) && !text.starts_with(b"ISO-10303-21") {
                 break;
             }
@@ -302,6 +307,7 @@ impl<'a> Index<'a> {
         cursor.expect(b'=').map_err(|e| e.in_context(format!("#{id}")))?;
         cursor.skip();
         let place = Place { start: cursor.at, end, line };
+        // A complex instance begins with a bracket; its keywords are read when it is parsed.
         let keyword = match cursor.peek() {
             Some(b'(') => "",
             _ => cursor.keyword().map_err(|e| e.in_context(format!("#{id}")))?,
@@ -336,6 +342,7 @@ impl<'a> Index<'a> {
         let Some(place) = self.places.get(&id) else {
             return Err(Error::input(format!("expected the instance #{id}, found none")));
         };
+        // Limited to the statement, so that a missing bracket cannot consume the next instance.
         let mut cursor = Cursor { bytes: &self.bytes[..place.end], at: place.start };
         let read = |cursor: &mut Cursor<'a>| -> Result<Vec<Record<'a>>> {
             let mut records = Vec::new();

@@ -151,6 +151,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             return Err(entity.wrong("expected ADVANCED_FACE or FACE_SURFACE"));
         }
         let surface_id = entity.reference(2)?;
+        // Faces may share a surface, for example the halves of a cylinder.
         let surface = match self.surface_of.get(&surface_id) {
             Some(surface) => surface.clone(),
             None => {
@@ -211,6 +212,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             return Ok(*edge);
         }
         let entity = self.index().entity_of(id, "EDGE_CURVE")?;
+        // An edge is added once and shared by both faces, so that their triangles meet without gaps.
         let ends = [self.vertex(entity.reference(1)?)?, self.vertex(entity.reference(2)?)?];
         self.read.shape.edges.push(ParametricEdge {
             curve: self.geometry.curve(entity.reference(3)?)?,
@@ -245,6 +247,7 @@ impl<'b, 'a> Builder<'b, 'a> {
 
     /// Straight edge between two vertices, and whether it starts at the first.
     fn side(&mut self, [a, b]: [usize; 2]) -> (usize, bool) {
+        // Both faces find the same side, whatever their direction.
         let ends = [a.min(b), a.max(b)];
         let shape = &mut self.read.shape;
         let edge = *self.side_of.entry(ends).or_insert_with(|| {
