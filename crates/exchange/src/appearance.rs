@@ -290,6 +290,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
             names.write_changes(writer, mesh, t, picture.is_some())?;
             write!(writer, "f")?;
             for (k, corner) in corners.iter().enumerate() {
+                // `v/vt` with texture coordinates, `v` without.
                 match mesh.uv_triangles.get(t).map(|uv| uv[k]).filter(|uv| *uv != NO_UV) {
                     Some(uv) => write!(writer, " {}/{}", corner + 1, uv + 1)?,
                     None => write!(writer, " {}", corner + 1)?,
@@ -359,6 +360,7 @@ impl TriangleParts {
         for (word, kind) in [("o", PartKind::Object), ("g", PartKind::Group), ("usemtl", PartKind::Material)]
         {
             let here = self.names(mesh, Some(triangle), kind);
+            // Names are repeated only when they change, as in files of other programs.
             let changed = here != self.names(mesh, before, kind);
             match &here[..] {
                 [] if kind == PartKind::Material && with_picture && (changed || before.is_none()) => {

@@ -295,7 +295,18 @@ fn folder_of(path: &Path) -> PathBuf {
 /// Lists the paths in a folder in alphabetical order, so that results do not depend on the file system.
 ///
 /// # Errors
-/// `Io` where the folder cannot be read.
+/// `Io` if the folder cannot be read.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// for name in ["b.ply", "a.ply"] {
+///     std::fs::write(folder.path().join(name), "")?;
+/// }
+/// let paths = planish_exchange::paths_in(folder.path())?;
+/// assert_eq!(paths, ["a.ply", "b.ply"].map(|name| folder.path().join(name)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = fs::read_dir(folder).and_then(|entries| entries.map(|e| e.map(|e| e.path())).collect());
     let mut paths: Vec<PathBuf> =

@@ -46,6 +46,7 @@ impl GeoReference {
         let keys: Vec<[u16; 4]> = (words.get(4..)?.chunks_exact(4).take(count))
             .map(|k| [k[0], k[1], k[2], k[3]])
             .filter(|&[key, tag, count, from]| {
+                // Tag 0 means that the value is in the entry itself.
                 let until = usize::from(from) + usize::from(count);
                 key != 0
                     && match tag {

@@ -262,6 +262,7 @@ impl Text {
                 ),
             ));
         }
+        // One of the two along the ray would leave the other direction exact or unknown.
         let noise = match (sigma, along, across) {
             (None, None, None) => None,
             (Some(sigma), None, None) => Some(Noise::Isotropic { sigma }),
@@ -292,6 +293,7 @@ impl Text {
                     ),
                 )
             })?,
+            // With one sensor, its name need not be repeated in every scan.
             None if sensors.len() == 1 => 0,
             None => {
                 return Err(self.wrong(entry, "expected `sensor` in this scan: the job names several"));
@@ -322,6 +324,7 @@ impl Text {
             (Some(point), None) => Some(Viewing::Origin(self.finite("viewpoint", point)?)),
             (None, Some(direction)) => {
                 let d = self.finite("direction", direction)?;
+                // Unlike quaternions, directions of any length are accepted: their length has no meaning.
                 let length = d.iter().map(|c| c * c).sum::<f64>().sqrt();
                 if !(length > 0.0 && length.is_finite()) {
                     return Err(self.wrong(direction, format_args!("expected a direction, found {d:?}")));

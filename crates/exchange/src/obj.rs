@@ -210,6 +210,7 @@ impl Obj {
                 source.line_number()
             )));
         }
+        // Only now are all vertices known.
         obj.farthest_vertex.check(obj.points.len(), "vertex")?;
         obj.farthest_normal.check(obj.stated.len(), "normal")?;
         // Normals that faces used before their definition are known now.
@@ -260,6 +261,7 @@ impl Obj {
     fn face(&mut self, mut rest: &[u8], line: u64) -> Result<()> {
         self.face.clear();
         while let Some(corner) = next_word(&mut rest) {
+            // The separators are part of a corner, so each error shows the whole corner.
             let wrong = || {
                 Error::input(format!(
                     "line {line}: expected a corner `vertex`, `vertex/texture`, `vertex//normal` or \
@@ -298,6 +300,7 @@ impl Obj {
             self.farthest_vertex.update(vertex, line);
             if let Some(normal) = normal {
                 self.farthest_normal.update(normal, line);
+                // Added at once if possible, because the list of pending pairs takes memory for every corner.
                 if (vertex as usize) < self.points.len() && (normal as usize) < self.stated.len() {
                     self.add_normal(vertex, normal);
                 } else {
@@ -341,6 +344,7 @@ impl Obj {
             of_faces.resize(self.points.len(), ([0.0; 3], NONE));
             return (0..3).map(|k| column(k, of_faces.iter().map(|(n, _)| n[k]).collect())).collect();
         }
+        // Normals of point clouds are stated without faces.
         if stated.len() == self.points.len() {
             return (0..3).map(|k| column(k, stated.iter().map(|n| n[k]).collect())).collect();
         }
@@ -366,6 +370,7 @@ fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
 
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
     let mut obj = Obj::read(source, None)?;
+    // Freed early, because a scan needs only vertices.
     obj.triangles = Vec::new();
     let columns = obj.normal_columns();
     let scan = scan_of_vertices(obj.points.into_iter(), &columns, name)?;

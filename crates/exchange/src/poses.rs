@@ -244,6 +244,7 @@ fn parse(text: &str) -> Result<PoseFile> {
                 frame.seconds
             )));
         }
+        // Poses that a keyframe does not name have weight 0.
         let mut weights = vec![0.0; poses.len()];
         for (name, weight) in frame.weights {
             let Some(at) = poses.iter().position(|pose| pose.name == name) else {

@@ -18,10 +18,10 @@ use planish_estimate::{Error, Result};
 const BUFFER_BYTES: usize = 1 << 16;
 /// Maximum length of a line. It stops a binary file without line ends from filling the memory, and is far
 /// above the longest line of a point file (guarded by
-/// `an_endless_line_is_refused_before_it_fills_the_memory`).
+/// `an_endless_line_is_rejected_before_it_fills_the_memory`).
 const MAX_LINE_BYTES: usize = 1 << 22;
 
-/// A buffered reader that knows where it is.
+/// A buffered reader that counts lines and bytes.
 pub(crate) struct Source<R> {
     reader: R,
     buffer: Vec<u8>,
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn compressed_files_read_as_what_they_were_and_damaged_ones_say_so() {
+    fn gzip_is_unpacked_and_its_damage_reported() {
         use flate2::{Compression, write::GzEncoder};
         use std::io::Write;
         let folder = tempfile::tempdir().unwrap();
@@ -488,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_file_that_unpacks_to_gigabytes_is_refused_early() {
+    fn a_small_file_that_unpacks_to_gigabytes_is_rejected_early() {
         use flate2::{Compression, write::GzEncoder};
         use std::io::Write;
         let folder = tempfile::tempdir().unwrap();
@@ -520,7 +520,7 @@ mod tests {
     }
 
     #[test]
-    fn an_endless_line_is_refused_before_it_fills_the_memory() {
+    fn an_endless_line_is_rejected_before_it_fills_the_memory() {
         let mut source = Source::new(std::io::repeat(b'x'), None);
         assert!(source.line().unwrap_err().to_string().contains("line 1: longer than"));
     }

@@ -29,6 +29,7 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
         (None, Some(times)) => times.iter().map(|&t| ordered_bits(t)).collect(),
         (None, None) => return Ok(vec![scan]),
     };
+    // Sorted by number or time, whatever the order of the points.
     let mut points: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (k, &part) in part.iter().enumerate() {
         points.entry(part).or_default().push(k);

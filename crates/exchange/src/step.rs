@@ -178,6 +178,7 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     // The chain above names the product; the representation below holds its shape.
     let geometry_context = write_context(&mut out, options)?;
     let placement = write_placement(&mut out)?;
+    // The kind of representation depends on whether the items are solids.
     let (items, is_solid) = write_items(&mut out, what, &name)?;
     let kind = match is_solid {
         true => "ADVANCED_BREP_SHAPE_REPRESENTATION",
@@ -244,6 +245,7 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
         }
     };
     let angle = out.add(format_args!("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))"))?;
+    // No solid angle occurs, but application protocols require its unit.
     let solid_angle = out.add(format_args!("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())"))?;
     let uncertainty = out.add(format_args!(
         "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({}),{length},'distance_accuracy_value','')",
@@ -333,6 +335,7 @@ fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
     let mut faces = Vec::with_capacity(brep.faces.len());
     for face in &brep.faces {
         let surface = write_surface(out, &face.surface)?;
+        // Each face refers to the shared edge with its own direction.
         let mut oriented = Vec::with_capacity(face.edges.len());
         for &(edge, forward) in &face.edges {
             let sense = if forward { "T" } else { "F" };

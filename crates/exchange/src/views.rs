@@ -162,10 +162,12 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             (None, Some(stem)) => stem.to_string_lossy().into_owned(),
             (None, None) => format!("view{}", index + 1),
         };
+        // Tracks refer to views by name.
         if views.iter().any(|other| other.name == name) {
             return Err(Error::input(format!("expected views of different names, found two named `{name}`")));
         }
         let read = || {
+            // Both forms together could conflict.
             let camera = match (view.k, view.r, view.t, view.p) {
                 (Some(k), Some(r), Some(t), None) => Camera::new(k, r, t)?,
                 (None, None, None, Some(p)) => Camera::from_projection(p)?,
@@ -238,6 +240,7 @@ fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, 
         let mut number = 0;
         while let Some(line) = source.line()? {
             number += 1;
+            // Byte order mark, which some Windows programs put before UTF-8.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             if line.is_empty() || line.starts_with(b"#") {
                 continue;

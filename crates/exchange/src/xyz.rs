@@ -173,8 +173,8 @@ impl Layout {
     /// Error for a field that is not a number.
     fn no_number(&self, field: &[u8], number: u64) -> Error {
         let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
-        // Decimal commas are the likely cause if a point makes it a number, or if a field between commas has a
-        // blank, as `5 2` in `1,5 2,5`.
+        // Decimal commas are the likely cause if a point makes it a number, or if a field between commas has
+        // a blank, as `5 2` in `1,5 2,5`.
         let halves = self.separator == Separator::Byte(b',') && field.iter().any(u8::is_ascii_whitespace);
         let way_out = match parse_number(&point) {
             None if !halves => "",

@@ -101,6 +101,7 @@ fn parse(text: &str) -> Result<ViewCalibration> {
 }
 
 fn borders(t: &Table) -> Result<[[f64; 2]; 2]> {
+    // Both forms together could conflict.
     match (t.fov_deg, t.fx, t.fy, t.cx, t.cy, t.size) {
         (Some(angles), None, None, None, None, None) => {
             let good = |angle: f64| angle > 0.0 && angle < 180.0;

@@ -69,6 +69,7 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
     };
     match &contour.kind {
         ContourKind::Line => {
+            // An infinite line without observed ends cannot be drawn.
             let Some([a, b]) = contour.seen else { return };
             begin("LINE", "AcDbLine");
             numbers(put, &[(10, a[0]), (20, a[1]), (30, 0.0), (11, b[0]), (21, b[1]), (31, 0.0)]);

@@ -73,6 +73,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
 
 fn header_of(line: &[u8], number: u64) -> Result<Header> {
     let header = Header::named(line, number, &RAY_COLUMNS)?;
+    // Any of the three columns shows that ranges are meant, so that a missing one is reported.
     let is_range = header.has("range") || header.has("azimuth_deg") || header.has("elevation_deg");
     let needed = if is_range { &RAY_COLUMNS[..6] } else { &RAY_COLUMNS[..3] };
     match needed.iter().find(|name| !header.has(name)) {

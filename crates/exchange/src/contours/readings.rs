@@ -110,6 +110,7 @@ impl Header {
     /// Finds the columns of a header; unknown ones are ignored.
     pub(super) fn named(line: &[u8], number: u64, columns: &[&'static str]) -> Result<Self> {
         let mut index = BTreeMap::new();
+        // Programs differ in the case of column names.
         let text = String::from_utf8_lossy(line).to_ascii_lowercase();
         let fields: Vec<&str> = text.split(',').map(|f| f.trim().trim_matches('"')).collect();
         for (k, field) in fields.iter().enumerate() {
@@ -130,12 +131,14 @@ impl Header {
     fn parse(line: &[u8], number: u64) -> Result<Self> {
         let header = Self::named(line, number, &COLUMNS)?;
         let has = |name: &str| header.has(name);
+        // Reading only x and y of points in space would silently project them.
         if Self::named(line, number, &["z"])?.has("z") {
             return Err(Error::input(format!(
                 "line {number}: a column `z` is of readings in space: name what was seen, --kind plane3, \
                  sphere, cylinder or box"
             )));
         }
+        // A heading without a range, or a range without a heading, is a mistake and not a point.
         let missing = match (has("x") && has("y"), has("heading_deg"), has("range")) {
             (false, _, _) => Some("x,y"),
             (true, true, false) => Some("range"),

@@ -64,6 +64,7 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
             high[k] = high[k].max(p[k]);
         }
     }
+    // A drawing of a single point has no extent; the minimum avoids a division by zero.
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
     let scale = (WIDTH - 2.0 * MARGIN) / extent;
     let [beside, above] = LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
@@ -118,6 +119,7 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
         };
         // The anchor of a text is its base line: a label above the line ends there, one below starts there.
         let (x, y) = (x + LABEL_DISTANCE * right, y - LABEL_DISTANCE * up + 5.0 - 5.0 * up);
+        // Only these two characters have a meaning in the text of an element.
         let words = label.text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
             text,

@@ -70,6 +70,7 @@ fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
         let center = point(record, 10)?;
         return Ok(Curve2::Segment(center, center));
     }
+    // Arcs run counter-clockwise and may cross angle 0.
     let sweep = (to - from).rem_euclid(360.0);
     Ok(Curve2::Arc {
         center: point(record, 10)?,
@@ -167,6 +168,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
 /// Converts a spline to a chain: through its fit points if it has them, else by de Boor's algorithm.
 fn spline(record: &Record) -> Result<Curve2> {
     let fit = points(record, 11)?;
+    // Fit points are on the curve and need no evaluation.
     if fit.len() >= 2 {
         return Ok(Curve2::Chain(fit));
     }
@@ -189,6 +191,7 @@ fn spline(record: &Record) -> Result<Curve2> {
     }
     let mut chain = Vec::new();
     for j in degree..poles.len() {
+        // Repeated knots bound empty spans.
         if knots[j + 1] <= knots[j] {
             continue;
         }

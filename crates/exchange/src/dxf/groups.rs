@@ -86,6 +86,7 @@ impl<'a, R: Read> Groups<'a, R> {
         };
         let at = self.line;
         let Ok(code) = code.parse::<i32>() else {
+            // Blank lines at the end of a file are not an error.
             if code.is_empty() {
                 return Ok(None);
             }

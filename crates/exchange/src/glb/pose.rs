@@ -113,6 +113,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     }
     let mut last = f64::NEG_INFINITY;
     for (k, frame) in mesh.keyframes.iter().enumerate() {
+        // glTF requires times that increase strictly.
         let later = frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > last;
         let weights =
             frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
@@ -205,6 +206,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     }
     let mut targets = Vec::new();
     for target in mesh.targets {
+        // glTF morph targets are differences from the mesh at rest.
         let difference = |to: &[[f64; 3]], from: &[[f64; 3]]| -> Vec<[f32; 3]> {
             to.iter().zip(from).map(|(to, from)| single(&sub(*to, *from))).collect()
         };

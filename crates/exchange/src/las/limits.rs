@@ -92,6 +92,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         )));
     }
     let mut description = None;
+    // The description of the compression is one of the metadata records.
     for _ in 0..header.number_of_variable_length_records {
         let Ok(found) = raw::Vlr::read_from(&mut *file, false) else {
             return Ok(());
@@ -206,6 +207,7 @@ impl Chunks<'_> {
             if chunk.point_count == 0 {
                 return Err(self.damaged(format_args!("chunk {k} is empty")));
             }
+            // Saturating, because a table may state any counts.
             points = points.saturating_add(chunk.point_count);
             byte = self.check_one(file, k, byte)?;
         }

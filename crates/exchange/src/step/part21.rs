@@ -138,6 +138,7 @@ pub(super) fn text(string: &str) -> String {
             ' '..='~' => quoted.push(c),
             _ => {
                 quoted.push_str("\\X2\\");
+                // `\X2\` holds UTF-16 code units, so characters beyond the basic plane take two.
                 for unit in c.encode_utf16(&mut [0; 2]) {
                     quoted.push_str(&format!("{unit:04X}"));
                 }

@@ -242,6 +242,7 @@ impl StepFaces {
             for motion in &placed.motions {
                 for part in &made.parts {
                     mesh.faces += part.faces.len();
+                    // Placements share the triangulation, which is the expensive part.
                     let mut triangles = part.triangles.clone();
                     // A mirror would turn the triangles inside out.
                     if motion.is_mirror() {
@@ -300,6 +301,8 @@ fn shapes_of(
     if !sheets.is_empty() {
         found.push(sheets.finish());
     }
+    // Some files contain a shared edge once per face, so coincident vertices and edges are
+    // merged.
     for read in &mut found {
         let size = extent(read);
         let tolerance =

@@ -52,6 +52,7 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
         EdgeCurve::Line { origin, direction } => {
             let origin = write_point(out, *origin)?;
             let direction = write_direction(out, *direction)?;
+            // A unit vector, so that parameters along the line are lengths.
             let vector = out.add(format_args!("VECTOR('',{direction},1.)"))?;
             out.add(format_args!("LINE('',{origin},{vector})"))
         }
@@ -166,6 +167,7 @@ pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
     let mut written = Vec::new();
     for body in solid.bodies() {
         let shells = std::iter::once(&body.outer).chain(&body.voids);
+        // The outer shell comes first, which is how the caller recognises voids.
         let ids: io::Result<Vec<Id>> = shells.map(|shell| write_shell(out, solid, &edges, shell)).collect();
         written.push(ids?);
     }

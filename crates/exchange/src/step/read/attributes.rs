@@ -75,6 +75,7 @@ impl<'a> Entity<'a> {
     pub(super) fn optional(&self, at: usize) -> Result<Option<u64>> {
         match self.value(at) {
             Some(Value::Reference(id)) => Ok(Some(*id)),
+            // `*` marks an attribute that a subtype derives, which has no value in the file.
             Some(Value::Omitted | Value::Derived) => Ok(None),
             _ => Err(self.unexpected(at, "an instance or $")),
         }
@@ -186,6 +187,7 @@ fn number(value: &Value) -> Option<f64> {
 
 fn count(value: &Value) -> Option<usize> {
     match value {
+        // The limit keeps the conversion exact and excludes sizes that no file can hold.
         Value::Number(x) if *x >= 0.0 && x.fract() == 0.0 && *x <= 1e9 => Some(*x as usize),
         _ => None,
     }

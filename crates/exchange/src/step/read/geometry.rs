@@ -190,6 +190,7 @@ impl Geometry<'_, '_> {
                 .ok_or_else(|| first.wrong("has no knots"))?,
         };
         let weights = part(parts, "RATIONAL_B_SPLINE_CURVE").map(|w| w.numbers(0)).transpose()?;
+        // Validity of knots, poles and weights is checked by the constructor.
         let made = SplineCurve::try_new(degree, knots, &poles, weights.as_deref());
         Ok(ParametricCurve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
     }
@@ -352,6 +353,7 @@ fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> 
 /// Knots that the keywords `UNIFORM_…`, `QUASI_UNIFORM_…` and `BEZIER_…` imply (ISO 10303-42,
 /// `default_b_spline_knots`).
 fn implied_knots(parts: &[Entity], kind: &str, degree: usize, n: usize) -> Option<Vec<f64>> {
+    // Checked before knots are allocated, because the degree comes from the file.
     if !(1..=MAX_DEGREE).contains(&degree) || n <= degree {
         return None;
     }
@@ -365,6 +367,7 @@ fn implied_knots(parts: &[Entity], kind: &str, degree: usize, n: usize) -> Optio
     } else if is("QUASI_UNIFORM") {
         Some(clamped(&mut (1..n - degree).map(|k| k as f64), (n - degree) as f64))
     } else if is("BEZIER") {
+        // Pieces share their end poles; a remainder means that the number of poles is wrong.
         let pieces = (n - 1) / degree;
         let inner = (1..pieces).flat_map(|k| std::iter::repeat_n(k as f64, degree));
         (pieces * degree + 1 == n).then(|| clamped(&mut inner.into_iter(), pieces as f64))

@@ -124,6 +124,7 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
             (with_unit.number(0)?, with_unit.reference(1)?)
         }
     };
+    // A unit of another kind as the base counts as the SI unit.
     let base = size_of_unit(index, of, depth + 1)?.map_or(1.0, |(_, size)| size);
     match value > 0.0 {
         true => Ok(Some((kind, value * base))),
@@ -195,6 +196,7 @@ impl Products {
         let is_shape = |keyword: &str| {
             keyword.ends_with("SHAPE_REPRESENTATION") && keyword != "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
         };
+        // The order of keywords is arbitrary, which is harmless: the result is a sorted map.
         for (_, ids) in index.keywords().filter(|(keyword, _)| is_shape(keyword)) {
             for id in ids {
                 let entity = index.entity(*id)?;
@@ -288,6 +290,7 @@ impl Products {
             is_child.insert(child, true);
         }
         let mut places: HashMap<u64, Vec<Motion>> = HashMap::new();
+        // Sorted, so that placements do not depend on the order of a hash map.
         let mut firsts: Vec<u64> = self.representations.keys().map(|id| self.first_of(*id)).collect();
         firsts.sort_unstable();
         firsts.dedup();

@@ -75,6 +75,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         let records = self.index().records(id)?;
         let [record] = records.as_slice() else {
             let is_surface = records.iter().any(|r| r.keyword == "B_SPLINE_SURFACE");
+            // A rational B-spline surface is a complex instance.
             if is_surface {
                 self.add_bare(id);
             }
@@ -167,6 +168,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             if !matches!(bound.record.keyword, "FACE_BOUND" | "FACE_OUTER_BOUND") {
                 return Err(bound.wrong("expected FACE_BOUND or FACE_OUTER_BOUND"));
             }
+            // `FACE_BOUND` may reverse its loop, and an enclosing oriented shell the whole face.
             let is_as_written = bound.truth(2)?;
             let mut ring = self.ring(bound.reference(1)?)?;
             // Loops run counter-clockwise about the normal of the face, so reversing the face reverses them.
@@ -195,6 +197,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 }
                 Ok(ring)
             }
+            // A vertex bounds nothing: the surface is closed there, as at the tip of a cone.
             "VERTEX_LOOP" => Ok(Vec::new()),
             "POLY_LOOP" => {
                 let points = entity.references(1)?;
