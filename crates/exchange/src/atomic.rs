@@ -194,15 +194,15 @@ pub fn make_folder(path: &Path) -> Result<()> {
 
 /// A folder of files that appears complete or not at all.
 ///
-/// It is filled under a temporary name and renamed by [`FolderInWork::finish`]. Dropped before that, it is
+/// It is filled under a temporary name and renamed by [`PendingFolder::finish`]. Dropped before that, it is
 /// removed with its content.
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::FolderInWork;
+/// use planish_exchange::PendingFolder;
 /// # let place = tempfile::tempdir()?;
 /// let path = place.path().join("frames");
-/// let folder = FolderInWork::beside(&path)?;
+/// let folder = PendingFolder::create(&path)?;
 /// std::fs::write(folder.path().join("0.txt"), "first")?;
 /// assert!(!path.exists());
 /// folder.finish()?;
@@ -210,26 +210,26 @@ pub fn make_folder(path: &Path) -> Result<()> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
-pub struct FolderInWork {
+pub struct PendingFolder {
     made: tempfile::TempDir,
     target: PathBuf,
 }
 
-impl FolderInWork {
+impl PendingFolder {
     /// Checks that a folder can be created at this path: nothing exists there, or an empty folder.
     ///
     /// # Errors
     /// [`Io`](planish_estimate::ErrorKind::Io) if a file or a folder with files exists there, or no folder
     /// can be created.
     pub fn check(path: &Path) -> Result<()> {
-        Self::beside(path).map(drop)
+        Self::create(path).map(drop)
     }
 
     /// Starts a folder for this path; folders above it are created.
     ///
     /// # Errors
-    /// As for [`FolderInWork::check`].
-    pub fn beside(path: &Path) -> Result<Self> {
+    /// As for [`PendingFolder::check`].
+    pub fn create(path: &Path) -> Result<Self> {
         let in_the_way = |what: &str| {
             Error::io(format!(
                 "{}: expected a new or empty folder, found {what}; choose another name or move it away",
@@ -254,7 +254,7 @@ impl FolderInWork {
         Ok(Self { made, target })
     }
 
-    /// Temporary path into which files are written before [`FolderInWork::finish`].
+    /// Temporary path into which files are written before [`PendingFolder::finish`].
     #[must_use]
     pub fn path(&self) -> &Path {
         self.made.path()
@@ -435,17 +435,17 @@ mod tests {
     fn a_folder_appears_only_when_it_is_finished() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("frames/");
-        let folder = FolderInWork::beside(&path).unwrap();
+        let folder = PendingFolder::create(&path).unwrap();
         fs::write(folder.path().join("a"), "a").unwrap();
         assert!(!path.exists());
         drop(folder);
         assert!(names(place.path()).is_empty());
         fs::create_dir(&path).unwrap();
-        let folder = FolderInWork::beside(&path).unwrap();
+        let folder = PendingFolder::create(&path).unwrap();
         fs::write(folder.path().join("a"), "a").unwrap();
         folder.finish().unwrap();
         assert_eq!((names(place.path()), names(&path)), (vec!["frames".to_owned()], vec!["a".to_owned()]));
-        let e = FolderInWork::check(&path).unwrap_err();
+        let e = PendingFolder::check(&path).unwrap_err();
         assert!(e.to_string().contains("files in it"), "{e}");
     }
 }

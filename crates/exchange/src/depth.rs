@@ -42,13 +42,13 @@ struct Image {
 pub(crate) fn is_depth_image(path: &Path) -> bool {
     match extension(path).as_str() {
         "png" | "tif" | "tiff" => true,
-        "npy" => beside(path).is_file() && npy::is_image(path),
+        "npy" => default_calibration(path).is_file() && npy::is_image(path),
         _ => false,
     }
 }
 
 /// Default path of the calibration of an image.
-fn beside(path: &Path) -> PathBuf {
+fn default_calibration(path: &Path) -> PathBuf {
     match extension(path) == extension(path.with_extension("").as_path()) {
         // `extension` ignores `.gz`, so both extensions of `NAME.npy.gz` must be removed.
         true => path.with_extension("").with_extension("toml"),
@@ -60,21 +60,21 @@ fn beside(path: &Path) -> PathBuf {
 ///
 /// # Errors
 /// `Io` for a missing image; `Input` if neither exists.
-pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
+pub fn find_calibration(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_path_buf());
     }
     // If the image is missing, too, its name is the mistake.
     open_file(path).map_err(|e| e.in_context(path.display()))?;
-    let beside = beside(path);
-    match beside.is_file() {
-        true => Ok(beside),
+    let found = default_calibration(path);
+    match found.is_file() {
+        true => Ok(found),
         false => Err(Error::input(format!(
             "{}: expected the calibration of the camera, found none: name it in a job (`calibration = \
              \"camera.toml\"` in the [[scan]]), or write {} with fx fy cx cy and scale, and sigma_a sigma_b \
              for σ = a + b z²",
             path.display(),
-            beside.display()
+            found.display()
         ))),
     }
 }

@@ -115,9 +115,9 @@ mod source;
 mod split_scans;
 mod unit;
 
-pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
+pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
 pub use georeference::GeoReference;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
-pub use source::{extension, found_extension};
+pub use source::{describe_extension, extension};
 pub use unit::Unit;

@@ -169,12 +169,12 @@ pub fn extension(path: &Path) -> String {
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::found_extension;
-/// assert_eq!(found_extension("part.3mf".as_ref()), "the extension `3mf`");
-/// assert_eq!(found_extension("part".as_ref()), "no extension");
+/// use planish_exchange::describe_extension;
+/// assert_eq!(describe_extension("part.3mf".as_ref()), "the extension `3mf`");
+/// assert_eq!(describe_extension("part".as_ref()), "no extension");
 /// ```
 #[must_use]
-pub fn found_extension(path: &Path) -> String {
+pub fn describe_extension(path: &Path) -> String {
     match extension(path).as_str() {
         "" => "no extension".to_owned(),
         "iges" | "igs" => {

@@ -252,7 +252,7 @@ impl Parser<'_> {
 
     fn literal(&mut self, depth: usize) -> Result<Literal> {
         if depth > MAX_DEPTH {
-            return Err(self.wrong("fewer lists in lists"));
+            return Err(self.wrong("fewer nested lists"));
         }
         match self.peek() {
             Some(b'\'' | b'"') => self.string().map(Literal::Text),
