@@ -109,6 +109,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 /// Two names of one file give the same result, which finds outputs that would overwrite an input.
 #[must_use]
 pub fn real_path(path: &Path) -> PathBuf {
+    // A missing file cannot be resolved, but its folder can.
     fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
         (Ok(folder), Some(name)) => folder.join(name),
         _ => path.to_path_buf(),
@@ -146,6 +147,7 @@ fn target_of(path: &Path) -> Result<Target> {
     if path.file_name().is_none() {
         return Err(Error::io(format!("{}: expected a file name", path.display())));
     }
+    // A missing file is not an error: it is about to be created.
     match fs::metadata(path) {
         Ok(known) if !known.is_file() => return Ok(Target::Device),
         Ok(known) if known.permissions().readonly() => {

@@ -113,6 +113,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
     for (pixel, &reading) in image.readings.iter().enumerate() {
         let (row, column) = (pixel / image.columns, pixel % image.columns);
         let (u, v) = (column as f64, row as f64);
+        // A pixel without a reading becomes NaN and is dropped, so its covariance does not matter.
         let point = camera.point(u, v, reading).unwrap_or([f64::NAN; 3]);
         record[..3].copy_from_slice(&point);
         record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default());

@@ -200,6 +200,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
             continue;
         }
         if let Some(comment) = comment(line) {
+            // Each comment replaces the previous one, so only the last one before the first point counts.
             names_in_comment = names(comment);
             continue;
         }
@@ -226,6 +227,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                     layout = Some(Layout::named(&names, separator).map_err(at)?);
                     continue;
                 }
+                // A comment with another number of words is prose that happens to name x, y and z.
                 let named = names_in_comment.take().filter(|names: &Vec<String>| names.len() == fields.len());
                 layout.insert(match named {
                     Some(names) => Layout::named(&names, separator).map_err(at)?,

@@ -139,6 +139,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
         return None;
     }
     let decimals = number.split_once('.').map_or(0, |(_, d)| d.len() as i32);
+    // Slightly more than half a digit, so that a length exactly between two roundings is accepted.
     Some((number.parse().ok()?, 0.5 * 10_f64.powi(-decimals) * 1.001))
 }
 

@@ -154,6 +154,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
         return Curve2::Segment(a, b);
     }
     let chord = [b[0] - a[0], b[1] - a[1]];
+    // Distance of the centre from the chord, as a share of the chord; negative beyond half a turn.
     let off = (1.0 - bulge * bulge) / (4.0 * bulge);
     let center = [(a[0] + b[0]) / 2.0 - chord[1] * off, (a[1] + b[1]) / 2.0 + chord[0] * off];
     let begin = if bulge > 0.0 { a } else { b };
@@ -230,6 +231,7 @@ fn de_boor(
     for r in 1..=degree {
         for i in (r..=degree).rev() {
             let (from, to) = (knots[span - degree + i], knots[span + 1 + i - r]);
+            // Repeated knots would give 0/0.
             let a = if to > from { (t - from) / (to - from) } else { 0.0 };
             d[i] = std::array::from_fn(|c| (1.0 - a) * d[i - 1][c] + a * d[i][c]);
         }

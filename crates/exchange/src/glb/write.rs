@@ -252,6 +252,7 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
         if !measured(vertex) {
             return GREY;
         }
+        // Equal σ at all vertices would give 0/0.
         ramp((log(vertex) - low) / (high - low).max(f64::MIN_POSITIVE))
     })
 }

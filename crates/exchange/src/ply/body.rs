@@ -130,6 +130,7 @@ pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
 
 /// Length of a list, if the value is a valid count.
 fn count_of(value: f64) -> Option<u64> {
+    // Types of lengths have at most 32 bits.
     (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u64)
 }
 

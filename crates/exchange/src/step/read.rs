@@ -324,6 +324,7 @@ fn loose_shells(geometry: Geometry) -> Result<Vec<ReadShape>> {
 
 fn extent(read: &ReadShape) -> f64 {
     let [lo, hi] = read.shape.bounds();
+    // A shape without points has inverted bounds.
     if lo[0] <= hi[0] { distance(lo, hi) } else { 0.0 }
 }
 

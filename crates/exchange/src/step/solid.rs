@@ -75,6 +75,7 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
 /// derivative, which is all that the pieces have.
 fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
     let last = points.len() - 1;
+    // From Hermite to Bézier form: inner poles are a third of the derivative away from the ends.
     let third = |k: usize, sign: f64| [0, 1, 2].map(|c| points[k][c] + sign * derivatives[k][c] / 3.0);
     let mut poles = vec![points[0]];
     for k in 0..last {
