@@ -6,7 +6,7 @@
 //! keys are errors, so that a misspelt σ does not go unnoticed.
 //!
 //! ```toml
-//! unit = "mm"                      # mm, m or in
+//! unit = "mm"                      # mm, m, in or ft
 //!
 //! [sensor.laser]
 //! kind = "range"                   # range, touch, stereo, normal or curvature

@@ -48,6 +48,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         let size = file
             .stream_position()
             .and_then(|here| {
+                // The size of the data is at offset 20 of the header of the record.
                 file.seek(SeekFrom::Start(start.saturating_add(20)))?;
                 let size = u64_from(file)?;
                 file.seek(SeekFrom::Start(here))?;
