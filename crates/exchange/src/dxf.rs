@@ -59,9 +59,8 @@ pub struct DxfDrawing {
 /// ```
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("line.dxf");
-/// let groups = ["0", "SECTION", "2", "ENTITIES", "0", "LINE", "8", "HIDDEN", "10", "0", "20", "0", "11", "3", "21",
-///     "4", "0", "ENDSEC", "0", "EOF"];
-/// std::fs::write(&path, groups.join("\n"))?;
+/// let groups = "0 SECTION 2 ENTITIES 0 LINE 10 0 20 0 11 3 21 4 0 ENDSEC 0 EOF";
+/// std::fs::write(&path, groups.replace(' ', "\n"))?;
 /// let drawing = planish_exchange::dxf::read_dxf(&path)?;
 /// assert_eq!(drawing.curves[0].curve.length(), 5.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

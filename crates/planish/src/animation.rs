@@ -16,7 +16,7 @@ use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, t
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
-use planish_exchange::{FolderInWork, Unit, extension};
+use planish_exchange::{PendingFolder, Unit, extension};
 use planish_mesh::{BoundingBox, DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
@@ -82,7 +82,7 @@ impl AnimationOutput {
         match extension(path).as_str() {
             "glb" => Ok(Self::Mesh(path.to_path_buf())),
             "" => {
-                FolderInWork::check(path)?;
+                PendingFolder::check(path)?;
                 Ok(Self::Pictures(path.to_path_buf()))
             }
             other => Err(Error::unsupported(format!(
@@ -125,7 +125,7 @@ pub fn write_forming(
             path
         }
         AnimationOutput::Pictures(path) => {
-            let folder = FolderInWork::beside(path)?;
+            let folder = PendingFolder::create(path)?;
             let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
             let camera = Camera::new(first, last, &frames.triangles)?;
             for (k, frame) in frames.frames.iter().enumerate() {

@@ -24,7 +24,7 @@ use planish_exchange::calibration::{
     LightSource, StereoCalibration, StereoCameras, read_grid_calibration, read_lights,
     read_stereo_calibration,
 };
-use planish_exchange::depth::{calibration_of, read_depth};
+use planish_exchange::depth::{find_calibration, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
 use planish_exchange::raster::write_raster;

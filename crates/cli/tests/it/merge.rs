@@ -162,7 +162,7 @@ fn inputs_that_cannot_be_merged_are_named() {
         ("merge a.obj line.obj -o w.ply", 1, "overlap"),
         ("merge a.obj zero.ply -o w.ply", 2, "zero.ply: vertex 1 has σ = 0"),
         ("merge a.obj part.step -o w.ply", 2, "part.step: line 1: the file ends before `END-ISO-10303-21;`"),
-        ("merge a.obj part.iges -o w.ply", 2, "found IGES, which is not read: write it as STEP"),
+        ("merge a.obj part.iges -o w.ply", 2, "found IGES, which is not supported: convert it to STEP"),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
         ("merge a.obj copy.obj -o w.ply", 2, "copy.obj has the same vertices as a.obj"),
         ("merge a.obj copy.obj --align -o w.ply", 2, "counts once"),

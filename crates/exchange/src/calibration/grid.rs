@@ -115,6 +115,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
     )?;
     let sigma_px = t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX);
     check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
+    // Bounds the number of crossings.
     if t.stripes.range.iter().flatten().any(|k| k.unsigned_abs() > 1 << 10) {
         return Err(Error::input(format!(
             "expected stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
@@ -151,6 +152,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
             made.k
         )));
     }
+    // Orthonormal rows and a third row that is the cross product: a mirror is rejected.
     let [a, b, c] = made.r;
     let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
     match off.iter().find(|o| o.abs() > ROTATION_TOLERANCE) {

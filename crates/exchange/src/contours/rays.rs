@@ -1,4 +1,4 @@
-//! Readings in space from CSV files.
+//! Reads readings in space from CSV files.
 
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
@@ -6,7 +6,7 @@ use planish_contour::primitive::{Ray, RayTarget};
 use planish_estimate::{Error, Result};
 use std::path::Path;
 
-/// Columns of readings in space that are known.
+/// Names of the columns of readings in space.
 pub const RAY_COLUMNS: [&str; 13] = [
     "x",
     "y",
@@ -23,12 +23,22 @@ pub const RAY_COLUMNS: [&str; 13] = [
     "sigma",
 ];
 
-/// Reads a CSV with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points `x,y,z`
-/// with `sigma`. It may be compressed by gzip. The default σ of a heading is that of both angles.
+/// Reads a CSV file with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points
+/// `x,y,z` with `sigma`. It may be compressed by gzip. The default σ of a heading applies to both angles.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not
-/// positive, a missing column, or a σ that neither file nor `defaults` state.
+/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not
+/// positive, a missing column, or a σ that neither the file nor `defaults` states.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::contours::{SigmaDefaults, read_ray_readings};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("points.csv");
+/// std::fs::write(&path, "x,y,z,sigma\n1,2,3,0.1\n4,5,6,0.1\n")?;
+/// assert_eq!(read_ray_readings(&path, &SigmaDefaults::default())?.len(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ray>> {
     read_file(path, |mut source, _| {
         let mut header = None;
@@ -53,8 +63,8 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         }
         if rays.is_empty() {
             return Err(Error::input(
-                "holds no readings in space: expected a header `x,y,z,azimuth_deg,elevation_deg,range` or \
-                 `x,y,z`, and lines",
+                "expected a header `x,y,z,azimuth_deg,elevation_deg,range` or `x,y,z`, and readings, found \
+                 none",
             ));
         }
         Ok(rays)
@@ -63,6 +73,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
 
 fn header_of(line: &[u8], number: u64) -> Result<Header> {
     let header = Header::named(line, number, &RAY_COLUMNS)?;
+    // Any of the three columns shows that ranges are meant, so that a missing one is reported.
     let is_range = header.has("range") || header.has("azimuth_deg") || header.has("elevation_deg");
     let needed = if is_range { &RAY_COLUMNS[..6] } else { &RAY_COLUMNS[..3] };
     match needed.iter().find(|name| !header.has(name)) {

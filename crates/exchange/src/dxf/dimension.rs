@@ -46,7 +46,8 @@ pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result
             .find(|p| !curves.iter().any(|c| distance_to(&c.curve, *p) <= near));
         if let Some([x, y]) = loose {
             found.push(format!(
-                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably changed later"
+                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably \
+                 changed later"
             ));
         }
     }
@@ -138,6 +139,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
         return None;
     }
     let decimals = number.split_once('.').map_or(0, |(_, d)| d.len() as i32);
+    // Slightly more than half a digit, so that a length exactly between two roundings is accepted.
     Some((number.parse().ok()?, 0.5 * 10_f64.powi(-decimals) * 1.001))
 }
 

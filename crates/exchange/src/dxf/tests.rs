@@ -20,7 +20,7 @@ const LINE_BLOCK: &str = "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 
     40 2 50 0 51 90 0 ENDBLK";
 
 #[test]
-fn a_block_is_drawn_where_its_insert_places_it() {
+fn a_block_is_drawn_at_its_insert() {
     let found = drawn(LINE_BLOCK, "0 INSERT 5 2A 8 DASHED 2 PART 10 10 20 20 41 2 42 2 50 90").unwrap();
     let Curve2::Segment(a, b) = found.curves[0].curve else { panic!() };
     // The base point is (1, 0); the insert scales by 2 and rotates by 90°.

@@ -232,7 +232,7 @@ fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed>
 }
 
 pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
-    let calibration = calibration_of(image, calibration)?;
+    let calibration = find_calibration(image, calibration)?;
     let (scan, unit) = read_depth(image, &calibration)?;
     if scan.points.is_empty() {
         return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));

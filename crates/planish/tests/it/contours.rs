@@ -319,8 +319,8 @@ fn bad_readings_are_refused_with_file_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     for (name, text, says) in [
         ("empty.csv", "", "the file is empty"),
-        ("blank.csv", "\n\n", "holds no readings: expected a header"),
-        ("header.csv", "x,y,sigma\n", "holds a header and no readings"),
+        ("blank.csv", "\n\n", "expected a header `x,y,heading_deg,range` or `x,y`, found no readings"),
+        ("header.csv", "x,y,sigma\n", "expected readings after the header, found none"),
         ("no_range.csv", "x,y,heading_deg\n1,2,3\n", "line 1: expected a header with"),
         ("no_columns.csv", "a,b\n1,2\n", "without `x,y`"),
         ("twice.csv", "x,x,y\n1,1,2\n", "line 1: the column `x` is named twice"),
@@ -351,8 +351,12 @@ fn bad_readings_are_refused_with_file_line_and_column() {
             "# a log\nFLASER 180 1 2 3\n",
             "line 2: expected `FLASER n` with n ranges and a pose, found 5 words",
         ),
-        ("word.log", "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 2: word 4 is no number"),
-        ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "a log of 1 scans, of which none"),
+        (
+            "word.log",
+            "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n",
+            "line 2: expected a finite number as word 4, found `x`",
+        ),
+        ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "found none in a log of 1 scans"),
         ("picture.png", "no picture", "picture.png"),
     ] {
         let path = folder.path().join(name);

@@ -166,7 +166,7 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
     let iges = folder.path().join("part.iges");
     std::fs::write(&iges, format!("{:72}S      1\n", "")).unwrap();
     let (kind, text) = message(&iges, None, ColourBy::Plain);
-    assert!(kind == ErrorKind::Unsupported && text.contains("IGES, which is not read"), "{text}");
+    assert!(kind == ErrorKind::Unsupported && text.contains("IGES, which is not supported"), "{text}");
 }
 
 #[test]
