@@ -141,6 +141,7 @@ impl Sketch {
                 "the covariance contains a value that is not finite, or a negative variance",
             ));
         }
+        // Drawn by itself, so that `append` can number its parts after those of the earlier contours.
         let made = shapes::drawn(kind, theta, contour.seen)?;
         let first = self.drawing.append(&made.drawing, None);
         self.given.extend(made.given.iter().map(|constraint| constraint.shifted(first)));
@@ -188,6 +189,7 @@ impl Sketch {
         }
         let sigmas = block.diagonal().map(|v| v.max(0.0).sqrt());
         let step = STEP * sigmas.amax().max(1e-6 * drawing.extent());
+        // The same step for all values: they are coordinates and radii, all of them lengths.
         let inverse = differences(&values, &DVector::from_element(*count, step), |x| {
             DVector::from_vec(shapes::parameters(kind, x.as_slice(), before))
         });
@@ -201,10 +203,12 @@ impl Sketch {
 /// `is_free` is true if the kind has no constraints, so that nothing would remove the second term.
 fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     let EstimatedContour { kind, theta, covariance, seen } = contour;
+    // The parameters of these kinds are the values of the drawing.
     if matches!(kind, ContourKind::Polygon(_) | ContourKind::Circle) {
         return Ok(covariance.clone());
     }
     let size = theta.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+    // A known parameter has σ of zero and still needs a step.
     let steps = covariance.diagonal().map(|v| STEP * v.sqrt().max(1e-6 * size.max(f64::MIN_POSITIVE)));
     let theta = DVector::from_column_slice(theta);
     let jacobian = differences(&theta, &steps, |t| {

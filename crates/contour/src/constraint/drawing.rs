@@ -220,6 +220,7 @@ impl ParametricDrawing {
         let offset = self.counts();
         let first = self.values.len();
         self.values.extend(&other.values);
+        // Parts refer to parameters and to other parts by index; only these indices change.
         self.points.extend(other.points.iter().map(|x| first + x));
         let (mut names, mut point_names, mut circle_names) =
             (other.names.clone(), other.point_names.clone(), other.circle_names.clone());
@@ -228,6 +229,7 @@ impl ParametricDrawing {
                 name.insert_str(0, prefix);
             }
         } else {
+            // Same names as if the parts had been added to this drawing one by one.
             for (i, &x) in other.points.iter().enumerate() {
                 let number = offset.points as usize + i + 1;
                 point_names[i] = format!("P{number}");
@@ -292,6 +294,7 @@ impl ParametricDrawing {
                 values.len()
             )));
         }
+        // Bars without length are allowed here, unlike in `bar`: a solver may pass through them.
         let mut moved = self.clone();
         moved.values.copy_from_slice(values.as_slice());
         Ok(moved)
@@ -448,6 +451,7 @@ impl ParametricDrawing {
     pub fn pair_name(&self, a: PointId, b: PointId) -> String {
         let [a, b] = [a, b].map(|point| self.point_name(point));
         // Write a common prefix only once.
+        // The number follows the last P: a prefix may contain that letter, too.
         let number = b.rfind('P').unwrap_or(0);
         if a.get(..number) == b.get(..number) { format!("{a}{}", &b[number..]) } else { format!("{a} {b}") }
     }
@@ -464,6 +468,7 @@ impl ParametricDrawing {
                 high[axis] = high[axis].max(p[axis] + reach);
             }
         };
+        // The absolute value of a radius, as it may become negative while a solver runs.
         self.points().for_each(|point| cover(self.position(point), 0.0));
         self.circles()
             .for_each(|circle| cover(self.position(self.centre(circle)), self.radius(circle).abs()));

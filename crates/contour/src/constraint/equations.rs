@@ -98,6 +98,7 @@ impl<'a> ConstraintEquations<'a> {
     /// The equations at `x`, unscaled.
     #[must_use]
     pub fn at(&self, x: &[f64]) -> Vec<Equation> {
+        // The equations of a compound constraint share their geometry: evaluate all, then select.
         let all: Vec<Equation> =
             self.constraints.iter().flat_map(|constraint| constraint.equations(self.drawing, x)).collect();
         self.rows.iter().map(|&row| all[row].clone()).collect()
@@ -106,6 +107,7 @@ impl<'a> ConstraintEquations<'a> {
     /// The scaled residuals, without the Jacobian.
     #[must_use]
     pub(crate) fn residuals(&self, x: &DVector<f64>) -> DVector<f64> {
+        // No Jacobian: the search for drawings near an estimate needs residuals far more often.
         let equations = self.at(x.as_slice());
         let scaled = equations.iter().map(|equation| {
             let factor = if equation.is_length { 1.0 / self.scale } else { 1.0 };

@@ -36,6 +36,7 @@ impl Incidence {
         let equations = ConstraintEquations::new(drawing, constraints);
         let mut entries = Vec::new();
         for (equation, at) in equations.at(drawing.values().as_slice()).iter().enumerate() {
+            // Relative to the equation, because slopes of lengths and of angles have different units.
             let largest = at.gradient.iter().map(|(_, slope)| slope.abs()).fold(0.0, f64::max);
             entries.extend(at.gradient.iter().map(|&(parameter, slope)| Entry {
                 equation,
@@ -190,6 +191,7 @@ fn extend(
             }
             continue;
         };
+        // The edge is used up for this phase, whether it leads on or not.
         next[left] += 1;
         match partner[right] {
             None => {
@@ -200,6 +202,7 @@ fn extend(
                 }
                 return;
             }
+            // Only along the layers: this makes all paths of a phase shortest ones.
             Some(deeper) if layers[deeper] == layers[left] + 1 => {
                 path.push((left, right));
                 left = deeper;

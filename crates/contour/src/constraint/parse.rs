@@ -90,6 +90,7 @@ impl Words<'_> {
         if let Some((a, b)) = split(" tangent to ") {
             return self.tangent(a, b);
         }
+        // One phrase for lengths, distances and angles: the text after it decides.
         if let Some((parts, value)) = split(" is ") {
             return self.size(parts, value);
         }
@@ -103,6 +104,7 @@ impl Words<'_> {
         }
         if let Some((point, on)) = split(" on ") {
             let a = self.point(point)?;
+            // Names of circles and points differ in form, so that at most one of both lookups succeeds.
             return Ok(match self.circle(on) {
                 Ok(circle) => Constraint::PointOnCircle { point: a, circle },
                 Err(_) => Constraint::Coincident { a, b: self.point(on)? },
@@ -141,6 +143,7 @@ impl Words<'_> {
             let (point, bar, value) = (self.point(parts)?, self.bar(bar)?, number(value)?);
             return Ok(Constraint::PointLineDistance { point, bar, value });
         }
+        // `deg` for keyboards without a degree sign.
         let degrees = value.strip_suffix('°').or_else(|| value.strip_suffix("deg"));
         match (parts.split_once(" to "), degrees) {
             (Some((from, to)), Some(degrees)) => Ok(Constraint::Angle {
@@ -186,6 +189,7 @@ impl Words<'_> {
     /// Two points, with or without a bar between them.
     fn pair(&self, name: &str) -> Result<[PointId; 2]> {
         let name = name.trim();
+        // Split at the last P: the first name may have a prefix that contains the letter.
         let cut = name.rfind('P').filter(|&cut| cut > 0);
         let Some(cut) = cut else {
             return Err(missing("pair of points", name, "P1P2", self.drawing.points().count()));
@@ -207,6 +211,7 @@ impl Words<'_> {
 
 fn number(text: &str) -> Result<f64> {
     let found: Option<f64> = text.trim().parse().ok();
+    // `parse` accepts `nan` and `inf`.
     found
         .filter(|value| value.is_finite())
         .ok_or_else(|| Error::input(format!("expected a number, found `{}`", text.trim())))

@@ -260,6 +260,7 @@ impl<'a> Builder<'a> {
 
     /// Adds a slope to the gradient. Parameters of a gradient are unique, as parts may share points.
     fn parameter(&mut self, parameter: usize, slope: f64) {
+        // A linear search: an equation has at most eight parameters.
         match self.equation.gradient.iter_mut().find(|(known, _)| *known == parameter) {
             Some((_, sum)) => *sum += slope,
             None => self.equation.gradient.push((parameter, slope)),
@@ -304,6 +305,8 @@ impl<'a> Builder<'a> {
             let p = self.at(point);
             from_start = [from_start[0] + weight * p[0], from_start[1] + weight * p[1]];
         }
+        // Rotating the bar about its start moves the foot of the point across by its distance along the bar:
+        // the last term of the gradient.
         self.equation.residual += factor * dot(line.left, from_start);
         for &(point, weight) in points {
             self.point(point, scaled(factor * weight, line.left));
@@ -364,10 +367,13 @@ impl Constraint {
                 new.add_offset(&[(point, 1.0)], bar, 1.0);
                 new.plus(-value)
             }
+            // The wrapped difference is continuous near its zero, wherever the cut of atan2 lies.
             Self::Angle { from, to, radians } => new.turn(from, to, |angle| (wrapped(angle - radians), 1.0)),
+            // Zero for parallel and for antiparallel bars: the direction of a bar has no meaning.
             Self::Parallel { a, b } => new.turn(a, b, |angle| (angle.sin(), angle.cos())),
             Self::Perpendicular { a, b } => new.turn(a, b, |angle| (angle.cos(), -angle.sin())),
             Self::Tangent { bar, circle, left } => {
+                // A signed distance: the absolute value would have a kink where the bar passes the centre.
                 let side = if left { 1.0 } else { -1.0 };
                 new.add_offset(&[(drawing.centre(circle), 1.0)], bar, side);
                 new.add_radius(circle, -1.0);
@@ -397,6 +403,7 @@ impl Constraint {
                 new.add_radius(b, -1.0);
                 new.plus(0.0)
             }
+            // Differences of coordinates instead of angles: linear equations are imposed exactly in one step.
             Self::Horizontal { bar } => return vec![difference(drawing, x, drawing.ends(bar), 1)],
             Self::Vertical { bar } => return vec![difference(drawing, x, drawing.ends(bar), 0)],
             Self::Coordinate { point, axis, value } => {
@@ -447,6 +454,7 @@ impl Constraint {
     /// Distances of zero and multiples of a right angle are relations, because they express no size.
     #[must_use]
     pub fn measured(&self, drawing: &ParametricDrawing, x: &[f64]) -> Option<Self> {
+        // The residual is the measured dimension minus the stated one; adding it gives the measured one.
         let mut read = *self;
         let found = self.equations(drawing, x)[0].residual;
         match &mut read {

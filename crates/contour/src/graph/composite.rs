@@ -131,12 +131,14 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
             .filter(|&there| there != here)
             .filter_map(|there| Some((step(views, &candidates[here], &candidates[there])?, there)))
             .collect();
+        // Dimensioned edges first, as in the paper.
         steps.sort_by_key(|&(has_distance, there)| (!has_distance, there));
         for (has_distance, there) in steps {
             if !std::mem::replace(&mut seen[there], true) {
                 order.push(there);
                 queue.push_back(there);
             }
+            // Every edge is found from both of its ends.
             if !edges.iter().any(|edge| (edge.a, edge.b) == (there, here)) {
                 edges.push(CompositeEdge { a: here, b: there, has_distance });
             }
@@ -233,6 +235,7 @@ type Known = Option<(f64, f64)>;
 /// Combinations of one point per view that agree, in the order of the points.
 fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<CompositeVertex>> {
     let mut partial: Vec<(Vec<PointId>, [Known; 3])> = vec![(Vec::new(), [None; 3])];
+    // View by view, so that combinations which disagree in two views are never extended to a third.
     for view in views {
         let mut grown = Vec::new();
         for (points, known) in &partial {
@@ -279,6 +282,7 @@ fn fused(
             None => Some((position[k], variance)),
             Some((mean, of_mean)) => {
                 let sum = of_mean + variance;
+                // Exact drawings have no σ; the tolerance then absorbs rounding.
                 if (position[k] - mean).abs() > tolerance.max(gate * sum.sqrt()) {
                     return None;
                 }

@@ -134,6 +134,7 @@ fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGrap
 fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
     let of = incidence.parameters_of_equations();
     let mut labels: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
+    // An unmatched parameter gets no arc that enters: nothing determines it.
     for &(parameter, equation) in matching {
         for &other in of[equation].iter().filter(|&&other| other != parameter) {
             labels.entry((other, parameter)).or_default().push(label(equation));
@@ -166,6 +167,7 @@ fn pair(drawing: &ParametricDrawing, minimal: &LabelledGraph) -> LabelledGraph {
     for arc in &minimal.arcs {
         let (from, to) = (node_of[arc.from], node_of[arc.to]);
         if from != to {
+            // Several parameters of two points can depend on each other by one equation: list it once.
             let known = labels.entry((from, to)).or_default();
             known.extend(arc.labels.iter().cloned());
             known.sort_unstable();

@@ -4,8 +4,9 @@
 //! others. Among kinds with practically equal BIC, the one with the fewest unknowns is chosen (decision
 //! record 0053).
 
-use super::fit::{ContourFit, ContourFitOptions, RoughFit, finish, fit, polish, reading_count, rough};
+use super::fit::{ContourFit, RoughFit, finish, fit, polish, reading_count, rough};
 use super::kind::ContourKind;
+use super::options::ContourFitOptions;
 use super::reading::ContourReading;
 use super::start::chain_starts;
 use planish_estimate::{Error, Result};
@@ -105,6 +106,8 @@ pub fn choose(
 ) -> Result<Choice> {
     let mut tried: Vec<(ContourKind, ContourFitOptions)> =
         kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
+    // A pattern of lines and arcs comes with its own start; other kinds derive their starts from the
+    // readings.
     for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
         let options = ContourFitOptions { start: Some(start), ..options.clone() };
@@ -116,6 +119,7 @@ pub fn choose(
         ));
     }
     let unknowns = |kind: &ContourKind| kind.parameters() + options.motion.unknowns();
+    // One message about all kinds is clearer than that of whichever kind fails last.
     if let Some((simplest, _)) = tried.iter().min_by_key(|(kind, _)| unknowns(kind))
         && tried.len() > 1
         && sightings.len() < unknowns(simplest)
@@ -142,36 +146,16 @@ pub fn choose(
         }
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
-    let finish_one = |(kind, rough): &(&ContourKind, RoughFit)| {
-        let options = ContourFitOptions { start: Some(rough.state.clone()), ..options.clone() };
-        finish(kind, sightings, &options)
-    };
-    let mut found: Vec<ContourFit> = Vec::new();
-    let mut done = 0;
-    // Stage 2: complete fits of the kinds near the best. A rough fit may promise more than the complete one
-    // keeps, or the complete one may fail. The limit is then recomputed and more kinds are fitted.
-    while done < order.len() {
-        let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
-        let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
-        let near = order.partition_point(|o| o.1.bic <= limit);
-        if near <= done {
-            break;
-        }
-        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish_one).collect();
-        done = near;
-        for one in finished {
-            match one {
-                Ok(one) => found.push(one),
-                Err(e) => last = Some(e),
-            }
-        }
-    }
+    // Stage 2: complete fits of the kinds near the best.
+    let Finished { mut found, done, error } = finish_near_best(&order, sightings, options);
+    last = error.or(last);
     // Stage 3: the simplest of the kinds with practically the best BIC.
     let rest = &order[done..];
     if found.iter().any(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE) {
         found.retain(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE);
     }
     let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
+    // Equal numbers of unknowns are decided by BIC.
     let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NEGLIGIBLE_BIC).min_by(|&a, &b| {
         let unknowns = |k: usize| found[k].state.len();
         (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
@@ -192,6 +176,51 @@ pub fn choose(
         fit: polish(chosen, sightings, options)?,
         alternatives,
     })
+}
+
+/// Complete fits of the kinds near the best.
+struct Finished {
+    found: Vec<ContourFit>,
+    /// Number of ranked kinds that were fitted.
+    done: usize,
+    /// The last error, if a fit failed.
+    error: Option<Error>,
+}
+
+/// Fits ranked kinds to convergence as long as they are within [`FINISH_WITHIN_BIC`] of the best.
+fn finish_near_best(
+    order: &[(&ContourKind, RoughFit)],
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Finished {
+    let mut error = None;
+    // The rough state is a better start than those from the readings: only one fit is needed.
+    let finish_one = |(kind, rough): &(&ContourKind, RoughFit)| {
+        let options = ContourFitOptions { start: Some(rough.state.clone()), ..options.clone() };
+        finish(kind, sightings, &options)
+    };
+    let mut found: Vec<ContourFit> = Vec::new();
+    let mut done = 0;
+    // A rough fit may promise more than the complete one keeps, or the complete one may fail. The limit is
+    // then recomputed and more kinds are fitted.
+    while done < order.len() {
+        let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
+        let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
+        let near = order.partition_point(|o| o.1.bic <= limit);
+        if near <= done {
+            break;
+        }
+        // Results keep the order of the kinds, whatever the number of threads.
+        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish_one).collect();
+        done = near;
+        for one in finished {
+            match one {
+                Ok(one) => found.push(one),
+                Err(e) => error = Some(e),
+            }
+        }
+    }
+    Finished { found, done, error }
 }
 
 /// Error if no kind could be fitted. The message concerns all kinds; that of the last one is only its source.

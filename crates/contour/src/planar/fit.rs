@@ -9,6 +9,7 @@ use super::ends::ends;
 use super::joints::joints;
 use super::kind::ContourKind;
 use super::likelihood::placed;
+use super::options::{ContourFitOptions, Method, corner_margin, gate_cost, outlier_gate};
 use super::plausible::{corners_are_real, stays_near};
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, Form, PlanarMotion};
 use super::recursive::{recursive, split_seed};
@@ -18,82 +19,17 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
 use planish_estimate::{Error, Loss, Result, Termination};
 
-/// With fewer readings per side than this, readings near corners are kept in the last batch fit.
-///
-/// Leaving them out removes the bias of assigning a reading to the nearer side (decision record 0052), but
-/// loses information. With few readings the scatter of the estimate is larger than that bias.
-const READINGS_PER_SIDE: usize = 25;
-
 /// Largest loss of log-likelihood, over all readings, by leaving out those near corners.
 ///
 /// A fit that loses more has converged to another phase or size, and the fit with all readings is used
 /// instead. Small losses are normal, because the two fits maximise different functions.
 const MAX_MARGIN_LOSS: f64 = 20.0;
 
-/// Gate of the likelihood if the user disables the gate, in σ.
-///
-/// The likelihood always needs a bound: without it, one gross error would decide the kind.
-const DEFAULT_OUTLIER_GATE: f64 = 10.0;
-
 /// Thresholds of Tukey's loss in σ for two successive robust batches.
 ///
 /// The first is wide, because a rough start may be many σ from half of its readings. The second rejects
 /// outliers before the gate is applied.
 pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
-
-/// Method of estimation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// A batch, then the maximum of the marginal likelihood, in which the places of the readings on the
-    /// outline are integrated out. The least biased method and the default.
-    Combined,
-    /// All readings at once (Gauss–Helmert with misclosures at the corrected readings).
-    Batch,
-    /// Extended Kalman filter: one reading after the other, linearised at the prediction.
-    Extended,
-    /// Iterated Kalman filter: relinearised in the state at each reading.
-    Iterated,
-    /// Noise-updated iterated Kalman filter (NUIEKF): relinearised in state and noise (Weiss-Cohen et al.
-    /// 2009, eq. 2.17).
-    NoiseUpdated,
-}
-
-/// Options of a contour fit.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ContourFitOptions {
-    /// Method of estimation.
-    pub method: Method,
-    /// How the pieces of a contour are combined into one equation.
-    pub form: Form,
-    /// Motion of the object during the measurement.
-    pub motion: PlanarMotion,
-    /// Reject readings more than this many σ from the contour (default 4); `None` keeps all.
-    pub gate: Option<f64>,
-    /// Leave readings within this many σ of a corner out of the last batch fit (default 2).
-    ///
-    /// Their side is uncertain, and assigning them to the nearer one is a bias. Applies to rectangles and
-    /// polygons with at least 25 readings per side.
-    pub corner_margin: Option<f64>,
-    /// Correct distances for the curvature of the contour (batch and NUIEKF); see decision record 0049.
-    pub correct_bias: bool,
-    /// Starting values of all parameters, followed by those of the motion; `None` derives them from the
-    /// readings.
-    pub start: Option<Vec<f64>>,
-}
-
-impl Default for ContourFitOptions {
-    fn default() -> Self {
-        Self {
-            method: Method::Combined,
-            form: Form::ActiveFacet,
-            motion: PlanarMotion::Still,
-            gate: Some(4.0),
-            corner_margin: Some(2.0),
-            correct_bias: true,
-            start: None,
-        }
-    }
-}
 
 /// A fitted contour with its covariance.
 #[derive(Debug, Clone, PartialEq)]
@@ -245,6 +181,7 @@ fn fit_within(
     let mut best: Option<ContourFit> = None;
     for start in candidates(&model, sightings, options)? {
         let model = with_soft_constraints(&model, sightings, &start);
+        // A start may diverge or lose its readings; the others can still succeed.
         let Ok(found) = fit_from(&model, sightings, &start, options, thresholds) else {
             continue;
         };
@@ -299,6 +236,7 @@ pub(crate) fn rough(
             step_tolerance: 0.1,
         };
         let mut state = DVector::from_vec(start);
+        // The cost serves as log-likelihood for shared poses, where there is no other.
         let mut cost = f64::INFINITY;
         for threshold in ROBUST_THRESHOLDS {
             let Ok(found) = fit_implicit(&readings, shared(&model, &groups), &state, &settings(threshold))
@@ -309,6 +247,7 @@ pub(crate) fn rough(
             let each = |d: &f64| {
                 if d.is_finite() { charge.min(0.5 * d * d) } else { charge }
             };
+            // Errors of shared poses have a prior of unit variance, which counts like their readings.
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
@@ -338,6 +277,7 @@ fn contour_model(
         form: options.form,
         motion: options.motion,
         pivot: mean(&points),
+        // The earliest reading, so that the parameters describe the start of the measurement.
         time_s: if options.motion == PlanarMotion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
         constraints: Vec::new(),
@@ -366,6 +306,7 @@ fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], sta
     let theta = &start[..model.kind.parameters()];
     model.constraints = joints(&model.kind, theta).into_iter().map(SoftConstraint::Joint).collect();
     if let ContourKind::Chain { closed: false, .. } = model.kind {
+        // Ends are judged in the frame of the contour: motion would blur the extent of the readings.
         let at_rest = |sighting: &ContourReading| ContourEquation::new(&model, sighting).seen_at_rest(start);
         let points: Vec<_> = sightings.iter().map(at_rest).collect();
         let ends = ends(&model.kind, theta, &points);
@@ -470,6 +411,7 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Contour
     let drifting = starts(&model.kind, &back).unwrap_or_default();
     let moved = drifting.into_iter().map(|t| {
         let mut start = [&t[..], &drift[..]].concat();
+        // No rotation rate: the centroid carries no information about it.
         start.resize(t.len() + extra, 0.0);
         start
     });
@@ -483,6 +425,8 @@ pub(super) fn equations<'a>(
     model: &'a ContourModel,
     sightings: &'a [ContourReading],
 ) -> (Vec<ContourEquation<'a>>, Vec<usize>) {
+    // Poses get consecutive numbers in their order of appearance. The estimator eliminates them group by
+    // group.
     let mut numbers = std::collections::BTreeMap::new();
     let mut groups = Vec::with_capacity(sightings.len());
     let mut alone = 0;
@@ -515,28 +459,6 @@ pub(super) fn equations<'a>(
 /// Groups of equations that share the three errors of a pose, if any do.
 pub(super) fn shared<'a>(model: &ContourModel, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
     model.shared_poses.then_some(SharedNoise { size: 3, groups })
-}
-
-/// The margin at corners in σ, or `None` with too few readings per side ([`READINGS_PER_SIDE`]).
-pub(super) fn corner_margin(
-    model: &ContourModel,
-    readings: usize,
-    options: &ContourFitOptions,
-) -> Option<f64> {
-    let enough = readings >= READINGS_PER_SIDE * model.kind.pieces();
-    options.corner_margin.filter(|_| enough)
-}
-
-/// Distance in σ beyond which the likelihood of a reading no longer decreases.
-pub(super) fn outlier_gate(options: &ContourFitOptions) -> f64 {
-    options.gate.unwrap_or(DEFAULT_OUTLIER_GATE)
-}
-
-/// Cost of a rejected reading: that of one exactly at the gate.
-///
-/// Were it free, a kind could improve its BIC by rejecting readings.
-pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
-    gate.map_or(0.0, |g| 0.5 * g * g)
 }
 
 /// Statistics of the distances of all readings after the gate.
@@ -610,6 +532,7 @@ pub(super) fn batch(
             *used = distance.abs() <= gate;
         }
     }
+    // A hard gate instead of weights: the covariance of the last batch is then that of the accepted readings.
     let kept: Vec<ContourReading> =
         sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
     if kept.len() < model.unknowns() {
@@ -637,6 +560,7 @@ pub(super) fn batch(
             (found, placed_found) = (other, placed_other);
         }
     }
+    // A singular information matrix: a parameter can change without a change of any distance.
     let Some(covariance) = found.covariance else {
         return Err(Error::undetermined("the readings leave a parameter of the contour undetermined"));
     };

@@ -14,8 +14,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 /// Maximum distance of a chord from its arc, as a fraction of the σ of a reading.
 ///
-/// At one σ from the arc it changes the density by 2 %. The number of chords grows with the square root of its
-/// inverse.
+/// At one σ from the arc it changes the density by 2 %. The number of chords grows with the square root of
+/// its inverse.
 const SAGITTA: f64 = 0.02;
 /// Parts of an arc more than this many σ from a reading are not integrated.
 const WINDOW: f64 = 7.0;

@@ -137,6 +137,7 @@ impl<'a> PlaceLikelihood<'a> {
         let gap = usual_gap(sightings);
         let spots = spots(model, sightings, start.as_slice());
         let pieces = strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &spots, gap);
+        // Cells in proportion to length, but at least one per piece.
         let lengths: Vec<f64> = pieces.iter().map(|piece| piece.length(0.0, 1.0)).collect();
         let perimeter = lengths.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         let many = sightings.len() as f64 / READINGS_PER_CELL;
@@ -175,6 +176,7 @@ impl<'a> PlaceLikelihood<'a> {
         let state = self.state(&at.u);
         let spots = spots(self.model, self.sightings, state.as_slice());
         let mut pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
+        // `strokes` would end the arc at its last readings, which change with θ.
         if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
             (*from, *sweep) = whole;
         }
@@ -188,6 +190,7 @@ impl<'a> PlaceLikelihood<'a> {
                 *chance = part.density(spot);
                 total += *chance;
             }
+            // The probability of an outlier is the rest to one.
             chances.iter_mut().for_each(|chance| *chance /= total);
             total.ln()
         };
@@ -230,12 +233,14 @@ impl<'a> PlaceLikelihood<'a> {
             if !size.is_finite() {
                 return None;
             }
+            // The quadratic model of the likelihood holds over a few σ only.
             let mut share = (MAX_STEP_SIGMAS / size).min(1.0);
             let better = loop {
                 let next = At {
                     u: &at.u + share * step.rows(0, p),
                     weights: &at.weights + share * step.rows(p, self.cells.len()),
                 };
+                // Invalid sizes have no likelihood; the step is halved until they are valid.
                 if self.model.kind.is_valid(self.theta(&self.state(&next.u))) {
                     let total = self.total(&next);
                     if total > best {
@@ -259,6 +264,7 @@ impl<'a> PlaceLikelihood<'a> {
         let inverse = information.inverse();
         let of_u = inverse.view((0, 0), (p, p));
         if !self.has_corners() && self.model.motion == PlanarMotion::Still {
+            // A correction larger than the bound is not a bias: the expansion has failed.
             let bias = information.solve(&self.expected_scores(&at));
             if bias.rows(0, p).amax() < MAX_STEP_SIGMAS {
                 at.u -= bias.rows(0, p);
@@ -343,6 +349,7 @@ impl<'a> PlaceLikelihood<'a> {
         let shares = shares(&at.weights);
         let here = self.terms(at);
         let sum = |terms: &Terms| terms.logs.iter().sum::<f64>();
+        // Second differences divide by h² and need a larger spacing than first ones.
         let h = 2.0 * STEP;
         let corner = |i: usize, a: f64, j: usize, b: f64| sum(&self.terms(&at.moved(i, a).moved(j, b)));
         let mut out = DMatrix::zeros(p + k, p + k);
@@ -361,6 +368,7 @@ impl<'a> PlaceLikelihood<'a> {
                 out[(j, i)] = out[(i, j)];
             }
         }
+        // For log-shares, the Hessian is that of a softmax mixture: probabilities and shares suffice.
         let squares = &here.chances * here.chances.transpose();
         let sums = here.chances.column_sum();
         for a in 0..k {
@@ -444,6 +452,7 @@ impl Part {
 
     /// Density of a reading from this cell; 0 if it is too far to matter.
     fn density(&self, spot: &Spot) -> f64 {
+        // A bounding circle, since most cells are far from a reading and exponentials are costly.
         let away = (spot.point[0] - self.middle[0]).hypot(spot.point[1] - self.middle[1]) - self.reach;
         if away > 0.0 && away * away > FARTHEST * FARTHEST * spot.variance() {
             return 0.0;

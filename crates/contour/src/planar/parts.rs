@@ -37,6 +37,7 @@ pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
         while next < members.len() {
             let p = points[members[next]];
             next += 1;
+            // Cells are as wide as the gap: partners are in the 3 × 3 neighbourhood.
             let [cx, cy] = cell(p);
             for place in
                 (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
@@ -81,6 +82,7 @@ pub fn usual_gap(sightings: &[ContourReading]) -> f64 {
     }
     let n = sightings.len() as f64;
     let extent = (high[0] - low[0]) + (high[1] - low[1]);
+    // The perimeter of the bounding box stands for the length of the outline.
     let spacing = 2.0 * extent / n;
     (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }
@@ -91,6 +93,7 @@ pub fn contains(outline: &Outline, p: [f64; 2]) -> bool {
     let count = outline.vertices.len();
     let crossings = (0..count).filter(|&i| {
         let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % count]);
+        // Half-open in y: a ray through a vertex counts once.
         (a[1] > p[1]) != (b[1] > p[1]) && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
     });
     outline.closed && crossings.count() % 2 == 1

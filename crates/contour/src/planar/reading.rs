@@ -267,6 +267,7 @@ impl<'a> ContourEquation<'a> {
         let pivot = self.model.pivot;
         let time = self.sighting.time_s - self.model.time_s;
         let moved = match self.model.motion {
+            // Time zero: the derivatives by the motion then vanish without a case of their own.
             PlanarMotion::Still => return (p, [1.0, 0.0], 0.0),
             _ => [p[0] - pivot[0] - time * x[k], p[1] - pivot[1] - time * x[k + 1]],
         };
@@ -285,6 +286,7 @@ impl<'a> ContourEquation<'a> {
     pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
         let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
         let [xx, xy, yy] = self.sighting.covariance();
+        // R C Rᵀ, written out.
         let (square, both, product) = (cos * cos, sin * cos, sin * sin);
         let turned = [
             square * xx - 2.0 * both * xy + product * yy,
@@ -377,9 +379,11 @@ impl ImplicitReading for ContourEquation<'_> {
         by_state.fill(0.0);
         if let Some(constraint) = self.constraint {
             let violation = constraint.violation(&self.model.kind, &x[..k], &mut by_state[..k]);
+            // g = violation + σ u, so that the whitened noise of the constraint has unit variance as well.
             by_noise[0] = constraint.sigma();
             return violation + constraint.sigma() * u[0];
         }
+        // Chain rule: noise → point in the world → point in the frame of the contour → distance.
         let place = self.place(x, u);
         let (p, [cos, sin], time) = self.carried_back(x, place.point);
         let (value, by_body) = self.contour(branch, &x[..k], p, &mut by_state[..k]);
@@ -481,6 +485,8 @@ impl ImplicitReading for ContourEquation<'_> {
         }
         let k = self.model.kind.parameters();
         let (p, turn, _) = self.carried_back(x, self.place(x, u).point);
+        // In σ along the piece: this is independent of the distance across it, so selecting readings by it
+        // causes no bias.
         let length = within(&self.model.kind, &x[..k], branch, p);
         if length.is_infinite() {
             return length;

@@ -3,11 +3,9 @@
 //! The filter needs a state close to the truth, because it linearises each reading once and never returns to
 //! it. The batch provides that state.
 
-use super::fit::{
-    ContourFit, ContourFitOptions, GatedResiduals, Method, ROBUST_THRESHOLDS, batch, corner_margin,
-    equations, outlier_gate, shared,
-};
+use super::fit::{ContourFit, GatedResiduals, ROBUST_THRESHOLDS, batch, equations, shared};
 use super::likelihood::placed;
+use super::options::{ContourFitOptions, Method, corner_margin, outlier_gate};
 use super::reading::{ContourEquation, ContourModel, ContourReading};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};

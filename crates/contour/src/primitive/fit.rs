@@ -106,6 +106,7 @@ pub fn choose(
             Err(e) => last = Some(e),
         }
     }
+    // Four kinds only: all are fitted completely, unlike contours.
     found.sort_by(|a: &PrimitiveFit, b| a.bic().total_cmp(&b.bic()));
     let mut found = found.into_iter();
     let Some(best) = found.next() else {
@@ -226,6 +227,7 @@ fn reported_covariance(
 ) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = (0..state.len())
         .map(|k| {
+            // Steps in σ suit lengths and angles alike.
             let step = SPACING * covariance[(k, k)].sqrt();
             let moved = |sign: f64| {
                 let mut x = state.clone();

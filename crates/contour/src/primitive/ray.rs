@@ -65,6 +65,7 @@ impl Ray {
                 let (sa, ca) = (direction_rad[0] - sigma[3] * u[3]).sin_cos();
                 let (se, ce) = (direction_rad[1] - sigma[4] * u[4]).sin_cos();
                 let length = range - sigma[5] * u[5];
+                // Each error is subtracted from its measured value, hence the signs of the derivatives below.
                 let towards = Vector3::new(ce * ca, ce * sa, se);
                 for k in 0..3 {
                     by_noise[k][k] = -sigma[k];

@@ -100,6 +100,7 @@ impl SimulatedPrimitive {
             }
             PrimitiveKind::Box => {
                 let [a, b, c] = self.size;
+                // A side in proportion to its area.
                 let at = random.random_range(0.0..b * c + a * c + a * b);
                 let axis = usize::from(at > b * c) + usize::from(at > b * c + a * c);
                 let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
@@ -122,11 +123,13 @@ pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed
     let (rotation, center) = (solid.rotation(), Vector3::from(solid.center));
     for line in 0..count {
         let (place, normal) = solid.draw(&mut random);
+        // The square root spreads directions evenly over the cone.
         let tilt = (0.61 * random.random::<f64>().sqrt(), std::f64::consts::TAU * random.random::<f64>());
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let second = normal.cross(&first);
         let back = normal * tilt.0.cos() + (first * tilt.1.cos() + second * tilt.1.sin()) * tilt.0.sin();
         let place = center + rotation * place;
+        // The standoff is measured from the centre, but the sensor must stay outside of the shape.
         let range = sensor.standoff - (place - center).norm().min(0.9 * sensor.standoff);
         let origin = place + rotation * back * range;
         let look = place - origin;

@@ -23,6 +23,7 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
                 ));
             };
             let (sin, cos) = theta[0].sin_cos();
+            // The ends of the observed part lie near the line, not on it: project them.
             let [a, b] = seen.map(|p| {
                 let along = cos * p[0] + sin * p[1];
                 drawing.point([along * cos - theta[1] * sin, along * sin + theta[1] * cos])
@@ -53,6 +54,7 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
                     theta[1] + sin * local[0] + cos * local[1],
                 ]);
                 let circle = drawing.circle(centre, theta[5])?;
+                // One circle stands for all four corners, which have the same radius by definition.
                 given.extend([bars[3], bars[0]].map(|bar| Constraint::Tangent { bar, circle, left: true }));
             }
         }
@@ -149,6 +151,8 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
             vec![x[0], x[1], length(major), length(minor), angle(major)]
         }
         ContourKind::Rectangle | ContourKind::RoundedRectangle => {
+            // The centroid of the corners uses all of them alike; at an exact rectangle any choice is the
+            // same.
             let center = middle(4);
             let (width, height) = (between(at(0), at(1)), between(at(1), at(2)));
             let mut theta = vec![center[0], center[1], length(width), length(height), angle(width)];

@@ -65,6 +65,7 @@ impl Sums {
             (self.0[3] - m * c[0] * c[0], self.0[4] - m * c[0] * c[1], self.0[5] - m * c[1] * c[1]);
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         let normal = [-angle.sin(), angle.cos()];
+        // The smaller eigenvalue of the scatter matrix is the sum of squared distances.
         let left = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
         let offset = normal[0] * c[0] + normal[1] * c[1];
         (normal, offset, left.max(0.0) / self.variance_along(normal))
@@ -76,6 +77,7 @@ impl Sums {
     /// segmentations.
     pub(super) fn arc(&self) -> f64 {
         let m = self.count();
+        // A circle through so few points has almost no residuals.
         if m < 5.0 {
             return f64::INFINITY;
         }
@@ -87,6 +89,7 @@ impl Sums {
         let xz = self.0[6] / m - c[0] * z;
         let yz = self.0[7] / m - c[1] * z;
         let zz = self.0[8] / m - z * z;
+        // Collinear points have no circle; the line explains them anyway.
         let determinant = xx * yy - xy * xy;
         if determinant <= 1e-12 * (xx + yy) * (xx + yy) {
             return f64::INFINITY;
@@ -138,6 +141,7 @@ impl Sequence {
             }
         }
         let filed: Vec<usize> = (0..points.len()).collect();
+        // The order of the file is often that of the scan; keep it if it is clearly shorter.
         let mut order = if tour_length(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
         let area: f64 = (0..order.len())
             .map(|k| {
@@ -145,6 +149,7 @@ impl Sequence {
                 a[0] * b[1] - a[1] * b[0]
             })
             .sum();
+        // Counter-clockwise, as outlines are.
         if area < 0.0 {
             order.reverse();
         }
@@ -224,6 +229,7 @@ impl Sequence {
             }
         }
         let mut cumulated = vec![Sums::default()];
+        // Two rounds, so that runs across the start of a closed sequence are differences as well.
         for k in 0..2 * bins {
             cumulated.push(cumulated[k].plus(&each[k % bins]));
         }
