@@ -166,7 +166,7 @@ fn write_dump(
 ) {
     let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range");
     text.push_str(",exact_x,exact_y,exact_heading_deg,exact_range\n");
-    let columns = |sighting: &ContourReading| match sighting.target {
+    let columns = |reading: &ContourReading| match reading.target {
         ContourTarget::Range { origin, heading_rad, range, sigma: [x, y, heading, along] } => (
             format!("{},{},{},{range}", origin[0], origin[1], heading_rad.to_degrees()),
             format!("{x},{y},{},{along}", heading.to_degrees()),

@@ -260,10 +260,11 @@ fn differences(
 ///
 /// # Examples
 /// ```
-/// use nalgebra::dmatrix;
+/// use nalgebra::DMatrix;
 /// use planish_contour::sketch::block_diagonal;
 ///
-/// assert_eq!(block_diagonal(&[dmatrix![2.0], dmatrix![3.0]]), dmatrix![2.0, 0.0; 0.0, 3.0]);
+/// let joint = block_diagonal(&[DMatrix::identity(1, 1) * 2.0, DMatrix::identity(2, 2)]);
+/// assert_eq!((joint.nrows(), joint[(0, 0)], joint[(0, 1)]), (3, 2.0, 0.0));
 /// ```
 #[must_use]
 pub fn block_diagonal(blocks: &[DMatrix<f64>]) -> DMatrix<f64> {

@@ -101,14 +101,14 @@ pub fn auto_kinds() -> Vec<ContourKind> {
 pub fn choose(
     kinds: &[ContourKind],
     chains: bool,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<Choice> {
     let mut tried: Vec<(ContourKind, ContourFitOptions)> =
         kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
     // A pattern of lines and arcs comes with its own start; other kinds derive their starts from the
     // readings.
-    for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
+    for (kind, mut start) in chains.then(|| chain_starts(readings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
         let options = ContourFitOptions { start: Some(start), ..options.clone() };
         tried.push((kind, options));
@@ -122,21 +122,21 @@ pub fn choose(
     // One message about all kinds is clearer than that of whichever kind fails last.
     if let Some((simplest, _)) = tried.iter().min_by_key(|(kind, _)| unknowns(kind))
         && tried.len() > 1
-        && sightings.len() < unknowns(simplest)
+        && readings.len() < unknowns(simplest)
     {
         return Err(Error::undetermined(format!(
             "{} cannot determine any of these kinds: the simplest, a {simplest}, needs at least {}",
-            reading_count(sightings.len()),
+            reading_count(readings.len()),
             unknowns(simplest)
         )));
     }
-    refuse_one_place(sightings)?;
+    refuse_one_place(readings)?;
     if let [(kind, options)] = &tried[..] {
-        let fit = fit(kind, sightings, options)?;
+        let fit = fit(kind, readings, options)?;
         return Ok(Choice { fit, bic_margin: None, alternatives: Vec::new() });
     }
     // Stage 1: rough fits of all kinds, ranked.
-    let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, sightings, o)).collect();
+    let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, readings, o)).collect();
     let mut last = None;
     let mut order: Vec<(&ContourKind, RoughFit)> = Vec::new();
     for ((kind, _), one) in tried.iter().zip(begun) {
@@ -147,7 +147,7 @@ pub fn choose(
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
     // Stage 2: complete fits of the kinds near the best.
-    let Finished { mut found, done, error } = finish_near_best(&order, sightings, options);
+    let Finished { mut found, done, error } = finish_near_best(&order, readings, options);
     last = error.or(last);
     // Stage 3: the simplest of the kinds with practically the best BIC.
     let rest = &order[done..];
@@ -173,7 +173,7 @@ pub fn choose(
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(Choice {
         bic_margin: alternatives.first().map(|a| a.bic - chosen.bic()),
-        fit: polish(chosen, sightings, options)?,
+        fit: polish(chosen, readings, options)?,
         alternatives,
     })
 }
@@ -190,14 +190,14 @@ struct Finished {
 /// Fits ranked kinds to convergence as long as they are within [`FINISH_WITHIN_BIC`] of the best.
 fn finish_near_best(
     order: &[(&ContourKind, RoughFit)],
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Finished {
     let mut error = None;
     // The rough state is a better start than those from the readings: only one fit is needed.
     let finish_one = |(kind, rough): &(&ContourKind, RoughFit)| {
         let options = ContourFitOptions { start: Some(rough.state.clone()), ..options.clone() };
-        finish(kind, sightings, &options)
+        finish(kind, readings, &options)
     };
     let mut found: Vec<ContourFit> = Vec::new();
     let mut done = 0;
@@ -234,24 +234,24 @@ fn none_fits(last: Option<Error>) -> Error {
 }
 
 /// Rejects readings whose extent is not larger than their noise: every kind would fit them.
-fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
+fn refuse_one_place(readings: &[ContourReading]) -> Result<()> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut variance = 0.0;
-    for sighting in sightings {
-        let p = sighting.point();
+    for reading in readings {
+        let p = reading.point();
         for k in 0..2 {
             low[k] = low[k].min(p[k]);
             high[k] = high[k].max(p[k]);
         }
-        let [xx, _, yy] = sighting.covariance();
+        let [xx, _, yy] = reading.covariance();
         variance += 0.5 * (xx + yy);
     }
-    let sigma = (variance / sightings.len().max(1) as f64).sqrt();
+    let sigma = (variance / readings.len().max(1) as f64).sqrt();
     let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
-    if sightings.len() > 1 && extent <= sigma {
+    if readings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
             "all {} readings lie closer together than their σ, so they show no outline",
-            sightings.len()
+            readings.len()
         )));
     }
     Ok(())

@@ -31,7 +31,7 @@ const FARTHEST: f64 = 5.0;
 /// As [`fit_implicit`].
 pub(super) fn combined(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     found: ContourFit,
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
@@ -40,11 +40,11 @@ pub(super) fn combined(
         || model.form != Form::ActiveFacet
         || model.shared_poses
         || !options.correct_bias
-        || sightings.len() < READINGS_PER_UNKNOWN * model.unknowns()
+        || readings.len() < READINGS_PER_UNKNOWN * model.unknowns()
     {
         return Ok(found);
     }
-    let Some(better) = most_likely(model, sightings, &found.state, &found.covariance, outlier_gate(options))
+    let Some(better) = most_likely(model, readings, &found.state, &found.covariance, outlier_gate(options))
     else {
         return Ok(found);
     };
@@ -63,11 +63,11 @@ pub(super) fn combined(
         return Ok(found);
     }
     // Distances, gate and χ² at the refined state; a reading may have crossed the gate.
-    let (all, _) = equations(model, sightings);
+    let (all, _) = equations(model, readings);
     let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
     let mut distances = fit_implicit(&all, None, &candidate.state, &look)?.distances;
     // The equations of soft constraints follow those of the readings.
-    distances.truncate(sightings.len());
+    distances.truncate(readings.len());
     let judged = GatedResiduals::from_distances(&distances, options.gate);
     Ok(ContourFit { used: judged.used, squares: judged.squares, distances, ..candidate })
 }

@@ -123,11 +123,11 @@ fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihoo
 /// ```
 pub fn fit(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    let found = fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)?;
-    polish(found, sightings, options)
+    let found = fit_within(kind, readings, options, &ROBUST_THRESHOLDS)?;
+    polish(found, readings, options)
 }
 
 /// Final refinement of the chosen kind by the marginal likelihood (only [`Method::Combined`]).
@@ -139,19 +139,19 @@ pub fn fit(
 /// As [`fit`].
 pub(crate) fn polish(
     found: ContourFit,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
     if options.method != Method::Combined {
         return Ok(found);
     }
-    let sightings = &own_poses(sightings)[..];
+    let readings = &own_poses(readings)[..];
     let model = with_soft_constraints(
-        &contour_model(&found.kind, sightings, options)?,
-        sightings,
+        &contour_model(&found.kind, readings, options)?,
+        readings,
         found.state.as_slice(),
     );
-    combined(&model, sightings, found, options)
+    combined(&model, readings, found, options)
 }
 
 /// As [`fit`], but from a start close to the optimum and without the final refinement.
@@ -162,27 +162,27 @@ pub(crate) fn polish(
 /// As [`fit`].
 pub(crate) fn finish(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
+    fit_within(kind, readings, options, &ROBUST_THRESHOLDS[1..])
 }
 
 /// Fits from every start and returns the most likely plausible result.
 fn fit_within(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
-    let sightings = &own_poses(sightings)[..];
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
-    let model = contour_model(kind, sightings, options)?;
+    let readings = &own_poses(readings)[..];
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
+    let model = contour_model(kind, readings, options)?;
     let mut best: Option<ContourFit> = None;
-    for start in candidates(&model, sightings, options)? {
-        let model = with_soft_constraints(&model, sightings, &start);
+    for start in candidates(&model, readings, options)? {
+        let model = with_soft_constraints(&model, readings, &start);
         // A start may diverge or lose its readings; the others can still succeed.
-        let Ok(found) = fit_from(&model, sightings, &start, options, thresholds) else {
+        let Ok(found) = fit_from(&model, readings, &start, options, thresholds) else {
             continue;
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
@@ -216,17 +216,17 @@ pub(crate) struct RoughFit {
 /// As [`fit`].
 pub(crate) fn rough(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<RoughFit> {
-    let sightings = &own_poses(sightings)[..];
-    let model = contour_model(kind, sightings, options)?;
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    let readings = &own_poses(readings)[..];
+    let model = contour_model(kind, readings, options)?;
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
-    for start in candidates(&model, sightings, options)? {
-        let model = with_soft_constraints(&model, sightings, &start);
-        let (readings, groups) = equations(&model, sightings);
+    for start in candidates(&model, readings, options)? {
+        let model = with_soft_constraints(&model, readings, &start);
+        let (equations, groups) = equations(&model, readings);
         // The bias by curvature and the margin at corners change a BIC by little and cost time.
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
@@ -239,7 +239,7 @@ pub(crate) fn rough(
         // The cost serves as log-likelihood for shared poses, where there is no other.
         let mut cost = f64::INFINITY;
         for threshold in ROBUST_THRESHOLDS {
-            let Ok(found) = fit_implicit(&readings, shared(&model, &groups), &state, &settings(threshold))
+            let Ok(found) = fit_implicit(&equations, shared(&model, &groups), &state, &settings(threshold))
             else {
                 break;
             };
@@ -251,8 +251,8 @@ pub(crate) fn rough(
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let placed = placed(&model, state.as_slice(), sightings, outlier_gate(options));
-        let bic = criterion(kind, state.len(), sightings.len(), placed.log_likelihood.unwrap_or(-cost));
+        let placed = placed(&model, state.as_slice(), readings, outlier_gate(options));
+        let bic = criterion(kind, state.len(), readings.len(), placed.log_likelihood.unwrap_or(-cost));
         if bic.is_finite()
             && stays_near(kind, state.as_slice(), model.pivot, &points)
             && best.as_ref().is_none_or(|b| bic < b.bic)
@@ -267,11 +267,11 @@ pub(crate) fn rough(
 /// Model of the fit without soft constraints; checks that the readings are as many as the unknowns.
 fn contour_model(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourModel> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
-    let times = sightings.iter().map(|s| s.time_s);
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
+    let times = readings.iter().map(|s| s.time_s);
     let model = ContourModel {
         kind: kind.clone(),
         form: options.form,
@@ -279,13 +279,13 @@ fn contour_model(
         pivot: mean(&points),
         // The earliest reading, so that the parameters describe the start of the measurement.
         time_s: if options.motion == PlanarMotion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
-        shared_poses: sightings.iter().any(|s| s.pose.is_some()),
+        shared_poses: readings.iter().any(|s| s.pose.is_some()),
         constraints: Vec::new(),
     };
-    if sightings.len() < model.unknowns() {
+    if readings.len() < model.unknowns() {
         return Err(Error::undetermined(format!(
             "{} cannot determine the {} unknowns of a {kind}: provide at least as many",
-            reading_count(sightings.len()),
+            reading_count(readings.len()),
             model.unknowns()
         )));
     }
@@ -301,14 +301,14 @@ pub(super) fn reading_count(readings: usize) -> String {
 }
 
 /// Adds the smooth joints of a chain and the ends of an open one, both judged at `start`.
-fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], start: &[f64]) -> ContourModel {
+fn with_soft_constraints(model: &ContourModel, readings: &[ContourReading], start: &[f64]) -> ContourModel {
     let mut model = model.clone();
     let theta = &start[..model.kind.parameters()];
     model.constraints = joints(&model.kind, theta).into_iter().map(SoftConstraint::Joint).collect();
     if let ContourKind::Chain { closed: false, .. } = model.kind {
         // Ends are judged in the frame of the contour: motion would blur the extent of the readings.
-        let at_rest = |sighting: &ContourReading| ContourEquation::new(&model, sighting).seen_at_rest(start);
-        let points: Vec<_> = sightings.iter().map(at_rest).collect();
+        let at_rest = |reading: &ContourReading| ContourEquation::new(&model, reading).seen_at_rest(start);
+        let points: Vec<_> = readings.iter().map(at_rest).collect();
         let ends = ends(&model.kind, theta, &points);
         model.constraints.extend(ends.into_iter().map(SoftConstraint::End));
     }
@@ -318,7 +318,7 @@ fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], sta
 /// Starting states: the one in the options, or those that the readings suggest.
 fn candidates(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<Vec<Vec<f64>>> {
     if let Some(start) = &options.start {
@@ -326,8 +326,8 @@ fn candidates(
     }
     // A filter may use its seed only: readings used to initialise are not filtered again.
     let first = match options.method {
-        Method::Batch | Method::Combined => sightings.to_vec(),
-        _ => split_seed(sightings, model).0,
+        Method::Batch | Method::Combined => readings.to_vec(),
+        _ => split_seed(readings, model).0,
     };
     Ok(with_motion(starts(&model.kind, &first)?, model, &first))
 }
@@ -360,41 +360,41 @@ pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Res
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
         constraints: Vec::new(),
     };
-    let (readings, groups) = equations(&model, exact);
-    kanatani_cramer_rao(&readings, shared(&model, &groups), &DVector::from_column_slice(truth))
+    let (equations, groups) = equations(&model, exact);
+    kanatani_cramer_rao(&equations, shared(&model, &groups), &DVector::from_column_slice(truth))
 }
 
 /// Removes the pose numbers if no two readings share one.
 ///
 /// The error of a pose with a single reading is ordinary noise of that reading. It then needs no unknown, and
 /// the correction for curvature covers it.
-fn own_poses(sightings: &[ContourReading]) -> Vec<ContourReading> {
-    let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
+fn own_poses(readings: &[ContourReading]) -> Vec<ContourReading> {
+    let mut poses: Vec<usize> = readings.iter().filter_map(|s| s.pose).collect();
     let all = poses.len();
     poses.sort_unstable();
     poses.dedup();
     let shared = poses.len() < all;
     let pose = |s: &ContourReading| s.pose.filter(|_| shared);
-    sightings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
+    readings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
 }
 
 /// Appends starting velocities: zero, and the mean drift of the points.
-fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[ContourReading]) -> Vec<Vec<f64>> {
+fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, readings: &[ContourReading]) -> Vec<Vec<f64>> {
     let extra = model.motion.unknowns();
     if extra == 0 {
         return thetas;
     }
     // The regression of the points on time is the velocity only if all sides are seen at all times. If the
     // sensor goes around the object, it is wrong, and the start without motion is the better one.
-    let mean_time = sightings.iter().map(|s| s.time_s).sum::<f64>() / sightings.len() as f64;
-    let square: f64 = sightings.iter().map(|s| (s.time_s - mean_time).powi(2)).sum();
+    let mean_time = readings.iter().map(|s| s.time_s).sum::<f64>() / readings.len() as f64;
+    let square: f64 = readings.iter().map(|s| (s.time_s - mean_time).powi(2)).sum();
     let drift = [0, 1].map(|k| {
-        let product: f64 = sightings.iter().map(|s| (s.time_s - mean_time) * s.point()[k]).sum();
+        let product: f64 = readings.iter().map(|s| (s.time_s - mean_time) * s.point()[k]).sum();
         if square > 0.0 { product / square } else { 0.0 }
     });
     let still = thetas.iter().map(|t| [&t[..], &vec![0.0; extra]].concat());
     // Undo the drift before searching for the shape, as the moving points may show no outline at all.
-    let back: Vec<ContourReading> = sightings
+    let back: Vec<ContourReading> = readings
         .iter()
         .map(|s| {
             let p = s.point();
@@ -423,15 +423,15 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Contour
 /// Readings without a pose, and soft constraints, form groups of their own.
 pub(super) fn equations<'a>(
     model: &'a ContourModel,
-    sightings: &'a [ContourReading],
+    readings: &'a [ContourReading],
 ) -> (Vec<ContourEquation<'a>>, Vec<usize>) {
     // Poses get consecutive numbers in their order of appearance. The estimator eliminates them group by
     // group.
     let mut numbers = std::collections::BTreeMap::new();
-    let mut groups = Vec::with_capacity(sightings.len());
+    let mut groups = Vec::with_capacity(readings.len());
     let mut alone = 0;
-    for sighting in sightings {
-        let key = match sighting.pose {
+    for reading in readings {
+        let key = match reading.pose {
             Some(pose) => (false, pose),
             None => {
                 alone += 1;
@@ -442,18 +442,18 @@ pub(super) fn equations<'a>(
         groups.push(*numbers.entry(key).or_insert(next));
     }
     // Soft constraints come last, so that the first distances of a fit are those of the readings.
-    let mut readings: Vec<ContourEquation<'_>> =
-        (sightings.iter()).map(|sighting| ContourEquation::new(model, sighting)).collect();
-    if let Some(sighting) = sightings.first() {
+    let mut equations: Vec<ContourEquation<'_>> =
+        (readings.iter()).map(|reading| ContourEquation::new(model, reading)).collect();
+    if let Some(reading) = readings.first() {
         for &constraint in &model.constraints {
-            groups.push(numbers.len() + readings.len() - sightings.len());
-            readings.push(ContourEquation {
+            groups.push(numbers.len() + equations.len() - readings.len());
+            equations.push(ContourEquation {
                 constraint: Some(constraint),
-                ..ContourEquation::new(model, sighting)
+                ..ContourEquation::new(model, reading)
             });
         }
     }
-    (readings, groups)
+    (equations, groups)
 }
 
 /// Groups of equations that share the three errors of a pose, if any do.
@@ -483,14 +483,14 @@ impl GatedResiduals {
 /// Fits from one start by the method of the options, except for the final refinement.
 fn fit_from(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     start: &[f64],
     options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
-        Method::Batch | Method::Combined => batch(model, sightings, start, options, thresholds),
-        _ => recursive(model, sightings, start, options),
+        Method::Batch | Method::Combined => batch(model, readings, start, options, thresholds),
+        _ => recursive(model, readings, start, options),
     }
 }
 
@@ -500,18 +500,18 @@ fn fit_from(
 /// `Undetermined` if too few readings pass the gate, or if they leave a parameter free.
 pub(super) fn batch(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     start: &[f64],
     options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
-    let (all, groups) = equations(model, sightings);
+    let (all, groups) = equations(model, readings);
     let plain = ImplicitOptions {
         correct_bias: options.correct_bias && options.gate.is_none(),
         ..ImplicitOptions::default()
     };
     let mut at = DVector::from_column_slice(start);
-    let mut used = vec![true; sightings.len()];
+    let mut used = vec![true; readings.len()];
     if let Some(gate) = options.gate {
         // The robust loss only brings the contour into place; its covariance is not used. Hence the loose
         // tolerance and the hard gate below, whose effect on the covariance is small and known.
@@ -534,24 +534,24 @@ pub(super) fn batch(
     }
     // A hard gate instead of weights: the covariance of the last batch is then that of the accepted readings.
     let kept: Vec<ContourReading> =
-        sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
+        readings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
     if kept.len() < model.unknowns() {
         return Err(Error::undetermined("too few readings lie near the contour"));
     }
-    let (readings, kept_groups) = equations(model, &kept);
+    let (equations, kept_groups) = equations(model, &kept);
     let options_here = ImplicitOptions {
         correct_bias: options.correct_bias,
-        margin: corner_margin(model, sightings.len(), options),
+        margin: corner_margin(model, readings.len(), options),
         ..plain
     };
-    let mut found = fit_implicit(&readings, shared(model, &kept_groups), &at, &options_here)?;
-    let mut placed_found = placed(model, found.state.as_slice(), sightings, outlier_gate(options));
+    let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &options_here)?;
+    let mut placed_found = placed(model, found.state.as_slice(), readings, outlier_gate(options));
     if options_here.margin.is_some() && model.kind.pieces() > 2 {
         // If the margin removes many readings, the remaining ones may agree with another phase or size. Fit
         // all readings as well, and compare both results by the likelihood of all.
         let all_count = ImplicitOptions { margin: None, ..options_here };
-        let other = fit_implicit(&readings, shared(model, &kept_groups), &at, &all_count)?;
-        let placed_other = placed(model, other.state.as_slice(), sightings, outlier_gate(options));
+        let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_count)?;
+        let placed_other = placed(model, other.state.as_slice(), readings, outlier_gate(options));
         let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;
         if other.covariance.is_some()
             && (placed_found.log_likelihood.zip(placed_other.log_likelihood))
@@ -565,7 +565,7 @@ pub(super) fn batch(
         return Err(Error::undetermined("the readings leave a parameter of the contour undetermined"));
     };
     // Distances are per accepted reading; map them back to all readings.
-    let mut distances = vec![f64::NAN; sightings.len()];
+    let mut distances = vec![f64::NAN; readings.len()];
     let mut next = found.distances.iter();
     for (distance, used) in distances.iter_mut().zip(&mut used) {
         if *used {

@@ -82,17 +82,17 @@ pub(super) struct LikelihoodAndCoverage {
 pub(super) fn placed(
     model: &ContourModel,
     state: &[f64],
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     gate: f64,
 ) -> LikelihoodAndCoverage {
-    let spots: Vec<Spot> = sightings
+    let spots: Vec<Spot> = readings
         .iter()
-        .map(|sighting| {
-            let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
+        .map(|reading| {
+            let (point, covariance) = ContourEquation::new(model, reading).seen_at_rest(state);
             Spot { point, covariance }
         })
         .collect();
-    let gap = usual_gap(sightings);
+    let gap = usual_gap(readings);
     let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &spots, gap);
     let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
     let (low, high) = extent(&spots);

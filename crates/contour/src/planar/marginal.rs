@@ -76,12 +76,12 @@ pub(super) struct MostLikely {
 /// Returns `None` if the likelihood has no maximum nearby.
 pub(super) fn most_likely(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     start: &DVector<f64>,
     covariance: &DMatrix<f64>,
     gate: f64,
 ) -> Option<MostLikely> {
-    PlaceLikelihood::new(model, sightings, start, covariance, gate)?.climb()
+    PlaceLikelihood::new(model, readings, start, covariance, gate)?.climb()
 }
 
 /// A part of a piece of the outline, from one fraction of its length to another, with an even density of
@@ -96,7 +96,7 @@ struct Cell {
 /// The likelihood as a function of the whitened parameters `u` and of the shares of the cells.
 struct PlaceLikelihood<'a> {
     model: &'a ContourModel,
-    sightings: &'a [ContourReading],
+    readings: &'a [ContourReading],
     start: &'a DVector<f64>,
     /// Cholesky factor of the initial covariance: the state is `start + scale u`. In `u`, one step length
     /// suits all parameters, whatever their units and correlations.
@@ -128,19 +128,19 @@ struct Terms {
 impl<'a> PlaceLikelihood<'a> {
     fn new(
         model: &'a ContourModel,
-        sightings: &'a [ContourReading],
+        readings: &'a [ContourReading],
         start: &'a DVector<f64>,
         covariance: &DMatrix<f64>,
         gate: f64,
     ) -> Option<Self> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
-        let gap = usual_gap(sightings);
-        let spots = spots(model, sightings, start.as_slice());
+        let gap = usual_gap(readings);
+        let spots = spots(model, readings, start.as_slice());
         let pieces = strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &spots, gap);
         // Cells in proportion to length, but at least one per piece.
         let lengths: Vec<f64> = pieces.iter().map(|piece| piece.length(0.0, 1.0)).collect();
         let perimeter = lengths.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let many = sightings.len() as f64 / READINGS_PER_CELL;
+        let many = readings.len() as f64 / READINGS_PER_CELL;
         let mut cells = Vec::new();
         for (piece, length) in lengths.iter().enumerate() {
             let count = (many * length / perimeter).round().clamp(1.0, MAX_CELLS);
@@ -157,7 +157,7 @@ impl<'a> PlaceLikelihood<'a> {
         let sigma = (spots.iter().map(Spot::variance).sum::<f64>() / spots.len() as f64).sqrt();
         // The density of an evenly read outline at the distance of the gate.
         let wild = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self { model, sightings, start, scale, cells, whole, gap, wild })
+        Some(Self { model, readings, start, scale, cells, whole, gap, wild })
     }
 
     /// State of the whitened parameters.
@@ -174,7 +174,7 @@ impl<'a> PlaceLikelihood<'a> {
     /// order.
     fn terms(&self, at: &At) -> Terms {
         let state = self.state(&at.u);
-        let spots = spots(self.model, self.sightings, state.as_slice());
+        let spots = spots(self.model, self.readings, state.as_slice());
         let mut pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
         // `strokes` would end the arc at its last readings, which change with θ.
         if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
@@ -277,7 +277,7 @@ impl<'a> PlaceLikelihood<'a> {
     /// or the readings are many.
     fn information(&self, at: &At) -> Option<Cholesky<f64, Dyn>> {
         let by_curvature = || Cholesky::new(self.curvature(at));
-        let few = self.sightings.len() <= MAX_FOR_CURVATURE;
+        let few = self.readings.len() <= MAX_FOR_CURVATURE;
         let curvature = if few { by_curvature() } else { None };
         curvature.or_else(|| Cholesky::new(self.scores(at).1))
     }
@@ -296,7 +296,7 @@ impl<'a> PlaceLikelihood<'a> {
 
     /// Sum of the scores (the gradient) and of their outer products, which estimates the information.
     fn scores(&self, at: &At) -> (DVector<f64>, DMatrix<f64>) {
-        let (p, k, n) = (at.u.len(), self.cells.len(), self.sightings.len());
+        let (p, k, n) = (at.u.len(), self.cells.len(), self.readings.len());
         let shares = shares(&at.weights);
         let mut scores = DMatrix::zeros(p + k, n);
         for j in 0..p {
@@ -345,7 +345,7 @@ impl<'a> PlaceLikelihood<'a> {
 
     /// Negative second derivatives of the log-posterior: by differences in θ, analytic in the shares.
     fn curvature(&self, at: &At) -> DMatrix<f64> {
-        let (p, k, n) = (at.u.len(), self.cells.len(), self.sightings.len() as f64);
+        let (p, k, n) = (at.u.len(), self.cells.len(), self.readings.len() as f64);
         let shares = shares(&at.weights);
         let here = self.terms(at);
         let sum = |terms: &Terms| terms.logs.iter().sum::<f64>();
@@ -394,19 +394,19 @@ impl<'a> PlaceLikelihood<'a> {
     /// would add noise to the estimate.
     fn expected_scores(&self, at: &At) -> DVector<f64> {
         let state = self.state(&at.u);
-        let spots = spots(self.model, self.sightings, state.as_slice());
+        let spots = spots(self.model, self.readings, state.as_slice());
         let pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
-        let exact: Vec<ContourReading> = (self.sightings.iter().zip(&spots))
-            .map(|(sighting, spot)| sighting.moved_to(nearest(&pieces, spot.point)))
+        let exact: Vec<ContourReading> = (self.readings.iter().zip(&spots))
+            .map(|(reading, spot)| reading.moved_to(nearest(&pieces, spot.point)))
             .collect();
         let mut sum = DVector::zeros(at.u.len() + self.cells.len());
         for axis in 0..MEASURED {
             for side in [-1.0, 1.0] {
                 let sigmas = side * (MEASURED as f64).sqrt();
                 let made: Vec<ContourReading> =
-                    exact.iter().map(|sighting| sighting.with_error(axis, sigmas)).collect();
+                    exact.iter().map(|reading| reading.with_error(axis, sigmas)).collect();
                 let model = PlaceLikelihood {
-                    sightings: &made,
+                    readings: &made,
                     scale: self.scale.clone(),
                     cells: self.cells.clone(),
                     ..*self
@@ -473,10 +473,10 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
 ///
 /// Points of rays are moved outwards by `½ r σ_h²`: for a heading error of σ_h, the mean of `r cos` is
 /// shorter than `r` by that amount.
-fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
-    let one = |sighting: &ContourReading| {
-        let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
-        let away = match sighting.target {
+fn spots(model: &ContourModel, readings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
+    let one = |reading: &ContourReading| {
+        let (point, covariance) = ContourEquation::new(model, reading).seen_at_rest(state);
+        let away = match reading.target {
             ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 // A rotation of the object also rotates the ray. The effect on this second-order term is
                 // negligible.
@@ -487,7 +487,7 @@ fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> V
         };
         Spot { point: [point[0] + away[0], point[1] + away[1]], covariance }
     };
-    sightings.iter().map(one).collect()
+    readings.iter().map(one).collect()
 }
 
 /// The point of an outline that is nearest to `p`.

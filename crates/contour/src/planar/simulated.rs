@@ -133,15 +133,15 @@ pub fn points(kind: &ContourKind, theta: &[f64], count: usize, sigma: f64, seed:
     let mut made = SimulatedReadings::default();
     for line in 0..count {
         let position = places[random.random_range(0..places.len())];
-        let sighting = |position| ContourReading {
+        let reading = |position| ContourReading {
             target: ContourTarget::Point { position, sigma },
             pose: None,
             time_s: 0.0,
             line: line + 2,
         };
-        made.exact.push(sighting(position));
+        made.exact.push(reading(position));
         let noise = [0; 2].map(|_: i32| sigma * random.sample::<f64, _>(StandardNormal));
-        made.noisy.push(sighting([position[0] + noise[0], position[1] + noise[1]]));
+        made.noisy.push(reading([position[0] + noise[0], position[1] + noise[1]]));
     }
     made
 }

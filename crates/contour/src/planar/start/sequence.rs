@@ -129,8 +129,8 @@ impl Sequence {
     ///
     /// The orders are by direction from the centre, by direction from a grid of view points, and that of the
     /// file. For a non-convex outline, some view point often sees all of it.
-    pub(super) fn closed(sightings: &[ContourReading]) -> Self {
-        let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    pub(super) fn closed(readings: &[ContourReading]) -> Self {
+        let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let mut best = around(&points, origin);
         for from in view_points(&points) {
@@ -153,7 +153,7 @@ impl Sequence {
         if area < 0.0 {
             order.reverse();
         }
-        Self::new(sightings, &points, &order, origin, true)
+        Self::new(readings, &points, &order, origin, true)
     }
 
     /// An open sequence that begins at the end with the smaller y (then x).
@@ -163,8 +163,8 @@ impl Sequence {
     /// It is the shortest path among the order of the file and the orders by direction from the mean sensor
     /// position, from far away on either side, and from view points among the readings. Each tour is cut at
     /// its widest step.
-    pub(super) fn open(sightings: &[ContourReading]) -> Option<Self> {
-        let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    pub(super) fn open(readings: &[ContourReading]) -> Option<Self> {
+        let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let cut = |(length, mut order): (f64, Vec<usize>)| {
             let count = order.len();
@@ -177,7 +177,7 @@ impl Sequence {
             order.rotate_left((widest + 1) % count);
             (length - gap, gap, order)
         };
-        let sensors: Vec<[f64; 2]> = (sightings.iter())
+        let sensors: Vec<[f64; 2]> = (readings.iter())
             .filter_map(|s| match s.target {
                 ContourTarget::Range { origin, .. } => Some(origin),
                 ContourTarget::Point { .. } => None,
@@ -200,18 +200,18 @@ impl Sequence {
             }
         }
         let (_, gap, mut order) = best;
-        if gap <= usual_gap(sightings) {
+        if gap <= usual_gap(readings) {
             return None;
         }
         let (first, last) = (points[*order.first()?], points[*order.last()?]);
         if (last[1], last[0]) < (first[1], first[0]) {
             order.reverse();
         }
-        Some(Self::new(sightings, &points, &order, origin, false))
+        Some(Self::new(readings, &points, &order, origin, false))
     }
 
     fn new(
-        sightings: &[ContourReading],
+        readings: &[ContourReading],
         points: &[[f64; 2]],
         order: &[usize],
         origin: [f64; 2],
@@ -225,7 +225,7 @@ impl Sequence {
             let end = if b + 1 < bins { first[b + 1] } else { count };
             for &i in &order[first[b]..end] {
                 let p = [points[i][0] - origin[0], points[i][1] - origin[1]];
-                sums.add(p, sightings[i].covariance());
+                sums.add(p, readings[i].covariance());
             }
         }
         let mut cumulated = vec![Sums::default()];
