@@ -38,7 +38,7 @@ pub struct EstimatedContour {
     /// Covariance of the parameters.
     pub covariance: DMatrix<f64>,
     /// Ends of the observed part; required for a line, ignored otherwise.
-    pub seen: Option<[[f64; 2]; 2]>,
+    pub observed_ends: Option<[[f64; 2]; 2]>,
 }
 
 /// The part of a sketch that belongs to one contour.
@@ -68,8 +68,8 @@ pub struct SketchPart {
 /// // A rectangle rotated by 0.1° with σ = 0.3°: it agrees with an upright one.
 /// let sigmas = DMatrix::from_diagonal(&DVector::from_vec(vec![0.04, 0.04, 0.04, 0.04, 2.7e-5]));
 /// let theta = vec![0.0, 0.0, 40.0, 30.0, 0.00175];
-/// let seen = EstimatedContour { kind: ContourKind::Rectangle, theta, covariance: sigmas, seen: None };
-/// let sketch = Sketch::new(&[seen])?;
+/// let estimate = EstimatedContour { kind: ContourKind::Rectangle, theta, covariance: sigmas, observed_ends: None };
+/// let sketch = Sketch::new(&[estimate])?;
 /// assert_eq!((sketch.drawing.parameters(), sketch.given.len()), (8, 3));
 /// let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };
 /// let found = constrain(&sketch.drawing, &sketch.covariance, &options)?;
@@ -142,7 +142,7 @@ impl Sketch {
             ));
         }
         // Drawn by itself, so that `append` can number its parts after those of the earlier contours.
-        let made = shapes::drawn(kind, theta, contour.seen)?;
+        let made = shapes::drawn(kind, theta, contour.observed_ends)?;
         let first = self.drawing.append(&made.drawing, None);
         self.given.extend(made.given.iter().map(|constraint| constraint.shifted(first)));
         self.parts.push(SketchPart {
@@ -202,7 +202,7 @@ impl Sketch {
 ///
 /// `is_free` is true if the kind has no constraints, so that nothing would remove the second term.
 fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
-    let EstimatedContour { kind, theta, covariance, seen } = contour;
+    let EstimatedContour { kind, theta, covariance, observed_ends } = contour;
     // The parameters of these kinds are the values of the drawing.
     if matches!(kind, ContourKind::Polygon(_) | ContourKind::Circle) {
         return Ok(covariance.clone());
@@ -212,7 +212,7 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     let steps = covariance.diagonal().map(|v| STEP * v.sqrt().max(1e-6 * size.max(f64::MIN_POSITIVE)));
     let theta = DVector::from_column_slice(theta);
     let jacobian = differences(&theta, &steps, |t| {
-        shapes::drawn(kind, t.as_slice(), *seen)
+        shapes::drawn(kind, t.as_slice(), *observed_ends)
             .map_or_else(|_| DVector::zeros(0), |made| made.drawing.values())
     });
     if jacobian.nrows() == 0 {

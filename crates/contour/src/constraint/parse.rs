@@ -46,8 +46,8 @@ struct Words<'a> {
 }
 
 impl Words<'_> {
-    /// Tries the phrases in turn. Order matters where one phrase can occur in a sentence of another: `
-    /// tangent to ` precedes ` at `.
+    /// Tries the phrases in turn. The order matters if a phrase occurs in a sentence of another: `tangent to`
+    /// has to precede `at`.
     fn constraint(&self, text: &str) -> Result<Constraint> {
         let split = |word: &str| text.split_once(word).map(|(a, b)| (a.trim(), b.trim()));
         if let Some(bar) = text.strip_suffix(" horizontal") {

@@ -55,7 +55,7 @@ pub struct Choice {
     pub alternatives: Vec<Alternative>,
 }
 
-/// The kinds that `--kind auto` tries.
+/// The kinds of an automatic choice: all except chains, with polygons of up to eight corners.
 #[must_use]
 pub fn auto_kinds() -> Vec<ContourKind> {
     let mut kinds = vec![
@@ -66,6 +66,7 @@ pub fn auto_kinds() -> Vec<ContourKind> {
         ContourKind::Slot,
         ContourKind::RoundedRectangle,
     ];
+    // A regular polygon of four sides is a rectangle.
     kinds.extend([3, 5, 6, 8].map(ContourKind::RegularPolygon));
     kinds.extend((3..=MAX_SIDES).map(ContourKind::Polygon));
     kinds
@@ -130,7 +131,7 @@ pub fn choose(
             unknowns(simplest)
         )));
     }
-    refuse_one_place(readings)?;
+    reject_coincident_readings(readings)?;
     if let [(kind, options)] = &tried[..] {
         let fit = fit(kind, readings, options)?;
         return Ok(Choice { fit, bic_margin: None, alternatives: Vec::new() });
@@ -234,7 +235,7 @@ fn none_fits(last: Option<Error>) -> Error {
 }
 
 /// Rejects readings whose extent is not larger than their noise: every kind would fit them.
-fn refuse_one_place(readings: &[ContourReading]) -> Result<()> {
+fn reject_coincident_readings(readings: &[ContourReading]) -> Result<()> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut variance = 0.0;
     for reading in readings {

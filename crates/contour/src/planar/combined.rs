@@ -64,8 +64,9 @@ pub(super) fn combined(
     }
     // Distances, gate and χ² at the refined state; a reading may have crossed the gate.
     let (all, _) = equations(model, readings);
-    let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
-    let mut distances = fit_implicit(&all, None, &candidate.state, &look)?.distances;
+    let evaluate_only =
+        ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
+    let mut distances = fit_implicit(&all, None, &candidate.state, &evaluate_only)?.distances;
     // The equations of soft constraints follow those of the readings.
     distances.truncate(readings.len());
     let judged = GatedResiduals::from_distances(&distances, options.gate);

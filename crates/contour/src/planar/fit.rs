@@ -8,7 +8,7 @@ use super::combined::combined;
 use super::ends::ends;
 use super::joints::joints;
 use super::kind::ContourKind;
-use super::likelihood::placed;
+use super::likelihood::marginal_likelihood;
 use super::options::{ContourFitOptions, Method, corner_margin, gate_cost, outlier_gate};
 use super::plausible::{corners_are_real, stays_near};
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, Form, PlanarMotion};
@@ -251,8 +251,10 @@ pub(crate) fn rough(
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let placed = placed(&model, state.as_slice(), readings, outlier_gate(options));
-        let bic = criterion(kind, state.len(), readings.len(), placed.log_likelihood.unwrap_or(-cost));
+        let marginal_likelihood =
+            marginal_likelihood(&model, state.as_slice(), readings, outlier_gate(options));
+        let bic =
+            criterion(kind, state.len(), readings.len(), marginal_likelihood.log_likelihood.unwrap_or(-cost));
         if bic.is_finite()
             && stays_near(kind, state.as_slice(), model.pivot, &points)
             && best.as_ref().is_none_or(|b| bic < b.bic)
@@ -307,8 +309,9 @@ fn with_soft_constraints(model: &ContourModel, readings: &[ContourReading], star
     model.constraints = joints(&model.kind, theta).into_iter().map(SoftConstraint::Joint).collect();
     if let ContourKind::Chain { closed: false, .. } = model.kind {
         // Ends are judged in the frame of the contour: motion would blur the extent of the readings.
-        let at_rest = |reading: &ContourReading| ContourEquation::new(&model, reading).seen_at_rest(start);
-        let points: Vec<_> = readings.iter().map(at_rest).collect();
+        let at_reference_time =
+            |reading: &ContourReading| ContourEquation::new(&model, reading).point_at_reference_time(start);
+        let points: Vec<_> = readings.iter().map(at_reference_time).collect();
         let ends = ends(&model.kind, theta, &points);
         model.constraints.extend(ends.into_iter().map(SoftConstraint::End));
     }
@@ -526,9 +529,9 @@ pub(super) fn batch(
             at = fit_implicit(&all, shared(model, &groups), &at, &robust)?.state;
         }
         // Zero iterations evaluate the distances without moving the contour.
-        let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
-        let seen = fit_implicit(&all, shared(model, &groups), &at, &look)?;
-        for (used, distance) in used.iter_mut().zip(&seen.distances) {
+        let evaluate_only = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
+        let evaluated = fit_implicit(&all, shared(model, &groups), &at, &evaluate_only)?;
+        for (used, distance) in used.iter_mut().zip(&evaluated.distances) {
             *used = distance.abs() <= gate;
         }
     }
@@ -545,19 +548,21 @@ pub(super) fn batch(
         ..plain
     };
     let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &options_here)?;
-    let mut placed_found = placed(model, found.state.as_slice(), readings, outlier_gate(options));
+    let mut likelihood_found =
+        marginal_likelihood(model, found.state.as_slice(), readings, outlier_gate(options));
     if options_here.margin.is_some() && model.kind.pieces() > 2 {
         // If the margin removes many readings, the remaining ones may agree with another phase or size. Fit
         // all readings as well, and compare both results by the likelihood of all.
         let all_count = ImplicitOptions { margin: None, ..options_here };
         let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_count)?;
-        let placed_other = placed(model, other.state.as_slice(), readings, outlier_gate(options));
+        let likelihood_other =
+            marginal_likelihood(model, other.state.as_slice(), readings, outlier_gate(options));
         let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;
         if other.covariance.is_some()
-            && (placed_found.log_likelihood.zip(placed_other.log_likelihood))
+            && (likelihood_found.log_likelihood.zip(likelihood_other.log_likelihood))
                 .is_some_and(|(of, all)| is_lost(of, all))
         {
-            (found, placed_found) = (other, placed_other);
+            (found, likelihood_found) = (other, likelihood_other);
         }
     }
     // A singular information matrix: a parameter can change without a change of any distance.
@@ -581,8 +586,8 @@ pub(super) fn batch(
         distances,
         used,
         squares: 2.0 * found.loss,
-        min_side_coverage: placed_found.min_side_coverage,
-        log_likelihood: (placed_found.log_likelihood)
+        min_side_coverage: likelihood_found.min_side_coverage,
+        log_likelihood: (likelihood_found.log_likelihood)
             .unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: model.pivot,

@@ -18,7 +18,7 @@
 //! structural models* (steps from the squares of scores).
 
 use super::kind::ContourKind;
-use super::likelihood::{Spot, Stroke, strokes};
+use super::likelihood::{MeasuredPoint, Stroke, strokes};
 use super::parts::usual_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, PlanarMotion};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -108,7 +108,7 @@ struct PlaceLikelihood<'a> {
     whole: Option<(f64, f64)>,
     gap: f64,
     /// Density of outliers times the variance of a reading.
-    wild: f64,
+    outlier_density: f64,
 }
 
 /// Point at which the likelihood is evaluated: whitened parameters and unnormalised log-shares.
@@ -135,8 +135,9 @@ impl<'a> PlaceLikelihood<'a> {
     ) -> Option<Self> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
         let gap = usual_gap(readings);
-        let spots = spots(model, readings, start.as_slice());
-        let pieces = strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &spots, gap);
+        let measured_points = measured_points(model, readings, start.as_slice());
+        let pieces =
+            strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &measured_points, gap);
         // Cells in proportion to length, but at least one per piece.
         let lengths: Vec<f64> = pieces.iter().map(|piece| piece.length(0.0, 1.0)).collect();
         let perimeter = lengths.iter().sum::<f64>().max(f64::MIN_POSITIVE);
@@ -154,10 +155,12 @@ impl<'a> PlaceLikelihood<'a> {
             [Stroke::Round { from, sweep, .. }] if sweep >= MIN_WHOLE_SWEEP => Some((from, TAU)),
             _ => None,
         };
-        let sigma = (spots.iter().map(Spot::variance).sum::<f64>() / spots.len() as f64).sqrt();
+        let sigma = (measured_points.iter().map(MeasuredPoint::variance).sum::<f64>()
+            / measured_points.len() as f64)
+            .sqrt();
         // The density of an evenly read outline at the distance of the gate.
-        let wild = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self { model, readings, start, scale, cells, whole, gap, wild })
+        let outlier_density = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
+        Some(Self { model, readings, start, scale, cells, whole, gap, outlier_density })
     }
 
     /// State of the whitened parameters.
@@ -174,8 +177,8 @@ impl<'a> PlaceLikelihood<'a> {
     /// order.
     fn terms(&self, at: &At) -> Terms {
         let state = self.state(&at.u);
-        let spots = spots(self.model, self.readings, state.as_slice());
-        let mut pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
+        let measured_points = measured_points(self.model, self.readings, state.as_slice());
+        let mut pieces = strokes(&self.model.kind, self.theta(&state), &measured_points, self.gap);
         // `strokes` would end the arc at its last readings, which change with θ.
         if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
             (*from, *sweep) = whole;
@@ -183,18 +186,18 @@ impl<'a> PlaceLikelihood<'a> {
         let parts: Vec<Part> = (self.cells.iter().zip(&shares(&at.weights)))
             .map(|(cell, share)| Part::new(&pieces[cell.piece], cell, *share))
             .collect();
-        let mut chances = DMatrix::zeros(parts.len(), spots.len());
-        let one = |(spot, chances): (&Spot, &mut [f64])| {
-            let mut total = self.wild / spot.variance().max(f64::MIN_POSITIVE);
+        let mut chances = DMatrix::zeros(parts.len(), measured_points.len());
+        let one = |(measured, chances): (&MeasuredPoint, &mut [f64])| {
+            let mut total = self.outlier_density / measured.variance().max(f64::MIN_POSITIVE);
             for (chance, part) in chances.iter_mut().zip(&parts) {
-                *chance = part.density(spot);
+                *chance = part.density(measured);
                 total += *chance;
             }
             // The probability of an outlier is the rest to one.
             chances.iter_mut().for_each(|chance| *chance /= total);
             total.ln()
         };
-        let logs = (spots.par_iter())
+        let logs = (measured_points.par_iter())
             .zip(chances.as_mut_slice().par_chunks_mut(parts.len()))
             .with_min_len(READINGS_PER_THREAD)
             .map(one)
@@ -394,10 +397,10 @@ impl<'a> PlaceLikelihood<'a> {
     /// would add noise to the estimate.
     fn expected_scores(&self, at: &At) -> DVector<f64> {
         let state = self.state(&at.u);
-        let spots = spots(self.model, self.readings, state.as_slice());
-        let pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
-        let exact: Vec<ContourReading> = (self.readings.iter().zip(&spots))
-            .map(|(reading, spot)| reading.moved_to(nearest(&pieces, spot.point)))
+        let measured_points = measured_points(self.model, self.readings, state.as_slice());
+        let pieces = strokes(&self.model.kind, self.theta(&state), &measured_points, self.gap);
+        let exact: Vec<ContourReading> = (self.readings.iter().zip(&measured_points))
+            .map(|(reading, measured)| reading.moved_to(nearest(&pieces, measured.point)))
             .collect();
         let mut sum = DVector::zeros(at.u.len() + self.cells.len());
         for axis in 0..MEASURED {
@@ -451,13 +454,14 @@ impl Part {
     }
 
     /// Density of a reading from this cell; 0 if it is too far to matter.
-    fn density(&self, spot: &Spot) -> f64 {
+    fn density(&self, measured: &MeasuredPoint) -> f64 {
         // A bounding circle, since most cells are far from a reading and exponentials are costly.
-        let away = (spot.point[0] - self.middle[0]).hypot(spot.point[1] - self.middle[1]) - self.reach;
-        if away > 0.0 && away * away > FARTHEST * FARTHEST * spot.variance() {
+        let away =
+            (measured.point[0] - self.middle[0]).hypot(measured.point[1] - self.middle[1]) - self.reach;
+        if away > 0.0 && away * away > FARTHEST * FARTHEST * measured.variance() {
             return 0.0;
         }
-        self.rate * self.stroke.density(spot)
+        self.rate * self.stroke.density(measured)
     }
 }
 
@@ -473,9 +477,9 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
 ///
 /// Points of rays are moved outwards by `½ r σ_h²`: for a heading error of σ_h, the mean of `r cos` is
 /// shorter than `r` by that amount.
-fn spots(model: &ContourModel, readings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
+fn measured_points(model: &ContourModel, readings: &[ContourReading], state: &[f64]) -> Vec<MeasuredPoint> {
     let one = |reading: &ContourReading| {
-        let (point, covariance) = ContourEquation::new(model, reading).seen_at_rest(state);
+        let (point, covariance) = ContourEquation::new(model, reading).point_at_reference_time(state);
         let away = match reading.target {
             ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 // A rotation of the object also rotates the ray. The effect on this second-order term is
@@ -485,7 +489,7 @@ fn spots(model: &ContourModel, readings: &[ContourReading], state: &[f64]) -> Ve
             }
             ContourTarget::Point { .. } => [0.0; 2],
         };
-        Spot { point: [point[0] + away[0], point[1] + away[1]], covariance }
+        MeasuredPoint { point: [point[0] + away[0], point[1] + away[1]], covariance }
     };
     readings.iter().map(one).collect()
 }

@@ -283,7 +283,7 @@ impl<'a> ContourEquation<'a> {
     }
 
     /// The measured point and its covariance `[xx, xy, yy]`, carried back to the reference time.
-    pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
+    pub(crate) fn point_at_reference_time(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
         let (p, [cos, sin], _) = self.carried_back(x, self.reading.point());
         let [xx, xy, yy] = self.reading.covariance();
         // R C Rᵀ, written out.
@@ -475,7 +475,7 @@ impl ImplicitReading for ContourEquation<'_> {
             return None;
         }
         let k = self.model.kind.parameters();
-        let (p, covariance) = self.seen_at_rest(x);
+        let (p, covariance) = self.point_at_reference_time(x);
         nearest_piece(&self.model.kind, &x[..k], p, covariance)
     }
 

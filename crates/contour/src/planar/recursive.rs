@@ -4,7 +4,7 @@
 //! it. The batch provides that state.
 
 use super::fit::{ContourFit, GatedResiduals, ROBUST_THRESHOLDS, batch, equations, shared};
-use super::likelihood::placed;
+use super::likelihood::marginal_likelihood;
 use super::options::{ContourFitOptions, Method, corner_margin, outlier_gate};
 use super::reading::{ContourEquation, ContourModel, ContourReading};
 use nalgebra::DMatrix;
@@ -81,22 +81,23 @@ pub(super) fn recursive(
     // Distances of all readings to the final contour, those of the seed included. Zero iterations evaluate
     // them without moving the contour.
     let (all, groups) = equations(model, readings);
-    let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
-    let mut seen = fit_implicit(&all, shared(model, &groups), &state, &look)?;
+    let evaluate_only =
+        ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
+    let mut evaluated = fit_implicit(&all, shared(model, &groups), &state, &evaluate_only)?;
     // The equations of soft constraints follow those of the readings.
-    seen.distances.truncate(readings.len());
+    evaluated.distances.truncate(readings.len());
     let GatedResiduals { used, squares, log_likelihood: by_distance } =
-        GatedResiduals::from_distances(&seen.distances, options.gate);
-    let placed = placed(model, state.as_slice(), readings, outlier_gate(options));
+        GatedResiduals::from_distances(&evaluated.distances, options.gate);
+    let marginal_likelihood = marginal_likelihood(model, state.as_slice(), readings, outlier_gate(options));
     Ok(ContourFit {
         kind: model.kind.clone(),
         state,
         covariance,
-        distances: seen.distances,
+        distances: evaluated.distances,
         used,
         squares,
-        min_side_coverage: placed.min_side_coverage,
-        log_likelihood: placed.log_likelihood.unwrap_or(by_distance),
+        min_side_coverage: marginal_likelihood.min_side_coverage,
+        log_likelihood: marginal_likelihood.log_likelihood.unwrap_or(by_distance),
         termination: Termination::Converged,
         pivot: model.pivot,
         time_s: model.time_s,

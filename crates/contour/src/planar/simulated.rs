@@ -102,9 +102,10 @@ pub fn ranges(
                 time_s: time,
                 line: made.exact.len() + 2,
             };
-            let wild = random.random::<f64>() < options.outlier_share;
+            let is_outlier = random.random::<f64>() < options.outlier_share;
             let error: f64 = random.sample(StandardNormal);
-            let read = if wild { range * random.random_range(0.5..2.0) } else { range + sigma[3] * error };
+            let read =
+                if is_outlier { range * random.random_range(0.5..2.0) } else { range + sigma[3] * error };
             made.noisy.push(ContourReading {
                 target: ContourTarget::Range {
                     origin: [origin[0] + sigma[0] * errors[0], origin[1] + sigma[1] * errors[1]],

@@ -31,7 +31,7 @@ pub enum RayTarget {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// The measured values.
-    pub seen: RayTarget,
+    pub target: RayTarget,
     /// Line in the file of origin, or index of the reading.
     pub line: usize,
 }
@@ -45,7 +45,7 @@ impl Ray {
 
     /// Number of measured values.
     fn noises(&self) -> usize {
-        match self.seen {
+        match self.target {
             RayTarget::Range { .. } => 6,
             RayTarget::Point { .. } => 3,
         }
@@ -54,7 +54,7 @@ impl Ray {
     /// The point corrected by the whitened noise `u`, and its derivatives by `u`.
     fn place(&self, u: &[f64]) -> (Vector3<f64>, [Vector3<f64>; 6]) {
         let mut by_noise = [Vector3::zeros(); 6];
-        match self.seen {
+        match self.target {
             RayTarget::Point { position, sigma } => {
                 for (k, column) in by_noise.iter_mut().enumerate().take(3) {
                     column[k] = -sigma;

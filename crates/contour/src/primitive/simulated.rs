@@ -132,8 +132,8 @@ pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed
         // The standoff is measured from the centre, but the sensor must stay outside of the shape.
         let range = sensor.standoff - (place - center).norm().min(0.9 * sensor.standoff);
         let origin = place + rotation * back * range;
-        let look = place - origin;
-        let direction_rad = [look.y.atan2(look.x), look.z.atan2(look.x.hypot(look.y))];
+        let towards = place - origin;
+        let direction_rad = [towards.y.atan2(towards.x), towards.z.atan2(towards.x.hypot(towards.y))];
         let sigma_range = sensor.sigma_range_share * range;
         let [position, angle] = [sensor.sigma_position, sensor.sigma_angle_rad];
         let sigma = [position, position, position, angle, angle, sigma_range];
@@ -145,8 +145,8 @@ pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed
             sigma,
         };
         let exact = RayTarget::Range { origin: origin.into(), direction_rad, range, sigma };
-        made.noisy.push(Ray { seen: noisy, line: line + 2 });
-        made.exact.push(Ray { seen: exact, line: line + 2 });
+        made.noisy.push(Ray { target: noisy, line: line + 2 });
+        made.exact.push(Ray { target: exact, line: line + 2 });
     }
     made
 }

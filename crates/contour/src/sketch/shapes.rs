@@ -12,19 +12,23 @@ pub(super) struct Drawn {
 }
 
 /// Draws a contour. The order of parts is the one that [`parameters`] reads.
-pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> Result<Drawn> {
+pub(super) fn drawn(
+    kind: &ContourKind,
+    theta: &[f64],
+    observed_ends: Option<[[f64; 2]; 2]>,
+) -> Result<Drawn> {
     let mut drawing = ParametricDrawing::default();
     let mut given = Vec::new();
     match kind {
         ContourKind::Line => {
-            let Some(seen) = seen else {
+            let Some(observed_ends) = observed_ends else {
                 return Err(Error::input(
                     "a line without ends cannot be drawn: expected the ends of its observed part",
                 ));
             };
             let (sin, cos) = theta[0].sin_cos();
             // The ends of the observed part lie near the line, not on it: project them.
-            let [a, b] = seen.map(|p| {
+            let [a, b] = observed_ends.map(|p| {
                 let along = cos * p[0] + sin * p[1];
                 drawing.point([along * cos - theta[1] * sin, along * sin + theta[1] * cos])
             });
