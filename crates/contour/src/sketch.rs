@@ -68,7 +68,8 @@ pub struct SketchPart {
 /// // A rectangle rotated by 0.1° with σ = 0.3°: it agrees with an upright one.
 /// let sigmas = DMatrix::from_diagonal(&DVector::from_vec(vec![0.04, 0.04, 0.04, 0.04, 2.7e-5]));
 /// let theta = vec![0.0, 0.0, 40.0, 30.0, 0.00175];
-/// let estimate = EstimatedContour { kind: ContourKind::Rectangle, theta, covariance: sigmas, observed_ends: None };
+/// let kind = ContourKind::Rectangle;
+/// let estimate = EstimatedContour { kind, theta, covariance: sigmas, observed_ends: None };
 /// let sketch = Sketch::new(&[estimate])?;
 /// assert_eq!((sketch.drawing.parameters(), sketch.given.len()), (8, 3));
 /// let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };
@@ -223,6 +224,8 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     if is_free {
         return Ok(along);
     }
+    // The size of the added variance is arbitrary, as the constraints remove it; the largest one of the
+    // estimate keeps the matrix well-conditioned.
     let largest = SymmetricEigen::new(along.clone()).eigenvalues.amax();
     // Unit columns: angles and lengths may differ by orders of magnitude, and QR would lose the small ones.
     let mut columns = jacobian;
@@ -247,6 +250,7 @@ fn differences(
             below[i] -= steps[i];
             above[i] += steps[i];
             let (low, high) = (f(&below), f(&above));
+            // A step can make a contour invalid; it then has no drawing.
             if low.len() == high.len() { (high - low) / (above[i] - below[i]) } else { DVector::zeros(0) }
         })
         .collect();

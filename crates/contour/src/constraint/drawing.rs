@@ -131,6 +131,7 @@ impl ParametricDrawing {
         // Work on a copy: an error in a later bar must not leave half of the polygon behind.
         let mut larger = self.clone();
         let points: Vec<PointId> = vertices.iter().map(|&vertex| larger.point(vertex)).collect();
+        // The last bar returns to the first point.
         let next = points.iter().cycle().skip(1);
         let bars =
             points.iter().zip(next).map(|(&start, &end)| larger.bar(start, end)).collect::<Result<_>>()?;
@@ -162,6 +163,7 @@ impl ParametricDrawing {
                 self.point_name(end)
             )));
         }
+        // Bars have no parameters of their own: two bars that share a point move together.
         self.bars.push(Bar { start, end, axis: false });
         Ok(BarId(self.bars.len() as u32 - 1))
     }
@@ -188,6 +190,8 @@ impl ParametricDrawing {
             return Err(Error::input(format!("the radius of a circle must be positive, found {radius}")));
         }
         let number = self.circles.len() + 1;
+        // The centre is a point of the drawing, which other parts may share; only the radius is a new
+        // parameter.
         self.circles.push(Circle { centre, radius: self.values.len() });
         self.circle_names.push(format!("circle {number}"));
         self.values.push(radius);
@@ -198,6 +202,8 @@ impl ParametricDrawing {
     /// Adds an arc of a circle, counter-clockwise from `start` to `end`. [`Self::arc_constraints`] put these
     /// points on the circle.
     pub fn arc(&mut self, circle: CircleId, start: PointId, end: PointId) -> ArcId {
+        // The end points are independent parameters. Angles on the circle instead would prevent sharing them
+        // with bars.
         self.arcs.push(Arc { circle, start, end });
         ArcId(self.arcs.len() as u32 - 1)
     }

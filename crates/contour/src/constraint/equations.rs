@@ -122,6 +122,7 @@ impl<'a> ConstraintEquations<'a> {
         let mut residuals = DVector::zeros(self.len());
         let mut jacobian = DMatrix::zeros(self.len(), x.len());
         for (row, equation) in self.at(x.as_slice()).iter().enumerate() {
+            // One scale for lengths and angles, so that a single tolerance suits both.
             let factor = if equation.is_length { 1.0 / self.scale } else { 1.0 };
             residuals[row] = factor * equation.residual;
             for &(parameter, slope) in &equation.gradient {

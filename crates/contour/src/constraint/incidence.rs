@@ -94,6 +94,7 @@ impl Incidence {
     #[must_use]
     pub fn is_matching(&self, pairs: &[(usize, usize)]) -> bool {
         let of = self.parameters_of_equations();
+        // Both sides need a check: a list of pairs can repeat either.
         let mut seen = (vec![false; self.parameters.len()], vec![false; of.len()]);
         pairs.iter().all(|&(parameter, equation)| {
             let is_entry = of.get(equation).is_some_and(|list| list.contains(&parameter));
@@ -128,6 +129,7 @@ impl Incidence {
 ///
 /// `matched` holds the partner of each left node.
 fn augment(neighbours: &[Vec<usize>], right: usize, matched: &mut [Option<usize>]) {
+    // Start from the given matching instead of an empty one: it is kept as far as possible.
     let mut partner = vec![None; right];
     for (left, found) in matched.iter().enumerate() {
         if let Some(found) = found {
@@ -153,6 +155,7 @@ fn layers(
     let mut layers: Vec<usize> =
         matched.iter().map(|found| if found.is_none() { 0 } else { usize::MAX }).collect();
     let mut queue: VecDeque<usize> = (0..matched.len()).filter(|&left| matched[left].is_none()).collect();
+    // The search does not stop at the first free right node: the whole layer is needed for disjoint paths.
     let mut ends = false;
     while let Some(left) = queue.pop_front() {
         for &right in &neighbours[left] {

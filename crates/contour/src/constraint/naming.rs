@@ -46,6 +46,7 @@ impl Constraint {
             Self::Radius { circle, value } => (&[], &[], &[*circle], *value),
         };
         let count = [drawing.points().count(), drawing.bars().count(), drawing.circles().count()];
+        // Counted from 1 in the message, as names of parts are.
         let missing = (points.iter().map(|p| ("point", p.0, count[0])))
             .chain(bars.iter().map(|b| ("bar", b.0, count[1])))
             .chain(circles.iter().map(|c| ("circle", c.0, count[2])))

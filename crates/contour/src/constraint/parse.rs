@@ -118,6 +118,7 @@ impl Words<'_> {
 
     /// `a tangent to b`.
     fn tangent(&self, a: &str, b: &str) -> Result<Constraint> {
+        // The first part decides between two circles, and a bar with a circle.
         if let Ok(first) = self.circle(a) {
             let b = self.circle(b)?;
             let inside = is_inside(self.drawing, first, b);
@@ -128,6 +129,7 @@ impl Words<'_> {
             let (circle, point) = (self.circle(circle)?, self.point(point)?);
             return Ok(Constraint::TangentAt { bar, circle, point });
         }
+        // The text does not state the side; the drawn one is meant.
         let circle = self.circle(b)?;
         let left = is_left(self.drawing, circle, bar);
         Ok(Constraint::Tangent { bar, circle, left })

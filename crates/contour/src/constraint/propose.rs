@@ -361,6 +361,8 @@ impl Search {
             }
             let parameters = candidates[i].constraint.parameters(&self.estimate);
             let is_apart = parameters.iter().all(|&parameter| !used[parameter]);
+            // The best candidate may fail its test: it is then refused with the conflicting set. Others must
+            // pass here.
             let passes = best.is_empty() || test.p_value >= self.options.level / self.tests as f64;
             if is_apart && passes && is_linear(&candidates[i], now, &self.covariance) {
                 if best.is_empty() {

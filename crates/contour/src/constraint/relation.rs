@@ -247,6 +247,7 @@ impl<'a> Builder<'a> {
     }
 
     fn line_between(&self, a: PointId, b: PointId) -> Line {
+        // A length of zero gives NaN, which `Equation::is_finite` detects.
         let d = self.between(a, b);
         let length = d[0].hypot(d[1]);
         let along = [d[0] / length, d[1] / length];
@@ -392,6 +393,7 @@ impl Constraint {
                 new.add_radius(b, of_b);
                 new.plus(0.0)
             }
+            // A difference, not a ratio: σ is a length for short and long bars alike.
             Self::EqualLength { a, b } => {
                 let ([a0, a1], [b0, b1]) = (drawing.ends(a), drawing.ends(b));
                 new.add_distance(a0, a1, 1.0);
@@ -419,10 +421,12 @@ impl Constraint {
             Self::Coincident { a, b } => {
                 return (0..2).map(|axis| difference(drawing, x, [a, b], axis)).collect();
             }
+            // The midpoint lies on the axis, and the line through both points is perpendicular to it.
             Self::Symmetric { a, b, about } => {
                 new.add_offset(&[(a, 0.5), (b, 0.5)], about, 1.0);
                 return vec![new.plus(0.0), along(drawing, x, [a, b], about)];
             }
+            // A distance minus a radius: a length, unlike a difference of squares.
             Self::PointOnCircle { point, circle } => {
                 new.add_distance(drawing.centre(circle), point, 1.0);
                 new.add_radius(circle, -1.0);
@@ -461,6 +465,7 @@ impl Constraint {
             Self::Distance { value, .. } | Self::PointLineDistance { value, .. } if *value == 0.0 => {
                 return None;
             }
+            // Exact comparison: these values are stated, not computed.
             Self::Angle { radians, .. } if (*radians / FRAC_PI_2).fract() == 0.0 => return None,
             Self::Angle { radians, .. } => *radians = wrapped(*radians + found),
             Self::Distance { value, .. }

@@ -148,8 +148,10 @@ pub fn snap(
         p_value: constrained.p_value,
         implied: Vec::new(),
     };
+    // Snapped dimensions are imposed together with everything before, from the unconstrained estimate.
     let mut constraints = constrained.constraints.clone();
     let mut report: Vec<Option<Snap>> = vec![None; dimensions.len()];
+    // Bonferroni: the level is for all dimensions together.
     let level = search.options.level / dimensions.len().max(1) as f64;
     // Each round tests all remaining dimensions anew: a snapped one reduces the σ of others, or fixes them.
     for _ in 0..dimensions.len() {

@@ -112,6 +112,7 @@ const MAX_COMBINATIONS: usize = 100_000;
 /// Weiss-Cohen, Bondarenko and Halevi 2009, section 5.
 pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Composite> {
     check(views, tolerance, gate)?;
+    // All vertices that the coordinates allow; the search below keeps those connected to the first one.
     let candidates = agreeing(views, tolerance, gate)?;
     if candidates.is_empty() {
         return Err(Error::undetermined(
@@ -255,6 +256,7 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
         }
         partial = grown;
     }
+    // Two views with different axes cover all three coordinates, so that none is unknown.
     let coordinate = |known: Known| known.unwrap_or((f64::NAN, f64::NAN));
     Ok(partial
         .into_iter()
@@ -300,6 +302,7 @@ fn fused(
 fn step(views: &[SketchView<'_>], from: &CompositeVertex, to: &CompositeVertex) -> Option<bool> {
     let mut has_distance = false;
     for (view, (&p, &q)) in views.iter().zip(from.points.iter().zip(&to.points)) {
+        // An edge parallel to the line of sight appears as a point.
         if p == q {
             continue;
         }
@@ -344,6 +347,7 @@ fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledG
     }
     for (i, vertex) in vertices.iter().enumerate() {
         let label = if i == 0 { "initial".to_owned() } else { format!("V{}", i + 1) };
+        // Links between successive views suffice: with three views, the chain joins all of them.
         for view in 1..views.len() {
             graph.arcs.push(LabelledArc {
                 from: first[view - 1] + vertex.points[view - 1].0 as usize,

@@ -100,6 +100,7 @@ fn full(incidence: &Incidence) -> LabelledGraph {
     for (equation, parameters) in incidence.parameters_of_equations().iter().enumerate() {
         for (k, &a) in parameters.iter().enumerate() {
             for &b in &parameters[k + 1..] {
+                // Undirected: one arc for both orders.
                 labels.entry((a.min(b), a.max(b))).or_default().push(label(equation));
             }
         }
@@ -115,6 +116,7 @@ fn full(incidence: &Incidence) -> LabelledGraph {
 /// The bipartite graph.
 fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
     let mut nodes = parameter_nodes(incidence);
+    // Equations follow the parameters in one list of nodes.
     let first = nodes.len();
     nodes.extend((0..incidence.equations()).map(|equation| node(&label(equation), "constraint")));
     let arcs = incidence

@@ -266,6 +266,7 @@ impl ContourKind {
                         local[axis] += corner[axis][k] * theta[index];
                     }
                 }
+                // Rotation: the derivative of R p is R J p.
                 out[4] += body[1] * local[0] - body[0] * local[1];
             }
         }
@@ -275,6 +276,7 @@ impl ContourKind {
     pub(crate) fn bulge(&self, theta: &[f64], i: usize) -> (f64, Option<usize>) {
         match self {
             // Only chains have free bulges: those of slots and rounded rectangles follow from the kind.
+            // The ends of a slot are half circles, of bulge tan(π/4) = 1.
             Self::Slot => (if i % 2 == 1 { 1.0 } else { 0.0 }, None),
             Self::RoundedRectangle => (if i % 2 == 1 { QUARTER } else { 0.0 }, None),
             Self::Chain { arcs, closed } if arcs[i] => {
@@ -302,7 +304,8 @@ impl ContourKind {
         let h = 0.5;
         match self {
             Self::RoundedRectangle => {
-                // The two ends of the straight part of each side, from the bottom's left end.
+                // Ends of the straight part of each side, counter-clockwise from the left end of the bottom
+                // side: even pieces are sides, odd ones are corner arcs.
                 const ENDS: [[[f64; 3]; 2]; 8] = [
                     [[-0.5, 0.0, 1.0], [0.0, -0.5, 0.0]],
                     [[0.5, 0.0, -1.0], [0.0, -0.5, 0.0]],

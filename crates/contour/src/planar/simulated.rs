@@ -69,6 +69,7 @@ pub fn ranges(
         return SimulatedReadings::default();
     };
     let places = along(kind, theta, &outline.vertices);
+    // Only used for sweeps; single readings have poses of their own anyway.
     let mut made = SimulatedReadings::default();
     let mut pose = 0;
     while made.exact.len() < count {

@@ -51,6 +51,7 @@ impl SimulatedPrimitive {
         let r = self.rotation();
         let axis = |k: usize| {
             let n = r.matrix().column(k).into_owned();
+            // The sign convention of the fit, so that both can be compared.
             if n[n.iamax()] < 0.0 { -n } else { n }
         };
         let mut values = self.center.to_vec();

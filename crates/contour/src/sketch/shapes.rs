@@ -168,6 +168,7 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
         ContourKind::Slot => {
             let (a, b) = (at(0), at(1));
             let along = between(a, b);
+            // Both radii are equal under the constraint of the kind; the mean serves before it is imposed.
             let radius = 0.5 * (x[4] + x[5]);
             vec![
                 0.5 * (a[0] + b[0]),
@@ -179,6 +180,7 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
         }
         ContourKind::RegularPolygon(sides) => {
             let center = middle(*sides);
+            // All corners are equivalent under the constraints; the first one defines size and angle.
             let first = between(center, at(0));
             vec![center[0], center[1], length(first), angle(first)]
         }

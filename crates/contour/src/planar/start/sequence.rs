@@ -166,6 +166,7 @@ impl Sequence {
     pub(super) fn open(readings: &[ContourReading]) -> Option<Self> {
         let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
+        // An open path is a closed tour without its widest step.
         let cut = |(length, mut order): (f64, Vec<usize>)| {
             let count = order.len();
             let step = |k: usize| {
