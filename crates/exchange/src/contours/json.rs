@@ -166,7 +166,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
             0.5 * (contour.covariance[i][j] + contour.covariance[j][i]) / (names[i].1 * names[j].1)
         }),
         kind,
-        seen: contour.ends,
+        observed_ends: contour.ends,
     })
 }
 

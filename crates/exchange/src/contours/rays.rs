@@ -55,7 +55,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
                 Some(header) => {
                     let row = Row::parse(line, header, number)?;
                     rays.push(Ray {
-                        seen: seen(&row, header.has("range"), number, defaults)?,
+                        target: seen(&row, header.has("range"), number, defaults)?,
                         line: number as usize,
                     });
                 }

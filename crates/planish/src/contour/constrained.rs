@@ -298,7 +298,7 @@ fn estimated(part: &Part, seen: Option<[[f64; 2]; 2]>) -> EstimatedContour {
         theta: (0..n).map(|i| values[i] / factors[i]).collect(),
         covariance: DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (factors[i] * factors[j])),
         kind,
-        seen,
+        observed_ends: seen,
     }
 }
 

@@ -23,7 +23,7 @@ fn noisy(kind: ContourKind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) 
         kind,
         theta: truth.iter().zip(off.iter()).map(|(t, o)| t + o).collect(),
         covariance: &root * root.transpose(),
-        seen: None,
+        observed_ends: None,
     }
 }
 
