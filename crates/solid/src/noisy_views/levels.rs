@@ -294,7 +294,7 @@ pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyVie
     };
     let chi_square = worst.chi_square(alone);
     Error::input(format!(
-        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one thing, at one scale, \
+        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one object, at one scale, \
          in one frame",
         said(&worst.a),
         said(&worst.b),

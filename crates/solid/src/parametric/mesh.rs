@@ -227,7 +227,7 @@ impl ParametricShape {
             on_surface: &|at| face.surface.point([at[0] / steps[0], at[1] / steps[1]]),
             is_flat: face.surface.is_plane(),
             tolerance: fineness.chord,
-            most_points: MAX_POINTS,
+            max_points: MAX_POINTS,
         };
         let mut triangles = filling.triangles(&mut positions)?;
         // At a pole some have two corners in it.

@@ -77,7 +77,7 @@ fn a_line_that_the_solid_does_not_have_is_named() {
     drawing.views[0].curves.push(stray);
     let [named] = &compared(&solid, &drawing)[..] else { panic!("needed one difference") };
     assert_eq!((named.view, named.entity.as_deref()), (ViewKind::Front, Some("LINE 7F (line 12)")));
-    assert_eq!(named.why, "a hidden line is drawn, and the solid has none there");
+    assert_eq!(named.why, "a hidden line is drawn, but the solid has no line there");
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn a_line_that_is_not_drawn_is_found() {
     assert!(!found.is_empty());
     for named in found {
         assert_eq!((named.view, named.entity), (ViewKind::Top, None));
-        assert_eq!(named.why, "the solid shows a visible line, and none is drawn");
+        assert_eq!(named.why, "the solid shows a visible line, but none is drawn");
         let off = (named.at[0] - 20.0).hypot(named.at[1] - 15.0) - 3.0;
         assert!(off.abs() < 1e-3, "{off}");
     }
@@ -103,8 +103,8 @@ fn a_hidden_line_drawn_visible_and_a_visible_one_drawn_hidden_are_told_apart() {
     curve(&mut drawing, 1, "wide circle").style = LineStyle::Hidden;
     let found = compared(&solid, &drawing);
     let says = |view, why: &str| found.iter().any(|d| d.view == view && d.why == why);
-    assert!(says(ViewKind::Side, "a visible line is drawn, and the solid has it hidden there"), "{found:?}");
-    assert!(says(ViewKind::Top, "the solid shows a visible line, and it is drawn hidden"), "{found:?}");
+    assert!(says(ViewKind::Side, "a line is drawn visible, but it is hidden in the solid"), "{found:?}");
+    assert!(says(ViewKind::Top, "the solid shows a visible line, but it is drawn hidden"), "{found:?}");
     assert!(found.iter().all(|d| d.view != ViewKind::Front));
 }
 
