@@ -2,8 +2,7 @@
 //!
 //! Input: vertices, edges with curves, faces with surfaces and loops, as read from a file. Output: triangles
 //! whose corners lie on the surfaces and edges, and a list of the faces that could not be filled. Each edge
-//! is
-//! divided into chords once, and all of its faces share them, so neighbouring triangles match.
+//! is divided into chords once, and all of its faces share them, so neighbouring triangles match.
 //!
 //! A face is filled in the parameters of its surface. Loops are projected there point by point, starting
 //! from the previous parameters. A loop that winds around a periodic surface is joined by a bridge to the

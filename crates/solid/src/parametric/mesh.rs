@@ -40,7 +40,7 @@ pub struct Meshed {
     /// Faces that share edges, in the order of their first face.
     pub parts: Vec<Part>,
     /// Faces that could not be filled.
-    pub left_out: Vec<SkippedFace>,
+    pub skipped: Vec<SkippedFace>,
 }
 
 /// Numbers of a face's own points begin here, those of edges' points at 0.
@@ -258,7 +258,7 @@ impl ParametricShape {
                 Some(Ok(filled)) => Some(filled),
                 Some(Err(e)) => {
                     let reason = e.to_string();
-                    meshed.left_out.push(SkippedFace { face, reason });
+                    meshed.skipped.push(SkippedFace { face, reason });
                     None
                 }
                 None => None,

@@ -47,7 +47,7 @@ fn face(surface: ParametricSurface, is_outward: bool, loops: Vec<Vec<(usize, boo
 /// The one part of a shape, its area and what the check of its mesh says.
 fn meshed(shape: &ParametricShape, fineness: &Fineness) -> (TriangleMesh, f64, planish_mesh::MeshCheck) {
     let made = shape.triangles(fineness).unwrap();
-    assert!(made.left_out.is_empty(), "{:?}", made.left_out);
+    assert!(made.skipped.is_empty(), "{:?}", made.skipped);
     assert_eq!(made.parts.len(), 1);
     let part = made.parts[0].clone();
     let mesh = TriangleMesh::try_new(part.positions, part.triangles).unwrap();
@@ -174,7 +174,7 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
     let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(made.left_out[0].reason.contains("one loop runs around it"), "{:?}", made.left_out);
+    assert!(made.skipped[0].reason.contains("one loop runs around it"), "{:?}", made.skipped);
 }
 
 #[test]
@@ -322,7 +322,7 @@ fn what_does_not_fit_is_an_error_or_left_out() {
     let edge = circle(&mut shape, [9.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
     shape.faces.push(face(sphere(), true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(made.parts.is_empty() && made.left_out[0].reason.contains("off its surface"));
+    assert!(made.parts.is_empty() && made.skipped[0].reason.contains("off its surface"));
     // A plane that nothing bounds.
     let plane = elementary(crate::brep::FaceSurface::Plane {
         origin: [0.0; 3],
@@ -331,6 +331,6 @@ fn what_does_not_fit_is_an_error_or_left_out() {
     });
     let mut shape = ParametricShape::default();
     shape.faces.push(face(plane, true, Vec::new()));
-    assert_eq!(shape.triangles(&FINE).unwrap().left_out[0].reason, "nothing bounds it");
+    assert_eq!(shape.triangles(&FINE).unwrap().skipped[0].reason, "nothing bounds it");
     assert!(sphere().poles().iter().all(|p| p.value.abs() == FRAC_PI_2));
 }

@@ -185,8 +185,8 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
                 return Err(Error::unsupported("two loops run around the axis in the same direction"));
             };
             if has_period[usize::from(!is_swapped)] {
-                // On a torus, the second loop is a period away or not. The face is on the left of the first
-                // loop, so the second one is the next on that side.
+                // On a torus, both parameters are angles, so the second loop may be off by a whole turn. The
+                // face is on the left of the first loop, and the second one is the next on that side.
                 let up = if face.outward == is_swapped { -1.0 } else { 1.0 };
                 let apart = up * (loops[second][0].at[1] - loops[first][0].at[1]);
                 let shift = up * (apart.rem_euclid(TAU) - apart);

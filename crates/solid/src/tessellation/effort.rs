@@ -61,8 +61,7 @@ fn widest(radius: f64, tolerance: f64) -> f64 {
     angle.min(WIDEST_CHORD)
 }
 
-/// Approximate number of chords of an edge. Unlike the exact number it is not rounded, so the estimate is a
-/// monotonic function of the tolerance.
+/// Approximate number of chords of an edge.
 fn chords(edge: &Edge, tolerance: f64) -> f64 {
     let range = edge.range[1] - edge.range[0];
     match &edge.curve {
