@@ -11,22 +11,22 @@ use planish_estimate::{Error, Result};
 use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// A coordinate that a view shows.
+/// A coordinate along an axis of space in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SpacePlace {
-    /// The axis of space.
+    /// Axis of space.
     pub(super) axis: usize,
     pub(super) view: usize,
-    /// In the drawing of all views.
+    /// Point or circle in the drawing of all views.
     pub(super) place: Place,
 }
 
 /// A coordinate along an axis of space, with all places that share it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisCoordinate {
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation.
     pub sigma: f64,
     /// Places with this coordinate, in the drawing of all views.
     pub places: Vec<Place>,
@@ -35,26 +35,28 @@ pub struct AxisCoordinate {
 /// Two coordinates that were compared.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpaceMatch {
-    /// The axis of space.
+    /// Axis of space: `x`, `y` or `z`.
     pub axis: &'static str,
-    /// The two views, by their place.
+    /// Indices of the two views.
     pub views: [usize; 2],
-    /// In words.
+    /// Description of the two coordinates.
     pub text: String,
-    /// χ² of their difference, of one degree of freedom, in the views as they are.
+    /// χ² of their difference, with one degree of freedom, before the match is imposed.
     pub chi_square: f64,
-    /// The probability of a χ² at least as large when they are one.
+    /// Probability of a χ² at least as large if the coordinates are equal.
     pub p_value: f64,
-    /// The share of the extent that would have passed.
+    /// Share of the extent within which a coordinate would have passed the test.
     pub chance: f64,
-    /// `imposed`, `implied` by others, `refused` for others, or `unclear`.
+    /// `imposed`, `implied` by others, `refused` because of others, `unclear`, or `end` for common ends.
     pub outcome: &'static str,
 }
 
-/// Two coordinates are one where what imposed left of their difference is this share of what it was.
+/// Two coordinates are merged if σ of their difference is below this share of their own σ.
+///
+/// Imposing a constraint makes this σ zero except for rounding.
 const MERGED_SHARE: f64 = 1e-6;
 
-/// Every coordinate that corners and circles of the views reach.
+/// All coordinates of corners and extremes of circles in the views.
 pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing) -> Result<Vec<SpacePlace>> {
     let mut found = Vec::new();
     for (view, noisy) in views.iter().enumerate() {
@@ -81,7 +83,7 @@ pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing)
     Ok(found)
 }
 
-/// The coordinates that a contour reaches along one axis of its view.
+/// The coordinates of a contour along one axis of its view.
 fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> Vec<Place> {
     let point = |i: u32| PointId(offset.points + part.first.points + i);
     let circle = |i: u32| CircleId(offset.circles + part.first.circles + i);
@@ -116,12 +118,13 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> 
     }
 }
 
+/// True if a circle belongs to a contour.
 fn in_part(part: &SketchPart, offset: Offset, circle: CircleId) -> bool {
     let first = offset.circles + part.first.circles;
     (first..first + part.count.circles).contains(&circle.0)
 }
 
-/// Whether an arc passes through its circle's largest or least coordinate.
+/// True if an arc contains the point of its circle with the maximum (`upper`) or minimum coordinate.
 fn reaches(
     drawing: &Drawing,
     circle: CircleId,
@@ -146,7 +149,7 @@ fn reaches(
     (quarter * FRAC_PI_2 - from).rem_euclid(TAU) < sweep
 }
 
-/// Pairs of coordinates along one axis that are not one already.
+/// Pairs of coordinates along one axis that are not merged already.
 pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Candidate> {
     let groups = groups(places, alone);
     let mut found = Vec::new();
@@ -168,7 +171,7 @@ pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Cand
     found
 }
 
-/// Places by what they are one with, each group and its members in the order of the places.
+/// Groups of merged places. Groups and their members are in the order of the places.
 fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
     let values = state.drawing.values();
     let mut groups: Vec<Vec<usize>> = Vec::new();
@@ -185,6 +188,7 @@ fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
     groups
 }
 
+/// True if two coordinates are equal, and known to be equal: not only by chance.
 fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
     let apart = (a.value(&state.drawing, x) - b.value(&state.drawing, x)).abs();
     let together = sigma(&Constraint::Aligned { a, b }, &state.drawing, &state.covariance);
@@ -201,7 +205,7 @@ fn place_sigma(place: Place, state: &Constrained) -> f64 {
     variance.max(0.0).sqrt()
 }
 
-/// The levels of each axis, ascending.
+/// The distinct coordinates along each axis, ascending.
 pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<AxisCoordinate>; 3] {
     let values = state.drawing.values();
     let mut levels: [Vec<AxisCoordinate>; 3] = Default::default();
@@ -219,7 +223,7 @@ pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<AxisCoo
     levels
 }
 
-/// Where two views that share an axis end.
+/// A common end of two views that share an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct End {
     a: SpacePlace,
@@ -227,11 +231,12 @@ pub(super) struct End {
 }
 
 impl End {
-    /// That they end together.
+    /// The constraint that both ends are equal.
     pub(super) fn constraint(&self) -> Constraint {
         Constraint::Aligned { a: self.a.place, b: self.b.place }
     }
 
+    /// χ² of the difference of the two ends.
     fn chi_square(&self, alone: &Constrained) -> f64 {
         let values = alone.drawing.values();
         let [a, b] = [self.a, self.b].map(|end| end.place.value(&alone.drawing, values.as_slice()));
@@ -239,8 +244,8 @@ impl End {
         ((a - b) / spread.max(f64::MIN_POSITIVE)).powi(2)
     }
 
-    /// What is told of it.
-    pub(super) fn said(&self, alone: &Constrained) -> SpaceMatch {
+    /// The end as a tested match.
+    pub(super) fn to_match(&self, alone: &Constrained) -> SpaceMatch {
         let chi_square = self.chi_square(alone);
         SpaceMatch {
             axis: ["x", "y", "z"][self.a.axis],
@@ -254,7 +259,7 @@ impl End {
     }
 }
 
-/// The ends of views that share an axis, in pairs of views.
+/// The common ends of views that share an axis, for each two consecutive views.
 pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> Vec<End> {
     let values = alone.drawing.values();
     let value = |end: &SpacePlace| end.place.value(&alone.drawing, values.as_slice());
@@ -275,8 +280,8 @@ pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> 
     found
 }
 
-/// Names the ends that agree least.
-pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
+/// The error for views of different objects, with the ends that differ most.
+pub(super) fn different_objects(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
     let worst = ends.iter().max_by(|a, b| a.chi_square(alone).total_cmp(&b.chi_square(alone)));
     let Some(worst) = worst else {
         return Error::undetermined("the views share no axis");

@@ -148,7 +148,7 @@ fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
 }
 
 #[test]
-fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
+fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
     let cylinder = elementary(crate::brep::FaceSurface::Cylinder {
         origin: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
@@ -174,11 +174,11 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
     let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(made.skipped[0].reason.contains("one loop runs around it"), "{:?}", made.skipped);
+    assert!(made.skipped[0].reason.contains("one loop runs around the surface"), "{:?}", made.skipped);
 }
 
 #[test]
-fn a_cone_reaches_its_tip_and_beyond() {
+fn faces_of_a_cone_at_and_beyond_its_apex_are_filled() {
     let cone = elementary(crate::brep::FaceSurface::Cone {
         origin: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
@@ -312,7 +312,7 @@ fn faces_that_are_written_apart_share_edges_once_welded() {
 }
 
 #[test]
-fn what_does_not_fit_is_an_error_or_left_out() {
+fn invalid_indices_are_errors_and_invalid_faces_are_skipped() {
     let mut shape = ParametricShape::default();
     assert!(shape.triangles(&Fineness { chord: 0.0, ..FINE }).is_err());
     shape.faces.push(face(sphere(), true, vec![vec![(3, true)]]));
@@ -331,6 +331,7 @@ fn what_does_not_fit_is_an_error_or_left_out() {
     });
     let mut shape = ParametricShape::default();
     shape.faces.push(face(plane, true, Vec::new()));
-    assert_eq!(shape.triangles(&FINE).unwrap().skipped[0].reason, "nothing bounds it");
+    let reason = "the face has no loops and its surface is unbounded";
+    assert_eq!(shape.triangles(&FINE).unwrap().skipped[0].reason, reason);
     assert!(sphere().poles().iter().all(|p| p.value.abs() == FRAC_PI_2));
 }
