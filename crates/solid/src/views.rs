@@ -35,6 +35,7 @@ mod cells;
 mod circles;
 mod column;
 mod drawing_grid;
+mod edge_splines;
 mod joined;
 mod oblique;
 mod oblique_sight;

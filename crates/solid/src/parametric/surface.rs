@@ -370,8 +370,7 @@ impl<'a> Feet<'a> {
 }
 
 /// Parameters of a point on an elementary surface, including parts that have crossed its axis: beyond the
-/// apex of a cone, and the inner part of a torus whose minor radius exceeds the major one. ISO 10303-42
-/// allows these.
+/// apex of a cone, and the inner part of a torus whose minor radius exceeds the major one.
 fn elementary(surface: &brep::FaceSurface, p: [f64; 3]) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     let beyond = match *surface {
