@@ -122,6 +122,8 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
     for view in views {
         first.push(drawing.parameters());
         let offset = drawing.append(&view.sketch.drawing, Some(&format!("{} ", view.kind.name())));
+        // Identifiers of points and circles are numbered within a view; in the common drawing they are
+        // shifted.
         let own = view.sketch.given.iter().chain(&view.constraints);
         given.extend(own.map(|constraint| constraint.shifted(offset)));
         offsets.push(offset);
@@ -154,6 +156,8 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
     let candidates: Vec<Candidate> = levels::candidates(&places, &ended);
     let found = constrain_among(&drawing, &covariance, &candidates, &base)?;
     let levels = levels::levels(&places, &found);
+    // Without the share of the constraints within views, which says nothing about their agreement. Rounding
+    // can make the difference slightly negative.
     let degrees = found.degrees - alone.degrees;
     let chi_square = (found.chi_square - alone.chi_square).max(0.0);
     Ok(ConsistentViews {

@@ -45,6 +45,8 @@ impl Solid {
                 }
             }
         }
+        // One use in each direction makes the boundary closed, manifold along edges, and oriented. A seam has
+        // both uses in one face.
         if let Some(edge) = used.iter().position(|u| *u != [1, 1]) {
             return Err(Error::input(format!(
                 "edge {edge}: needed one use in each direction, found {} backward and {} forward",

@@ -55,6 +55,7 @@ impl Solid {
                 faces_of[coedge.edge].push(index);
             }
         }
+        // All faces of an edge belong to one body, because shells are connected by edges.
         let body_of_edge = |edge: usize| faces_of[edge].first().map(|f| body_of[*f]);
         let mut found = Vec::new();
         let boxes: Vec<[[f64; 3]; 2]> = self.edges.iter().map(|e| bounds(e, tolerance)).collect();
@@ -135,6 +136,7 @@ impl Edge {
         let off = |k: &usize| norm(sub(points[*k], p));
         let nearest = (0..points.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let mut t = from + step * nearest as f64;
+        // Gauss–Newton converges fast for points near the edge; farther ones need no exact distance.
         for _ in 0..8 {
             let d = self.curve.derivative(t);
             let square = dot(d, d);

@@ -52,6 +52,8 @@ impl EdgeCurve {
         match self {
             Self::Line { origin, direction } => along(*origin, t, *direction),
             Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
+            // Cubic Hermite basis. Points and derivatives are shared by neighbouring pieces, so the curve has
+            // a continuous tangent.
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
                 let (s2, s3) = (s * s, s * s * s);
@@ -207,6 +209,7 @@ impl FaceSurface {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 [b.atan2(a), h.atan2(a.hypot(b))]
             }
+            // By atan2 instead of acos or asin, which lose half of the digits near the poles.
             Self::Torus { center, axis, x, major, .. } => {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 [b.atan2(a), h.atan2(a.hypot(b) - major)]
@@ -245,6 +248,8 @@ impl FaceSurface {
                 let d = sub(p, *origin);
                 unit(along(d, -dot(d, *axis), *axis))
             }
+            // The gradient of the signed distance: outwards and, since the cone widens along the axis,
+            // against it.
             Self::Cone { origin, axis, half_angle_rad, .. } => {
                 let d = sub(p, *origin);
                 let out = unit(along(d, -dot(d, *axis), *axis));
@@ -276,6 +281,8 @@ impl FaceSurface {
                 let d = sub(p, *origin);
                 norm(along(d, -dot(d, *axis), *axis)) - radius
             }
+            // Measured in the half plane of the point and the axis, from the line of the cone extended beyond
+            // the apex. There, the nearest point of the cone is the apex itself, which is farther away.
             Self::Cone { origin, axis, x, radius, half_angle_rad } => {
                 let [a, b, h] = about(p, *origin, *axis, *x);
                 (a.hypot(b) - radius) * half_angle_rad.cos() - h * half_angle_rad.sin()

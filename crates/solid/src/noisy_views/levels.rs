@@ -138,6 +138,8 @@ fn reaches(
         let p = drawing.position(point);
         (p[1] - centre[1]).atan2(p[0] - centre[0])
     };
+    // The extreme lies at a multiple of 90° and is part of the arc if the counter-clockwise angle from the
+    // start is below the sweep.
     let quarter = match (axis, upper) {
         (Axis::X, true) => 0.0,
         (Axis::Y, true) => 1.0,
@@ -151,6 +153,8 @@ fn reaches(
 
 /// Pairs of coordinates along one axis that are not merged already.
 pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Candidate> {
+    // One pair for each two groups: all members of a group are equal already, so further pairs would repeat
+    // the test and weaken the family-wise level.
     let groups = groups(places, alone);
     let mut found = Vec::new();
     for axis in 0..3 {
@@ -190,6 +194,8 @@ fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
 
 /// True if two coordinates are equal, and known to be equal: not only by chance.
 fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
+    // Equal values alone may be a coincidence of estimates. σ of the difference is zero only if a constraint
+    // makes them equal.
     let apart = (a.value(&state.drawing, x) - b.value(&state.drawing, x)).abs();
     let together = sigma(&Constraint::Aligned { a, b }, &state.drawing, &state.covariance);
     let each = [a, b].map(|place| place_sigma(place, state));
@@ -264,6 +270,7 @@ pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> 
     let values = alone.drawing.values();
     let value = |end: &SpacePlace| end.place.value(&alone.drawing, values.as_slice());
     let mut found = Vec::new();
+    // Consecutive pairs are enough: three equal ends need two equations, and a third would be redundant.
     for axis in 0..3 {
         for upper in [false, true] {
             let last = |view: usize| {
@@ -287,7 +294,7 @@ pub(super) fn different_objects(ends: &[End], alone: &Constrained, views: &[Nois
         return Error::undetermined("the views share no axis");
     };
     let values = alone.drawing.values();
-    let said = |end: &SpacePlace| {
+    let describe = |end: &SpacePlace| {
         format!(
             "the {} view ends at {} = {:.6} ± {:.2e} ({})",
             views[end.view].kind.name(),
@@ -301,8 +308,8 @@ pub(super) fn different_objects(ends: &[End], alone: &Constrained, views: &[Nois
     Error::input(format!(
         "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one object, at one scale, \
          in one frame",
-        said(&worst.a),
-        said(&worst.b),
+        describe(&worst.a),
+        describe(&worst.b),
         chi_square_tail(chi_square, 1)
     ))
 }

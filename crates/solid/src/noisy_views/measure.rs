@@ -84,6 +84,7 @@ impl ConsistentViews {
     /// Each diameter is listed once, although a hole has two circular edges.
     #[must_use]
     pub fn dimensions(&self, solid: &Solid) -> Vec<SpaceDimension> {
+        // σ of an extent needs the covariance of both ends: common errors of a view cancel in the difference.
         let mut found = Vec::new();
         for (axis, levels) in self.levels.iter().enumerate() {
             if let (Some(low), Some(high)) = (levels.first(), levels.last()) {

@@ -141,6 +141,8 @@ impl ParametricCurve {
         let inside = |t: f64| if period.is_some() { t } else { t.clamp(lo, hi) };
         let refine = |mut t: f64| {
             let mut value = square(t);
+            // Gauss–Newton without second derivatives: it converges quadratically for points on the curve,
+            // which is the usual case for ends of edges.
             for _ in 0..40 {
                 let (q, d) = self.at(t);
                 let (r, d) = (residual(q), turned(d));
@@ -163,6 +165,7 @@ impl ParametricCurve {
             }
             (value, t)
         };
+        // The guess is refined first. The best result is taken, so a wrong guess does no harm.
         let mut starts: Vec<f64> = guess.into_iter().collect();
         let places = self.places();
         let values: Vec<f64> = places.iter().map(|t| square(*t)).collect();
@@ -211,10 +214,13 @@ impl ParametricCurve {
             |n: usize| -> Vec<f64> { (0..=n).map(|k| from + (to - from) * k as f64 / n as f64).collect() };
         match self {
             Self::Line { .. } => vec![from, to],
+            // The bound keeps ranges of many turns, which damaged files may contain, from using all memory.
             Self::Ellipse { .. } => even((((to - from) / FRAC_PI_6).ceil() as usize).clamp(2, 1000)),
             Self::Hyperbola { .. } | Self::Parabola { .. } => even(8),
             Self::Spline(spline) => {
                 let own = spline.breaks();
+                // A range of a closed spline may begin anywhere and cross the seam, so its knots are
+                // repeated.
                 let shifts: Vec<f64> = match self.period() {
                     Some(period) => {
                         let first = ((from - own[0]) / period).floor();
@@ -244,6 +250,7 @@ impl ParametricCurve {
     #[must_use]
     pub fn range(&self, [from, to]: [[f64; 3]; 2], is_closed: bool) -> [f64; 2] {
         let first = self.parameter(from, None);
+        // Equal ends of an open periodic range mean a whole turn, not none.
         match self.period() {
             Some(period) if is_closed => [first, first + period],
             Some(period) => {

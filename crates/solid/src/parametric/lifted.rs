@@ -90,6 +90,8 @@ impl Lifter<'_> {
                 corners.push(Corner { vertex, at });
                 continue;
             }
+            // The previous parameters are the guess: on a surface that passes nearby twice, the loop then
+            // stays on its part.
             let mut at = self.foot(points[k], last, size)?;
             let before = (k + n - 1) % n;
             if let (Some(pole), Some(last)) = (at_pole[before], last) {

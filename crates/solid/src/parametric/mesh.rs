@@ -249,6 +249,8 @@ impl ParametricShape {
         if rings.is_empty() && face.loops.iter().any(|l| !l.is_empty()) && face.surface.poles().is_empty() {
             return Err(Error::unsupported("its loops have fewer than three points"));
         }
+        // A numbering of its own for each face, so that the triangulation does not depend on the other faces
+        // and faces can be filled in parallel.
         let mut local_of: HashMap<u32, u32> = HashMap::new();
         let mut global = Vec::new();
         for v in rings.iter_mut().flat_map(|r| &mut r.vertices) {

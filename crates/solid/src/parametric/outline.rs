@@ -77,6 +77,9 @@ impl<'a> Outliner<'a> {
         if loops.iter().any(|l| l.windings[0] != 0 && l.windings[1] != 0) {
             return Err(Error::unsupported("a loop winds around along both parameters"));
         }
+        // Loops that wind around both parameters of a torus would need a cut along both, which is not
+        // supported.
+        // `k` is the parameter around which loops wind.
         let along = [0, 1].into_iter().find(|k| loops.iter().any(|l| l.windings[*k] != 0));
         let Some(k) = along else {
             return self.unwound(loops.into_iter().map(|l| l.corners).collect(), is_seamed);
@@ -128,6 +131,7 @@ impl<'a> Outliner<'a> {
         let mut rest = sorted.into_iter().map(|(_, corners)| corners);
         match (rest.next(), rest.next()) {
             (Some(on), Some(mut back)) => {
+                // On a torus, the second loop is moved by whole periods to be the next one on the left.
                 if let Some(period) = self.lifter.periods[across] {
                     let up = if k == 0 { 1.0 } else { -1.0 };
                     let apart = up * (mean(&back) - mean(&on));
@@ -146,6 +150,7 @@ impl<'a> Outliner<'a> {
     fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
         let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
+        // A cone has only one pole, so the stated direction of its loop is not needed to choose it.
         match of(!is_above).or(of(is_above)).copied() {
             Some(pole) => {
                 let vertex = self.positions.len() as u32;
@@ -190,6 +195,7 @@ impl<'a> Outliner<'a> {
         if let Some(k) = closed
             && (loops.is_empty() || !is_seamed && signed_area(&loops) < 0.0)
         {
+            // A negative area: the loops are holes, and the face is the rest of the surface.
             return self.complement(k, loops);
         }
         match loops.is_empty() {
@@ -214,6 +220,7 @@ impl<'a> Outliner<'a> {
             }
             Some(period) => {
                 let lo = self.surface.domain()[across].map_or(0.0, |d| d[0]);
+                // The added line must not cross a hole: it is a side of the polygon.
                 let is_free = |x: f64| {
                     holes.iter().all(|hole| {
                         let (a, b) = extent(hole, across);
@@ -269,6 +276,7 @@ impl<'a> Outliner<'a> {
             }
             return Ok(vec![self.joined(k, [low, high], &[])?]);
         }
+        // Counter-clockwise around the domain; a collapsed side needs only one point.
         let corners = [[u[0], v[0]], [u[1], v[0]], [u[1], v[1]], [u[0], v[1]]];
         let mut polygon: Vec<Corner> = Vec::new();
         for side in 0..4 {
@@ -366,6 +374,7 @@ impl<'a> Outliner<'a> {
         let (stride_on, stride_back) = (on.len().div_ceil(400), back.len().div_ceil(400));
         for i in (0..on.len()).step_by(stride_on) {
             for j in (0..back.len()).step_by(stride_back) {
+                // Bridges with little change of the periodic parameter come first, then short ones.
                 let lean = (near(back[j].at[k], on[i].at[k]) - on[i].at[k]) / period;
                 let up = (back[j].at[across] - on[i].at[across]).abs();
                 pairs.push((lean.abs() + 1e-3 * up / (1.0 + up), i, j));
@@ -380,6 +389,7 @@ impl<'a> Outliner<'a> {
             !loops.iter().any(|l| {
                 (0..l.len()).any(|i| {
                     let (p, q) = (&l[i], &l[(i + 1) % l.len()]);
+                    // Sides at the ends of the bridge touch it, which is no crossing.
                     if ends.contains(&p.vertex) || ends.contains(&q.vertex) {
                         return false;
                     }
@@ -446,6 +456,7 @@ impl<'a> Outliner<'a> {
         let mut sums = [0.0; 2];
         let mut counts = [0.0_f64; 2];
         for corner in corners.iter().step_by(corners.len().div_ceil(100).max(1)) {
+            // At a pole, a derivative is zero and says nothing about the size of the face.
             let (_, slopes) = self.surface.at(corner.at);
             for c in 0..2 {
                 let length = norm(slopes[c]);

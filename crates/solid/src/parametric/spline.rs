@@ -87,6 +87,7 @@ impl Knots {
         while span > p && k[span] >= k[span + 1] {
             span -= 1;
         }
+        // The triangular scheme of de Boor and Cox: sums of positive terms only, so nothing cancels.
         let mut value = [0.0; MAX_DEGREE + 1];
         let mut lower = [0.0; MAX_DEGREE + 1];
         value[0] = 1.0;
@@ -291,6 +292,7 @@ impl SplineSurface {
         poles: &[[f64; 3]],
         weights: Option<&[f64]>,
     ) -> Result<Self> {
+        // The numbers of control points follow from the knots, and their product is checked against the list.
         let count = |knots: &Vec<f64>, degree: usize| knots.len().saturating_sub(degree + 1);
         let (n_u, n_v) = (count(&knots_u, degrees[0]), count(&knots_v, degrees[1]));
         if n_u.checked_mul(n_v) != Some(poles.len()) {
@@ -307,6 +309,7 @@ impl SplineSurface {
             poles: homogeneous(poles, weights)?,
             is_closed: [false; 2],
         };
+        // Found by comparing points: files do not state it reliably, and seams may be only nearly closed.
         made.is_closed = [0, 1].map(|k| made.closes(k));
         Ok(made)
     }

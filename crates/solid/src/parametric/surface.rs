@@ -137,6 +137,7 @@ impl ParametricSurface {
 
     /// The unit normal `S_u × S_v`; at a pole, where a derivative vanishes, that of a point beside it.
     fn normal(&self, at: [f64; 2]) -> Option<[f64; 3]> {
+        // Nearly parallel derivatives give a normal that is only rounding, so they count as a pole, too.
         let of = |at: [f64; 2]| {
             let (_, [u, v]) = self.at(at);
             unit(cross(u, v)).filter(|_| norm(cross(u, v)) > 1e-9 * (dot(u, u) + dot(v, v)))
@@ -184,6 +185,7 @@ impl ParametricSurface {
     /// spline on its axis.
     #[must_use]
     pub fn poles(&self) -> Vec<Pole> {
+        // All values of the free parameter give the same point, so any value within the domain serves.
         let pole = |constant: usize, value: f64, is_low: bool| {
             let mut at = [0, 1].map(|k| self.domain()[k].map_or(0.0, |d| d[0]));
             at[constant] = value;
@@ -225,12 +227,14 @@ impl ParametricSurface {
     fn collapsed_sides(&self) -> impl Iterator<Item = (usize, f64, bool)> {
         let domain = self.domain();
         let periods = self.periods();
+        // The size is a distance to the middle of the surface: a corner may coincide with another corner.
         let size = match domain {
             [Some(u), Some(v)] => {
                 distance(self.point([u[0], v[0]]), self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]))
             }
             _ => 0.0,
         };
+        // A periodic parameter has no ends at which a side could collapse.
         (0..2)
             .filter_map(move |k| match (domain[k], domain[1 - k], periods[k]) {
                 (Some(d), Some(across), None) => Some((k, d, across)),
@@ -348,6 +352,7 @@ impl<'a> Feet<'a> {
         guess: Option<[f64; 2]>,
         close: f64,
     ) -> [f64; 2] {
+        // Along a loop, the previous foot is nearly always close, and the samples are never made.
         let near = guess.map(|g| foot(surface, p, g, &self.periods));
         if let Some((off, at)) = near
             && off <= close
@@ -359,6 +364,7 @@ impl<'a> Feet<'a> {
         }
         let mut order: Vec<(f64, [f64; 2])> =
             self.places.iter().map(|(at, q)| (distance(p, *q), *at)).collect();
+        // A selection instead of a sort: only the six nearest of up to 25,921 samples are needed.
         let few = order.len().min(6);
         if few > 0 {
             order.select_nth_unstable_by(few - 1, |a, b| a.0.total_cmp(&b.0));
@@ -419,6 +425,7 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], 
         let mut t = start;
         let mut value = square(t);
         for _ in 0..40 {
+            // A step of 1e-6 balances truncation and rounding of the difference for parameters near 1.
             let h = 1e-6 * (1.0 + t.abs());
             let (a, b) = ((t - h).max(lo), (t + h).min(hi));
             let r = residual(curve.point(t));
@@ -479,6 +486,8 @@ fn foot(
     periods: &[Option<f64>; 2],
 ) -> (f64, [f64; 2]) {
     let domain = surface.domain();
+    // Clamped to the domain, so the foot of a point beyond a side is on that side. Periodic parameters are
+    // not clamped, or steps could not cross the seam.
     let inside = |at: [f64; 2]| {
         [0, 1].map(|k| match (periods[k], domain[k]) {
             (None, Some([lo, hi])) => at[k].clamp(lo, hi),
@@ -506,6 +515,8 @@ fn foot(
         let moved = [0, 1].map(|k| (next[k] - at[k]).abs());
         let (to, to_slopes) = surface.at(next);
         let off = distance(p, to);
+        // Converged if the last step moved the point by rounding only, measured in space: lengths of
+        // parameters are arbitrary. A worse step is repeated with more damping.
         if off <= value {
             let is_still = moved[0] * aa.sqrt() + moved[1] * bb.sqrt() <= 1e-13 * (1.0 + norm(q));
             (at, q, slopes, value) = (next, to, to_slopes, off);

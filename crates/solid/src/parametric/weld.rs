@@ -11,6 +11,8 @@ fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
     let side = tolerance.max(f64::MIN_POSITIVE) * 2.0;
     let cell = |p: [f64; 3]| p.map(|x| (x / side).floor());
     let mut cells: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
+    // Cells as floating-point numbers: far coordinates over a small tolerance would overflow integers.
+    // Adding zero turns −0 into 0.
     let key = |c: [f64; 3]| c.map(|x| (x + 0.0).to_bits());
     let mut same = Vec::with_capacity(points.len());
     for (k, p) in points.iter().enumerate() {
@@ -54,6 +56,7 @@ impl ParametricShape {
             // Middles agree less than ends: two curves of one edge may have different parametrisations.
             let size = distance(self.vertices[a], middles[k]).max(tolerance);
             let near = (10.0 * tolerance).max(1e-6 * size);
+            // Equal ends are not enough: two half circles have the same ends.
             let found = candidates.iter().find(|o| distance(middles[**o], middles[k]) <= near);
             match found {
                 Some(other) if a != b => same.push((*other, self.edges[*other].ends != edge.ends)),

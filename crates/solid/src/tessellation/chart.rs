@@ -57,6 +57,7 @@ impl Chart {
             }
             Self::Sphere { center, radius, pole, plane } => {
                 let d = unit(sub(p, *center));
+                // The pole itself is at infinity; the bound keeps the division finite there.
                 let stretch = 2.0 * radius / (1.0 - dot(d, *pole)).max(f64::MIN_POSITIVE);
                 plane.map(|x| stretch * dot(d, x))
             }

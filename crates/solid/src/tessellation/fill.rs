@@ -77,6 +77,7 @@ impl Filling<'_> {
     /// No point is added on a polygon side, because the neighbouring face has the same chords there.
     pub(crate) fn triangles(&self, positions: &mut Vec<[f64; 3]>) -> Result<Vec<[u32; 3]>> {
         let mut made = bounded(self.polygons, self.inner)?;
+        // After the last round, triangles may still exceed the tolerance; the caller checks the volume.
         for _ in 0..if self.is_flat { 0 } else { ROUNDS } {
             let wanted = missing(&made, positions, self.on_surface, self.tolerance);
             if wanted.is_empty() {
@@ -122,6 +123,8 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
             if a == b {
                 continue;
             }
+            // Crossing sides are reported instead of split: a new vertex on a side would not be in the
+            // neighbouring face.
             if !made.can_add_constraint(a, b) {
                 let p = made.vertex(a).data().at;
                 return Err(Error::unsupported(format!(
@@ -147,6 +150,8 @@ fn inside(made: &Triangles) -> Vec<bool> {
         let is_side = edge.is_constraint_edge();
         beside[edge.face().fix().index()].push((edge.rev().face().fix().index(), is_side));
     }
+    // Flood fill from the outer face: each polygon side changes the state. This needs no point location and
+    // is exact.
     let mut open = vec![outer];
     while let Some(at) = open.pop() {
         for &(next, is_side) in &beside[at] {

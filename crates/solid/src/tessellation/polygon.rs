@@ -27,6 +27,7 @@ pub(crate) fn signed_area(polygons: &[Vec<Corner>]) -> f64 {
 pub(crate) fn segments_cross(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
     let side =
         |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
+    // With equality, so that a bridge through a corner of a loop counts as crossing.
     side(a, b, c) * side(a, b, d) <= 0.0 && side(c, d, a) * side(c, d, b) <= 0.0
 }
 
@@ -49,6 +50,7 @@ pub(crate) fn shift_into_outer(polygons: &mut [Vec<Corner>], periods: [Option<f6
         .flat_map(|i| turns[1].clone().map(move |j| [by[0] * f64::from(i), by[1] * f64::from(j)]))
         .collect();
     for (_, hole) in polygons.iter_mut().enumerate().filter(|(k, _)| *k != outer) {
+        // One corner decides: loops do not cross, so all of a hole is inside or outside.
         let at = hole[0].at;
         let found = shifts.iter().find(|s| contains(&within, [at[0] + s[0], at[1] + s[1]]));
         let [across, up] = found.copied().unwrap_or_default();
@@ -79,6 +81,8 @@ pub(crate) fn part_touching(polygons: &mut [Vec<Corner>], left: f64) {
         let n = polygon.len();
         for k in 0..n {
             let corner = polygon[k];
+            // Bit patterns as keys, since equal positions come from the same computation; adding zero turns
+            // −0 into 0.
             let key = corner.at.map(|x| (x + 0.0).to_bits());
             if *seen.entry(key).or_insert(corner.vertex) != corner.vertex {
                 let (before, behind) = (polygon[(k + n - 1) % n].at, polygon[(k + 1) % n].at);

@@ -54,9 +54,12 @@ impl Ring {
         let tube = surface.periods()[1];
         let mut best: Option<f64> = None;
         for [a, b] in &self.pieces {
+            // The neighbouring turns as well: a piece may begin on one side of the ray's angle and end
+            // beyond.
             let shift = TAU * ((u - a[0]) / TAU).round();
             for shift in [shift - TAU, shift, shift + TAU] {
                 let (from, to) = (a[0] + shift, b[0] + shift);
+                // Half-open, so that a ray through a corner meets one of two pieces.
                 if (from <= u) == (to <= u) {
                     continue;
                 }
@@ -122,6 +125,7 @@ fn into_face(surface: &FaceSurface, outward: bool, a: [f64; 2], b: [f64; 2]) -> 
         return None;
     }
     let rise = dot(unit(left), unit(up));
+    // Where the piece runs nearly along v, rounding would decide; other rays of the edge are used.
     (rise.abs() > 0.1).then(|| rise.signum())
 }
 

@@ -166,6 +166,8 @@ fn points(
     by_x.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
     let mut by_y: Vec<&End> = ends[side].iter().collect();
     by_y.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
+    // The top view shares x with the front view, and the side view shares y with the top view and z with the
+    // front view: these are the three equations of a point.
     let beside = |sorted: &[&End], value: f64| {
         let from = sorted.partition_point(|e| e.at[0] < value - near);
         from..from + sorted[from..].partition_point(|e| e.at[0] <= value + near)
@@ -178,6 +180,7 @@ fn points(
                 if !is_slanted || (s.at[1] - f.at[1]).abs() > near {
                     continue;
                 }
+                // Each coordinate is drawn in two views; the mean halves the variance of rounding.
                 points.push([
                     (f.at[0] + t.at[0]) / 2.0,
                     (t.at[1] + s.at[0]) / 2.0,
@@ -209,6 +212,7 @@ fn is_minimal(points: &[[f64; 3]], on: &[usize], i: usize, j: usize, near: f64) 
 /// True if straight lines of a view cover the segment between two points without a gap.
 fn is_covered(drawing: &Drawing, view: usize, a: [f64; 2], b: [f64; 2], near: f64) -> bool {
     let length = distance(a, b);
+    // An edge along the line of sight is a point in this view and needs no line.
     if length < near {
         return true;
     }
