@@ -70,6 +70,7 @@ impl Face {
     /// uses twice.
     #[must_use]
     pub fn is_whole(&self) -> bool {
+        // A sphere or torus without loops counts as whole, too.
         let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
         let is_closed = matches!(self.surface, FaceSurface::Sphere { .. } | FaceSurface::Torus { .. });
         is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
@@ -164,6 +165,8 @@ impl Solid {
                 faces_of[coedge.edge].push(index);
             }
         }
+        // Connected by edges only. Parts that share just a vertex are separate shells, as STEP requires
+        // manifold shells.
         let mut shell_of = vec![usize::MAX; self.faces.len()];
         let mut shells: Vec<Vec<usize>> = Vec::new();
         for first in 0..self.faces.len() {
@@ -261,11 +264,14 @@ impl Solid {
         for ring in self.faces.iter().flat_map(|f| &f.loops) {
             for (k, coedge) in ring.iter().enumerate() {
                 let next = ring[(k + 1) % ring.len()];
+                // The end of this coedge and the start of the next one, as ends of their edges.
                 let a = root(&fan, 2 * coedge.edge + usize::from(coedge.forward));
                 let b = root(&fan, 2 * next.edge + usize::from(!next.forward));
                 fan[a.max(b)] = a.min(b);
             }
         }
+        // New vertices are numbered in the order of edges, so the result does not depend on the union's
+        // order.
         let mut vertices = Vec::new();
         let mut vertex_of = std::collections::BTreeMap::new();
         for index in 0..self.edges.len() {

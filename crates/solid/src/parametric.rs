@@ -103,6 +103,8 @@ impl ParametricShape {
         };
         let share = |k: usize| k as f64 / PROBES as f64;
         for edge in &self.edges {
+            // Ends of an edge bound it roughly; only a closed edge needs samples. Indices are not checked
+            // yet.
             edge.ends.iter().filter_map(|v| self.vertices.get(*v)).for_each(|p| reach(*p));
             if edge.ends[0] == edge.ends[1] && edge.curve.period().is_some() {
                 let [lo, hi] = edge.curve.domain();

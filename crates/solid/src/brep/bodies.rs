@@ -29,8 +29,8 @@ impl Solid {
         let mut bodies: Vec<Body> =
             outer.into_iter().map(|(_, outer)| Body { outer, voids: Vec::new() }).collect();
         for (_, void) in voids {
-            // Without any positive shell the solid is inside out; one body keeps all its faces for the
-            // caller, who rejects its volume. With one body, no ray is needed.
+            // Without any positive shell, the solid is inside out; the first shell then stands for a body.
+            // With one body, no ray is needed.
             let around = match bodies.len() {
                 0 => {
                     return vec![Body { outer: void, voids: Vec::new() }];

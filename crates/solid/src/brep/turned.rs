@@ -88,6 +88,7 @@ impl Solid {
                 for (node, weight) in GAUSS {
                     let t = middle + half * node;
                     let (p, d) = (edge.curve.point(t), edge.curve.derivative(t));
+                    // The outer quadrature, along edges; `integrated` adds the inner one for each base.
                     nodes.push(Node {
                         parameters: face.surface.parameters(p),
                         derivatives: derivatives(&face.surface, p, d).map(|d| direction * weight * half * d),
@@ -169,6 +170,7 @@ fn integrands(surface: &FaceSurface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5]
     [area, area * dot(q, n), moment(0), moment(1), moment(2)]
 }
 
+/// The integrals over a face from a base: the inner integral at each node, weighted by the outer quadrature.
 fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3]) -> [f64; 5] {
     let lifted = |value: f64, cut: f64| cut + (value - cut).rem_euclid(TAU);
     let mut sum = [0.0; 5];
@@ -180,6 +182,7 @@ fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3
             Base::CutU(cut) => (cut, lifted(u, cut), node.derivatives[1]),
         };
         let pieces = match surface {
+            // On a cone the integrands are polynomials in v of a degree for which ten points are exact.
             FaceSurface::Cone { .. } => 1,
             _ => ((to - from).abs() / (PI / 6.0)).ceil().max(1.0) as usize,
         };

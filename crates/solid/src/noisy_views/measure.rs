@@ -102,6 +102,7 @@ impl ConsistentViews {
                 EdgeCurve::Line { .. } => found.push(self.length(solid, edge.start, edge.end)),
                 EdgeCurve::Ellipse { center, a, b } if (norm(*a) - norm(*b)).abs() <= self.same() => {
                     let radius = norm(*a);
+                    // Both ends of a hole, and several holes of one diameter, give one entry.
                     let known = found.iter().any(|d: &SpaceDimension| {
                         d.kind == DimensionKind::Diameter && (d.value - 2.0 * radius).abs() <= self.same()
                     });

@@ -51,6 +51,7 @@ pub(super) fn seeds(
         let sides = sides_near(&outline.polygons, y, apart);
         for i in 1..n[0] {
             let at = [lo[0] + cell[0] * i as f64, y];
+            // Only sides near this row are tested, as the distance is the costly part.
             let is_off = sides.iter().all(|side| off(*side, at) > apart);
             if is_off && is_in(&outline.polygons, at) {
                 let vertex = positions.len() as u32;
@@ -96,6 +97,7 @@ fn spacings(
             surface.point([at[0] / steps[0], at[1] / steps[1]])
         };
         let mut bends = Vec::with_capacity(5 * PROBES);
+        // Not at 0 and 1, where poles have no curvature.
         for across in [0.03, 0.25, 0.5, 0.75, 0.97] {
             let line: Vec<[f64; 3]> = (0..=PROBES).map(|k| at(h * k as f64, across)).collect();
             for t in line.windows(3) {

@@ -83,6 +83,7 @@ impl Knots {
         let [lo, hi] = self.domain();
         let t = t.clamp(lo, hi);
         // At the end of the domain, the span search finds an empty span; the last one with a width is used.
+        // Binary search instead of a guess from the parameter: knots may be very uneven.
         let mut span = k[..self.n].partition_point(|x| *x <= t).max(p + 1) - 1;
         while span > p && k[span] >= k[span + 1] {
             span -= 1;
@@ -135,6 +136,7 @@ fn homogeneous(poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Vec<[f64; 
         .enumerate()
         .map(|(k, p)| {
             let w = weights.map_or(1.0, |w| w[k]);
+            // With weights of zero or below, the denominator may vanish.
             if !(w > 0.0 && w.is_finite()) || p.iter().any(|c| !c.is_finite()) {
                 return Err(Error::input(format!(
                     "control point {k}: needed finite coordinates and a weight > 0, found {p:?} and {w}"

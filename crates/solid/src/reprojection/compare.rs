@@ -16,6 +16,7 @@ pub(super) fn disagreements(
     options: &ReprojectionOptions,
 ) -> Vec<Disagreement> {
     let size = drawing.size();
+    // Edges and trimmed faces are the same for all views and are prepared once.
     let edges = Edges::new(solid, size);
     let reach = reach(solid, size);
     let scene =
@@ -132,6 +133,7 @@ impl<'a> Compared<'a> {
         options: &'a ReprojectionOptions,
     ) -> Self {
         let size = scene.size;
+        // Chord errors of drawn arcs are a twentieth of the tolerance, so they do not cause differences.
         let shown = pieces(lines.iter().map(|line| projected(line, eye)));
         let drawn = pieces(view.curves.iter().map(|c| drawn_points(&c.curve, 0.05 * options.near * size)));
         let (near, side) = (options.near * size, 0.02 * size);
@@ -177,6 +179,8 @@ impl<'a> Compared<'a> {
 
     /// Lines of the solid that are not drawn in the style in which they are seen.
     fn shown_but_not_drawn(&self) -> Vec<Disagreement> {
+        // By group, so that an outline in many parts is one line in the result; ordered, so that results do
+        // not depend on hashing.
         let mut found: BTreeMap<usize, Differences> = BTreeMap::new();
         for (index, line) in self.lines.iter().enumerate().filter(|(_, l)| l.is_required) {
             let chain = Chain::new(projected(line, self.eye));
@@ -213,6 +217,8 @@ impl<'a> Compared<'a> {
         if length < 1e-3 * self.options.shortest * size {
             return;
         }
+        // A difference at three points spans at least the shortest length that is reported. Short lines are
+        // compared at points nearer to each other.
         let beside = (0.5 * self.options.shortest * size).min(0.4 * length);
         for sample in chain.samples(self.options.spacing * size) {
             let Some(reason) = why(sample.arc_length) else { continue };
@@ -247,6 +253,7 @@ impl<'a> Compared<'a> {
         let [from, to] = [self.eye.seen(a), self.eye.seen(b)];
         let d = [to[0] - from[0], to[1] - from[1]];
         let length = d[0].hypot(d[1]);
+        // A piece along the line of sight has no direction in the view; any one serves.
         let across = if length > 0.0 { [-d[1] / length, d[0] / length] } else { [1.0, 0.0] };
         self.scene.is_visible(self.eye, p, across)
     }

@@ -67,6 +67,8 @@ impl Edges {
             let edge = &solid.edges[k];
             edge.curve.point((edge.range[0] + edge.range[1]) / 2.0)
         };
+        // Coincident edges may be divided differently, so each middle is compared with the whole other edge,
+        // and in both directions: a short edge may lie on a long one.
         let middles: Vec<[f64; 3]> = (0..solid.edges.len()).map(middle).collect();
         let touches = |k: usize, p: [f64; 3]| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
         let boxes: Vec<[[f64; 3]; 2]> = chains.iter().map(|c| bounds(c)).collect();
@@ -165,6 +167,7 @@ fn of_edge(
     }
     let edge = &solid.edges[index];
     let (mut any, mut all) = (false, true);
+    // An edge may be an outline along a part only, so it is required only if all samples require it.
     for share in [0.21, 0.48, 0.83] {
         let t = edge.range[0] + (edge.range[1] - edge.range[0]) * share;
         let p = edge.curve.point(t);
@@ -269,6 +272,7 @@ fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size
         })
     };
     let inside: Vec<bool> = (0..AROUND).map(is_in).collect();
+    // The loop starts at a gap, so that no part is split where the circle closes.
     let Some(gap) = inside.iter().position(|i| !i) else {
         return vec![(0..=AROUND).map(point).collect()];
     };
@@ -317,6 +321,7 @@ fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f6
                     crossed.push(zero_between(&towards, at(a[0], a[1]), at(b[0], b[1])));
                 }
             }
+            // Four crossings (a saddle) give two parts. Their pairing may be wrong, but only within one cell.
             for pair in crossed.chunks_exact(2) {
                 found.extend(part_in_face(face, &towards, [pair[0], pair[1]], size));
             }

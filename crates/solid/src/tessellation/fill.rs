@@ -77,7 +77,7 @@ impl Filling<'_> {
     /// No point is added on a polygon side, because the neighbouring face has the same chords there.
     pub(crate) fn triangles(&self, positions: &mut Vec<[f64; 3]>) -> Result<Vec<[u32; 3]>> {
         let mut made = bounded(self.polygons, self.inner)?;
-        // After the last round, triangles may still exceed the tolerance; the caller checks the volume.
+        // After the last round, triangles may still exceed the tolerance; `tessellate` checks the volume.
         for _ in 0..if self.is_flat { 0 } else { ROUNDS } {
             let wanted = missing(&made, positions, self.on_surface, self.tolerance);
             if wanted.is_empty() {

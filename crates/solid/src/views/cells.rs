@@ -78,6 +78,7 @@ impl<'a> Cells<'a> {
         for axis in 0..3 {
             cells.join_across(axis);
         }
+        // From here on, `parent` gives the cell of an atom directly, and lookups change nothing.
         for atom in 0..total as u32 {
             cells.parent[atom as usize] = cells.root(atom);
         }
@@ -99,6 +100,7 @@ impl<'a> Cells<'a> {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
             let last = self.first.get(place + 1).map_or(self.parent.len(), |next| *next as usize);
             let roots = self.parent[self.first[place] as usize..last].iter().copied();
+            // Without walls there are no slivers.
             if plan.walls_in(cell).is_empty() {
                 real.extend(roots);
                 continue;
@@ -327,6 +329,7 @@ impl<'a> Cells<'a> {
     /// The plane is divided where surfaces cross it, and each part joins the atoms on its two sides.
     fn join(&mut self, before: [usize; 3], behind: [usize; 3], axis: usize, at: usize, [a, b]: [usize; 2]) {
         let plan = self.plan;
+        // The usual case: each box is one atom.
         let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
@@ -344,6 +347,7 @@ impl<'a> Cells<'a> {
         if walled {
             let mut p = [0.0; 3];
             p[axis] = value;
+            // Walls may enter a strip through its ends; their crossings there are cuts as well.
             for border in [across_b[0], across_b[across_b.len() - 1]] {
                 p[b] = border;
                 for cell in [before, behind] {

@@ -107,8 +107,8 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
             let [[left, right], [bottom, top]] = groups[g].span;
             return Err(Error::input(format!(
                 "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that is \
-                 neither at the place of the top view nor at that of a side view in the {} convention: needed views \
-                 of one scale, aligned with the front view",
+                 neither at the place of the top view nor at that of a side view in the {} convention: \
+                 needed views of one scale, aligned with the front view",
                 match projection {
                     Projection::FirstAngle => "first-angle",
                     Projection::ThirdAngle => "third-angle",

@@ -65,6 +65,7 @@ impl BoundaryBuilder<'_> {
 
     /// Removes coincident opposite neighbours from a loop. The faces beside them then share one edge.
     fn close_slits(&mut self, ring: &mut Vec<Coedge>) {
+        // Removing one pair may make its neighbours a pair, so this repeats.
         while let Some(k) = (0..ring.len()).find(|&k| self.is_slit(ring[k], ring[(k + 1) % ring.len()])) {
             let next = (k + 1) % ring.len();
             let (kept, gone) = (ring[k], ring[next]);

@@ -98,6 +98,7 @@ fn walls_about(
     let has = |radius: f64| axis.radii.iter().any(|r| (r - radius).abs() < same);
     let mut found = Vec::new();
     for carrier in &view.carriers {
+        // Both sides of the axis show the same profile, so distances are absolute.
         let from_axis = |p: [f64; 2]| [(p[1 - up] - middle).abs(), p[up]];
         for (from, to) in parts(carrier, middle, 1 - up, plan) {
             let (p, q) = (carrier.profile.point(from), carrier.profile.point(to));
