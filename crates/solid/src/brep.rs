@@ -165,8 +165,7 @@ impl Solid {
                 faces_of[coedge.edge].push(index);
             }
         }
-        // Connected by edges only. Parts that share just a vertex are separate shells, as STEP requires
-        // manifold shells.
+        // Connected by edges only: parts that share just a vertex are separate shells.
         let mut shell_of = vec![usize::MAX; self.faces.len()];
         let mut shells: Vec<Vec<usize>> = Vec::new();
         for first in 0..self.faces.len() {

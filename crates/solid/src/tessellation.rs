@@ -162,6 +162,7 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
         if made.is_ok() {
             break;
         }
+        // A quarter of the tolerance halves the chords.
         finer /= 4.0;
         made = once(solid, finer);
     }
@@ -197,6 +198,7 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
 
 /// Returns the mesh if it is closed and its volume agrees with that of the solid.
 fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<TriangleMesh> {
+    // The volume is an independent test: a mesh can be closed although a face was filled on the wrong side.
     let found = mesh.check();
     if !(found.watertight && found.oriented && found.manifold) {
         return Err(Error::unsupported(format!(

@@ -149,6 +149,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
                 false => at[k],
             })
         };
+        // Angles follow the previous corner, so that a loop across ±π is continuous.
         for &vertex in ring {
             let mut at = face.surface.parameters(points.positions[vertex as usize]);
             if let Some(last) = corners.last() {
@@ -167,6 +168,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
     // Loops that go around the tube only: the parameters are swapped, so that the code below, which cuts
     // along the first parameter, handles both.
     let is_swapped = windings.iter().all(|w| w[0] == 0) && windings.iter().any(|w| w[1] != 0);
+    // Lengths instead of angles, so that triangles in the plane are nearly similar to those in space.
     let mut steps = super::steps(&face.surface, loops[0][0].at);
     if is_swapped {
         steps.reverse();
@@ -271,6 +273,8 @@ fn joined(
             Corner { vertex: points.add(chart.point(at)), at }
         })
         .collect();
+    // Once around the first loop, over the bridge, back around the second loop, and over the bridge again.
+    // Both sides of the bridge have the same vertices, a turn apart.
     let shifted = |c: &Corner| Corner { at: [c.at[0] + TAU, c.at[1]], ..*c };
     polygon.extend(between.iter().map(shifted));
     polygon.extend(unrolled(b, j, to[0] + TAU));

@@ -131,6 +131,7 @@ impl BoundaryBuilder<'_> {
         let plan = self.cells.plan;
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         let mut used = BTreeSet::new();
+        // The step across a surface: above rounding, and small against the details of a drawing.
         let step = 1e-6 * plan.size;
         for i in 0..n[0] {
             for j in 0..n[1] {
@@ -143,6 +144,7 @@ impl BoundaryBuilder<'_> {
                     let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
                     for axis in (0..3).filter(|a| cell[*a] > 0) {
                         let id = SurfaceId::Grid(axis, cell[axis]);
+                        // One place is enough, so most boxes cost a look-up only.
                         if used.contains(&id) {
                             continue;
                         }
@@ -287,6 +289,7 @@ impl BoundaryBuilder<'_> {
     ) {
         let middle = (range[0] + range[1]) / 2.0;
         let m = curve.point(middle);
+        // By central differences, as curves of all kinds have points but not all have derivatives.
         let h = 1e-4 * (range[1] - range[0]);
         let tangent = unit(sub(curve.point(middle + h), curve.point(middle - h)));
         let step = 1e-5 * self.cells.plan.size;
@@ -348,6 +351,7 @@ impl BoundaryBuilder<'_> {
             if surface.value(m).abs() > 2.0 * self.tolerance {
                 continue;
             }
+            // On an apex or an axis, a surface has no normal.
             let across = cross(tangent, surface.normal(m));
             if norm(across) < 1e-6 {
                 continue;

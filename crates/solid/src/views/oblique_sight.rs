@@ -44,9 +44,7 @@ impl SightTests {
         for i in 0..walls.len() {
             for j in i + 1..walls.len() {
                 let oblique = [i, j].iter().any(|k| matches!(plan.walls[*k], CandidateSurface::Oblique(_)));
-                // Curves of two surfaces of revolution are tested box by box in `wall_sight`. That is not
-                // enough for oblique walls: these are not aligned to boxes, and their curves leave a box
-                // anywhere.
+                // Curves of two surfaces of revolution are tested box by box in `wall_sight`.
                 if !oblique || !overlap(&plan.walls[i], &plan.walls[j], plan.tolerance) {
                     continue;
                 }

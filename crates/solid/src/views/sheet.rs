@@ -79,6 +79,8 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
                 "needed two or three separate views, found {n}: is each view in its own file?"
             )));
         }
+        // Of two views, the convention tells which one is the front view: stacked views are front and top,
+        // views beside each other front and side.
         (_, 2) => {
             let lower = usize::from(groups[0].span[1][0] > groups[1].span[1][0]);
             let left = usize::from(groups[0].span[0][0] > groups[1].span[0][0]);

@@ -84,6 +84,7 @@ impl BoundaryBuilder<'_> {
     fn cut_along(&mut self, key: (usize, bool), surface: &FaceSurface, angle: f64) {
         let mut at: Vec<(f64, usize)> = Vec::new();
         let mut edges: Vec<usize> = self.coedges[&key].iter().map(|c| c.edge).collect();
+        // A seam occurs twice and must be cut once.
         edges.sort_unstable();
         edges.dedup();
         for index in edges {
@@ -118,6 +119,7 @@ impl BoundaryBuilder<'_> {
             });
 
             let edge = self.solid.edges.len() - 1;
+            // The new edge is a seam: the face is on both of its sides.
             let both = [true, false].map(|forward| Coedge { edge, forward });
             self.coedges.entry(key).or_default().extend(both);
         }
