@@ -69,6 +69,7 @@ impl EdgeCurve {
         match self {
             Self::Line { direction, .. } => *direction,
             Self::Ellipse { a, b, .. } => along(scale(-t.sin(), *a), t.cos(), *b),
+            // The derivatives of the Hermite basis above.
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
                 let weights = [

@@ -49,6 +49,7 @@ fn outline(kind: &ContourKind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
     let Some(outline) = kind.outline(theta) else {
         return Ok(Vec::new());
     };
+    // The bulge of a side is tan(θ/4) for the sweep θ of its arc; 0 is a straight side.
     let count = outline.vertices.len();
     let curves = outline.bulges.iter().enumerate().map(|(i, &bulge)| {
         let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % count]);

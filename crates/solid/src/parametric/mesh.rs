@@ -197,6 +197,7 @@ impl ParametricShape {
                 }
                 filled[face] = Some(result);
             }
+            // Sorted, so that new points have the same numbers in every run.
             stale.sort_unstable();
             stale.dedup();
             if stale.is_empty() {

@@ -28,6 +28,7 @@ pub(super) enum Chart {
 impl Chart {
     /// The stereographic projection of a sphere from a pole (a unit vector).
     pub(super) fn sphere(center: [f64; 3], radius: f64, pole: [f64; 3]) -> Self {
+        // An axis at an angle of at least 44° to the pole, so that the cross product is accurate.
         let aside = if pole[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let x = unit(cross(aside, pole));
         Self::Sphere { center, radius, pole, plane: [x, cross(x, pole)] }

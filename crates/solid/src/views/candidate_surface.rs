@@ -118,6 +118,7 @@ impl CandidateSurface {
     pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
         match self {
             Self::Turned(wall) => wall.passes(lo, hi, tolerance),
+            // The sector of an oblique cylinder is tested by `value_of`, so the wall needs no halves.
             Self::Oblique(wall) => wall.passes(lo, hi, tolerance).then_some(Side::Both),
         }
     }

@@ -211,6 +211,7 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
                 [sphere_about(wall, second, tolerance), sphere_about(second, wall, tolerance)];
             let wall = turned.as_ref().unwrap_or(wall);
             let second = if turned.is_some() { second } else { other_turned.as_ref().unwrap_or(second) };
+            // Surfaces about one axis meet in circles, at the common points of their profiles.
             let coaxial =
                 second.axis == wall.axis && crate::drawing::distance(second.center, wall.center) < tolerance;
             match coaxial {

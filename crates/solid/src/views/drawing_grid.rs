@@ -331,6 +331,7 @@ fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -
     if let Curve2::Segment(a, b) = curve {
         points = vec![*a, [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], *b];
     }
+    // The middle of a segment is tested, too: both ends of any chord are on the circle.
     let under = carriers.iter_mut().find(|c| {
         matches!(c.profile, Profile::Circle { .. })
             && points.iter().all(|p| c.profile.value(*p).abs() < tolerance)

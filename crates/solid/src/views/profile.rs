@@ -93,6 +93,7 @@ impl Profile {
                 if (d - radius).abs() <= tolerance {
                     return vec![center[other]];
                 }
+                // Outside of the circle by more than the tolerance: no intersection.
                 let square = radius * radius - d * d;
                 if square <= 0.0 {
                     return Vec::new();

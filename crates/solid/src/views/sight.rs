@@ -291,6 +291,7 @@ pub(super) fn style_near(
     if shown.carriers.iter().any(on_carrier) {
         return None;
     }
+    // Chains and other curves that are not the edge-on image of a surface: edges between curved faces.
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
     // Curves of walls may approach others before they meet them. A point that is near a drawn curve but not
@@ -479,6 +480,7 @@ fn sight_test(
     let plan = cells.plan;
     let beside =
         |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
+    // Two columns on either side of the line: on the line itself, rounding would decide between cells.
     let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
     if style.is_none() && columns[0] == columns[1] {
         return None;

@@ -105,6 +105,7 @@ pub(super) fn turned_faces(
             }
         }
     }
+    // Loops around the axis come first: a face between two of them has no outer loop in parameters.
     by_face(loops, &face_of, |index| {
         let turn: f64 = rings[index].pieces.iter().map(|[a, b]| b[0] - a[0]).sum();
         turn.abs() < PI
@@ -142,6 +143,8 @@ fn first_seen(rings: &[Ring], surface: &FaceSurface, from: [f64; 2], direction: 
     if let Some(found) = nearest(from, direction) {
         return Some(found);
     }
+    // Nothing was met up to the end of v. Over a pole or an apex, the same meridian continues on the other
+    // side.
     let [bottom, top] = surface.range_v();
     let end = if direction > 0.0 { top } else { bottom };
     match end.is_finite() {

@@ -90,6 +90,7 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
             if on.len() > MAX_ON_LINE {
                 continue;
             }
+            // In order along the line, so that the pairs below run in one direction.
             on.sort_by(|a, b| {
                 let along = |k: usize| line.place([points[k][axes[0]], points[k][axes[1]]])[0];
                 along(*a).total_cmp(&along(*b))
@@ -141,6 +142,7 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
         let of_slanted = matches!(drawn.curve, Curve2::Segment(a, b) if Slanted::new(a, b, near).is_some());
         let of_curve = !matches!(drawn.curve, Curve2::Segment(..));
         for at in points {
+            // Curves that meet share an end, which has the properties of all of them.
             match found.iter_mut().find(|e| distance(e.at, at) < near) {
                 Some(end) => {
                     end.of_slanted |= of_slanted;
