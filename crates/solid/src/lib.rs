@@ -44,10 +44,11 @@
 //! use planish_solid::parametric::{Fineness, ParametricFace, ParametricShape, ParametricSurface};
 //!
 //! let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
+//! let sphere = FaceSurface::Sphere { center: [0.0; 3], axis, x, radius: 2.0 };
 //! let ball = ParametricFace {
 //!     name: "ball".to_owned(),
-//!     surface: ParametricSurface::Elementary(FaceSurface::Sphere { center: [0.0; 3], axis, x, radius: 2.0
-//! }),     is_outward: true,
+//!     surface: ParametricSurface::Elementary(sphere),
+//!     is_outward: true,
 //!     loops: Vec::new(),
 //! };
 //! let shape = ParametricShape { faces: vec![ball], ..ParametricShape::default() };

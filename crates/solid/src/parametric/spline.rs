@@ -325,8 +325,8 @@ impl SplineSurface {
             at[1 - k] = from + share * (to - from);
             self.at(at).0
         };
-        // The size is that across the direction, at the middle: a surface that is flat there has size 0 and
-        // is not closed.
+        // The size is the largest distance from the side to the middle. A surface without extent along this
+        // direction is not closed.
         let shares = || (0..=16).map(|i| f64::from(i) / 16.0);
         let size = shares().map(|s| distance(at(lo, s), at(0.5 * (lo + hi), s))).fold(0.0, f64::max);
         size > 0.0 && shares().all(|s| distance(at(lo, s), at(hi, s)) <= CLOSED * size)
