@@ -4,9 +4,12 @@
 //! depends on the triangles alone, not on the number of threads. Not guaranteed: balance; but the depth stays
 //! below [`MAX_DEPTH`].
 
-/// Most triangles of a leaf. With 2, 4 and 8 closest points took the same time, within the noise, on 70 k and
-/// 1.3 M triangles; 8 builds fastest and has the fewest nodes.
+/// Maximum number of triangles of a leaf.
+///
+/// With 2, 4 and 8, closest points took the same time, within the noise, on 70 k and 1.3 M triangles; 8
+/// builds fastest and has the fewest nodes.
 pub(crate) const LEAF: usize = 8;
+/// Number of bins in which splits are compared. More bins find slightly better splits in a longer time.
 const BINS: usize = 16;
 /// Parts above this size are built in parallel.
 const PARALLEL: usize = 1 << 14;

@@ -9,11 +9,11 @@ use crate::search::MeshSearch;
 use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
 use rayon::prelude::*;
 
-/// The ends of an edge that pierces a triangle are at least so many of the edge's lengths from the triangle's
-/// plane: nearer ones touch.
+/// Minimum distance of the ends of an edge from the plane of a triangle that it pierces, in lengths of the
+/// edge. An edge with a nearer end only touches.
 const THROUGH: f64 = 1e-6;
-/// Of one leaf so many nodes are looked at, so that triangles that all lie in one another's boxes do not take
-/// the square of their number.
+/// Maximum number of nodes visited for one leaf. Without it, triangles whose boxes all overlap would take
+/// time proportional to the square of their number.
 const MOST_NODES: usize = 1 << 14;
 
 /// What [`MeshSearch::self_crossings`] found.

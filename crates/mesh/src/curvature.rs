@@ -17,11 +17,13 @@ use planish_estimate::vector3::{distance, dot, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Rings are gathered until there are so many vertices.
+/// Minimum number of neighbours of a vertex for the fit, if they are within [`MOST_RINGS`].
+///
+/// Two rings of a regular mesh have 6 + 12 = 18. More neighbours reduce noise but smooth the curvature.
 const LEAST: usize = 18;
-/// No more rings than this.
+/// Maximum number of rings of neighbours.
 const MOST_RINGS: usize = 4;
-/// Numbers that a quadric has.
+/// Number of coefficients of the fitted quadric.
 const UNKNOWNS: usize = 6;
 
 /// Curvature at the vertices of a mesh, in one over its unit.

@@ -11,7 +11,7 @@ use crate::bvh::{Bvh, MAX_DEPTH, Node, lesser, squared_distance_to_box};
 use crate::packet::{Feet, LANES, Packet, PointPacket, TrianglePacket};
 use pulp::{Simd, WithSimd};
 
-/// Places whose distances tie but for rounding are all visited.
+/// Relative slack of the search limit. Points whose distances are equal except for rounding are all visited.
 const TIE: f64 = 1e-12;
 
 /// A facet that is near a place.

@@ -25,9 +25,10 @@ use planish_estimate::{Error, Result};
 use refinement::Lid;
 use std::collections::{HashMap, HashSet};
 
-/// Cosine between the area vector of a border and its mean normal above which the border is an outer one.
+/// Component of the mean normal of a border along its area vector above which the border is an outer one.
 ///
-/// It is positive for the rim of a dome up to 75° from its top. Rims beyond that are treated as holes.
+/// For the rim of a dome it is the cosine of the angle from the top, so rims up to 75° from the top stay
+/// open. Rims beyond that are treated as holes.
 const OUTWARDS: f64 = 0.25;
 
 /// Number of fairing steps with the mean curvature of the surroundings; each uses the shape of the last.

@@ -20,11 +20,11 @@ use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Most cells that are looked into.
+/// Maximum number of cells through which the surface passes. It bounds memory.
 const MOST_CELLS: usize = 40_000_000;
-/// Evaluations along an edge, at most.
+/// Maximum number of evaluations to find a vertex on an edge.
 const STEPS: usize = 30;
-/// A vertex is known to this share of its edge, or where the value is this share of those at the ends.
+/// Accuracy of a vertex, relative to the length of its edge or to the difference of the values at its ends.
 const EXACT: f64 = 1e-6;
 /// Bits of a coordinate in a key.
 const BITS: u32 = 20;

@@ -46,7 +46,8 @@ const REACH: f64 = 3.5;
 ///
 /// More rings even out the valence better but change more of the measured triangles.
 const FLIP_RINGS: usize = 3;
-/// Components with at most this number of triangles are removed: they are remains of the cut or outliers.
+/// Components with at most this number of triangles, or a tenth of the smallest patch if this is less, are
+/// removed: they are remains of the cut or outliers.
 const MAX_FRAGMENT: usize = 12;
 /// Maximum number of edges of a hole in a seam that is closed.
 ///

@@ -15,13 +15,16 @@ use crate::edges::EdgeTable;
 use crate::triangle;
 pub use check::MeshCheck;
 
-/// Cosine between the normals of two neighbouring triangles below which the edge is a fold: 120°.
+/// Cosine between the normals of two neighbouring triangles below which the edge is a fold (120°), if the
+/// cosine was positive before the deformation.
 ///
-/// A smaller angle would report sharp bends of a deformed part as folds.
+/// A limit of 90° would report sharp bends of a deformed part as folds. A limit near 180° would find only
+/// folds that are nearly closed.
 const FOLDED_COSINE: f64 = -0.5;
-/// Growth of an edge, relative to the median edge, above which it counts as stretched.
+/// Growth of an edge, relative to the median growth of all edges, above which it counts as stretched.
 ///
-/// A smaller factor reports legitimate stretching as spikes; a larger one misses small spikes.
+/// The median makes the count independent of a change of scale. A smaller factor reports uneven stretching as
+/// spikes; a larger one misses small spikes.
 const STRETCHED: f64 = 4.0;
 
 /// Folds and spikes after the vertices of a mesh were moved; see [`TriangleMesh::distortion`].

@@ -18,8 +18,9 @@ use crate::mesh::TriangleMesh;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
 use std::f64::consts::PI;
 
-/// Parts that are so many times their radius away count as a dipole (Barill et al.: 2 with terms of second
-/// order).
+/// Distance of a part, in its radii, above which it is replaced by a dipole.
+///
+/// Barill et al. use 2, with terms of second order; without these, a larger distance is needed.
 const FAR: f64 = 3.0;
 
 /// A mesh, ready for places to be asked for.

@@ -232,7 +232,7 @@ impl StepFaces {
                 true => Meshed::default(),
                 false => shape.triangles(fineness)?,
             };
-            let failed = made.left_out.iter().map(|l| {
+            let failed = made.skipped.iter().map(|l| {
                 let face = &shape.faces[l.face];
                 format!("face {} ({}): {}", face.name, face.surface.kind(), l.reason)
             });

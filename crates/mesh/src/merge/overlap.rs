@@ -20,8 +20,9 @@ use rayon::prelude::*;
 /// Maximum difference of two measurements of one point, in σ of the difference.
 ///
 /// 99 % of the differences are smaller (χ² with one degree of freedom, 6.63). Larger ones rarely affect all
-/// three corners of a triangle, so that almost nothing of them remains. With 99.7 %, scans whose σ is too
-/// small are merged across different sheets.
+/// three corners of a triangle, so almost no triangle is kept twice. With 3 σ, scans whose errors exceed
+/// their σ are drawn together: the bunny scans have fewer open edges (765 instead of 1235), but are farther
+/// from all points (rms 0.1878 mm instead of 0.1852 mm; see decision 0072).
 const GATE: f64 = 2.576;
 /// Angle between the normals of two samplings of one surface that is due to shape, without noise.
 ///

@@ -44,6 +44,7 @@ impl SightTests {
         for i in 0..walls.len() {
             for j in i + 1..walls.len() {
                 let oblique = [i, j].iter().any(|k| matches!(plan.walls[*k], CandidateSurface::Oblique(_)));
+                // Curves of two surfaces of revolution are tested box by box in `wall_sight`.
                 if !oblique || !overlap(&plan.walls[i], &plan.walls[j], plan.tolerance) {
                     continue;
                 }
@@ -59,6 +60,7 @@ impl SightTests {
                     for t in stretches(&meeting.curve, cuts) {
                         let p = meeting.curve.point(t);
                         let in_box = cells.box_of(p);
+                        // Beyond the extents of a wall, the curve is no edge.
                         let stands = |k: usize| plan.walls_in(in_box).iter().any(|w| w.0 as usize == k);
                         if stands(i) && stands(j) {
                             let tangent = cross(walls[i].normal(p), walls[j].normal(p));
