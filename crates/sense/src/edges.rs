@@ -290,7 +290,7 @@ mod tests {
 
     const CENTER: [f64; 2] = [60.3, 55.8];
 
-    /// A bright disc, its share of each pixel by 40 × 40 samples, with noise.
+    /// A bright disc with noise; its share of each pixel is from 40 × 40 samples.
     fn disc(radius: f64, noise: f64, seed: u64) -> Image {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let values = (0..120 * 120).map(|k| {
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_alone_has_no_edges() {
+    fn noise_alone_contains_no_edges() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let values = (0..6400).map(|_| 100.0 + 5.0 * random.sample::<f32, _>(StandardNormal));
         let image = Image::try_new(80, 80, values.collect()).expect("an image");

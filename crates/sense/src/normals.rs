@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_in_a_range_grid_is_a_depth_edge_and_nothing_else_is() {
+    fn only_steps_of_a_range_grid_are_depth_edges() {
         let (columns, rows) = (20, 10);
         let mut scan = Scan { viewing: Viewing::Direction([0.0, 0.0, -1.0]), ..Scan::default() };
         let mut cells = Vec::new();

@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ray_noise_has_its_two_sigmas_along_and_across() {
+    fn ray_noise_has_two_sigmas_along_and_across_the_ray() {
         let noise = Noise::Ray { sigma_along: 3.0, sigma_across: 0.5 };
         let c = noise.covariance(Some([0.6, 0.0, 0.8]));
         assert!((variance_along(&c, [0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);

@@ -274,10 +274,10 @@ mod tests {
         Image::try_new(120, 100, (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect()).unwrap()
     }
 
-    /// The border of a disc is found to a third of a pixel's width, all around; a speck and a hole are
+    /// The border of a disc is accurate to a third of a pixel all around. A speck is removed and a hole is
     /// filled.
     #[test]
-    fn the_border_of_a_disc() {
+    fn the_border_of_a_disc_has_subpixel_accuracy() {
         let mut picture = disc([60.3, 48.8], 30.4);
         picture.values[48 * 120 + 60] = 0.0;
         picture.values[5 * 120 + 5] = 255.0;
@@ -300,8 +300,8 @@ mod tests {
         let found = silhouette(&disc([0.0, 50.0], 30.0), &SilhouetteOptions::default()).unwrap();
         assert!(found.border.iter().all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0));
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
-        let said = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("both sides"));
+        let message = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("both sides"));
         let odd = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
         assert!(
             silhouette(&disc([60.0, 50.0], 30.0), &odd)

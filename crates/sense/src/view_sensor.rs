@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_variance_is_that_of_the_covariance_across_the_surface() {
+    fn variance_equals_the_covariance_along_the_normal() {
         let sensor = sensor();
         for (range, tilt) in [(3.0_f64, 0.0_f64), (5.0, 0.7)] {
             let ray = [0.0, 0.6, 0.8];
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_unit_changes_no_reading() {
+    fn readings_scale_with_the_unit() {
         let (mm, m) = (sensor().scaled(1000.0), sensor());
         let [a, b] = [mm.variance_along_normal(4000.0, 0.8), m.variance_along_normal(4.0, 0.8)];
         assert!((a / b / 1e6 - 1.0).abs() < 1e-12);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_input_is_named() {
+    fn messages_name_the_invalid_value() {
         let with = |change: fn(&mut ViewSensor)| {
             let mut sensor = sensor();
             change(&mut sensor);

@@ -17,7 +17,7 @@ use std::time::Instant;
 const PLACES: usize = 200_000;
 const ROUNDS: usize = 3;
 
-/// Seconds of processor time of this process; none where the system does not tell.
+/// Seconds of processor time of this process; `None` on systems without `/proc`.
 fn processor_seconds() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/stat").ok()?;
     let mut fields = status.rsplit(')').next()?.split_whitespace().skip(11);
@@ -25,8 +25,8 @@ fn processor_seconds() -> Option<f64> {
     Some(ticks / 100.0)
 }
 
-/// The shortest of some runs in seconds, and what it would take where no other program has the processors:
-/// its processor time over the threads.
+/// The shortest of some runs in seconds, and an estimate of its time on an idle machine: its processor time
+/// divided by the number of threads.
 fn shortest(mut run: impl FnMut()) -> [f64; 2] {
     let threads = rayon::current_num_threads() as f64;
     (0..ROUNDS)

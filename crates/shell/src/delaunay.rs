@@ -315,8 +315,8 @@ mod tests {
         BoundingBox { min: [-1.0; 3], max: [2.0; 3] }
     }
 
-    /// Every tetrahedron has a volume, they fill the box, neighbours know each other, and no circumsphere
-    /// holds a point.
+    /// Every tetrahedron has positive volume, they fill the box, neighbours are mutual, and no circumsphere
+    /// contains a point.
     fn judge(made: &Delaunay) {
         let mut volume = 0.0;
         for (t, tetrahedron) in made.living() {
@@ -352,7 +352,7 @@ mod tests {
             assert_eq!(grid.insert(at).unwrap(), k as u32 + 8);
         }
         judge(&grid);
-        // On the faces, edges and diagonals of what is there already.
+        // Points on faces, edges and diagonals of the triangulation.
         let mut halves = Delaunay::new(&unit_box()).unwrap();
         for at in [[0.5; 3], [0.5, 0.5, 0.0], [0.5, 0.0, 0.0], [-0.25; 3], [0.5, 0.5, 1.25], [1.25, 0.5, 0.5]]
         {

@@ -314,8 +314,8 @@ impl SurfaceSystem {
             &mut matrix,
             || (),
             |(), leaf| {
-                let nothing = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
-                Some((scalar_element(&self.space, leaf, &form(leaf)), nothing))
+                let zeros = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
+                Some((scalar_element(&self.space, leaf, &form(leaf)), zeros))
             },
         )?;
         Ok(matrix)

@@ -126,7 +126,7 @@ impl VisualHull {
             |at, reach| bound.may_contain_boundary(at, reach),
         )?;
         if mesh.triangles.is_empty() {
-            return Err(Error::undetermined("nothing lies within all silhouettes"));
+            return Err(Error::undetermined("no point is inside all silhouettes"));
         }
         Ok(Self { bound, mesh, cell })
     }

@@ -182,10 +182,10 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
 mod tests {
     use super::*;
 
-    /// A disc whose grey levels are the share of each pixel that it covers: one closed border, in order, to
+    /// A disc whose grey levels are the covered shares of pixels: one closed, ordered border, accurate to
     /// some hundredths of a pixel, with the disc on its right.
     #[test]
-    fn the_outline_of_a_disc_runs_round_it_once() {
+    fn a_disc_has_one_closed_outline() {
         let center = [60.3, 48.8];
         let covered = |k: usize| {
             let within = (0..64).filter(|j| {
@@ -235,14 +235,14 @@ mod tests {
     }
 
     #[test]
-    fn outlines_are_open_at_the_end_of_the_image() {
+    fn outlines_are_open_at_the_border_of_the_image() {
         let inside = |k: usize| ((k % 120) as f64).hypot((k / 120) as f64 - 50.0) < 30.0;
         let values = (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect();
         let picture = Image::try_new(120, 100, values).unwrap();
         let found = outlines(&picture, &SilhouetteOptions::default()).unwrap();
         assert!(found.len() == 1 && !found[0].closed);
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
-        let said = outlines(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("both sides"), "{said}");
+        let message = outlines(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("both sides"), "{message}");
     }
 }

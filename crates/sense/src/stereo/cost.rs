@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn the_true_disparity_costs_nothing_whatever_the_exposure() {
+    fn the_true_disparity_has_zero_cost_at_any_exposure() {
         let (left, mut right) = (pattern(40, 20, 0), pattern(40, 20, 3));
         for v in &mut right.values {
             *v = 2.0 * *v + 30.0;
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_has_as_many_bits_as_pixels_around_its_middle() {
+    fn a_window_has_one_bit_per_pixel_around_its_middle() {
         let mut image = pattern(9, 7, 0);
         image.values[3 * 9 + 4] = 1e4;
         assert_eq!(census(&image)[3 * 9 + 4].count_ones(), 62);

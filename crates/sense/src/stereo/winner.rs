@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_least_sum_at_an_end_of_the_range_is_no_minimum() {
+    fn a_minimum_at_an_end_of_the_range_is_rejected() {
         // Two pixels at columns 0 and 9 of one row, disparities 2 to 5; the least is at the second, then at
         // either end.
         let clear = |sums: [u16; 4], column: usize| {
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_right_image_sees_the_match_of_the_left() {
+    fn right_matches_agree_with_left_matches() {
         // One row of six pixels, disparities 1 and 2; pixel 4 matches pixel 2 best.
         let mut sums = vec![50_u16; 12];
         sums[4 * 2 + 1] = 1;
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn regions_end_at_steps_and_unknown_pixels() {
+    fn regions_end_at_steps_and_rejected_pixels() {
         let nan = f32::NAN;
         let sizes = region_sizes(&[1.0, 1.5, 9.0, nan, 1.2, 9.5, 9.0, nan], 4, 1.0);
         assert_eq!(sizes, [3, 3, 3, 0, 3, 3, 3, 0]);

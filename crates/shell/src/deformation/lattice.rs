@@ -170,9 +170,9 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Any affine motion of the controls is that of every vertex.
+    /// An affine motion of the controls moves every vertex by the same motion.
     #[test]
-    fn affine_motions_are_kept() {
+    fn affine_motions_are_reproduced() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let vertices: Vec<[f64; 3]> =
             (0..500).map(|_| [1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0))).collect();
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_points_are_refused() {
+    fn too_few_points_are_rejected() {
         let vertices = [[0.0; 3], [1.0; 3]];
         for (basis, points) in [(LatticeBasis::Bernstein, [1, 4, 2]), (LatticeBasis::CubicBSpline, [3, 7, 5])]
         {
@@ -197,7 +197,7 @@ mod tests {
             );
         }
         assert!(Lattice::new(&[], [2; 3], LatticeBasis::Bernstein).is_err());
-        // A flat thing has one.
+        // A flat mesh is valid.
         assert!(Lattice::new(&[[0.0; 3], [1.0, 1.0, 0.0]], [2; 3], LatticeBasis::Bernstein).is_ok());
     }
 }

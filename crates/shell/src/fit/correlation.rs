@@ -120,7 +120,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Noise of σ 1 to 3 on a square, and waves of the given height and length.
+    /// Noise of σ 1 to 3 on a square, plus waves of a given height and length.
     fn residuals(count: usize, height: f64, length: f64) -> Vec<Residual> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         (0..count)
@@ -141,7 +141,7 @@ mod tests {
             .collect()
     }
 
-    /// A good mesh is not called a bad one, whatever the σ of its readings.
+    /// A good mesh is accepted for any σ of its readings.
     #[test]
     fn noise_is_uncorrelated() {
         assert_eq!(
@@ -151,8 +151,7 @@ mod tests {
         assert_eq!(ResidualCorrelation::from_residuals(&residuals(10, 5.0, 1.0)), ResidualCorrelation::NONE);
     }
 
-    /// Shape that is left over is found through noise that is larger, with its size; longer waves make more
-    /// readings say the same.
+    /// Unresolved shape is estimated below larger noise. Longer waves correlate more readings.
     #[test]
     fn unresolved_waves_are_found_in_noise() {
         let [short, long] =
@@ -162,7 +161,7 @@ mod tests {
             assert!((sigma - 1.0).abs() < 0.15, "{sigma}");
         }
         assert!(short.together > 5.0 && long.together > 1.5 * short.together, "{short:?} {long:?}");
-        // Kinds without any leave it as it is.
+        // Empty kinds do not change it.
         assert_eq!(
             ResidualCorrelation::sigma(&[short, ResidualCorrelation::NONE]),
             ResidualCorrelation::sigma(&[short])
@@ -170,8 +169,8 @@ mod tests {
         assert_eq!(ResidualCorrelation::sigma(&[]), 0.0);
     }
 
-    /// A wave that is small beside what a fit of many unknowns takes from noise is found with its size, as
-    /// that is taken off; noise alone stays noise.
+    /// A fit with many unknowns absorbs noise, which correlates its residuals. After compensation a smaller
+    /// wave is estimated with its amplitude, and noise alone has none.
     #[test]
     fn the_fits_own_correlation_is_compensated() {
         let (count, waves) = (4000, 12);
@@ -203,11 +202,14 @@ mod tests {
             ResidualCorrelation::from_residuals(&residuals)
         };
         assert_eq!(found(0.0, true), ResidualCorrelation::NONE);
-        let [untold, sigma] =
+        let [uncorrected, sigma] =
             [false, true].map(|taken_off| ResidualCorrelation::sigma(&[found(0.35, taken_off)]));
 
         let taken = (waves * waves) as f64 / count as f64;
         assert!(sigma > 0.25 && sigma < 0.38, "{sigma}");
-        assert!((sigma * sigma - untold * untold - taken).abs() < 0.3 * taken, "{sigma} {untold}");
+        assert!(
+            (sigma * sigma - uncorrected * uncorrected - taken).abs() < 0.3 * taken,
+            "{sigma} {uncorrected}"
+        );
     }
 }

@@ -202,7 +202,7 @@ mod tests {
 
     const SIGMA: f64 = 0.05;
 
-    /// A floor, facets 0 and 1, and a fin that stands on it along `y`.
+    /// A floor, facets 0 and 1, and a fin along `y` that rises from it.
     fn floor_with_a_fin() -> TriangleMesh {
         let positions = vec![
             [-1.0, -1.0, 0.0],
@@ -217,10 +217,10 @@ mod tests {
         TriangleMesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]] }
     }
 
-    /// The floor beside a fin would be pressed down if each point were of the nearest sheet: those above it
-    /// that are nearer to the fin would be missing.
+    /// If each point belonged to its nearest sheet, the floor next to a fin would be pressed down: the points
+    /// above it that are nearer to the fin would be missing.
     #[test]
-    fn a_floor_stays_where_it_is_beside_a_fin() {
+    fn a_floor_next_to_a_fin_is_not_biased() {
         let mesh = floor_with_a_fin();
         let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
         let loss = Loss::tukey();
@@ -255,9 +255,9 @@ mod tests {
         );
     }
 
-    /// Derivatives are those of the height over the plane, beside a facet as well as over it.
+    /// Derivatives are those of the height above the plane, both above a facet and outside of it.
     #[test]
-    fn derivatives_are_those_of_the_height() {
+    fn derivatives_agree_with_the_height() {
         let mut mesh = floor_with_a_fin();
         mesh.triangles = vec![[0, 1, 2]];
         let height = |mesh: &TriangleMesh, at: [f64; 3]| {
@@ -291,8 +291,8 @@ mod tests {
         }
     }
 
-    /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not
-    /// of their mean.
+    /// Two parallel sheets with equal orientation are two: a point between them belongs to one of them, not
+    /// to their mean.
     #[test]
     fn parallel_sheets_are_separated() {
         let mut mesh = floor_with_a_fin();
