@@ -170,7 +170,7 @@ fn invalid_sizes_and_options_are_rejected() {
     assert!(refused(&image(64, 32), &image(64, 33), &OPTIONS).contains("64 × 32 and 64 × 33"));
     let one = image(64, 32);
     for (options, words) in [
-        (StereoOptions { disparities: 2, ..OPTIONS }, "from 4 to 4096"),
+        (StereoOptions { disparities: 2, ..OPTIONS }, "of 4 to 4096"),
         (StereoOptions { large_step: 10, ..OPTIONS }, "penalties"),
         (StereoOptions { least_disparity: -64, ..OPTIONS }, "below the images' width of 64"),
     ] {
