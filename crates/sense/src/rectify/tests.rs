@@ -119,5 +119,7 @@ fn rigs_that_cannot_be_rectified_are_rejected() {
     assert!(e.contains("epipole lies inside the image of the first camera"), "{e}");
     assert!(with(camera([0.0; 3], [0.1, 0.0, 0.0], [0.0; 5])).contains("different positions"));
     assert!(with(camera([1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0; 5])).contains("90° apart"));
-    assert!(with(camera([1.0, 0.0, 0.0], [0.0; 3], [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be inverted"));
+    assert!(
+        with(camera([1.0, 0.0, 0.0], [0.0; 3], [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be inverted")
+    );
 }

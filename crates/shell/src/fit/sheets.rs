@@ -92,6 +92,8 @@ fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -
     if in_plane > ASIDE {
         return 0.0;
     }
+    // Two approximations of the Gaussian mass over a facet: density times area for small ones, a product over
+    // the three sides for large ones. Each is an upper bound in the other's regime, so the minimum is used.
     let small = area / (TAU * sigma * sigma) * (-0.5 * in_plane * in_plane).exp();
     let large: f64 = within().iter().map(|d| up_to(d / sigma)).product();
     small.min(large)
