@@ -79,6 +79,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     if !(s >= 0.5 && s.is_finite()) {
         return Err(Error::input(format!("needed a smoothing of half a pixel or more, found {s}")));
     }
+    // Within the radius of the kernel, repeated border pixels would bend edges.
     let border = (4.0 * s).ceil() as usize + 2;
     if image.columns <= 2 * border || image.rows <= 2 * border {
         return Err(Error::input(format!(
@@ -209,6 +210,7 @@ impl Gradients {
                 let axis = usize::from(gy.abs() > gx.abs());
                 let step = [1, self.columns][axis];
                 let (before, after) = (self.magnitude[at - step], self.magnitude[at + step]);
+                // Greater on one side and not smaller on the other: of two equal pixels exactly one is used.
                 if !(m > before && m >= after && before > 0.0 && after > 0.0) {
                     continue;
                 }
@@ -245,6 +247,8 @@ struct Buckets {
 
 impl Buckets {
     fn new(edges: &[Edge], cell: f64) -> Self {
+        // Points within a cell's side lie in a block of 3 × 3 cells. An ordered map keeps the order of visits
+        // the same in every run.
         let mut at = std::collections::BTreeMap::<_, Vec<usize>>::new();
         for (k, edge) in edges.iter().enumerate() {
             at.entry(edge.position.map(|c| (c / cell).floor() as i64)).or_default().push(k);

@@ -105,6 +105,7 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
             break;
         };
         let n = &mut geometry.normals[i];
+        // Estimated normals have no sign of their own; stated ones are not changed.
         if scan.normals.is_none() && dot(*n, ray) > 0.0 {
             *n = scale(-1.0, *n);
         }
@@ -288,6 +289,7 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
     }
     let tree = tree(points).ok()?;
     let k = NonZero::new(k)?;
+    // A sample of the points is sufficient for a median.
     let some: Vec<[f64; 3]> = points.iter().copied().step_by(points.len().div_ceil(ENOUGH)).collect();
     let mut found: Vec<f64> = some
         .par_iter()
@@ -297,6 +299,7 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
             let middle = mean(&own);
             let (normal, _) = flattest_direction(&own);
             let square: f64 = own.iter().map(|q| dot(normal, sub(*q, middle)).powi(2)).sum();
+            // Three degrees of freedom go to the plane.
             (square / (own.len() as f64 - 3.0)).sqrt()
         })
         .collect();
@@ -345,6 +348,8 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     if p <= 1e-12 * trace {
         return ([0.0; 3], 1.0);
     }
+    // The trigonometric solution for the smallest eigenvalue, without iteration: this runs for every point.
+    // It loses accuracy for nearly equal eigenvalues, for which the normal is arbitrary anyway.
     let b: [[f64; 3]; 3] =
         std::array::from_fn(|i| std::array::from_fn(|j| (m[i][j] - if i == j { q } else { 0.0 }) / p));
     let r = (0.5 * dot(b[0], cross(b[1], b[2]))).clamp(-1.0, 1.0);
@@ -379,6 +384,9 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
         for near in tree.query(&points[i]).nearest_n::<SquaredEuclidean<f64>>(k).execute() {
             let j = near.item as usize;
             if !done[j] {
+                // The most parallel pair first (Hoppe et al. 1992): signs are passed on across sharp edges
+                // only if there is no other way. Ties go to the smaller index, so that the result is the same
+                // in every run.
                 queue.push((agreement(normals[i], normals[j]), u32::MAX - j as u32, i as u32));
             }
         }
@@ -391,6 +399,7 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
     let middle = mean(points);
     let mut outward: Vec<u32> = (0..points.len() as u32).collect();
     let from_middle = |i: u32| norm(sub(points[i as usize], middle));
+    // The point farthest from the centre is on the outer surface, where outwards is away from the centre.
     outward.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));
     let mut seeds = outward.into_iter();
     loop {

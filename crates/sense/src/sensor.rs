@@ -74,8 +74,12 @@ impl Noise {
         let isotropic = |s: f64| [s * s, 0.0, 0.0, s * s, 0.0, s * s];
         match (*self, ray) {
             (Self::Isotropic { sigma }, _) => isotropic(sigma),
+            // Without a viewpoint the direction of the ray is unknown. The larger σ, usually that along the
+            // ray, is used everywhere, so that no direction is too certain.
             (Self::Ray { sigma_along, .. }, None) => isotropic(sigma_along),
             (Self::Ray { sigma_along, sigma_across }, Some(r)) => {
+                // A sphere of σ across plus a rank-one term along the ray: no axes perpendicular to the ray
+                // have to be chosen.
                 let extra = sigma_along * sigma_along - sigma_across * sigma_across;
                 let mut c = isotropic(sigma_across);
                 for (entry, product) in c.iter_mut().zip([

@@ -105,6 +105,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     let (columns, rows) = (picture.columns, picture.rows);
     let (low, high) = (picture.values.iter())
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    // Halfway between the extremes: correct for masks, which have two grey levels and blurred borders.
     let threshold = options.threshold.unwrap_or(0.5 * (f64::from(low) + f64::from(high)));
     let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
     let object_pixels = mask.iter().filter(|m| **m).count();

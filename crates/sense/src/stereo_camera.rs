@@ -82,8 +82,11 @@ impl StereoCamera {
     #[must_use]
     pub fn covariance(&self, u: f64, v: f64, disparity: f64, sigma: f64) -> Option<[f64; 6]> {
         let [_, _, z] = self.point(u, v, disparity)?;
+        // The derivative of `z = f b / d` is `−z²/(f b)`: errors of depth grow with the square of the
+        // distance.
         let by_disparity = z * z / (self.focal * self.baseline);
         let along = by_disparity.powi(2) * (sigma.powi(2) + self.sigma_disparity.powi(2));
+        // A pixel is an area: the position of the matched surface point in it is uniformly distributed.
         let across = (z / self.focal).powi(2) * PIXEL_VARIANCE;
         Some(ray_covariance(self.ray(u, v), along, across))
     }
@@ -111,6 +114,7 @@ impl StereoCamera {
             let known = f64::from(sigma) <= choice.max_sigma_px;
             let point = if known { self.point(u, v, disparity) } else { None };
             let found = point.zip(self.covariance(u, v, disparity, f64::from(sigma)));
+            // Empty cells stay in the grid, so that neighbours in it are neighbours in the image.
             cells.push(match found {
                 Some(_) => points.len() as u32,
                 None => RangeGrid::EMPTY,

@@ -67,6 +67,8 @@ pub(super) fn joined(
     options: &OccludingOptions,
 ) -> Joined {
     let keys = keys(places);
+    // All tests refer to the original matches; removing points at once would make the result depend on their
+    // order.
     let wrong: Vec<Key> = (keys.iter().copied())
         .filter(|key| (0..2).any(|side| !comes_back(ready, neighbours, places, *key, side)))
         .collect();
@@ -89,6 +91,8 @@ pub(super) fn joined(
         for (is_along, other) in [(true, along), (false, across)] {
             let Some(&other) = other else { continue };
             let apart = distance(points[k].position, points[other].position);
+            // Neighbours may differ by their errors, by one step along the surface, and by the motion of the
+            // contact between views. A larger distance is a jump between surfaces.
             let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
             // Between views a contour point slides over the surface by its radius times the angle.
@@ -235,6 +239,7 @@ fn point(
     }
     let change = (sum / of).max(0.0).sqrt();
     let solved = own.placed.solved;
+    // The first neglected term of the depth, for a radius that changes linearly with the angle.
     let circle = change * (solved.angles[0] * solved.angles[1]).abs() / 6.0;
     let mut covariance = own.placed.covariance;
     add_along(&mut covariance, own.sight.way, circle * circle);
@@ -274,6 +279,7 @@ fn root(parent: &mut [usize], mut k: usize) -> usize {
 
 fn union(parent: &mut [usize], a: usize, b: usize) {
     let (a, b) = (root(parent, a), root(parent, b));
+    // The smaller index is the root, so that numbers of strips do not depend on the order of unions.
     let (low, high) = (a.min(b), a.max(b));
     parent[high] = low;
 }

@@ -95,6 +95,8 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
             "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
         )));
     }
+    // Grey levels at the border of a mask are the covered shares of pixels, so they are kept, except where a
+    // speck or hole was filled.
     let before = mask.clone();
     let min_pixels = (options.least_share * object_pixels as f64) as usize;
     fill(&mut mask, columns, true, min_pixels);
@@ -125,6 +127,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
         if way == 0 { [at[0] + share, at[1]] } else { [at[0], at[1] + share] }
     };
     let mut next: BTreeMap<usize, usize> = BTreeMap::new();
+    // Smoothing repeats pixels beyond the border of the image, so crossings there are not borders of the
+    // object.
     let clear = FRAME as usize;
     for row in clear..rows.saturating_sub(clear + 1) {
         for column in clear..columns.saturating_sub(clear + 1) {
@@ -153,6 +157,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
             }
         }
     }
+    // Open lines have a start that no square leads to. They are followed first, from there; started in the
+    // middle, they would be split.
     let reached: std::collections::BTreeSet<usize> = next.values().copied().collect();
     let mut starts: Vec<usize> = next.keys().copied().filter(|edge| !reached.contains(edge)).collect();
     starts.extend(next.keys().copied());

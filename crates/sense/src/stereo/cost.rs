@@ -97,6 +97,8 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
         true => f64::from(CONTRAST_STEPS) / (2.0 * variance.sqrt()),
         false => 0.0,
     };
+    // In units of the image's own contrast, so that exposure and gain of the two cameras cancel. Sixteen-bit
+    // integers fit twice as many lanes of a vector register as floating point.
     let level = |v: f32| (((f64::from(v) - mean) * scale).clamp(-8000.0, 8000.0)) as i16;
     let mut levels: [Vec<i16>; 3] = Default::default();
     for row in 0..image.rows {
@@ -106,6 +108,7 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
             let half =
                 [x.saturating_sub(1), (x + 1).min(row.len() - 1)].map(|k| level(0.5 * (row[x] + row[k])));
             levels[0].push(here);
+            // Extremes of the linear interpolation within half a pixel (Birchfield and Tomasi 1998).
             levels[1].push(here.min(half[0]).min(half[1]));
             levels[2].push(here.max(half[0]).max(half[1]));
         }
@@ -120,6 +123,8 @@ fn census(image: &Image) -> Vec<u64> {
     let inside = |k: usize, half: usize, n: usize| k.saturating_sub(half).min(n - 1);
     let mut all = vec![0; image.values.len()];
     all.par_chunks_mut(image.columns).enumerate().for_each(|(y, codes)| {
+        // Loops over the window outside, over columns inside: each step is one comparison of two contiguous
+        // rows.
         for dy in 0..=2 * half_rows {
             let other = image.row(inside(y + dy, half_rows, image.rows));
             let here = image.row(y);

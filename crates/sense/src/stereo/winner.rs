@@ -38,6 +38,7 @@ pub(super) fn winners(
         .enumerate()
         .map(|(pixel, sums)| {
             let mut found = winner(sums, share);
+            // Near the border the range ends where the match would leave the right image.
             let within = (pixel % columns) as i64 - i64::from(least);
             let last = within.min(disparities as i64 - 1);
             found.at_end = found.best == 0 || i64::from(found.best) >= last;
@@ -86,6 +87,8 @@ pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, le
                 if let Some(there) = usize::try_from(there).ok().filter(|t| *t < columns)
                     && sum < costs[there]
                 {
+                    // From the same sums, transposed: a second matching from the right image would double the
+                    // time.
                     costs[there] = sum;
                     winners[there] = d as u16;
                 }

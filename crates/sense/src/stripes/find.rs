@@ -158,6 +158,8 @@ pub fn read_grid(
         rejected,
         viewpoint: grid.camera.centre(),
     };
+    // A crossing far from its epipolar line was misplaced, for example by a highlight. It is removed before
+    // its neighbours' angles are compared with it.
     let near = |k: &&Indexed| off_line(k).normalised(unit) <= GATE * GATE;
     let identified_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
         .map(|piece| {
@@ -168,8 +170,12 @@ pub fn read_grid(
         .collect();
     let both_sides = |piece: &BTreeMap<[i32; 2], OrderedCrossing>| -> Vec<Residual> {
         let all = piece.keys().flat_map(|at| off_chords(piece, *at));
+        // Only crossings with neighbours on both sides: their residual contains the error of one angle, not
+        // of two.
         all.flatten().filter(|r| r.scaled == 1.0).collect()
     };
+    // Shading and texture bend stripes, which noise does not explain. Chords between neighbours measure that
+    // in the image itself.
     let sigma_angle =
         calibrated(&identified_pieces.iter().flat_map(both_sides).collect::<Vec<_>>()).unwrap_or(0.0);
     for piece in &identified_pieces {
@@ -257,6 +263,7 @@ fn calibrated(residuals: &[Residual]) -> Option<f64> {
         return None;
     }
     let mean = |x: f64| {
+        // Truncated squares, so that few wrong indices do not enlarge σ.
         residuals.iter().map(|r| r.normalised(x).min(MAX_SQUARE)).sum::<f64>() / residuals.len() as f64
     };
     // The mean decreases with x, so bisection (in logarithms) finds the root.
@@ -279,6 +286,7 @@ struct OrderedCrossing {
 
 impl OrderedCrossing {
     fn new(crossing: &Crossing, first: usize, unit: f64) -> Self {
+        // Stripes in the order of the projector's sets, whatever their order in the image.
         let order = [first, 1 - first];
         let entry = [0, 1, 2 + order[0], 2 + order[1]];
         Self {
@@ -319,6 +327,7 @@ fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Opt
                 let (slope, of_chord) = chord(own, other);
                 let there = half_turn(other.angles_rad[set] - slope);
                 let of_other = other.covariance[2 + set][2 + set];
+                // On a circular arc, the angles to the chord at both ends are opposite and cancel.
                 (half_turn(angle - slope) + there, variance + of_other + 4.0 * of_chord, 2.0)
             }
             (None, None) => return None,
@@ -361,6 +370,7 @@ impl GridReadings {
         for (at, (made, image, sigma)) in &found {
             let pairs: Vec<[Orientation; 2]> = [[1, 0], [0, 1], [1, 1], [1, -1]]
                 .into_iter()
+                // Both diagonals as well: two directions do not determine the mixed component of curvature.
                 .filter_map(|[a, b]| {
                     let other = |s: i32| found.get(&[at[0] + s * a, at[1] + s * b]).map(|f| f.0);
                     Some([other(1)?, other(-1)?])
