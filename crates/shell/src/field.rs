@@ -290,6 +290,8 @@ impl<'a> Shell<'a> {
         self.tree.visit_near(at, self.slack, |near| {
             let weight = self.weight(near.facet);
             if near.distance < nearest {
+                // Terms are relative to the nearest facet so far; when a nearer one arrives, the sums are
+                // rescaled.
                 let fading = (-k * (nearest - near.distance)).exp();
                 (sum, heights) = (sum * fading, heights * fading);
                 nearest = near.distance;
@@ -395,6 +397,8 @@ impl<'a> Shell<'a> {
     /// Height of a point over a facet's plane, and the plane's normal, flipped if it faces away.
     fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
         let normal = Vector3::from(self.facets[near.facet as usize].normal);
+        // Opposite walls of a thin part face away from each other. Without consistent orientation only a
+        // normal that opposes the nearest facet's is flipped.
         let turned =
             if !self.options.oriented && normal.dot(&facing) < FLIPPED_COSINE { -normal } else { normal };
         (turned.dot(&Vector3::from(sub(at, near.point))), turned)

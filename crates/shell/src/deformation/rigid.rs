@@ -167,6 +167,7 @@ impl<'a> RigidParts<'a> {
                 (0..near.len()).map(|k| (near[k].0, of(k))).collect()
             })
             .collect();
+        // Motions of parts are parameters themselves, so their block is the identity.
         let reduction = inner.reduction().map(|r| {
             let mut whole = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
             whole.view_mut((0, 0), r.shape()).copy_from(r);

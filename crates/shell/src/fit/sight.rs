@@ -80,6 +80,7 @@ impl<'a> Sight<'a> {
             shell,
             search,
             center: bounds.center(),
+            // The ball around the bounding box, slightly enlarged for rounding.
             radius: 0.51 * diagonal,
             width: softness.max(diagonal / NARROW),
             softness,
@@ -129,6 +130,7 @@ impl<'a> Sight<'a> {
         let bound = |a: f64, b: f64, at_a: f64, at_b: f64| 0.5 * (at_a + at_b - (b - a));
         let mut open: Vec<[f64; 5]> = Vec::with_capacity(32);
         let mut best = (f64::INFINITY, from);
+        // A coarse scan first: a good minimum early on excludes most intervals by their bounds.
         let mut last = (from, along(from));
         for k in 1..=PIECES {
             let t = from + (to - from) * k as f64 / PIECES as f64;
@@ -147,6 +149,8 @@ impl<'a> Sight<'a> {
                 break;
             };
             let [lower, a, b, at_a, at_b] = open.swap_remove(next);
+            // The interval with the smallest bound comes first (branch and bound). If even that cannot
+            // contain a lower minimum, none can.
             if lower >= best.0 - 0.1 * self.width {
                 break;
             }
@@ -232,6 +236,8 @@ impl<'a> Sight<'a> {
                 if best.1.abs() < SLOPE || width < 1e-3 * self.softness {
                     break;
                 }
+                // Regula falsi alternates with bisection: the first is fast where the slope is smooth, the
+                // second bounds the number of steps at kinks.
                 let share = -low.1 / (high.1 - low.1);
                 let t = if step % 2 == 1 {
                     0.5 * (low.0 + high.0)
@@ -302,6 +308,7 @@ impl<'a> Sight<'a> {
             if distances[0] < distances[1] {
                 high = at[1];
                 at = inner(low, high);
+                // The golden section reuses one of two inner points, so each step costs one query.
                 distances = [along(at[0]), distances[0]];
             } else {
                 low = at[0];
