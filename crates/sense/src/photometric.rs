@@ -176,6 +176,7 @@ impl Pixel {
     /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
     fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
         let most = readings.iter().copied().fold(0.0, f64::max);
+        // Shadowed readings do not follow the cosine law.
         let lit: Vec<f64> = readings.iter().map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 }).collect();
         let mut weights = lit.clone();
         let mut b = [0.0; 3];
@@ -207,6 +208,8 @@ impl Pixel {
             for ((w, lit), r) in weights.iter_mut().zip(&lit).zip(&residuals) {
                 *w = match round + 1 == ROUNDS {
                     false => lit / (1.0 + (r / (CUT * scale)).powi(2)).powi(2),
+                    // Smooth weights first, so that the selection does not depend on a bad first fit; at the
+                    // end full or zero weight, so that the covariance is that of plain least squares.
                     true if r.abs() < GATE * scale => *lit,
                     true => 0.0,
                 };
@@ -321,6 +324,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
         [sums[0] / sums[2], sums[1] / sums[2]]
     };
     let centre = middle(&mut inside.iter().map(|k| (*k, 1.0)));
+    // From the area: more accurate than from the extreme pixels of the mask.
     let radius = (inside.len() as f64 / std::f64::consts::PI).sqrt();
     let light = |(number, image): (usize, &Image)| {
         if (image.columns, image.rows) != (mask.columns, mask.rows) {
@@ -330,6 +334,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
             )));
         }
         let most = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
+        // The centroid of a saturated highlight; its brightest pixel is arbitrary.
         let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * most);
         let spot = middle(&mut bright.map(|k| (k, f64::from(image.values[k]))));
         let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
@@ -397,6 +402,8 @@ impl NormalMap {
             return Err(Error::undetermined("no pixel has a normal"));
         }
         let across = pixel_size * pixel_size / 12.0;
+        // Depth is unknown: a σ of the size of the image keeps the covariance finite, and positions have no
+        // influence on heights.
         let deep = (pixel_size * self.columns.max(self.rows) as f64).powi(2);
         let mut cells = vec![RangeGrid::EMPTY; self.normals.len()];
         known.iter().enumerate().for_each(|(i, k)| cells[*k] = i as u32);

@@ -169,6 +169,7 @@ impl Delaunay {
         let mut here = start;
         loop {
             let t = &self.tetrahedra[here as usize];
+            // Exact predicates: with rounded ones the walk could cycle.
             let away = (0..4)
                 .find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
             match away {
@@ -222,6 +223,7 @@ impl Delaunay {
 
     fn in_conflict(&self, tetrahedron: u32, at: [f64; 3]) -> bool {
         let [a, b, c, d] = self.corners(tetrahedron).map(|c| coordinates(self.points[c as usize]));
+        // Strictly, so that no new tetrahedron is flat (see the module's description).
         insphere(a, b, c, d, coordinates(at)) > 0.0
     }
 

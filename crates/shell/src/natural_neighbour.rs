@@ -99,6 +99,7 @@ impl NaturalNeighbours {
             .filter(|_| !points.is_empty())
             .ok_or_else(|| Error::input("natural neighbours need at least one point"))?;
         let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
+        // The corners of the box are sites as well, so queries outside of the points' hull also have weights.
         let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
         let middle = bounds.center();
         let around = BoundingBox { min: middle.map(|x| x - half), max: middle.map(|x| x + half) };
@@ -205,6 +206,7 @@ impl NaturalNeighbours {
     /// Volumes `|R_j|` times twelve.
     fn measure(&self, at: [f64; 3], cavity: &Cavity, query: &mut Query) {
         let points = self.delaunay.points();
+        // Relative to the query: circumcentres are differences of squares, which cancel far from the origin.
         let from_place = |site: u32| sub(points[site as usize], at);
         query.volumes.resize(points.len(), 0.0);
         query.old_centers.clear();

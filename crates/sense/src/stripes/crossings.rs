@@ -114,6 +114,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
             }
         }
     }
+    // Votes are rounded to pixels; smoothing joins those of one crossing.
     let height = smoothed(votes, columns, 1.0);
     let least = LEAST_VOTES / std::f32::consts::TAU;
     let mut found = Vec::new();
@@ -225,6 +226,8 @@ fn parabola(places: &[[f64; 3]]) -> Option<([f64; 3], [[f64; 3]; 3])> {
 
 /// `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹` with the correlated errors of points on one line.
 fn sandwich(ridges: &Ridges, places: &[[f64; 3]], inverse: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    // Errors of neighbouring points are correlated. Treated as independent, they would make σ too small by
+    // the number of points per correlation length.
     let gains: Vec<[f64; 3]> = (places.iter())
         .map(|[t, _, strength]| super::times(inverse, [1.0, *t, t * t]).map(|g| g / strength))
         .collect();
@@ -245,6 +248,8 @@ fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> 
     let mut centre = spot;
     let mut axes: Option<[[f64; 2]; 2]> = None;
     let mut made = None;
+    // The centre and the directions decide which points belong to a stripe, and these determine centre and
+    // directions.
     for _ in 0..3 {
         let around: Vec<&Ridge> = (ridges.near(centre, reach))
             .filter(|r| (2.0..=reach).contains(&apart(r.place, centre)) && passes(r, centre))
@@ -290,6 +295,7 @@ fn aligned(ridge: &Ridge, axis: [f64; 2]) -> f64 {
 
 /// The two main directions of ridge points, by 2-means clustering of doubled angles: lines have no sign.
 fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
+    // Doubled angles: a direction and its opposite are the same line.
     let doubled: Vec<[f64; 2]> = (around.iter())
         .map(|r| {
             let [x, y] = r.direction;
@@ -328,6 +334,7 @@ fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
 fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
     let (mut s, mut t) = (0.0, 0.0);
     let mut determinant = 0.0;
+    // Newton's method on two parabolas, which are almost straight: it converges in a few steps.
     for _ in 0..8 {
         let (p, q) = (a.at(s), b.at(t));
         let (u, v) = (a.tangent(s), b.tangent(t));

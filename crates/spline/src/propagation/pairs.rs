@@ -39,6 +39,7 @@ pub(super) struct Pair {
 /// The pairs of every `stride`-th facet with all facets within `reach` of its images.
 pub(super) fn pairs(facets: &Facets, symmetry: &Symmetry, reach: f64, stride: usize) -> Vec<Pair> {
     let sources: Vec<u32> = (0..facets.all.len() as u32).step_by(stride).collect();
+    // Collected in the order of the sources, so the result does not depend on the number of threads.
     let found: Vec<Vec<Pair>> = if let Symmetry::Rotation { order: None, .. } = symmetry {
         let places: Vec<[f64; 3]> = facets.all.iter().map(|f| symmetry.cylindrical(f.point)).collect();
         sources.par_iter().map(|&from| on_one_ring(facets, symmetry, &places, reach, from)).collect()
