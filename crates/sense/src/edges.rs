@@ -34,14 +34,14 @@ pub struct EdgePoint {
 
 /// Minimum gradient of an edge, in σ of the gradient caused by noise. Lower values find fainter edges and
 /// more noise.
-const LEAST_SIGMAS: f64 = 6.0;
+const MIN_SIGMAS: f64 = 6.0;
 /// σ of an edge point without noise, in pixels, measured on discs of radius 12 and 25. It exists because a
 /// square pixel is not a Gaussian.
 const RASTER_PX: f64 = 0.02;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
 const APART: f64 = 3.0;
 /// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
-const LEAST_RADIUS: f64 = 6.0;
+const MIN_RADIUS: f64 = 6.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
 const NEAR: f64 = 6.0;
 
@@ -91,9 +91,9 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     // A noise-free image still has the rounding of whole grey levels, of variance 1/12.
     let noise = noise_of(image).max(1.0 / 12f64.sqrt());
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
-    let least = LEAST_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
+    let minimum = MIN_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
     let strongest = field.magnitude.iter().copied().fold(0.0, f64::max);
-    let threshold = least.max(options.least_share * strongest);
+    let threshold = minimum.max(options.least_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
         return Err(Error::undetermined("no edge exceeds the noise of the image"));
@@ -115,7 +115,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
             near.iter().sum::<f64>() / near.len() as f64
         })
         .collect();
-    let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * LEAST_RADIUS * s > 1.0).collect();
+    let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * MIN_RADIUS * s > 1.0).collect();
     let mut kept: Vec<EdgePoint> = Vec::new();
     let mut taken = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {

@@ -48,7 +48,7 @@ impl Default for ScanChecks {
 }
 
 /// A reading with fewer grid neighbours is not tested for isolation.
-const LEAST_NEIGHBOURS: u32 = 4;
+const MIN_NEIGHBOURS: u32 = 4;
 
 /// Normals and suspicions of one scan, in its own frame.
 #[derive(Debug, Clone, Default)]
@@ -151,7 +151,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
                 }
             }
             // One neighbour may agree by chance, for example a second gross error.
-            isolated[own] = neighbours >= LEAST_NEIGHBOURS && jumps + 1 >= neighbours;
+            isolated[own] = neighbours >= MIN_NEIGHBOURS && jumps + 1 >= neighbours;
         }
     }
     let point = |column: usize, row: usize| grid.point(column, row).filter(|&i| !isolated[i]);
@@ -353,14 +353,14 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let b: [[f64; 3]; 3] =
         std::array::from_fn(|i| std::array::from_fn(|j| (m[i][j] - if i == j { q } else { 0.0 }) / p));
     let r = (0.5 * dot(b[0], cross(b[1], b[2]))).clamp(-1.0, 1.0);
-    let least = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
+    let smallest = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
     let shifted: [[f64; 3]; 3] =
-        std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { least } else { 0.0 }));
+        std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { smallest } else { 0.0 }));
     // The null vector is the longest of the rows' cross products.
     let candidates =
         [cross(shifted[0], shifted[1]), cross(shifted[1], shifted[2]), cross(shifted[2], shifted[0])];
     let best = candidates.into_iter().max_by(|a, b| norm(*a).total_cmp(&norm(*b))).unwrap_or([0.0; 3]);
-    (unit(best).unwrap_or([0.0; 3]), least / trace)
+    (unit(best).unwrap_or([0.0; 3]), smallest / trace)
 }
 
 /// Flips normals so that neighbours agree. It starts from the fixed ones, or else from the point farthest

@@ -112,8 +112,8 @@ pub fn photometric_normals(
     let readings = |k: usize| -> Option<Vec<f64>> {
         let inside = mask.zip(half).is_none_or(|(m, half)| m.values[k] > half);
         let all: Vec<f64> = images.iter().map(|i| f64::from(i.values[k])).collect();
-        let most = all.iter().copied().fold(0.0, f64::max);
-        (inside && most > options.darkest * f64::from(brightest)).then_some(all)
+        let maximum = all.iter().copied().fold(0.0, f64::max);
+        (inside && maximum > options.darkest * f64::from(brightest)).then_some(all)
     };
     let pilot: Vec<Vec<f64>> = (0..columns * rows).step_by(PILOT).filter_map(readings).collect();
     let ambient = match options.ambient {
@@ -175,9 +175,10 @@ struct Pixel {
 impl Pixel {
     /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
     fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
-        let most = readings.iter().copied().fold(0.0, f64::max);
+        let strongest = readings.iter().copied().fold(0.0, f64::max);
         // Shadowed readings do not follow the cosine law.
-        let lit: Vec<f64> = readings.iter().map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 }).collect();
+        let lit: Vec<f64> =
+            readings.iter().map(|i| if *i > SHADOW * strongest { 1.0 } else { 0.0 }).collect();
         let mut weights = lit.clone();
         let mut b = [0.0; 3];
         let mut residuals = vec![0.0; readings.len()];
@@ -204,7 +205,7 @@ impl Pixel {
             // The fit uses three degrees of freedom of the residuals.
             let spread = 1.4826 * median(among) * (count / (count - 3.0)).sqrt();
             // No surface is completely matte, so residuals of this size are never outliers.
-            let scale = spread.max(sigma).max(0.005 * most);
+            let scale = spread.max(sigma).max(0.005 * strongest);
             for ((w, lit), r) in weights.iter_mut().zip(&lit).zip(&residuals) {
                 *w = match round + 1 == ROUNDS {
                     false => lit / (1.0 + (r / (CUT * scale)).powi(2)).powi(2),
@@ -280,8 +281,9 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
                 .par_iter()
                 .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
             let residuals = fits.flat_map_iter(|(fit, readings)| {
-                let most = readings.iter().copied().fold(0.0, f64::max);
-                let lit = fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * most);
+                let strongest = readings.iter().copied().fold(0.0, f64::max);
+                let lit =
+                    fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * strongest);
                 lit.map(|(r, _)| r.abs())
             });
             median(residuals.collect())
@@ -333,13 +335,13 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
                 mask.columns, mask.rows, image.columns, image.rows
             )));
         }
-        let most = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
+        let maximum = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
         // The centroid of a saturated highlight; its brightest pixel is arbitrary.
-        let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * most);
+        let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * maximum);
         let spot = middle(&mut bright.map(|k| (k, f64::from(image.values[k]))));
         let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
         let square = x * x + y * y;
-        if !(most > 0.0 && square < 1.0) {
+        if !(maximum > 0.0 && square < 1.0) {
             return Err(Error::undetermined(format!("image {number} of the ball has no highlight")));
         }
         let n = [x, y, -(1.0 - square).sqrt()];

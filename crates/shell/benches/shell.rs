@@ -36,7 +36,7 @@ fn shortest(mut run: impl FnMut()) -> [f64; 2] {
             let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
             [start.elapsed().as_secs_f64(), used / threads]
         })
-        .fold([f64::INFINITY; 2], |least, run| [0, 1].map(|k| run[k].min(least[k])))
+        .fold([f64::INFINITY; 2], |shortest, run| [0, 1].map(|k| run[k].min(shortest[k])))
 }
 
 /// Places a second, as it went and by processor time, in thousands.

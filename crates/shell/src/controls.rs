@@ -313,11 +313,11 @@ mod tests {
                 .fold(f64::INFINITY, f64::min)
         };
         let spread: Vec<f64> = (0..60).map(nearest).collect();
-        let (least, most) = (
+        let (low, high) = (
             spread.iter().copied().fold(f64::INFINITY, f64::min),
             spread.iter().copied().fold(0.0, f64::max),
         );
-        assert!(most < 2.5 * least, "{least} {most}");
+        assert!(high < 2.5 * low, "{low} {high}");
         // A closed triangulation of 60 points has 116 triangles and 174 edges.
         assert!(
             made.triangles.len() > 100 && made.edges.len() > 160,

@@ -231,15 +231,18 @@ impl<'a> Shell<'a> {
         };
         // A far sphere with a large radius can contribute more than a near small one, so the range of radii
         // is added.
-        let (least, most) = (skeletons.iter().map(|s| s.radius))
-            .fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
+        let (smallest_radius, largest_radius) = (skeletons.iter().map(|s| s.radius))
+            .fold((f64::INFINITY, 0.0_f64), |(smallest_radius, largest_radius), r| {
+                (smallest_radius.min(r), largest_radius.max(r))
+            });
         let reach = |others: f64| options.reach.unwrap_or_else(|| (others / DEFAULT_TRUNCATION).ln());
         Ok(Self {
             mesh,
             tree,
             options: *options,
             slack: reach(others) / options.sharpness,
-            paper_slack: reach(count as f64) / options.sharpness + (most - least).max(0.0),
+            paper_slack: reach(count as f64) / options.sharpness
+                + (largest_radius - smallest_radius).max(0.0),
             facets,
             skeletons,
         })
@@ -315,13 +318,13 @@ impl<'a> Shell<'a> {
     pub(crate) fn band(&self) -> [f64; 2] {
         let k = self.options.sharpness;
         let radii = || self.skeletons.iter().map(|s| s.radius);
-        let [least, most] = if self.skeletons.is_empty() {
+        let [low, high] = if self.skeletons.is_empty() {
             [self.options.thickness; 2]
         } else {
             [radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max)]
         };
         let inner = -self.options.threshold.ln() / k;
-        [least + inner, most + inner + (self.facets.len() as f64).ln() / k]
+        [low + inner, high + inner + (self.facets.len() as f64).ln() / k]
     }
 
     /// The largest radius of a spherical metaball; zero for triangular ones.

@@ -210,8 +210,8 @@ impl NaturalNeighbours {
         let from_place = |site: u32| sub(points[site as usize], at);
         query.volumes.resize(points.len(), 0.0);
         query.old_centers.clear();
-        let most = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
-        query.place_in_cavity.resize(query.place_in_cavity.len().max(most), u32::MAX);
+        let end = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
+        query.place_in_cavity.resize(query.place_in_cavity.len().max(end), u32::MAX);
         for (place, &t) in cavity.tetrahedra.iter().enumerate() {
             let [a, b, c, d] = self.delaunay.corners(t).map(from_place);
             let center = circumcenter_from([b, c, d].map(|p| sub(p, a)));
@@ -413,8 +413,8 @@ mod tests {
             assert_eq!(weights, [Weight { site: k as u32 + 8, weight: 1.0 }]);
         }
         // Next to a site its weight is almost one, because weights are continuous.
-        let beside = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();
-        assert!(beside.iter().any(|w| w.site == 11 && w.weight > 1.0 - 1e-4));
+        let nearby = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();
+        assert!(nearby.iter().any(|w| w.site == 11 && w.weight > 1.0 - 1e-4));
     }
 
     #[test]

@@ -188,7 +188,7 @@ fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f6
 
 /// The connected parts of a closed mesh whose volume is at least a share of the largest one's. Unused
 /// vertices are removed.
-fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
+fn large_parts(mesh: &TriangleMesh, min_ratio: f64) -> TriangleMesh {
     // Intersecting constraint surfaces cut off small fragments.
     let of = mesh.parts();
     let count = of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);
@@ -202,7 +202,7 @@ fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
     let mut kept = TriangleMesh::default();
     for (triangle, part) in mesh.triangles.iter().zip(of) {
         // A negative volume is a cavity, which stays filled.
-        if volumes[part as usize] <= 0.0 || volumes[part as usize] < least * largest {
+        if volumes[part as usize] <= 0.0 || volumes[part as usize] < min_ratio * largest {
             continue;
         }
         kept.triangles.push(triangle.map(|v| {

@@ -11,7 +11,7 @@ use super::outline::Contour;
 /// Minimum number of points in a window.
 const MIN_PLACES: usize = 5;
 /// Minimum extent of a window on either side, as a share of its half width.
-const LEAST_SIDE: f64 = 0.6;
+const MIN_SIDE: f64 = 0.6;
 /// Turn over half of the window above which a position is a corner, in radians.
 const CORNER_TURN: f64 = 0.7;
 /// Reduced χ² above which a position is a corner or a T-junction, where one part hides another.
@@ -136,7 +136,7 @@ impl<'a> Curve<'a> {
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (low, high) = (near[0], near[near.len() - 1]);
         // At an end of an open contour the window is one-sided, and the tangent of the parabola uncertain.
-        if low.0 > -LEAST_SIDE * self.half || high.0 < LEAST_SIDE * self.half {
+        if low.0 > -MIN_SIDE * self.half || high.0 < MIN_SIDE * self.half {
             return None;
         }
         // In coordinates along and across the chord, with the origin at the nearest point.

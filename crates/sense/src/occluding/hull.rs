@@ -78,8 +78,8 @@ impl SilhouetteBound {
     #[must_use]
     pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
         let depths = self.views.iter().map(|view| view.at(at));
-        let [_, second] = depths.fold([f64::INFINITY; 2], |[least, second], depth| {
-            [least.min(depth), second.min(depth.max(least))]
+        let [_, second] = depths.fold([f64::INFINITY; 2], |[first, second], depth| {
+            [first.min(depth), second.min(depth.max(first))]
         });
         second
     }

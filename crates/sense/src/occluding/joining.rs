@@ -19,7 +19,7 @@ const JUMP: f64 = 4.0;
 /// Number of neighbours on either side whose changes of radius are averaged.
 const AVERAGED: usize = 3;
 /// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
-const MOST_NORMAL_DEG: f64 = 60.0;
+const MAX_NORMAL_DEG: f64 = 60.0;
 
 type Places = Vec<Vec<Vec<Result<Found, &'static str>>>>;
 /// View, line and place.
@@ -259,7 +259,7 @@ fn point(
         position: own.placed.position,
         covariance,
         normal: own.sight.normal,
-        sigma_normal_deg: tilt.to_degrees().min(MOST_NORMAL_DEG),
+        sigma_normal_deg: tilt.to_degrees().min(MAX_NORMAL_DEG),
         sigma_depth: depth.sqrt(),
         sigma_circle: circle,
         radius: solved.radius,

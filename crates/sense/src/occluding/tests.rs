@@ -312,8 +312,8 @@ fn the_hull_reports_the_unobserved_share() {
             SilhouetteBound::new(&rest).unwrap().depth(*p)
         };
         if p[0] > 1.0 {
-            let most = (0..views.len()).map(fewer).fold(f64::NEG_INFINITY, f64::max);
-            assert!((bound.depth_without_one(*p) - most).abs() < 1e-12, "{p:?}");
+            let largest = (0..views.len()).map(fewer).fold(f64::NEG_INFINITY, f64::max);
+            assert!((bound.depth_without_one(*p) - largest).abs() < 1e-12, "{p:?}");
         }
     }
     let unseen = hull.unseen_share(&all.points);

@@ -23,7 +23,7 @@ const CENSUS: [usize; 2] = [4, 3];
 const CENSUS_BIT: i16 = 2;
 
 /// Limit of the difference of brightness, in hundredths of the contrast, so that occlusions do not dominate.
-const MOST_DIFFERENCE: i16 = 40;
+const MAX_DIFFERENCE: i16 = 40;
 
 /// Hundredths of the contrast: twice the deviation of the brightness is 100.
 const CONTRAST_STEPS: f32 = 100.0;
@@ -31,7 +31,7 @@ const CONTRAST_STEPS: f32 = 100.0;
 /// Both images, prepared for the cost. Rows of the right one are reversed, so that disparities run forwards.
 pub(super) struct MatchingCost {
     columns: usize,
-    least: i32,
+    min_disparity: i32,
     census: [Vec<u64>; 2],
     /// Brightness, and its minimum and maximum within half a pixel along the row.
     level: [[Vec<i16>; 3]; 2],
@@ -39,11 +39,11 @@ pub(super) struct MatchingCost {
 
 impl MatchingCost {
     /// Prepares both images; `least` is the disparity with index 0.
-    pub(super) fn new(left: &Image, right: &Image, least: i32) -> Self {
+    pub(super) fn new(left: &Image, right: &Image, min_disparity: i32) -> Self {
         let columns = left.columns;
         let mut all = Self {
             columns,
-            least,
+            min_disparity,
             census: [census(left), census(right)],
             level: [levels(left), levels(right)],
         };
@@ -62,26 +62,26 @@ impl MatchingCost {
         let columns = self.columns;
         let of_row = row * columns..(row + 1) * columns;
         let [left, right] = [&self.census[0][of_row.clone()], &self.census[1][of_row.clone()]];
-        let [value, least, most] = self.level[0].each_ref().map(|l| &l[of_row.clone()]);
-        let [value_there, least_there, most_there] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
+        let [value, low, high] = self.level[0].each_ref().map(|l| &l[of_row.clone()]);
+        let [value_there, low_there, high_there] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
         for (x, costs) in costs.chunks_exact_mut(disparities).enumerate() {
             costs.fill(WORST);
             // Disparity d is at the backward column `first + d`, which is one of the row.
-            let first = (columns - 1 - x) as i64 + i64::from(self.least);
+            let first = (columns - 1 - x) as i64 + i64::from(self.min_disparity);
             let skipped = (-first).clamp(0, disparities as i64) as usize;
             let start = first.clamp(0, columns as i64) as usize;
             let inside = (disparities - skipped).min(columns - start);
             let costs = &mut costs[skipped..skipped + inside];
             let there = start..start + inside;
             let candidates = (right[there.clone()].iter().zip(&value_there[there.clone()]))
-                .zip(least_there[there.clone()].iter().zip(&most_there[there]));
-            let (code, a, a_least, a_most) = (left[x], value[x], least[x], most[x]);
-            for (cost, ((&other, &b), (&b_least, &b_most))) in costs.iter_mut().zip(candidates) {
+                .zip(low_there[there.clone()].iter().zip(&high_there[there]));
+            let (code, a, a_low, a_high) = (left[x], value[x], low[x], high[x]);
+            for (cost, ((&other, &b), (&b_low, &b_high))) in costs.iter_mut().zip(candidates) {
                 let bits = (code ^ other).count_ones() as i16;
                 // The difference that no shift of the sampling by up to half a pixel explains.
-                let one = a.wrapping_sub(b_most).max(b_least.wrapping_sub(a));
-                let other = b.wrapping_sub(a_most).max(a_least.wrapping_sub(b));
-                let apart = one.min(other).clamp(0, MOST_DIFFERENCE);
+                let one = a.wrapping_sub(b_high).max(b_low.wrapping_sub(a));
+                let other = b.wrapping_sub(a_high).max(a_low.wrapping_sub(b));
+                let apart = one.min(other).clamp(0, MAX_DIFFERENCE);
                 *cost = CENSUS_BIT.wrapping_mul(bits).wrapping_add(apart).min(i16::from(WORST)) as u8;
             }
         }

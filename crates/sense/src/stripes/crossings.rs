@@ -15,20 +15,20 @@ use crate::Image;
 
 /// Maximum distance of two ridge points that vote for a crossing, in scales, and the minimum number of votes.
 const VOTING_SCALES: f64 = 8.0;
-const LEAST_VOTES: f32 = 24.0;
+const MIN_VOTES: f32 = 24.0;
 /// Distance to the other stripe below which points are excluded, in scales: there the stripes merge.
 const BLURRED: f64 = 2.6;
 /// Distance to which a stripe is followed from its crossing, as a share of the spacing of crossings.
 const REACH: f64 = 0.48;
-const LEAST_REACH_SCALES: f64 = 6.0;
+const MIN_REACH_SCALES: f64 = 6.0;
 /// Minimum number of points of a stripe on either side of a crossing.
-const LEAST_PLACES: usize = 3;
+const MIN_PLACES: usize = 3;
 /// Gate of points before the parabola is known: distance from the straight line in pixels, and cosine to its
 /// direction.
 const OFF_LINE: f64 = 2.5;
 const TURNED_COS: f64 = 0.85;
 /// Minimum sine of the angle between two stripes.
-const LEAST_CROSSING: f64 = 0.25;
+const MIN_CROSSING: f64 = 0.25;
 
 /// Two stripes that cross.
 #[derive(Debug, Clone, Copy)]
@@ -63,23 +63,24 @@ impl Crossings {
     /// Finds them.
     pub fn new(image: &Image, ridges: &Ridges) -> Self {
         let spots = meeting_places(image, ridges);
-        let least = LEAST_REACH_SCALES * ridges.scale;
+        let min_reach = MIN_REACH_SCALES * ridges.scale;
         // Twice: the first pass gives the spacing, which limits how far stripes are followed in the second.
-        let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);
+        let first =
+            different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, min_reach)), min_reach);
         let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
         // The median spacing limits the distance to which stripes are followed.
-        let reach = (REACH * spacing).max(least);
-        let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), least);
+        let reach = (REACH * spacing).max(min_reach);
+        let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), min_reach);
         let no_crossing = spots.len() - found.len();
         Self { found, spacing, no_crossing }
     }
 }
 
 /// Drops crossings that coincide with an earlier one.
-fn different(all: impl Iterator<Item = Crossing>, least: f64) -> Vec<Crossing> {
+fn different(all: impl Iterator<Item = Crossing>, min_reach: f64) -> Vec<Crossing> {
     let mut found: Vec<Crossing> = Vec::new();
     for new in all {
-        if found.iter().all(|old| apart(old.image, new.image) > 0.4 * least) {
+        if found.iter().all(|old| apart(old.image, new.image) > 0.4 * min_reach) {
             found.push(new);
         }
     }
@@ -99,7 +100,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     for a in ridges.all() {
         for b in ridges.near(a.place, reach) {
             let crossing = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0];
-            if crossing.abs() < LEAST_CROSSING {
+            if crossing.abs() < MIN_CROSSING {
                 continue;
             }
             let d = [b.place[0] - a.place[0], b.place[1] - a.place[1]];
@@ -116,12 +117,12 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     }
     // Votes are rounded to pixels; smoothing joins those of one crossing.
     let height = smoothed(votes, columns, 1.0);
-    let least = LEAST_VOTES / std::f32::consts::TAU;
+    let minimum = MIN_VOTES / std::f32::consts::TAU;
     let mut found = Vec::new();
     for y in 2..rows.saturating_sub(2) {
         for x in 2..columns.saturating_sub(2) {
             let here = height[y * columns + x];
-            if here <= 0.0 || here < least {
+            if here <= 0.0 || here < minimum {
                 continue;
             }
             let around = (y - 2..=y + 2).flat_map(|j| (x - 2..=x + 2).map(move |i| (i, j)));
@@ -192,7 +193,7 @@ impl Stripe {
         own.dedup_by(|b, a| b[0] - a[0] < 0.4);
         for last in [false, true] {
             let sides = own.iter().filter(|p| p[0] < 0.0).count();
-            if sides < LEAST_PLACES || own.len() - sides < LEAST_PLACES {
+            if sides < MIN_PLACES || own.len() - sides < MIN_PLACES {
                 return None;
             }
             let (curve, inverse) = parabola(&own)?;
@@ -203,8 +204,8 @@ impl Stripe {
             let off = |p: &[f64; 3]| (p[1] - curve[0] - p[0] * (curve[1] + p[0] * curve[2])).abs();
             let mut sizes: Vec<f64> = own.iter().map(off).collect();
             sizes.sort_by(f64::total_cmp);
-            let most = (5.0 * sizes[sizes.len() / 2]).max(0.3);
-            own.retain(|p| off(p) <= most);
+            let limit = (5.0 * sizes[sizes.len() / 2]).max(0.3);
+            own.retain(|p| off(p) <= limit);
         }
         None
     }
@@ -327,7 +328,7 @@ fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
         [angle.cos(), angle.sin()]
     });
     let crossing = axes[0][0] * axes[1][1] - axes[0][1] * axes[1][0];
-    (crossing.abs() >= LEAST_CROSSING).then_some(axes)
+    (crossing.abs() >= MIN_CROSSING).then_some(axes)
 }
 
 /// The intersection of two parabolas, by Newton's method, with the covariance of position and angles.
@@ -340,7 +341,7 @@ fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
         let (u, v) = (a.tangent(s), b.tangent(t));
         let d = [q[0] - p[0], q[1] - p[1]];
         determinant = u[0] * v[1] - u[1] * v[0];
-        if determinant.abs() < LEAST_CROSSING {
+        if determinant.abs() < MIN_CROSSING {
             return None;
         }
         s += (d[0] * v[1] - d[1] * v[0]) / determinant;

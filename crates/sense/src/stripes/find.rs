@@ -21,7 +21,7 @@ use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 
 use super::crossings::{Crossing, Crossings};
-use super::indexing::{EpipolarLines, Indexed, LEAST_KNOTS, index};
+use super::indexing::{EpipolarLines, Indexed, MIN_KNOTS, index};
 use super::network::pieces;
 use super::pattern::StripePattern;
 use super::ridges::{Ridges, sigma_of_brightness};
@@ -136,7 +136,7 @@ pub fn read_grid(
     if identified == 0 {
         return Err(Error::undetermined(format!(
             "{} crossings of stripes were found, but their stripes could not be identified: needed connected \
-            pieces of {LEAST_KNOTS} crossings or more that agree with the calibration",
+            pieces of {MIN_KNOTS} crossings or more that agree with the calibration",
             crossings.found.len()
         )));
     }
@@ -194,12 +194,10 @@ pub fn read_grid(
     Ok(made)
 }
 
-fn check(value: f64, name: &str, least: f64, most: f64) -> Result<()> {
-    match value >= least && value <= most {
+fn check(value: f64, name: &str, low: f64, high: f64) -> Result<()> {
+    match value >= low && value <= high {
         true => Ok(()),
-        false => {
-            Err(Error::input(format!("needed a {name} from {least:e} to {most} pixels, found {value:e}")))
-        }
+        false => Err(Error::input(format!("needed a {name} from {low:e} to {high} pixels, found {value:e}"))),
     }
 }
 
@@ -215,9 +213,9 @@ fn divide(image: &Image, plain: &Image) -> Result<Image> {
     // Division instead of subtraction: the reflectance multiplies the light of the stripes.
     let white = plain.values.iter().fold(0.0_f32, |a, b| a.max(*b));
     // Below this share of white, the quotient would be noise.
-    let least = 0.04 * white;
+    let minimum = 0.04 * white;
     let ratio =
-        (image.values.iter().zip(&plain.values)).map(|(i, p)| if *p > least { i * white / p } else { 0.0 });
+        (image.values.iter().zip(&plain.values)).map(|(i, p)| if *p > minimum { i * white / p } else { 0.0 });
     Image::try_new(image.columns, image.rows, ratio.collect())
 }
 
@@ -311,14 +309,15 @@ fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Opt
     let own = &piece[&at];
     [0, 1].map(|set| {
         // Along a stripe of one set, the index of the other set changes.
-        let beside = |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
+        let neighbour =
+            |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
         let chord = |a: &OrderedCrossing, b: &OrderedCrossing| {
             let d = [b.image[0] - a.image[0], b.image[1] - a.image[1]];
             (d[1].atan2(d[0]), (a.place() + b.place()) / (d[0] * d[0] + d[1] * d[1]))
         };
         let angle = own.angles_rad[set];
         let variance = own.covariance[2 + set][2 + set];
-        let (off, known, scaled) = match (beside(-1), beside(1)) {
+        let (off, known, scaled) = match (neighbour(-1), neighbour(1)) {
             (Some(a), Some(b)) => {
                 let (slope, of_chord) = chord(a, b);
                 (half_turn(angle - slope), variance + of_chord, 1.0)

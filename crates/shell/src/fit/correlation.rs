@@ -85,7 +85,7 @@ impl ResidualCorrelation {
         }
         let weights = products(&|r| 1.0 / r.sigma);
         let mut found = Self::NONE;
-        let mut most = 0.0;
+        let mut best = 0.0;
         for ((level, taken), weights) in levels.iter().zip(taken).zip(weights) {
             let alike = (level.sum / variance + taken) / level.pairs;
             // A level counts only if its correlation is significant; the most significant one gives the
@@ -96,8 +96,8 @@ impl ResidualCorrelation {
             }
             let alike = alike.min(1.0);
             found.together = found.together.max(1.0 + (level.size - 1.0) * alike);
-            if sure > most {
-                most = sure;
+            if sure > best {
+                best = sure;
                 found.shared = [alike * variance * level.pairs, weights.sum];
             }
         }

@@ -160,13 +160,13 @@ impl Sheets {
     fn weigh(&mut self, sigma: f64, loss: &Loss) {
         let cost = |sheet: &Sheet| loss.rho(sheet.height / sigma);
         // Costs relative to the smallest one: far from all sheets every exponential would be zero.
-        let least = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
+        let minimum = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
         let masses: f64 = self.list.iter().map(|sheet| sheet.mass).sum();
-        let density = |sheet: &Sheet| sheet.mass * (least - cost(sheet)).exp();
+        let density = |sheet: &Sheet| sheet.mass * (minimum - cost(sheet)).exp();
         let all: f64 = self.list.iter().map(density).sum();
         for sheet in &mut self.list {
             sheet.probability = density(sheet) / all;
-            sheet.log_ratio = (least - cost(sheet)).exp().ln() - (all / masses).ln();
+            sheet.log_ratio = (minimum - cost(sheet)).exp().ln() - (all / masses).ln();
         }
     }
 

@@ -194,8 +194,8 @@ fn refine(facets: &Facets, start: Symmetry, middle: [f64; 3], steps: usize, stri
         let share = (step as f64 / (steps as f64 * 0.6)).min(1.0);
         let reach = facets.side * (FIRST_REACH + share * (LAST_REACH - FIRST_REACH));
         let found = pairs(facets, &symmetry, reach, stride);
-        let most = FIRST_DEPARTURE * facets.size * (0.02_f64).powf(share);
-        let departure = departure_of(&found).clamp(0.0, most.max(MAX_DEPARTURE * facets.size));
+        let limit = FIRST_DEPARTURE * facets.size * (0.02_f64).powf(share);
+        let departure = departure_of(&found).clamp(0.0, limit.max(MAX_DEPARTURE * facets.size));
         let normal = Normal::new(&symmetry, &found, departure, facets.size);
         let Some(by) = normal.step() else { break };
         symmetry = symmetry.moved(by.as_slice()).near(middle);

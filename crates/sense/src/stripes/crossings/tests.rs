@@ -83,8 +83,8 @@ fn covariance_matches_a_simulation() {
             let share = within as f64 / draws.len() as f64;
             // The standard error of the share is 0.018. The place of a crossing of 57° is covered 73 % one
             // way: which places are left out for being near the other stripe changes with the noise.
-            let least = if angles[0] == 0.6 { 0.65 } else { 0.88 };
-            assert!((least..=0.995).contains(&share), "{angles:?} {bend}: number {k} is covered {share}");
+            let low = if angles[0] == 0.6 { 0.65 } else { 0.88 };
+            assert!((low..=0.995).contains(&share), "{angles:?} {bend}: number {k} is covered {share}");
         }
     }
 }
