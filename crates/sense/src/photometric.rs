@@ -492,8 +492,8 @@ fn inverse(m: &[f64; 6]) -> Option<[f64; 6]> {
     let cofactors =
         [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
     let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
-    let trace = a + d + f;
     // Relative to the trace, so that the unit of the lights does not matter.
+    let trace = a + d + f;
     (determinant > 1e-7 * trace.powi(3)).then(|| cofactors.map(|c| c / determinant))
 }
 

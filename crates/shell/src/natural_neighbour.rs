@@ -99,8 +99,8 @@ impl NaturalNeighbours {
             .filter(|_| !points.is_empty())
             .ok_or_else(|| Error::input("natural neighbours need at least one point"))?;
         let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
-        // The corners of the box are sites as well, so queries outside of the points' hull also have weights.
         let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
+        // The corners of the box are sites as well, so queries outside of the points' hull also have weights.
         let middle = bounds.center();
         let around = BoundingBox { min: middle.map(|x| x - half), max: middle.map(|x| x + half) };
         let mut delaunay = Delaunay::new(&around)?;

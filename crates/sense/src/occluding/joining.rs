@@ -279,7 +279,6 @@ fn root(parent: &mut [usize], mut k: usize) -> usize {
 
 fn union(parent: &mut [usize], a: usize, b: usize) {
     let (a, b) = (root(parent, a), root(parent, b));
-    // The smaller index is the root, so that numbers of strips do not depend on the order of unions.
     let (low, high) = (a.min(b), a.max(b));
     parent[high] = low;
 }

@@ -262,9 +262,9 @@ impl Problem<'_> {
         let point = &self.readings.points[i as usize];
         let [xx, _, _, yy, _, zz] = point.covariance;
         let factor = weighing.factors[Source::Point.scale()];
-        let mut sheets = std::mem::take(&mut gathered.sheets);
         // The mean σ of the point: the assignment to sheets needs a radius, and its direction is not known
         // yet.
+        let mut sheets = std::mem::take(&mut gathered.sheets);
         sheets.find(shell, point.at, shares, factor * ((xx + yy + zz) / 3.0).sqrt(), weighing.loss);
         let mut any = false;
         for (g, sheet) in sheets.likely() {

@@ -114,11 +114,11 @@ impl ShellReadings<'_> {
                 "a shell fit needs readings: no points, no outlines and no tracks were given",
             ));
         }
+        // Single directions may be exact, such as heights of a grid; a point without any error would have
+        // infinite weight.
         for (i, point) in self.points.iter().enumerate() {
             let [xx, _, _, yy, _, zz] = point.covariance;
             let finite = point.at.iter().chain(&point.covariance).all(|x| x.is_finite());
-            // Single directions may be exact, such as heights of a grid; a point without any error would have
-            // infinite weight.
             if !finite || xx + yy + zz <= 0.0 || xx.min(yy).min(zz) < 0.0 {
                 return Err(Error::input(format!(
                     "point {i} is not finite or has no positive variance: {:?}, {:?}",

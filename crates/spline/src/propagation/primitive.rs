@@ -340,9 +340,9 @@ fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Pr
     let mut all = vec![Primitive::Plane { point: middle, normal: axes[2] }];
     all.extend(algebraic_sphere(points, middle));
     let (of_normals, _) = symmetric_eigen(moments(normals, [0.0; 3]));
+    let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
     // Normals of a cylinder are perpendicular to its axis, so the axis has the smallest moment of the
     // normals. The other directions serve noisy normals and short cylinders.
-    let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
     all.extend(directions.into_iter().filter_map(|d| algebraic_cylinder(points, middle, d)));
     all
 }
