@@ -74,7 +74,8 @@ impl GroundOptions {
 const MAX_CELLS: f64 = 4e8;
 /// Minimum side of a cell as a share of the point spacing. At this size a third of the cells hold a point.
 const SPACINGS: f64 = 0.6;
-/// A cell deeper below all of its neighbours than this multiple of its side is an error, not a pit.
+/// A cell deeper below all of its neighbours than this multiple of its side is an error, not a pit: the sides
+/// of the pit would be steeper than 79°.
 const DEEP: f32 = 5.0;
 
 /// Separates the bare earth from objects on it.

@@ -218,6 +218,7 @@ pub struct CloudGeometry {
 }
 
 /// Minimum distance of a suspect point from its neighbours, as a multiple of the median over the cloud.
+/// Smaller values reject sparse parts of surfaces.
 const FAR_SPACINGS: f64 = 6.0;
 /// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `FLAT`) and
 /// its neighbours surround it (offset over their spread at most `SURROUNDED`). This keeps sparse regions of a

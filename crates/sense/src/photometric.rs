@@ -33,7 +33,7 @@ use crate::{Image, RangeGrid, Scan, Viewing};
 const CUT: f64 = 2.5;
 /// Rounds of reweighting; the weights of the last one are 0 or 1.
 const ROUNDS: usize = 8;
-/// Gate of the last round, in scales of the residuals.
+/// Gate of the last round, in scales of the residuals: it keeps 99.7 % of normally distributed readings.
 const GATE: f64 = 3.0;
 /// Weight, in readings, with which a pixel's residual variance is shrunk towards that of the image. A pixel
 /// alone has too few redundant readings.

@@ -21,11 +21,13 @@ use rayon::prelude::*;
 use crate::stripes::Pinhole;
 use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
 
-/// Maximum number of fixed-point iterations that invert a distortion.
+/// Maximum number of fixed-point iterations that invert a distortion. Convergence is linear; distortions that
+/// need more are rejected.
 const UNDISTORTIONS: usize = 50;
 /// Points on each side of an image at which its outline is sampled.
 const OUTLINE: usize = 33;
-/// Maximum ratio of the columns and rows of a rectified image to those of the first image.
+/// Maximum ratio of the columns and rows of a rectified image to those of the first image. It limits the
+/// memory for strongly converging cameras.
 const MAX_STRETCH: f64 = 3.0;
 /// Positions closer than this to a pixel centre are snapped to it, so that rectified images are not
 /// resampled.

@@ -32,7 +32,8 @@ use paths::Penalties;
 /// Maximum number of pixels times disparities, at two bytes each: a memory limit of 12 GB.
 const MAX_CELLS: usize = 6_000_000_000;
 
-/// Largest difference between neighbours of one region of disparities, in pixels.
+/// Largest difference between neighbours of one region of disparities, in pixels: the accuracy before the
+/// refinement.
 const SPECKLE_STEP: f32 = 1.0;
 
 /// Largest σ of a disparity, in pixels. A window without texture adds nothing to the integer disparity.
@@ -182,7 +183,8 @@ pub fn match_stereo(
     Ok(DisparityMap { columns, rows: left.rows, disparity, sigma, rejected })
 }
 
-/// Brightness, as a share of the bright pixels, below which texture is not used.
+/// Brightness, as a share of the bright pixels, below which texture is not used: differences there are mostly
+/// noise.
 const DARK: f32 = 0.06;
 /// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
 /// best, so more texture is required there: half the usual contrast.

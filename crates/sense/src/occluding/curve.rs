@@ -8,11 +8,13 @@
 
 use super::outline::Contour;
 
-/// Minimum number of points in a window.
+/// Minimum number of points in a window: a parabola has three coefficients, and the residuals need degrees of
+/// freedom.
 const MIN_PLACES: usize = 5;
 /// Minimum extent of a window on either side, as a share of its half width.
 const MIN_SIDE: f64 = 0.6;
-/// Turn over half of the window above which a position is a corner, in radians.
+/// Turn over half of the window above which a position is a corner, in radians: 40°. A parabola no longer
+/// fits there.
 const CORNER_TURN: f64 = 0.7;
 /// Reduced χ² above which a position is a corner or a T-junction, where one part hides another.
 const CORNER_CHI2: f64 = 6.0;

@@ -12,11 +12,13 @@ use super::organised::{Following, relaxed, triangles};
 use super::{OccludingOptions, OccludingPoint, Ready, Spot};
 use planish_estimate::vector3::distance;
 
-/// Maximum distance of a mutual match along the contour, in steps.
+/// Maximum distance of a mutual match along the contour, in steps. Both matches are rounded to points, so an
+/// exact match can differ by one step.
 const BACK: f64 = 2.5;
 /// Maximum distance of neighbours along a contour, as a multiple of the step, in addition to their σ.
 const JUMP: f64 = 4.0;
-/// Number of neighbours on either side whose changes of radius are averaged.
+/// Number of neighbours on either side whose changes of radius are averaged. More reduce noise and blur
+/// changes along the contour.
 const AVERAGED: usize = 3;
 /// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
 const MAX_NORMAL_DEG: f64 = 60.0;

@@ -21,13 +21,15 @@ const BLURRED: f64 = 2.6;
 /// Distance to which a stripe is followed from its crossing, as a share of the spacing of crossings.
 const REACH: f64 = 0.48;
 const MIN_REACH_SCALES: f64 = 6.0;
-/// Minimum number of points of a stripe on either side of a crossing.
+/// Minimum number of points of a stripe on either side of a crossing: three on each side determine a parabola
+/// with degrees of freedom left.
 const MIN_PLACES: usize = 3;
 /// Gate of points before the parabola is known: distance from the straight line in pixels, and cosine to its
 /// direction.
 const OFF_LINE: f64 = 2.5;
 const TURNED_COS: f64 = 0.85;
-/// Minimum sine of the angle between two stripes.
+/// Minimum sine of the angle between two stripes: 14.5°. At smaller angles the crossing is uncertain along
+/// both.
 const MIN_CROSSING: f64 = 0.25;
 
 /// Two stripes that cross.

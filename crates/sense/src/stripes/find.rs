@@ -30,7 +30,8 @@ use crate::{Image, PrincipalCurvatures, Scan, Viewing};
 
 /// Crossings farther than this from their epipolar lines are rejected, in σ.
 const GATE: f64 = 4.0;
-/// Minimum number of crossings from which the factor on σ is estimated.
+/// Minimum number of crossings from which the factor on σ is estimated: the relative standard error of a σ
+/// from 30 residuals is 13 %.
 const MIN_CALIBRATION_CROSSINGS: usize = 30;
 /// Limit of squared normalised residuals, and their mean under this limit for a normal distribution.
 const MAX_SQUARE: f64 = 9.0;

@@ -20,9 +20,11 @@ use planish_estimate::NestedBatches;
 /// Significance, in σ, from which a mean product counts as correlation. Lower values call noise unresolved
 /// shape.
 const SIGNIFICANT: f64 = 3.0;
-/// Minimum number of batches of a level that is used.
+/// Minimum number of batches of a level that is used. The relative standard error of a mean square of 16
+/// values is 35 %.
 const MIN_BATCHES: usize = 16;
-/// Minimum number of readings from which a correlation is estimated.
+/// Minimum number of readings from which a correlation is estimated: the relative standard error of a
+/// variance from 30 values is 26 %.
 const MIN_RESIDUALS: usize = 30;
 
 /// A residual with its position.

@@ -28,9 +28,11 @@ use planish_estimate::Loss;
 use planish_estimate::vector3::dot;
 use std::f64::consts::TAU;
 
-/// Minimum cosine between the normals of facets of one sheet.
+/// Minimum cosine between the normals of facets of one sheet: 26°. A smaller cosine joins the sides of edges,
+/// a larger one divides curved surfaces with coarse facets.
 const SAME_DIRECTION: f64 = 0.9;
-/// Maximum difference between the heights over facets of one sheet, in σ.
+/// Maximum difference between the heights over facets of one sheet, in σ. Closer sheets cannot be
+/// distinguished by one point.
 const SAME_HEIGHT: f64 = 1.0;
 /// Minimum probability of a sheet with an equation. Less probable ones would cost time and change nothing.
 const MIN_PROBABILITY: f64 = 0.01;

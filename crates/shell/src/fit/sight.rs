@@ -17,13 +17,14 @@ use crate::field::{FacetShare, Shell, ShellDistance};
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
 use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch, RayHit};
 
-/// Initial intervals of a line.
+/// Initial intervals of a line. More cost distance queries on every line; fewer leave more to the bounds.
 const PIECES: usize = 8;
 /// Intervals in which all minima of a line are searched.
 const FINE_PIECES: usize = 64;
 /// Resolution of minima: the mesh's size divided by this. Finer resolution needs more distance queries.
 const NARROW: f64 = 150.0;
-/// Maximum number of distance queries on one line.
+/// Maximum number of distance queries on one line. It limits the time of lines that run along the surface,
+/// where all bounds are similar.
 const MAX_QUERIES: usize = 120;
 /// Slope of `D` along the line below which a point is a minimum. The error of the minimum is half the square
 /// of the slope divided by the curvature.

@@ -38,7 +38,8 @@ const COARSE_REACH: f64 = 4.0;
 /// Gate for the scale of the residuals, in standard deviations. Lower values reject more outliers and use
 /// fewer readings.
 const SCALE_GATE: f64 = 3.0;
-/// Attempts with increasing damping before an iteration gives up.
+/// Attempts with increasing damping before an iteration gives up: eight factors of ten reduce the step to
+/// almost nothing.
 const MAX_DAMPING_TRIES: usize = 8;
 /// Factor on the smoothness weight each time the fitted mesh folds. Larger factors need fewer repetitions and
 /// overshoot more.
@@ -58,12 +59,12 @@ const STIFFENING_DECAY: f64 = 0.75;
 /// Largest move of a control in one step, as a share of the mesh size. The equations are linear only near the
 /// current mesh.
 const MAX_MOVE: f64 = 0.03;
-/// Least number of residuals from which a scale is estimated.
+/// Minimum number of residuals from which a scale is estimated. A median of fewer is too uncertain.
 const MIN_SCALE_RESIDUALS: usize = 8;
 /// Largest number of unknowns for which the redundancy is computed. It needs an inverse, which for more
 /// unknowns costs as much as the fit.
 const MAX_REDUNDANCY_UNKNOWNS: usize = 3000;
-/// Least number of points that a coarse field is fitted to: per unknown, and in total.
+/// Minimum number of points for a coarse field: per unknown, and in total.
 ///
 /// A coarse field only provides the start of the next one, so a subset is enough.
 const COARSE_POINTS: (usize, usize) = (12, 5000);

@@ -7,7 +7,8 @@ use planish_estimate::vector3::{dot, sub};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
-/// Minimum cosine between the normals of an image and its partner.
+/// Minimum cosine between the normals of an image and its partner: 37°. A smaller cosine would pair the sides
+/// of an edge, a larger one would reject partners of inaccurate starts.
 const MIN_COSINE: f64 = 0.8;
 /// Maximum distance of an image along the normal, relative to the reach. Farther images belong to another
 /// part.
