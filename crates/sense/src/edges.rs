@@ -83,7 +83,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let border = (4.0 * s).ceil() as usize + 2;
     if image.columns <= 2 * border || image.rows <= 2 * border {
         return Err(Error::input(format!(
-            "a picture of {} × {} pixels is too small for edges smoothed by {s}",
+            "an image of {} × {} pixels is too small for edges smoothed by {s}",
             image.columns, image.rows
         )));
     }

@@ -123,7 +123,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let border = thinned(crossings(&smooth, columns, rows), options.apart_px);
     if border.is_empty() {
-        return Err(Error::undetermined("a mask has no border within the picture"));
+        return Err(Error::undetermined("a mask has no border within the image"));
     }
     let (inside, outside) = samples(&mask, columns, rows, options.samples);
     Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })

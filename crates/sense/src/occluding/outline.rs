@@ -110,7 +110,7 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let found = followed(&smooth, columns, rows);
     if found.is_empty() {
-        return Err(Error::undetermined("a mask has no border within the picture"));
+        return Err(Error::undetermined("a mask has no border within the image"));
     }
     Ok(found)
 }

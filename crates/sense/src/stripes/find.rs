@@ -207,7 +207,7 @@ fn check(value: f64, name: &str, low: f64, high: f64) -> Result<()> {
 fn divide(image: &Image, plain: &Image) -> Result<Image> {
     if (image.columns, image.rows) != (plain.columns, plain.rows) {
         return Err(Error::input(format!(
-            "needed a plain picture of the same {} × {} pixels, found {} × {}",
+            "needed a plain image of the same {} × {} pixels, found {} × {}",
             image.columns, image.rows, plain.columns, plain.rows
         )));
     }
