@@ -21,12 +21,14 @@ use rayon::prelude::*;
 use crate::stripes::Pinhole;
 use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
 
-/// Maximum number of fixed-point iterations that invert a distortion.
+/// Maximum number of fixed-point iterations that invert a distortion. Convergence is linear; distortions that
+/// need more are rejected.
 const UNDISTORTIONS: usize = 50;
 /// Points on each side of an image at which its outline is sampled.
 const OUTLINE: usize = 33;
-/// Maximum ratio of the columns and rows of a rectified image to those of the first image.
-const MOST_STRETCH: f64 = 3.0;
+/// Maximum ratio of the columns and rows of a rectified image to those of the first image. It limits the
+/// memory for strongly converging cameras.
+const MAX_STRETCH: f64 = 3.0;
 /// Positions closer than this to a pixel centre are snapped to it, so that rectified images are not
 /// resampled.
 const ROUNDING: f64 = 1e-6;
@@ -145,7 +147,7 @@ impl Rectification {
         let size = [0, 1].map(|k| {
             let pixels = (high[k] - low[k] - ROUNDING).ceil();
             // Rectifying strongly converging cameras stretches a border without limit.
-            pixels.min(MOST_STRETCH * sizes[0][k] as f64) as usize
+            pixels.min(MAX_STRETCH * sizes[0][k] as f64) as usize
         });
         // Pixel centres have integer coordinates, so the corner of an image is at −0.5.
         let first = [-0.5 - low[0], -0.5 - low[1]];

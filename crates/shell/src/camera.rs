@@ -235,7 +235,7 @@ mod tests {
             assert!((same.k - camera.k).amax() < 1e-9 && (same.r - camera.r).amax() < 1e-12);
             assert!((same.t - camera.t).amax() < 1e-9);
         }
-        // The same with x to the left: places are seen where they were, mirrored.
+        // The same with mirrored images: points project to mirrored pixels.
         let mirrored: [[f64; 4]; 3] = std::array::from_fn(|i| {
             std::array::from_fn(|j| {
                 let m = camera.k * camera.r;

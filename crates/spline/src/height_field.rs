@@ -158,6 +158,8 @@ impl HeightField {
     pub fn at_all(&self, places: &[[f64; 2]]) -> Vec<Option<Height>> {
         let located: Vec<([usize; 2], [f64; 2])> = places.iter().map(|p| self.grid.locate(*p)).collect();
         let mut order: Vec<usize> = (0..places.len()).filter(|k| inside(located[*k].1)).collect();
+        // Sorted by cell: the covariance of its sixteen nodes is the expensive part. The sort is stable, so
+        // results do not depend on it.
         order.sort_by_key(|k| located[*k].0);
         let mut all = vec![None; places.len()];
         let mut covariance = Vec::new();
@@ -229,6 +231,7 @@ impl Grid {
         let places: Vec<[f64; 2]> = (0..unknowns)
             .map(|k| [(k % (self.cells[0] + 3)) as f64, (k / (self.cells[0] + 3)) as f64])
             .collect();
+        // Few fill entries on a grid, and independent subtrees for the threads.
         let ordering = NodeOrdering::nested_dissection(&pattern, &places)?;
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
 
@@ -297,10 +300,13 @@ impl Grid {
         // Start where data and prior have equal traces.
         let total = |of: &BlockInformation| of.diagonal().iter().sum::<f64>();
         let search = SmoothnessSearch {
+            // The likelihood is flat at its maximum, so a finer weight hardly changes heights or variances.
             tolerance: 0.05,
             ..SmoothnessSearch::from_start(total(&data) / total(&energy))
         };
         let found = maximize_restricted_likelihood(&model, &search, evaluate)?;
+        // Factorised again: storing the factor of every weight would need more memory than one factorisation
+        // costs time.
         let (factor, coefficients) = at_weight(found.weight)?;
         Ok(HeightField {
             grid: *self,
@@ -329,6 +335,8 @@ fn energy_of_cell() -> [f64; 256] {
     let product = |x: usize, y: usize, i: usize, j: usize| gram[x][i % 4][j % 4] * gram[y][i / 4][j / 4];
     std::array::from_fn(|k| {
         let (i, j) = (k / 16, k % 16);
+        // The null space of the sixth-order term contains all sums of functions whose third derivative
+        // vanishes in one direction. The small second-order term leaves only planes.
         product(3, 3, i, j)
             + SECOND_ORDER * (product(2, 0, i, j) + 2.0 * product(1, 1, i, j) + product(0, 2, i, j))
     })

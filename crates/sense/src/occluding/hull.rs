@@ -78,8 +78,8 @@ impl SilhouetteBound {
     #[must_use]
     pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
         let depths = self.views.iter().map(|view| view.at(at));
-        let [_, second] = depths.fold([f64::INFINITY; 2], |[least, second], depth| {
-            [least.min(depth), second.min(depth.max(least))]
+        let [_, second] = depths.fold([f64::INFINITY; 2], |[first, second], depth| {
+            [first.min(depth), second.min(depth.max(first))]
         });
         second
     }
@@ -126,7 +126,7 @@ impl VisualHull {
             |at, reach| bound.may_contain_boundary(at, reach),
         )?;
         if mesh.triangles.is_empty() {
-            return Err(Error::undetermined("nothing lies within all silhouettes"));
+            return Err(Error::undetermined("no point is inside all silhouettes"));
         }
         Ok(Self { bound, mesh, cell })
     }
@@ -151,6 +151,7 @@ impl VisualHull {
                 let [a, b, c] = self.mesh.corners(t);
                 let area = 0.5 * norm(cross(sub(b, a), sub(c, a)));
                 let middle = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+                // The nearest point may have a small reach although a farther one covers the facet.
                 let asked = NonZeroUsize::MIN.saturating_add(NEAREST - 1);
                 let near = tree.query(&middle).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
                 let seen = near.iter().any(|near| {
@@ -251,6 +252,8 @@ fn crossings(contours: &[Contour], y: f64) -> Vec<f64> {
 
 /// `min_q (f(q) + (p − q)²)` for every `p`.
 fn spread(f: &[f64]) -> Vec<f64> {
+    // The lower envelope of parabolas: exact squared distances in linear time (Felzenszwalb and Huttenlocher
+    // 2012).
     let n = f.len();
     let mut hull: Vec<usize> = Vec::with_capacity(n);
     let mut from: Vec<f64> = Vec::with_capacity(n);

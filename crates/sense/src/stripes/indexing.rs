@@ -28,7 +28,7 @@ const SURE: f64 = 4.0;
 /// Floor of a mean square in that ratio, in pixels²: the accuracy of the calibration.
 const FINEST_PX2: f64 = 0.01;
 /// Minimum number of crossings of a piece.
-pub(super) const LEAST_KNOTS: usize = 6;
+pub(super) const MIN_KNOTS: usize = 6;
 
 /// Two views of one scene: lines of one for pixels of the other.
 pub(super) struct EpipolarLines {
@@ -78,7 +78,7 @@ pub(super) fn index(
     lines: &EpipolarLines,
     pattern: &StripePattern,
 ) -> Option<Vec<Indexed>> {
-    if piece.len() < LEAST_KNOTS {
+    if piece.len() < MIN_KNOTS {
         return None;
     }
     let [d0, d1] = pattern.directions();
@@ -118,9 +118,9 @@ pub(super) fn index(
                 // The second best is tracked as well: a hypothesis is accepted only if it is much better than
                 // all others.
                 match best {
-                    Some((least, ..)) if mean >= least => second = second.min(mean),
+                    Some((lowest, ..)) if mean >= lowest => second = second.min(mean),
                     _ => {
-                        second = best.map_or(f64::INFINITY, |(least, ..)| least);
+                        second = best.map_or(f64::INFINITY, |(lowest, ..)| lowest);
                         best = Some((mean, turn, [first, other]));
                     }
                 }
