@@ -123,6 +123,7 @@ fn all_cases(targets: &[&FuzzTarget], arguments: &Arguments) -> io::Result<bool>
     )?;
     let mut good = true;
     for target in targets {
+        // Wall time, for the user; the limits use processor time.
         let begun = Instant::now();
         let report = watch::run(
             target,

@@ -67,6 +67,7 @@ fn wait(child: &mut Child, limit: Duration, mut progress: impl FnMut() -> u64) -
 /// When a process cannot be started or a file cannot be written.
 pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Path) -> io::Result<Report> {
     let files = (target.valid)().map_err(io::Error::other)?;
+    // Workers read the valid files from here; making some of them, such as saved models, takes a fit.
     fs::create_dir_all(folder.join("files"))?;
     for (k, bytes) in files.iter().enumerate() {
         fs::write(folder.join(format!("valid-{k}")), bytes)?;
@@ -143,6 +144,7 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
 fn fails(target: &FuzzTarget, bytes: &[u8], folder: &Path) -> io::Result<bool> {
     let path = folder.join("files").join(target.file);
     fs::write(&path, bytes)?;
+    // In a process of its own, because a failure can be a crash.
     let mut child = Command::new(std::env::current_exe()?)
         .arg("--input")
         .arg(&path)

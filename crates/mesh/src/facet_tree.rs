@@ -212,7 +212,10 @@ mod tests {
                     });
                     for (distance, count) in all.iter().zip(count) {
                         let wanted = *distance <= smallest + slack;
-                        assert!(count <= 1 && (count == 1 || !wanted), "{distance} {smallest} {slack} {count}");
+                        assert!(
+                            count <= 1 && (count == 1 || !wanted),
+                            "{distance} {smallest} {slack} {count}"
+                        );
                     }
                 }
             }

@@ -71,7 +71,12 @@ pub(crate) fn flip(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) 
 }
 
 /// Splits a triangle into three at a vertex within it; the two additional ones are appended.
-pub(crate) fn split_triangle(triangles: &mut Vec<[u32; 3]>, opposite: &mut Vec<u32>, triangle: u32, vertex: u32) {
+pub(crate) fn split_triangle(
+    triangles: &mut Vec<[u32; 3]>,
+    opposite: &mut Vec<u32>,
+    triangle: u32,
+    vertex: u32,
+) {
     let [a, b, c] = triangles[triangle as usize];
     let outer: [u32; 3] = std::array::from_fn(|k| opposite[3 * triangle as usize + k]);
     let (t, s, r) = (triangle, triangles.len() as u32, triangles.len() as u32 + 1);

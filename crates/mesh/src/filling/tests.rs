@@ -47,7 +47,10 @@ fn the_cover_of_a_ball_continues_its_curvature() {
             done.mesh.positions.len() - n,
             angles.len()
         );
-        assert!(done.mesh.positions.len() > n + 20 && worst < tolerance && over < 1.0, "{below}: {worst}, {over}");
+        assert!(
+            done.mesh.positions.len() > n + 20 && worst < tolerance && over < 1.0,
+            "{below}: {worst}, {over}"
+        );
         assert!(20 * small < angles.len(), "{small} of {}", angles.len());
     }
 }

@@ -343,7 +343,8 @@ fn feet_of(
                 continue;
             }
             let theta = thetas[i].max(thetas[j]);
-            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beside)) else {
+            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beside))
+            else {
                 continue;
             };
             let sigma_there =
