@@ -1,8 +1,8 @@
 //! A bounding volume hierarchy over triangles.
 //!
-//! In: the corners of the triangles. Out: a flat array of nodes over triangles in leaf order. The tree depends
-//! only on the triangles, not on the number of threads. Not guaranteed: balance, but the depth stays below
-//! [`MAX_DEPTH`].
+//! In: the corners of the triangles. Out: a flat array of nodes over triangles in leaf order. The tree
+//! depends only on the triangles, not on the number of threads. Not guaranteed: balance, but the depth stays
+//! below [`MAX_DEPTH`].
 
 /// Maximum number of triangles of a leaf.
 ///

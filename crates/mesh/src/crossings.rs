@@ -1,22 +1,24 @@
 //! Self-intersections of a mesh.
 //!
 //! In: a [`MeshSearch`]. Out: the number of pairs of triangles that intersect, and the first of them. Not
-//! guaranteed: triangles that share a vertex or lie in one plane are not compared. Triangles that touch do not
-//! count.
+//! guaranteed: triangles that share a vertex or lie in one plane are not compared. Triangles that touch do
+//! not count.
 
 use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
 use rayon::prelude::*;
 
-/// Minimum distance of the ends of an edge from the plane of a triangle that it pierces, relative to its length.
+/// Minimum distance of the ends of an edge from the plane of a triangle that it pierces, relative to its
+/// length.
 ///
 /// Edges that end nearer to the plane only touch the triangle. The value is far above rounding and far below
 /// the intersections that matter (test `touching_is_not_crossing`).
 const MIN_PIERCING: f64 = 1e-6;
 /// Maximum number of nodes visited for one leaf.
 ///
-/// Without it, the cost is quadratic if all triangles lie in each other's boxes, as slivers through one point.
+/// Without it, the cost is quadratic if all triangles lie in each other's boxes, as slivers through one
+/// point.
 const MAX_NODES: usize = 1 << 14;
 
 /// The result of [`MeshSearch::self_crossings`].
@@ -46,7 +48,8 @@ impl SelfCrossings {
 impl MeshSearch {
     /// Finds the pairs of triangles that intersect: an edge of one pierces the other.
     ///
-    /// Pairs that share a vertex are not compared. Cost O(n log n) if triangles are small relative to the mesh.
+    /// Pairs that share a vertex are not compared. Cost O(n log n) if triangles are small relative to the
+    /// mesh.
     ///
     /// # Examples
     /// ```
@@ -62,8 +65,8 @@ impl MeshSearch {
     /// ```
     ///
     /// # References
-    /// T. Möller, *A fast triangle-triangle intersection test*, Journal of Graphics Tools 1997; most pairs are
-    /// separated by one of their planes.
+    /// T. Möller, *A fast triangle-triangle intersection test*, Journal of Graphics Tools 1997; most pairs
+    /// are separated by one of their planes.
     #[must_use]
     pub fn self_crossings(&self) -> SelfCrossings {
         let leaves: Vec<&Node> = self.bvh.nodes.iter().filter(|n| n.count > 0).collect();

@@ -3,11 +3,12 @@
 //! In: a mesh with normals and σ. Out: mean and Gaussian curvature of every vertex, σ of the mean curvature,
 //! and border flags.
 //!
-//! A quadric is fitted to the vertices around ([`MIN_NEIGHBOURS`], two rings of a regular mesh). Sums of angles
-//! and cotangents (Meyer and others) use only one ring, where noise exceeds the curvature, and give no σ (see
-//! `docs/decisions/0074-vertex-curvature.md`).
+//! A quadric is fitted to the vertices around ([`MIN_NEIGHBOURS`], two rings of a regular mesh). Sums of
+//! angles and cotangents (Meyer and others) use only one ring, where noise exceeds the curvature, and give no
+//! σ (see `docs/decisions/0074-vertex-curvature.md`).
 //!
-//! Not guaranteed: curvature of features smaller than two rings; σ if the errors of neighbours are correlated.
+//! Not guaranteed: curvature of features smaller than two rings; σ if the errors of neighbours are
+//! correlated.
 //!
 //! # References
 //! F. Cazals, M. Pouget, *Estimating differential quantities using polynomial fitting of osculating jets*,
@@ -192,8 +193,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A ball of radius r has H = −1/r and K = 1/r², a cylinder −1/2r and 0, the saddle z = xy in its middle 0
-    /// and −1.
+    /// A ball of radius r has H = −1/r and K = 1/r², a cylinder −1/2r and 0, the saddle z = xy in its middle
+    /// 0 and −1.
     #[test]
     fn curvature_matches_known_surfaces() {
         let of = |mesh: &TriangleMesh| {

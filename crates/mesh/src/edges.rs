@@ -120,8 +120,8 @@ mod tests {
     use crate::primitives::icosphere;
     use std::collections::BTreeMap;
 
-    /// Edges and half-edges have the order of all half-edges sorted by both ends, for meshes with many vertices,
-    /// with fins, with triangles that contain a vertex twice, and without triangles.
+    /// Edges and half-edges have the order of all half-edges sorted by both ends, for meshes with many
+    /// vertices, with fins, with triangles that contain a vertex twice, and without triangles.
     #[test]
     fn edges_match_sorted_half_edges() {
         let mut fins = icosphere(1.0, 2).triangles;

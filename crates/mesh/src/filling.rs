@@ -304,8 +304,8 @@ impl Extrapolation {
         let at = |k: usize| filled.mesh.positions[hole[k % n] as usize];
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
         for k in 0..n {
-            // Opposite vertices: the noise of the normals is divided by the distance, which is largest across the
-            // hole.
+            // Opposite vertices: the noise of the normals is divided by the distance, which is largest across
+            // the hole.
             for across in [hole[(k + n / 2) % n], hole[(k + n / 4) % n]] {
                 let (i, j) = (hole[k] as usize, across as usize);
                 let apart = distance(filled.mesh.positions[i], filled.mesh.positions[j]);

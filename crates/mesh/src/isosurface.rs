@@ -72,8 +72,8 @@ fn corner_of(key: u64) -> [u32; 3] {
 /// smallest cubes, and about five for each vertex.
 ///
 /// # Errors
-/// `Input` for a cell size that is not positive or an empty box; `Unsupported` for more than 40 million cells,
-/// or a million along a side.
+/// `Input` for a cell size that is not positive or an empty box; `Unsupported` for more than 40 million
+/// cells, or a million along a side.
 ///
 /// # Examples
 /// ```
@@ -198,8 +198,8 @@ fn triangles_of(corners: [u32; 4], inside: &[bool], mirrored: bool, made: &mut V
 
 /// A point between an inner and an outer corner where the value changes its sign.
 ///
-/// The Illinois method (M. Dowell, P. Jarratt 1971): secants, with the value of an end that stays halved. Plain
-/// secants would approach the zero of a curved function from one side only, which is slow.
+/// The Illinois method (M. Dowell, P. Jarratt 1971): secants, with the value of an end that stays halved.
+/// Plain secants would approach the zero of a curved function from one side only, which is slow.
 fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
     let at = |share: f64| [0, 1, 2].map(|k| inside.0[k] + share * (outside.0[k] - inside.0[k]));
     let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [inside.1, outside.1]);
@@ -240,8 +240,8 @@ mod tests {
         BoundingBox { min: [-half; 3], max: [half; 3] }
     }
 
-    /// The vertices of a ball lie on it, its volume is right within the chord error, and excluding cells changes
-    /// nothing.
+    /// The vertices of a ball lie on it, its volume is right within the chord error, and excluding cells
+    /// changes nothing.
     #[test]
     fn a_ball_is_exact_at_vertices_with_and_without_culling() {
         let ball = |p: [f64; 3]| norm(p) - 1.0;

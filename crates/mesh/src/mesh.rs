@@ -361,8 +361,8 @@ mod tests {
 
     #[test]
     fn vertex_normals_do_not_depend_on_the_triangulation_of_flat_faces() {
-        // A corner of a cube with one side cut into two triangles: with angle weights, all three sides still count
-        // equally.
+        // A corner of a cube with one side cut into two triangles: with angle weights, all three sides still
+        // count equally.
         let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]];
         let mesh =
             TriangleMesh::try_new(positions, vec![[0, 4, 1], [0, 2, 4], [0, 1, 3], [0, 3, 2]]).unwrap();
@@ -396,8 +396,8 @@ mod tests {
         assert!(welded.check().watertight);
     }
 
-    /// Duplicate faces count once, also with other vertices and the opposite orientation. Unused vertices do not
-    /// enlarge the bounds. A displaced vertex is a spike, and a sheet that is turned over has folds.
+    /// Duplicate faces count once, also with other vertices and the opposite orientation. Unused vertices do
+    /// not enlarge the bounds. A displaced vertex is a spike, and a sheet that is turned over has folds.
     #[test]
     fn duplicates_unused_vertices_folds_and_spikes_are_recognised() {
         let ball = crate::primitives::icosphere(1.0, 2);

@@ -2,10 +2,10 @@
 //!
 //! In: up to [`LANES`] facets; a lane without a facet repeats the first. Out: [`Feet`], one for each lane.
 //!
-//! If a point projects into a triangle, its foot lies there: the barycentric coordinates are dot products with
-//! two precomputed vectors, and the distance is the height over the plane. Otherwise the foot is the nearest
-//! of those on the three sides. All cases are computed for every lane and selected afterwards, because lanes
-//! cannot branch separately.
+//! If a point projects into a triangle, its foot lies there: the barycentric coordinates are dot products
+//! with two precomputed vectors, and the distance is the height over the plane. Otherwise the foot is the
+//! nearest of those on the three sides. All cases are computed for every lane and selected afterwards,
+//! because lanes cannot branch separately.
 //!
 //! Not guaranteed: the same last bit as [`crate::triangle::closest_on_triangle`].
 
@@ -49,8 +49,8 @@ pub(crate) struct TrianglePacket {
     ac: [Lanes; 3],
     /// Unit normal; zero without area.
     normal: [Lanes; 3],
-    /// Dotted with a point relative to `a`, these give the barycentric weights of `b` and `c`. Zero without area,
-    /// so that no point projects inside.
+    /// Dotted with a point relative to `a`, these give the barycentric weights of `b` and `c`. Zero without
+    /// area, so that no point projects inside.
     to_b: [Lanes; 3],
     to_c: [Lanes; 3],
     /// Inverse squared lengths of `ab`, `bc` and `ac`; zero without length, so that the foot is the start.
@@ -135,7 +135,8 @@ impl Packet for TrianglePacket {
             squared = simd.select_f64s(nearer, to_ac, squared);
             off = m.select(nearer, off_ac, off);
             weights = m.select(nearer, [simd.sub_f64s(one, on_ac), zero, on_ac], weights);
-            // The foot inside, if all three weights are positive. At a border of the triangle, both cases agree.
+            // The foot inside, if all three weights are positive. At a border of the triangle, both cases
+            // agree.
             let v = m.product(ap, m.read(&self.to_b, group));
             let w = m.product(ap, m.read(&self.to_c, group));
             let u = simd.sub_f64s(simd.sub_f64s(one, v), w);
@@ -275,8 +276,8 @@ mod tests {
         }
     }
 
-    /// Results match the scalar code for triangles of every shape, including slivers, segments and points, and
-    /// for points on them.
+    /// Results match the scalar code for triangles of every shape, including slivers, segments and points,
+    /// and for points on them.
     #[test]
     fn feet_match_the_scalar_code() {
         let mut random = ChaCha8Rng::seed_from_u64(11);

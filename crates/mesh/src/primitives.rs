@@ -1,7 +1,8 @@
 //! Simple bodies of known shape, for tests, examples and simulated scenes.
 //!
-//! In: sizes in the unit of the model, and counts. Out: meshes centred at the origin that face outwards (sheets
-//! face +z). Not guaranteed: a faceted ball or cylinder has a smaller area and volume than the smooth one.
+//! In: sizes in the unit of the model, and counts. Out: meshes centred at the origin that face outwards
+//! (sheets face +z). Not guaranteed: a faceted ball or cylinder has a smaller area and volume than the smooth
+//! one.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -83,8 +84,8 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
 
 /// A flat sheet in the plane z = 0 with `columns × rows` rectangles of two triangles each.
 ///
-/// There is at least one column and one row. Vertex `i + (columns + 1) j` lies in column `i` (along x) and row
-/// `j` (along y).
+/// There is at least one column and one row. Vertex `i + (columns + 1) j` lies in column `i` (along x) and
+/// row `j` (along y).
 ///
 /// # Examples
 /// ```
@@ -113,8 +114,8 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
 
 /// A closed parallelepiped around `center` with the given edges.
 ///
-/// It faces outwards if the edges are right-handed. Vertex `k` lies at the end of edge `d` if bit `d` of `k` is
-/// set, else at its start.
+/// It faces outwards if the edges are right-handed. Vertex `k` lies at the end of edge `d` if bit `d` of `k`
+/// is set, else at its start.
 ///
 /// # Examples
 /// ```
@@ -151,7 +152,8 @@ pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
 
 /// A cylinder around the z axis from `−height/2` to `height/2`.
 ///
-/// It has `segments` (at least 3) around and `rings` (at least 1) along the axis. `capped` makes it watertight.
+/// It has `segments` (at least 3) around and `rings` (at least 1) along the axis. `capped` makes it
+/// watertight.
 ///
 /// # Examples
 /// ```

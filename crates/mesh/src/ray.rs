@@ -15,8 +15,8 @@ use crate::triangle::{point_at, unit_normal};
 
 /// Factor on the far side of boxes that covers the rounding errors of the slab test.
 ///
-/// Without it, rays along the faces of boxes miss triangles there. Reference: Ize, *Robust BVH Ray Traversal*,
-/// 2013.
+/// Without it, rays along the faces of boxes miss triangles there. Reference: Ize, *Robust BVH Ray
+/// Traversal*, 2013.
 const BOX_SLACK: f64 = 1.0 + 8.0 * f64::EPSILON;
 
 /// The intersection of a ray with a mesh.
@@ -55,8 +55,8 @@ impl MeshSearch {
 
     /// The first hit at a distance between `near` and `far`.
     ///
-    /// A ray that starts on the surface, such as a shadow ray, needs a `near` well above rounding errors, or it
-    /// hits the triangle where it starts.
+    /// A ray that starts on the surface, such as a shadow ray, needs a `near` well above rounding errors, or
+    /// it hits the triangle where it starts.
     #[must_use]
     pub fn first_hit_between(
         &self,
@@ -147,14 +147,16 @@ struct Ray {
     inverse: [f64; 3],
     /// Permutation of the axes; the direction is largest along the last. Dividing by its component is safe.
     axes: [usize; 3],
-    /// Shear of the first two axes and scale of the last, which turn the ray into the unit vector of that axis.
+    /// Shear of the first two axes and scale of the last, which turn the ray into the unit vector of that
+    /// axis.
     shear: [f64; 3],
 }
 
 impl Ray {
     fn new(origin: [f64; 3], direction: [f64; 3]) -> Option<Self> {
         let finite = origin.iter().chain(&direction).all(|x| x.is_finite());
-        // Scaled first, so that the square of a very short or long direction neither underflows nor overflows.
+        // Scaled first, so that the square of a very short or long direction neither underflows nor
+        // overflows.
         let size = direction.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
         if !finite || size == 0.0 {
             return None;
@@ -177,7 +179,8 @@ impl Ray {
         for k in 0..3 {
             let a = (node.min[k] - self.origin[k]) * self.inverse[k];
             let b = (node.max[k] - self.origin[k]) * self.inverse[k];
-            // 0 · ∞ on a face of the box is NaN. The comparisons then keep the limits, and the box is visited.
+            // 0 · ∞ on a face of the box is NaN. The comparisons then keep the limits, and the box is
+            // visited.
             let (low, high) = if self.inverse[k] >= 0.0 { (a, b) } else { (b, a) };
             enter = greater(low, enter);
             leave = lesser(high * BOX_SLACK, leave);
@@ -185,7 +188,8 @@ impl Ray {
         (enter <= leave).then_some(enter)
     }
 
-    /// Distance and barycentric coordinates of the hit of a triangle from either side, also behind the origin.
+    /// Distance and barycentric coordinates of the hit of a triangle from either side, also behind the
+    /// origin.
     #[inline]
     fn hit(&self, corners: &[[f64; 3]; 3]) -> Option<(f64, [f64; 3])> {
         let [x, y, z] = self.axes;
@@ -295,7 +299,8 @@ mod tests {
         let search = search(&sheet);
         for i in 1..32 {
             for j in 1..32 {
-                // Every fourth of these points lies on grid lines, many on diagonals; rays are straight and slanted.
+                // Every fourth of these points lies on grid lines, many on diagonals; rays are straight and
+                // slanted.
                 let (x, y) = (f64::from(i) / 32.0 - 0.5, f64::from(j) / 32.0 - 0.5);
                 for slant in [0.0, 0.25, -1.0] {
                     let hit = search.first_hit([x - slant, y, 1.0], [slant, 0.0, -1.0]).unwrap();

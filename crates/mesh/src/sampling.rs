@@ -65,8 +65,8 @@ impl<'a> SurfaceSampler<'a> {
     /// Draws one point with three numbers from `uniform`, which must lie in [0, 1). Cost O(log triangles).
     pub fn sample(&self, uniform: &mut impl FnMut() -> f64) -> SurfacePoint {
         let target = uniform() * self.total;
-        // The first triangle whose total exceeds the target; a triangle without area never is. Rounding can make
-        // the target equal to the whole area: then the last triangle with an area is selected.
+        // The first triangle whose total exceeds the target; a triangle without area never is. Rounding can
+        // make the target equal to the whole area: then the last triangle with an area is selected.
         let found = self.cumulative.partition_point(|&end| end <= target);
         let triangle = if found < self.cumulative.len() {
             found

@@ -3,8 +3,8 @@
 //! In: a mesh, and points in its frame. Out: the nearest point of the surface, the feature on which it lies,
 //! and the distance, with the sign of the angle-weighted pseudo-normal of this feature.
 //!
-//! Not guaranteed: which of several triangles is reported if their distances differ by rounding only (of equal
-//! distances, the lowest index is reported); the sign at features whose triangles all lack area (it is
+//! Not guaranteed: which of several triangles is reported if their distances differ by rounding only (of
+//! equal distances, the lowest index is reported); the sign at features whose triangles all lack area (it is
 //! positive).
 
 use rayon::prelude::*;
@@ -40,8 +40,8 @@ pub struct ClosestPoint {
     pub barycentric: [f64; 3],
     /// Part of the triangle on which it lies.
     pub feature: Feature,
-    /// Unit pseudo-normal of the feature: the normal of a face, the sum of both at an edge, or the angle-weighted
-    /// sum at a vertex. Zero if no adjacent face has an area.
+    /// Unit pseudo-normal of the feature: the normal of a face, the sum of both at an edge, or the
+    /// angle-weighted sum at a vertex. Zero if no adjacent face has an area.
     pub normal: [f64; 3],
     /// True if the feature is on an open border of the mesh, as for points beyond the border.
     pub on_boundary: bool,
@@ -157,7 +157,8 @@ impl MeshSearch {
 
     /// The closest point on triangles whose normal is within `max_angle_rad` of `normal`.
     ///
-    /// Triangles without area are ignored. `None` if no triangle qualifies, or if `normal` is zero or not finite.
+    /// Triangles without area are ignored. `None` if no triangle qualifies, or if `normal` is zero or not
+    /// finite.
     #[must_use]
     pub fn closest_compatible(
         &self,

@@ -1,10 +1,10 @@
 //! Inside or outside: the generalised winding number of a mesh around a point.
 //!
-//! In: a mesh that is closed or nearly so; faces may intersect. Out: `w(x) = Σ Ω_t(x)/4π` over the solid angles
-//! of its triangles, which is 1 inside and 0 outside a closed mesh that faces outwards.
+//! In: a mesh that is closed or nearly so; faces may intersect. Out: `w(x) = Σ Ω_t(x)/4π` over the solid
+//! angles of its triangles, which is 1 inside and 0 outside a closed mesh that faces outwards.
 //!
-//! Near parts are exact. Far parts are approximated by a dipole, `N·(p − x)/(4π |p − x|³)`, where `N` is the sum
-//! of the area vectors of a part and `p` its centre.
+//! Near parts are exact. Far parts are approximated by a dipole, `N·(p − x)/(4π |p − x|³)`, where `N` is the
+//! sum of the area vectors of a part and `p` its centre.
 //!
 //! Not guaranteed: accuracy beyond about 0.01, which suffices to distinguish 0 from 1; a decision for open
 //! meshes, for which `w` takes values in between.
@@ -20,8 +20,8 @@ use std::f64::consts::PI;
 
 /// Distance, in radii of a part, from which it is approximated by a dipole.
 ///
-/// A smaller value is faster and less accurate. Barill et al. use 2 with terms of second order; 3 without them
-/// keeps errors below 0.02 (test `winding_numbers_match_exact_solid_angles`).
+/// A smaller value is faster and less accurate. Barill et al. use 2 with terms of second order; 3 without
+/// them keeps errors below 0.02 (test `winding_numbers_match_exact_solid_angles`).
 const FAR: f64 = 3.0;
 
 /// A mesh prepared for winding numbers.
@@ -132,8 +132,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Winding numbers match the exact sums. They are 1 inside, 0 outside, −1 inside a mesh that faces inwards,
-    /// and 2 where two balls overlap.
+    /// Winding numbers match the exact sums. They are 1 inside, 0 outside, −1 inside a mesh that faces
+    /// inwards, and 2 where two balls overlap.
     #[test]
     fn winding_numbers_match_exact_solid_angles() {
         let mut random = ChaCha8Rng::seed_from_u64(2);

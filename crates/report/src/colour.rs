@@ -38,8 +38,8 @@ const BEYOND: f64 = 0.01;
 const BEYOND_SIGNED: f64 = 0.02;
 /// Ratio of the ends of a positive range above which the scale is logarithmic.
 ///
-/// σ often varies by powers of ten, where a linear scale shows one colour. Below this ratio, a linear scale is
-/// easier to read.
+/// σ often varies by powers of ten, where a linear scale shows one colour. Below this ratio, a linear scale
+/// is easier to read.
 const LOGARITHMIC: f64 = 4.0;
 /// Minimum distance of ticks, as a fraction of the legend, so that labels do not overlap.
 const MIN_TICK_DISTANCE: f64 = 0.14;

@@ -19,7 +19,8 @@ pub fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    // Rounding can carry into another digit (9.996 gives "10.00"), which costs a digit too many but no accuracy.
+    // Rounding can carry into another digit (9.996 gives "10.00"), which costs a digit too many but no
+    // accuracy.
     let exponent = value.abs().log10().floor() as i32;
     if !(-4..6).contains(&exponent) {
         return format!("{value:.*e}", digits - 1);

@@ -292,7 +292,8 @@ impl Steps {
 }
 
 impl Field {
-    /// Encodes the values with their scale. Colours and ticks are computed here, so that pages and images agree.
+    /// Encodes the values with their scale. Colours and ticks are computed here, so that pages and images
+    /// agree.
     fn packed(&self) -> Value {
         let mut made = json!({"key": self.key, "label": self.label, "unit": self.unit});
         if let Some(shown) = &self.shown {

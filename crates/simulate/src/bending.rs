@@ -28,7 +28,8 @@ const SIDES: [f64; 2] = [1.0, 0.7];
 const CURVATURE: f64 = 2.4;
 /// Direction of the bend at the first state, and its rotation until the last, in degrees.
 ///
-/// Along a parameter direction the bend would be a special case: one family of parameter lines stays straight.
+/// Along a parameter direction the bend would be a special case: one family of parameter lines stays
+/// straight.
 const ANGLE_DEG: [f64; 2] = [25.0, 5.0];
 /// Distance of the bend from the middle of the sheet, relative to the length.
 const OFFSET: f64 = 0.06;

@@ -1,4 +1,5 @@
-//! The scene `contours`: occluding contours of a surface of revolution, from two motions of a camera around it.
+//! The scene `contours`: occluding contours of a surface of revolution, from two motions of a camera around
+//! it.
 //!
 //! Input: [`ContoursOptions`]. Output: a file of views for each motion, with a mask and measured contours for
 //! each view, and the truth as a mesh and as JSON.

@@ -109,7 +109,8 @@ pub struct TubeWave {
     pub phases_rad: [f64; 2],
 }
 
-/// A star-shaped surface: `P = (1 + Σ a exp(κ (d · c − 1))) E d` over unit vectors `d`, with the semi-axes `E`.
+/// A star-shaped surface: `P = (1 + Σ a exp(κ (d · c − 1))) E d` over unit vectors `d`, with the semi-axes
+/// `E`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BallForm {
     /// Semi-axes along x, y and z.
@@ -157,8 +158,8 @@ impl ClosedForm {
         Ok(match shape {
             Shape::Sheet => {
                 let sides = [size, 0.8 * size];
-                // Radii of curvature of about one to three lengths. Bumps have widths from a quarter down to a
-                // twelfth of the sheet, so that fits have to refine more in some places than in others.
+                // Radii of curvature of about one to three lengths. Bumps have widths from a quarter down to
+                // a twelfth of the sheet, so that fits have to refine more in some places than in others.
                 let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
                 quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
                 let bumps = (0..9)
@@ -209,7 +210,8 @@ impl ClosedForm {
                         BallBump {
                             direction: [ring * angle.cos(), ring * angle.sin(), z],
                             sharpness,
-                            // The curvature of a bump is a κ. Above about 1, a dent makes the surface concave.
+                            // The curvature of a bump is a κ. Above about 1, a dent makes the surface
+                            // concave.
                             amplitude: sign * between(0.5, 1.1) / sharpness,
                         }
                     })
@@ -254,7 +256,8 @@ impl ClosedForm {
 
     /// The point at `(u, v)` with its derivatives in a chart that is regular there, poles included.
     ///
-    /// On a ball the derivatives are along two tangents of the unit sphere, elsewhere with respect to u and v.
+    /// On a ball the derivatives are along two tangents of the unit sphere, elsewhere with respect to u and
+    /// v.
     #[must_use]
     pub(super) fn regular_jet(&self, u: f64, v: f64) -> Jet {
         match self {

@@ -64,8 +64,8 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
         }
         _ => {
             return Err(Error::unsupported(format!(
-                "needed a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-6, \
-                 found {kind}"
+                "needed a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or \
+                 polygon-6, found {kind}"
             )));
         }
     })
@@ -74,7 +74,8 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
 /// Simulates the scene and writes its files, as `planish simulate scene readings` does.
 ///
 /// # Errors
-/// `Input` for options out of range; `Unsupported` for a kind without a scene; `Io` if a file cannot be written.
+/// `Input` for options out of range; `Unsupported` for a kind without a scene; `Io` if a file cannot be
+/// written.
 ///
 /// # Examples
 /// ```
@@ -139,8 +140,8 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     })
 }
 
-/// A sensor at a distance of 300 mm with σ of 2 mm for its position, 2° for its heading and 1 % for its range,
-/// each times `noise`.
+/// A sensor at a distance of 300 mm with σ of 2 mm for its position, 2° for its heading and 1 % for its
+/// range, each times `noise`.
 pub(super) fn default_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorOptions {
     SensorOptions {
         standoff: 300.0 * millimetre,

@@ -59,8 +59,8 @@ pub struct ScanSceneOptions {
     pub misstated: f64,
     /// Number of points of the touch probe; 0 for no probe.
     pub probe_points: usize,
-    /// Share of the readings of scanners that are outliers, by 1 to 10 % of the length of the object along the
-    /// ray.
+    /// Share of the readings of scanners that are outliers, by 1 to 10 % of the length of the object along
+    /// the ray.
     pub outlier_share: f64,
     /// Relative increase of σ from the middle of the field of view to its corners.
     ///
@@ -363,8 +363,8 @@ pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64)
     let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
     let position = add_scaled(middle, 4.0 * size, z);
     let exact = Pose { rotation, translation: position };
-    // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory and
-    // one read from files agree exactly.
+    // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory
+    // and one read from files agree exactly.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
         .ok_or_else(|| Error::input("the direction of view is undefined"))
 }

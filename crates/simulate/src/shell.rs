@@ -1,7 +1,7 @@
 //! The scene `shell`: a mesh deformed by known controls, as noisy points with outliers and as masks.
 //!
-//! Input: [`ShellSceneOptions`]. Output: `mesh.obj` (the mesh at rest), `points.ply` with σ, `views.toml` with
-//! a mask for each view, `truth.ply` (the deformed mesh) and `truth.json` (controls and displacements).
+//! Input: [`ShellSceneOptions`]. Output: `mesh.obj` (the mesh at rest), `points.ply` with σ, `views.toml`
+//! with a mask for each view, `truth.ply` (the deformed mesh) and `truth.json` (controls and displacements).
 //!
 //! Not guaranteed: that a large deformation does not intersect itself.
 
@@ -119,8 +119,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
         BoundingBox::from_points(&rest.positions).ok_or_else(|| Error::input("the mesh has no vertices"))?;
     let size = bounds.diagonal();
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-    // `skipped` makes these controls differ from those that a fit selects automatically: with the same ones, a
-    // fit could represent the deformation exactly, which no real object allows.
+    // `skipped` makes these controls differ from those that a fit selects automatically: with the same ones,
+    // a fit could represent the deformation exactly, which no real object allows.
     let skipped = random.random_range(1..rest.positions.len().max(2));
     let controls = automatic_controls_skipping(&rest, options.controls, skipped)?.points;
     let moved: Vec<[f64; 3]> =
@@ -258,8 +258,8 @@ mod tests {
     use planish_mesh::MeshSearch;
     use planish_shell::displacements;
 
-    /// The distances of points agree with their σ, the controls of truth.json deform mesh.obj to truth.ply, and
-    /// the masks cover the vertices of truth.ply.
+    /// The distances of points agree with their σ, the controls of truth.json deform mesh.obj to truth.ply,
+    /// and the masks cover the vertices of truth.ply.
     #[test]
     fn files_of_the_scene_agree_with_each_other() {
         let folder = tempfile::tempdir().unwrap();

@@ -5,22 +5,22 @@
 //! [`sphere_csv`] writes them as CSV and [`sphere_figure`] draws them as SVG.
 //!
 //! **Chart.** Like the paper, the experiment starts from one 7 × 7 patch with the shape of a cylinder. The
-//! patch covers the part of the sphere that a sensor in front sees: directions `(tan a, tan b, 1)` with
-//! `|a|, |b| ≤ 60°`, out to 68° from the axis at the corners. This chart is regular everywhere, so one patch
-//! splits into 4, 16 and 64 as in the paper. A closed ball has poles, around which all patches split together.
+//! patch covers the part of the sphere that a sensor in front sees: directions `(tan a, tan b, 1)` with `|a|,
+//! |b| ≤ 60°`, out to 68° from the axis at the corners. This chart is regular everywhere, so one patch splits
+//! into 4, 16 and 64 as in the paper. A closed ball has poles, around which all patches split together.
 //!
 //! **Readings.** Positions lie at random parameters, which the filters know. Their noise is along the normal
-//! and uniform up to a maximum `m`. The filters use its variance `m²/3`, and at least `(0.2 %)²` of the radius.
-//! Orientations follow after all positions, at the same parameters. They are tilted by an angle that is
-//! uniform up to a maximum `θ`; the filters use `σ = θ/√6` along each tangent, and at least 0.005 rad.
+//! and uniform up to a maximum `m`. The filters use its variance `m²/3`, and at least `(0.2 %)²` of the
+//! radius. Orientations follow after all positions, at the same parameters. They are tilted by an angle that
+//! is uniform up to a maximum `θ`; the filters use `σ = θ/√6` along each tangent, and at least 0.005 rad.
 //!
 //! **Prior.** Restricted likelihood selects the weight of the smoothness prior from the positions of each
 //! set. All depths share this weight.
 //!
-//! **Subdivision.** Readings arrive in `depth + 1` equal parts. After each part but the last, a patch is split
-//! if its innovations are too large or if its curvature varies by more than its σ explains. A sphere meets
-//! neither criterion, so the curves of all depths nearly coincide. With `noise_divides`, noise counts as
-//! variation as in the paper, which shows what needless patches cost.
+//! **Subdivision.** Readings arrive in `depth + 1` equal parts. After each part but the last, a patch is
+//! split if its innovations are too large or if its curvature varies by more than its σ explains. A sphere
+//! meets neither criterion, so the curves of all depths nearly coincide. With `noise_divides`, noise counts
+//! as variation as in the paper, which shows what needless patches cost.
 //!
 //! **Bound.** The global filter has the same leaf cells and all readings. The posterior bound is the mean of
 //! `√(2/π) σ` over the area, with σ along the normal: the expected mean absolute error of a sphere that is
@@ -463,8 +463,8 @@ impl SharedModel {
         let unit =
             SmoothnessPrior { weight: 1.0, hold: PRIOR_HOLD }.information(&self.system, &self.metric)?;
         let space = self.system.space();
-        // The unknowns are displacements from the cylinder. Isotropic noise gives all three coordinates the same
-        // matrix, so one factorisation serves three right-hand sides.
+        // The unknowns are displacements from the cylinder. Isotropic noise gives all three coordinates the
+        // same matrix, so one factorisation serves three right-hand sides.
         let mut data = BlockInformation::zeros(Arc::clone(self.system.pattern()), 1, 3)?;
         let mut squares = 0.0;
         for reading in positions {
@@ -484,8 +484,8 @@ impl SharedModel {
             data.add_element(nodes, &matrix, &vector)?;
         }
         let nodes = space.node_count();
-        // The hold makes the prior regular, so its rank is the number of unknowns. Its determinant is a constant
-        // factor of the likelihood and left out.
+        // The hold makes the prior regular, so its rank is the number of unknowns. Its determinant is a
+        // constant factor of the likelihood and left out.
         let model = SmoothnessModel {
             rank: 3 * nodes,
             unknowns: 3 * nodes,

@@ -278,7 +278,8 @@ fn errors_of_readings_agree_with_the_true_sigma() {
                         normal += foot.signed_distance.powi(2) / variance_along(&covariance, local_normal);
                         counted += 1.0;
                     }
-                    // The σ that the sensor or the reading states is the true one divided by the misstatement.
+                    // The σ that the sensor or the reading states is the true one divided by the
+                    // misstatement.
                     let stated = match (&scan.sigma, &scan.covariance) {
                         (Some(sigma), _) => sigma[i].powi(2),
                         (_, Some(c)) => variance_along(&c[i], ray_at(scan.viewing, z).unwrap()),

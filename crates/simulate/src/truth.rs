@@ -118,8 +118,8 @@ impl Truth {
 
     /// A random smooth surface of exactly this spline space, about `size` long.
     ///
-    /// It is a freeform (for a torus, a round one) fitted on the base grid, with every control vertex moved by
-    /// a few per cent of its cell. A fit in the same space can represent it without approximation error.
+    /// It is a freeform (for a torus, a round one) fitted on the base grid, with every control vertex moved
+    /// by a few per cent of its cell. A fit in the same space can represent it without approximation error.
     ///
     /// # Errors
     /// As [`Truth::freeform`], but a torus is supported.
@@ -139,7 +139,8 @@ impl Truth {
         let moved = (space.node_anchors().iter().zip(smooth.vertices())).map(|(anchor, vertex)| {
             let [u, v] = space.wrap(anchor[0], anchor[1]);
             let side = space.leaves()[space.locate(u, v).0].side();
-            // The cell size is taken along v: at the poles of a ball the derivative with respect to u vanishes.
+            // The cell size is taken along v: at the poles of a ball the derivative with respect to u
+            // vanishes.
             let sigma = 0.04 * side * norm(smooth.jet(u, v).dv);
             vertex.map(|c| c + sigma * rng.sample::<f64, _>(StandardNormal))
         });
@@ -410,8 +411,8 @@ impl Truth {
 
     /// The nearest point of the true surface and the signed distance from it.
     ///
-    /// Newton's method refines the nearest point of the dense mesh, to about 1e-12 of the size. `None` only for
-    /// a point that is not finite.
+    /// Newton's method refines the nearest point of the dense mesh, to about 1e-12 of the size. `None` only
+    /// for a point that is not finite.
     #[must_use]
     pub fn foot(&self, z: [f64; 3]) -> Option<TruthFoot> {
         let dense = self.dense();
@@ -443,8 +444,8 @@ impl Truth {
 
     /// The first point where a ray meets the true surface from either side, and its distance.
     ///
-    /// `direction` is a unit vector. Newton's method refines the first hit of the dense mesh. `None` if the ray
-    /// misses the mesh, or if it is so grazing that the refinement fails.
+    /// `direction` is a unit vector. Newton's method refines the first hit of the dense mesh. `None` if the
+    /// ray misses the mesh, or if it is so grazing that the refinement fails.
     #[must_use]
     pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<(TruthPoint, f64)> {
         let dense = self.dense();
@@ -539,7 +540,8 @@ fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint
                 ]
             }
         };
-        // Steps are shortened until the distance does not grow. The tolerance accepts rounding at the minimum.
+        // Steps are shortened until the distance does not grow. The tolerance accepts rounding at the
+        // minimum.
         let mut share = (0.05 / step[0].hypot(step[1])).min(1.0);
         let mut moved = false;
         for _ in 0..12 {

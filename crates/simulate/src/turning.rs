@@ -19,7 +19,8 @@ use std::path::Path;
 
 /// Direction from the object to the laser.
 const FROM: [f64; 3] = [0.9, 0.1, 0.45];
-/// Direction of the axis of the table, which is neither vertical nor through the origin: it has to be estimated.
+/// Direction of the axis of the table, which is neither vertical nor through the origin: it has to be
+/// estimated.
 const AXIS: [f64; 3] = [0.05, -0.1, 1.0];
 /// A point on the axis, relative to the size of the object.
 const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
@@ -125,8 +126,8 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
         progress.check("scanning", view as f64 / turning.views as f64)?;
         progress.items(view * each, "readings");
         let time = view as f64;
-        // The truth stays fixed and the scanner moves in its frame: the surface is prepared for rays once. The
-        // written pose is that of the fixed laser.
+        // The truth stays fixed and the scanner moves in its frame: the surface is prepared for rays once.
+        // The written pose is that of the fixed laser.
         let world_from_object = Pose::from_twist(scale(time, turn), scale(time, slide));
         let object_from_laser = world_from_object.inverse().after(&laser);
         let file = format!("laser-{}.ply", view + 1);

@@ -1,8 +1,8 @@
 //! The scene `vessel`: a surface of revolution, scanned by a laser from one side.
 //!
-//! Input: [`VesselOptions`]. Output: a [`ScanScene`] with one scan; the truth is the whole vessel. The far side
-//! follows from the symmetry alone. The middle of the bottom is not observed at any angle about the axis, so
-//! symmetry does not determine it either.
+//! Input: [`VesselOptions`]. Output: a [`ScanScene`] with one scan; the truth is the whole vessel. The far
+//! side follows from the symmetry alone. The middle of the bottom is not observed at any angle about the
+//! axis, so symmetry does not determine it either.
 
 use super::form::{BallBump, BallForm, ClosedForm};
 use super::scans::{

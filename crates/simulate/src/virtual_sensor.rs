@@ -95,14 +95,16 @@ pub struct VirtualScanner {
     pub grazing_deg: f64,
     /// Share of readings that are outliers along the ray.
     pub outlier_share: f64,
-    /// Largest error of an outlier, in the unit of the model; the smallest is a tenth of it and at least 10 σ.
+    /// Largest error of an outlier, in the unit of the model; the smallest is a tenth of it and at least 10
+    /// σ.
     pub outlier_size: f64,
     /// True if the scan keeps its grid.
     pub organised: bool,
 }
 
 impl VirtualScanner {
-    /// A scanner with default settings: even and correctly stated σ, no outliers, readings up to 75°, organised.
+    /// A scanner with default settings: even and correctly stated σ, no outliers, readings up to 75°,
+    /// organised.
     #[must_use]
     pub fn new(name: &str, world_from_scanner: Pose, optics: Optics, grid: [usize; 2], noise: Noise) -> Self {
         Self {
@@ -243,7 +245,8 @@ impl VirtualScanner {
             match stated {
                 Noise::Isotropic { sigma: s } => sigma.push(s),
                 Noise::Ray { .. } => {
-                    // A real scanner knows the ray only from its noisy point; a fit computes it in this way, too.
+                    // A real scanner knows the ray only from its noisy point; a fit computes it in this way,
+                    // too.
                     covariance.push(stated.covariance(Some(ray_at(viewing, z).unwrap_or(ray))))
                 }
             }

@@ -104,8 +104,8 @@ pub(super) fn repair_png_checksums(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng)
         return;
     }
     let mut rest = bytes.get_mut(8..).unwrap_or_default();
-    // A chunk is length, type, data and checksum; the checksum covers type and data. The walk ends at the first
-    // length that damage has made too long.
+    // A chunk is length, type, data and checksum; the checksum covers type and data. The walk ends at the
+    // first length that damage has made too long.
     while let Some((&length, _)) = rest.split_first_chunk::<4>() {
         let end = (u32::from_be_bytes(length) as usize).saturating_add(8);
         let Some((chunk, after)) = rest.split_at_mut_checked(end) else {

@@ -82,7 +82,8 @@ fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u3
         for i in 0..n - gap {
             let k = i + gap;
             best[i * n + k] = f64::INFINITY;
-            // The chord from i to k must not exist already; the last one is the closing edge of the loop itself.
+            // The chord from i to k must not exist already; the last one is the closing edge of the loop
+            // itself.
             if gap + 1 < n && !free(i, k) {
                 continue;
             }

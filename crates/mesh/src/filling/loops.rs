@@ -37,7 +37,8 @@ pub(crate) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     loops
 }
 
-/// Splits a loop at vertices that it passes twice: a cover of the whole would have a non-manifold vertex there.
+/// Splits a loop at vertices that it passes twice: a cover of the whole would have a non-manifold vertex
+/// there.
 fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
     let mut path: Vec<u32> = Vec::with_capacity(vertices.len());
     let mut on_path: HashSet<u32> = HashSet::new();

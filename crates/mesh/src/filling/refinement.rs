@@ -133,7 +133,8 @@ impl Lid {
         if worst(&new) <= (1.0 + MIN_GAIN) * worst(&old) {
             return false;
         }
-        // Larger angles alone could fold the cover: the new triangles must face the mean normal of the old ones.
+        // Larger angles alone could fold the cover: the new triangles must face the mean normal of the old
+        // ones.
         let (up, turned) = (old.each_ref().map(area_vector), new.each_ref().map(area_vector));
         let mean = add(up[0], up[1]);
         dot(turned[0], turned[1]) > 0.0 && turned.iter().all(|n| dot(*n, mean) > 0.0)

@@ -80,8 +80,8 @@ fn sigma_of_a_cover_includes_noise_at_its_border() {
     assert!(20 * outside <= count, "{outside} of {count}");
 }
 
-/// The rims of a sheet and of a shallow dome stay open. A hole in the sheet is filled and stays flat, and so are
-/// the ends of a tube.
+/// The rims of a sheet and of a shallow dome stay open. A hole in the sheet is filled and stays flat, and so
+/// are the ends of a tube.
 #[test]
 fn outer_rims_stay_open() {
     let mut sheet = grid_sheet(2.0, 2.0, 41, 41);

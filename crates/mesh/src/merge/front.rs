@@ -114,8 +114,8 @@ impl Border {
         border.next = vec![NONE; border.from.len()];
         border.previous = vec![NONE; border.from.len()];
         border.open = vec![true; border.from.len()];
-        // The successor of an open edge is found by turning about its end through the triangles there, so that
-        // each fan of a vertex keeps its own part of the border.
+        // The successor of an open edge is found by turning about its end through the triangles there, so
+        // that each fan of a vertex keeps its own part of the border.
         for (&half, &edge) in &number {
             let mut at = next_in_triangle(half);
             while opposite[at as usize] != NONE {
@@ -145,8 +145,8 @@ impl Border {
         let (before, after, arriving) = (self.previous[e], self.next[e], self.previous[g]);
         let (a, b, c) = (self.from[e], self.to[e], self.from[g]);
         self.close(edge);
-        // Each of the two other sides closes an edge of the border or becomes a new one. Corners are compared as
-        // edges of the border, not as vertices: a vertex can be on the border twice, and only the matching
+        // Each of the two other sides closes an edge of the border or becomes a new one. Corners are compared
+        // as edges of the border, not as vertices: a vertex can be on the border twice, and only the matching
         // occurrence may be closed.
         let first = if before == leaving {
             self.close(leaving);

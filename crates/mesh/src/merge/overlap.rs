@@ -333,7 +333,8 @@ fn feet_of(
         let (p, n, sigma) = (patches[i].mesh.positions[v], mine.normals[v], mine.sigma[v]);
         let mut feet = Vec::new();
         for j in (0..patches.len()).filter(|j| *j != i) {
-            // The search distance uses the largest σ of the other patch; the σ at the foot decides afterwards.
+            // The search distance uses the largest σ of the other patch; the σ at the foot decides
+            // afterwards.
             let beside = BEYOND_BORDER * mine.spacing[v];
             let max_epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
             let reach = max_epsilon.max(beside);
@@ -353,8 +354,8 @@ fn feet_of(
             let to = sub(foot.point, p);
             let height = dot(to, n);
             let aside = norm(cross(to, n));
-            // At a border, the distance has a part along the surface, which says nothing about the fit of both
-            // surfaces: height and lateral distance have limits of their own.
+            // At a border, the distance has a part along the surface, which says nothing about the fit of
+            // both surfaces: height and lateral distance have limits of their own.
             let found = if foot.on_boundary {
                 height.abs() <= epsilon && aside <= beside
             } else {

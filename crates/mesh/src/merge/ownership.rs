@@ -5,10 +5,11 @@
 //! kept triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
 //!
 //! The score is the distance to the border of the patch, in its edges and at most [`FAR`], so that a seam
-//! runs at equal distances from both borders. A patch that is finer than another by the factor [`FINER_RATIO`] wins
-//! from [`TAPER`] edges inside its border on, because it shows detail between the vertices of the other.
-//! Among almost equal scores the earlier patch wins by a fraction of an edge. The score of a point does not
-//! depend on the patch that it is compared with, so that one of any three patches always wins.
+//! runs at equal distances from both borders. A patch that is finer than another by the factor
+//! [`FINER_RATIO`] wins from [`TAPER`] edges inside its border on, because it shows detail between the
+//! vertices of the other. Among almost equal scores the earlier patch wins by a fraction of an edge. The
+//! score of a point does not depend on the patch that it is compared with, so that one of any three patches
+//! always wins.
 
 use super::overlap::{FAR, median};
 use super::{MergePatch, Overlap, TAPER};
@@ -19,8 +20,8 @@ use super::{MergePatch, Overlap, TAPER};
 const FINER_RATIO: f64 = 1.8;
 /// Advantage of the earlier of two patches, in edges; noise changes distances to the border by as much.
 ///
-/// Without it, two scans from one viewpoint, which are equally far inside but for noise, become a patchwork with
-/// holes (test `two_scans_from_one_viewpoint_leave_no_holes`).
+/// Without it, two scans from one viewpoint, which are equally far inside but for noise, become a patchwork
+/// with holes (test `two_scans_from_one_viewpoint_leave_no_holes`).
 const EARLIER_BONUS: f64 = 0.5;
 /// Maximum advantage of the first patch over the last, in edges.
 ///
@@ -44,8 +45,8 @@ impl Score {
         let edges: Vec<f64> = overlap.patches.iter().map(|p| median(&p.spacing)).collect();
         let mut order: Vec<usize> = (0..edges.len()).collect();
         order.sort_by(|i, j| edges[*j].total_cmp(&edges[*i]).then(i.cmp(j)));
-        // Levels of resolution, from coarse to fine. Comparing each patch with the coarsest of its level gives a
-        // transitive order; comparing pairs would not.
+        // Levels of resolution, from coarse to fine. Comparing each patch with the coarsest of its level
+        // gives a transitive order; comparing pairs would not.
         let mut level = 0;
         let mut coarsest = f64::INFINITY;
         let mut levels = vec![0; edges.len()];
@@ -124,7 +125,8 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
                 in_kept[i][*v as usize] = true;
             }
         }
-        // A fine patch can lie within a single triangle of a coarse one, whose corners are then all outside it.
+        // A fine patch can lie within a single triangle of a coarse one, whose corners are then all outside
+        // it.
         for v in (0..patch.mesh.positions.len()).filter(|v| in_kept[i][*v]) {
             for foot in mine.feet(v).iter().filter(|f| f.patch as usize > i && !f.beside) {
                 covered[foot.patch as usize][foot.triangle as usize] = true;

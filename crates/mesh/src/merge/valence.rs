@@ -349,9 +349,9 @@ impl<'a> Net<'a> {
                 let far = |v: u32| self.room.get(&v).copied().unwrap_or(usize::MAX);
                 let carried = [c, d].into_iter().filter(|v| self.is_full(*v));
                 let rest = others.iter().filter(|v| **v != end || self.valence[end as usize] > 7);
-                // Each vertex that is left with too many edges needs a flip of its own, but one flip can serve
-                // two of them; and an excess has to be carried over `far` edges. Both are lower bounds of the
-                // flips needed, by which hopeless sequences are cut off.
+                // Each vertex that is left with too many edges needs a flip of its own, but one flip can
+                // serve two of them; and an excess has to be carried over `far` edges. Both are lower bounds
+                // of the flips needed, by which hopeless sequences are cut off.
                 let left = carried.clone().count() + rest.count();
                 let far = carried.map(far).max().unwrap_or(0);
                 (left > 0 && left.div_ceil(2).max(far) < flips).then_some((left, far, end))

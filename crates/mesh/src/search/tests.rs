@@ -124,8 +124,8 @@ fn winding(mesh: &TriangleMesh, p: [f64; 3]) -> f64 {
 
 #[test]
 fn signs_match_winding_numbers_at_spikes_and_creases() {
-    // A ball with alternating radii of 0.4 and 1.6 has sharp spikes and notches, where the normal of the nearest
-    // face alone gives the wrong side.
+    // A ball with alternating radii of 0.4 and 1.6 has sharp spikes and notches, where the normal of the
+    // nearest face alone gives the wrong side.
     let mut spiky = icosphere(1.0, 2);
     for (i, p) in spiky.positions.iter_mut().enumerate() {
         *p = scale(if i % 2 == 0 { 0.4 } else { 1.6 }, *p);

@@ -48,7 +48,8 @@ impl GlobalFilter {
             }
             !by_leaf[leaf].is_empty()
         })?;
-        // The prior draws towards the cylinder, not towards zero: its vector is its matrix times the cylinder.
+        // The prior draws towards the cylinder, not towards zero: its vector is its matrix times the
+        // cylinder.
         let scalar = prior.information(&system, &model.metric)?;
         let mut wide = scalar.expanded(3)?;
         let start: Vec<f64> = model.cylinder.refined(Arc::clone(space))?.vertices().as_flattened().to_vec();

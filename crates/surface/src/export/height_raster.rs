@@ -132,8 +132,8 @@ impl Layout {
         let [columns, rows] = [0, 1].map(|d| ((extent.high[d] / cell).ceil() - first[d]).max(1.0));
         if columns * rows > MAX_CELLS {
             return Err(Error::input(format!(
-                "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; \
-                 say a larger --cell-size"
+                "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of \
+                 {cell}; say a larger --cell-size"
             )));
         }
         Ok(Self { cell, first, columns: columns as usize, rows: rows as usize })

@@ -45,7 +45,8 @@ fn flips_reduce_high_valences_and_keep_the_surface() {
     assert!(4 * over(&after) < over(&before), "{} and {}", over(&after), over(&before));
 }
 
-/// No vertex of 20 irregular seams keeps seven edges: the excess is carried to vertices that have room for it.
+/// No vertex of 20 irregular seams keeps seven edges: the excess is carried to vertices that have room for
+/// it.
 #[test]
 fn no_vertex_of_a_seam_keeps_seven_edges() {
     let ball = icosphere(1.0, 5);
