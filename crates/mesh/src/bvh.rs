@@ -1,44 +1,48 @@
-//! A tree of boxes over triangles.
+//! A bounding volume hierarchy over triangles.
 //!
-//! Comes in: the triangles' corners. Goes out: a flat array of nodes over triangles in leaf order; the tree
-//! depends on the triangles alone, not on the number of threads. Not guaranteed: balance; but the depth stays
+//! In: the corners of the triangles. Out: a flat array of nodes over triangles in leaf order. The tree
+//! depends only on the triangles, not on the number of threads. Not guaranteed: balance, but the depth stays
 //! below [`MAX_DEPTH`].
 
 /// Maximum number of triangles of a leaf.
 ///
-/// With 2, 4 and 8, closest points took the same time, within the noise, on 70 k and 1.3 M triangles; 8
-/// builds fastest and has the fewest nodes.
+/// With 2, 4 and 8, closest points took the same time within noise on 70 k and 1.3 M triangles. 8 builds
+/// fastest and needs the fewest nodes. It is also the width of a packet ([`crate::packet::LANES`]).
 pub(crate) const LEAF: usize = 8;
-/// Number of bins in which splits are compared. More bins find slightly better splits in a longer time.
+/// Number of bins of the surface-area heuristic; more bins find slightly better planes and build slower.
 const BINS: usize = 16;
-/// Parts above this size are built in parallel.
+/// Parts with at least this number of triangles are built in parallel; smaller ones do not repay a task.
 const PARALLEL: usize = 1 << 14;
-/// Below this depth triangles are halved by count, so that no tree is deeper than `SAH_DEPTH + 32`.
+/// Depth from which triangles are halved by count.
+///
+/// The heuristic can split off single triangles, as of geometrically spaced ones. Halving bounds the depth to
+/// `SAH_DEPTH + 32`.
 const SAH_DEPTH: usize = 30;
-/// Depth that no tree exceeds, and so the size of a traversal's stack.
+/// Bound of the depth of any tree, and therefore the size of the stack of a traversal.
 pub(crate) const MAX_DEPTH: usize = 64;
 
-/// A box and what is in it.
+/// A box with its triangles or its children.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
     pub min: [f64; 3],
     pub max: [f64; 3],
-    /// The first triangle of a leaf, or the left child; the right child follows the left.
+    /// First triangle of a leaf, or the left child; the right child follows the left.
     pub first: u32,
-    /// Triangles of a leaf, 0 for an inner node.
+    /// Number of triangles of a leaf; 0 for an inner node.
     pub count: u32,
 }
 
-/// Nodes (the root first) over triangles in leaf order.
+/// The tree: nodes, the root first, over triangles in leaf order.
 #[derive(Debug, Clone)]
 pub(crate) struct Bvh {
     pub nodes: Vec<Node>,
-    /// Corners in leaf order.
+    /// Corners of the triangles in leaf order. The copy saves two indirections in every visit of a leaf.
     pub corners: Vec<[[f64; 3]; 3]>,
-    /// The triangle that stands at each place of the leaf order.
+    /// For each position in leaf order, the index of the triangle.
     pub triangles: Vec<u32>,
 }
 
+/// The box of one triangle.
 #[derive(Clone, Copy)]
 struct Item {
     min: [f64; 3],
@@ -47,13 +51,14 @@ struct Item {
 }
 
 impl Item {
+    /// Twice the centre of the box: halving would change neither order nor bins.
     fn center2(&self, axis: usize) -> f64 {
         self.min[axis] + self.max[axis]
     }
 }
 
 impl Bvh {
-    /// The tree over at least one triangle.
+    /// Builds the tree over at least one triangle.
     pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
         let mut items: Vec<Item> = (0..count)
             .map(|t| {
@@ -72,8 +77,9 @@ impl Bvh {
     }
 }
 
-/// The tree over `items`, which start at place `first` of the leaf order; child indices count from the tree's
-/// own root.
+/// Builds the tree over `items`, which start at position `first` of the leaf order.
+///
+/// Indices of children count from the root of this tree.
 fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     if items.len() < PARALLEL {
         let mut nodes = Vec::with_capacity(items.len());
@@ -86,7 +92,8 @@ fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     let (left, right) = items.split_at_mut(middle);
     let (left, right) =
         rayon::join(|| build(left, first, depth + 1), || build(right, first + middle, depth + 1));
-    // Order: root, both children side by side, the rest of the left, the rest of the right.
+    // Order: root, both children, the rest of the left tree, the rest of the right tree. Siblings must be
+    // adjacent, because a node stores only its left child.
     let mut nodes = Vec::with_capacity(1 + left.len() + right.len());
     let moved = |mut node: Node, by: usize| {
         if node.count == 0 {
@@ -103,6 +110,7 @@ fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     nodes
 }
 
+/// Splits a leaf, and its children in turn, until every leaf is small enough.
 fn subdivide(nodes: &mut Vec<Node>, at: usize, items: &mut [Item], first: usize, depth: usize) {
     if items.len() <= LEAF {
         return;
@@ -127,8 +135,10 @@ fn node_of(items: &[Item], first: usize) -> Node {
     Node { min: grown.min, max: grown.max, first: first as u32, count: items.len() as u32 }
 }
 
-/// Orders `items` into two non-empty parts and returns the size of the first: binned surface-area heuristic
-/// over the axis of greatest spread, or halves where that finds no plane.
+/// Reorders `items` into two non-empty parts and returns the size of the first.
+///
+/// The plane is that of the binned surface-area heuristic along the axis with the largest spread of centres.
+/// If it finds none, the items are halved.
 ///
 /// Reference: Wald, *On fast Construction of SAH-based Bounding Volume Hierarchies*, 2007.
 fn split(items: &mut [Item], depth: usize) -> usize {
@@ -151,6 +161,8 @@ fn split(items: &mut [Item], depth: usize) -> usize {
             bounds.include(&Bounds { min: item.min, max: item.max });
             *count += 1;
         }
+        // Cost of a plane: number of triangles times surface area, summed over both sides. A ray or a search
+        // visits a box with a probability in proportion to its surface.
         let mut cost = [0.0; BINS];
         let (mut grown, mut count) = (Bounds::EMPTY, 0);
         for k in 0..BINS - 1 {
@@ -173,13 +185,14 @@ fn split(items: &mut [Item], depth: usize) -> usize {
         }
     }
     let middle = items.len() / 2;
+    // The index breaks ties, so that equal centres cannot make the tree depend on the algorithm of selection.
     items.select_nth_unstable_by(middle, |a, b| {
         a.center2(axis).total_cmp(&b.center2(axis)).then(a.triangle.cmp(&b.triangle))
     });
     middle
 }
 
-/// Brings the items that are `left` to the front and returns how many they are.
+/// Moves the items that are `left` to the front and returns their number.
 fn partition(items: &mut [Item], left: impl Fn(&Item) -> bool) -> usize {
     let mut kept = 0;
     for k in 0..items.len() {
@@ -191,6 +204,7 @@ fn partition(items: &mut [Item], left: impl Fn(&Item) -> bool) -> usize {
     kept
 }
 
+/// A growing box.
 #[derive(Clone, Copy)]
 struct Bounds {
     min: [f64; 3],
@@ -207,7 +221,7 @@ impl Bounds {
         }
     }
 
-    /// Half the surface; zero where empty.
+    /// Half the surface area; zero for an empty box.
     fn half_area(&self) -> f64 {
         if self.min[0] > self.max[0] {
             return 0.0;
@@ -228,13 +242,13 @@ pub(crate) fn squared_distance_to_box(p: [f64; 3], node: &Node) -> f64 {
     sum
 }
 
-/// The greater of two, `b` where they do not compare: one machine instruction, unlike `f64::max`.
+/// The greater of two numbers, `b` if one is NaN: a single machine instruction, unlike `f64::max`.
 #[inline(always)]
 pub(crate) fn greater(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
-/// The lesser of two, `b` where they do not compare.
+/// The lesser of two numbers, `b` if one is NaN.
 #[inline(always)]
 pub(crate) fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
@@ -274,7 +288,7 @@ mod tests {
 
     #[test]
     fn every_triangle_is_in_one_leaf_inside_its_boxes() {
-        // Above the parallel limit, at hashed places.
+        // More triangles than the parallel limit, at hashed positions.
         let hashed = |t: usize| {
             let x = (t as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
             let p = [(x >> 40) as f64, ((x >> 20) & 0xF_FFFF) as f64, (x & 0xF_FFFF) as f64];

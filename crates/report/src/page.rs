@@ -102,6 +102,7 @@ impl Table {
         self.marked.push(marked);
     }
 
+    /// True if a row is highlighted. The template passes references.
     fn is_marked(&self, row: &usize) -> bool {
         self.marked.get(*row).copied().unwrap_or(false)
     }
@@ -178,6 +179,7 @@ pub(crate) fn with_unbroken_numbers(text: &str) -> String {
         .collect()
 }
 
+/// The values of the template `page.html`.
 #[derive(Template)]
 #[template(path = "page.html")]
 struct Html<'a> {
@@ -212,6 +214,7 @@ impl Page {
             level: self.level(),
             findings,
             scene,
+            // Everything is in the file: a report is mailed, archived and opened without a network.
             style: include_str!("../assets/page.css"),
             three: include_str!("../assets/three.min.js"),
             viewer: include_str!("../assets/viewer.js"),

@@ -176,6 +176,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
                         let e: f64 = StandardNormal.sample(&mut random);
                         x + options.sigma_px * e
                     });
+                    // Rounded far below σ, which keeps files small.
                     text += &format!("{x:.4},{y:.4},{:?},{number}\n", options.sigma_px);
                     made.places += 1;
                 }
@@ -183,6 +184,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
             let path = folder.join(&contours);
             write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
             made.files.push(path);
+            // `{:?}` writes the shortest number that reads back exactly: cameras have no error of their own.
             let rows = |m: &Matrix3<f64>| {
                 let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
                 format!("[{}, {}, {}]", row(0), row(1), row(2))
@@ -258,6 +260,7 @@ fn visible_contours(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>>
             let seen = cosine.abs() < 1.0 && !is_hidden(shape, from, at);
             camera.project(at).filter(|_| seen)
         };
+        // Visibility is the expensive part and computed in parallel; points are selected in order.
         let places: Vec<_> = (0..=HEIGHT_STEPS).into_par_iter().map(seen_at).collect();
         for place in places {
             match place {
@@ -270,6 +273,7 @@ fn visible_contours(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>>
                         run.push(p);
                     }
                 }
+                // Occlusion ends a contour. The next visible point starts another one.
                 None => {
                     before = None;
                     found.push(std::mem::take(&mut run));

@@ -405,6 +405,7 @@ impl Stage {
 
     /// Stripes that cover the object at its nearest point.
     fn pattern(&self) -> StripePattern {
+        // The object is largest in the image of the projector where it is nearest to it.
         let half = self.focal * 0.5 * self.diagonal / (self.far - 0.5 * self.diagonal);
         let count = (half / self.options.stripe_spacing).ceil() as i32;
         StripePattern {
@@ -447,6 +448,7 @@ impl Stage {
             light: &light,
             texture: &Texture {
                 contrast: self.options.texture,
+                // A length at the distance of the object, so that spots have the same size in all images.
                 grain: GRAIN_PX * self.far / self.focal,
                 seed: self.options.seed,
             },

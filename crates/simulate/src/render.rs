@@ -39,18 +39,18 @@ const ALBEDO: f64 = 0.6;
 const SHADOW_TOLERANCE: f64 = 1e-4;
 
 /// A surface that rays can meet: a mesh or a closure.
-pub trait RayTarget: Sync {
+pub trait RaySurface: Sync {
     /// The point where a ray first meets the surface, and the unit normal there, with either sign.
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])>;
 }
 
-impl RayTarget for MeshSearch {
+impl RaySurface for MeshSearch {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         MeshSearch::first_hit(self, origin, direction).map(|hit| (hit.point, hit.normal))
     }
 }
 
-impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RayTarget for F {
+impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RaySurface for F {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         self(origin, direction)
     }
@@ -74,6 +74,7 @@ impl Texture {
             let size = self.grain * f64::from(1 << k);
             noise(at.map(|c| c / size), self.seed.wrapping_add(u64::from(k)))
         };
+        // 1.6 instead of 3: octaves rarely have their extremes at the same point. The clamp limits the rest.
         let sum: f64 = (0..3).map(octave).sum::<f64>() / 1.6;
         ALBEDO * (1.0 + self.contrast * sum.clamp(-1.0, 1.0))
     }
@@ -88,6 +89,7 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
         .map(|corner| {
             let side = |k: usize| (corner >> k) & 1;
             let weight: f64 = (0..3).map(|k| if side(k) == 1 { blend[k] } else { 1.0 - blend[k] }).product();
+            // A hash instead of a table of random numbers: the noise has no period.
             let mut x = seed;
             for k in 0..3 {
                 x = mix64((x ^ (base[k] as i64 + side(k) as i64) as u64).wrapping_add(GOLDEN_GAMMA));
@@ -199,7 +201,11 @@ impl Exposure<'_> {
     /// # Ok(())
     /// # }
     /// ```
-    pub fn take(&self, target: &impl RayTarget, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
+    pub fn take(
+        &self,
+        target: &impl RaySurface,
+        check: &mut dyn FnMut(f64) -> Result<()>,
+    ) -> Result<Vec<u8>> {
         let [columns, rows] = self.size;
         let mut picture = vec![0; columns * rows];
         // Rows are rendered in bands of 32: `check` cannot be called from several threads.
@@ -221,7 +227,7 @@ impl Exposure<'_> {
     }
 
     /// Brightness of a pixel without noise.
-    fn pixel(&self, target: &impl RayTarget, x: usize, y: usize) -> f64 {
+    fn pixel(&self, target: &impl RaySurface, x: usize, y: usize) -> f64 {
         let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
         let centre = self.camera.centre();
         let mut sum = 0.0;
@@ -239,7 +245,7 @@ impl Exposure<'_> {
     }
 
     /// Light that a surface point with this normal receives, from 0 to 1.
-    fn irradiance(&self, target: &impl RayTarget, point: [f64; 3], normal: [f64; 3]) -> f64 {
+    fn irradiance(&self, target: &impl RaySurface, point: [f64; 3], normal: [f64; 3]) -> f64 {
         let from = self.light.centre();
         let ambient = self.light.ambient();
         let way = sub(from, point);
@@ -267,7 +273,7 @@ mod tests {
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };
 
-    fn take(target: &impl RayTarget, light: &Light, sigma: f64) -> Vec<u8> {
+    fn take(target: &impl RaySurface, light: &Light, sigma: f64) -> Vec<u8> {
         let exposure = Exposure {
             camera: &CAMERA,
             size: [41, 41],

@@ -137,6 +137,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
         .into_iter()
         .map(|place| place.position)
         .collect();
+    // All positions are drawn before all errors, so that another σ leaves the positions unchanged.
     let points: Vec<[f64; 3]> = (points.into_iter())
         .map(|place| match random.random::<f64>() < options.outliers {
             true => std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])),
@@ -225,6 +226,7 @@ fn gaussian_vector(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
 fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let size = bounds.diagonal();
     let angle = std::f64::consts::TAU * view as f64 / views as f64;
+    // Outlines from a single elevation leave the top and bottom of the object undetermined.
     let height = if view.is_multiple_of(2) { 0.35 } else { -0.35 };
     let from = unit([angle.cos(), angle.sin(), height]).unwrap_or([1.0, 0.0, 0.0]);
     let center = add_scaled(bounds.center(), DISTANCE * size, from);
