@@ -22,12 +22,14 @@
 //! ```
 
 pub mod error;
+pub mod matrix3;
 pub mod progress;
 pub mod random;
 pub mod vector3;
 
 mod bounding_box;
 mod disjoint_sets;
+mod pinhole;
 mod pose;
 mod symmetric_matrix3;
 mod unit;
@@ -35,6 +37,7 @@ mod unit;
 pub use bounding_box::BoundingBox;
 pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
+pub use pinhole::Pinhole;
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};
 pub use symmetric_matrix3::SymmetricMatrix3;

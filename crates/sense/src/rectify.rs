@@ -14,11 +14,11 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-use crate::stripes::Pinhole;
 use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
 
 /// Maximum number of fixed-point iterations that invert a distortion.
@@ -69,9 +69,8 @@ impl LensCamera {
     /// there.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        let [first, second, _] = self.pinhole.k;
-        let y = (pixel[1] - second[2]) / second[1];
-        let seen = [(pixel[0] - first[2] - first[1] * y) / first[0], y];
+        let [x, y, _] = self.pinhole.ray_in_camera(pixel);
+        let seen = [x, y];
         let mut straight = seen;
         for _ in 0..UNDISTORTIONS {
             let there = self.distorted(straight);
@@ -113,7 +112,7 @@ impl Rectification {
     /// `Input` for cameras at one position, cameras that look along the baseline or away from each other, and
     /// distortions that cannot be inverted.
     pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
-        let centres = rig.cameras.map(|c| c.pinhole.centre());
+        let centres = rig.cameras.map(|c| c.pinhole.center());
         let baseline = sub(centres[1], centres[0]);
         let x = unit(baseline)
             .ok_or_else(|| Error::input("needed two cameras at different places, found both at one"))?;

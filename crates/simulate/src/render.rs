@@ -11,11 +11,12 @@
 //! # References
 //! - Perlin, *An image synthesizer*, 1985, for solid textures.
 
+use planish_core::Pinhole;
 use planish_core::random::{GOLDEN_GAMMA, mix64, signed_unit_interval};
 use planish_estimate::Result;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_mesh::MeshSearch;
-use planish_sense::stripes::{Pinhole, StripePattern};
+use planish_sense::stripes::StripePattern;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -113,7 +114,7 @@ impl Light {
     fn centre(&self) -> [f64; 3] {
         match self {
             Self::Lamp(at) => *at,
-            Self::Stripes { projector, .. } => projector.centre(),
+            Self::Stripes { projector, .. } => projector.center(),
         }
     }
 
@@ -186,7 +187,7 @@ impl Exposure<'_> {
 
     fn pixel(&self, target: &impl Target, x: usize, y: usize) -> f64 {
         let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
-        let centre = self.camera.centre();
+        let centre = self.camera.center();
         let mut sum = 0.0;
         for j in 0..RAYS {
             for i in 0..RAYS {

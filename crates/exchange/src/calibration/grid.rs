@@ -23,9 +23,10 @@
 
 use std::path::Path;
 
+use planish_core::Pinhole;
 use planish_estimate::vector3::{cross, dot};
 use planish_estimate::{Error, Result};
-use planish_sense::stripes::{GridCamera, Pinhole, StripePattern};
+use planish_sense::stripes::{GridCamera, StripePattern};
 use serde::Deserialize;
 
 use super::{check_numbers, table};
@@ -158,7 +159,7 @@ range = [[-20, 20], [-15, 15]]
     fn both_are_read_and_what_is_left_out_has_its_default() {
         let found = parse(GOOD).unwrap();
         assert_eq!((found.unit, found.grid.sigma_px), (Some(Unit::Millimetre), 0.02));
-        assert_eq!(found.grid.camera.centre(), [0.0; 3]);
+        assert_eq!(found.grid.camera.center(), [0.0; 3]);
         assert_eq!(found.grid.projector.t, [-150.0, 0.0, 20.0]);
         assert!((found.grid.pattern.directions()[1][0] + 0.5).abs() < 1e-12);
     }

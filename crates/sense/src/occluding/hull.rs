@@ -11,8 +11,8 @@
 //! Not guaranteed: parts thinner than a cell.
 
 use super::{Contour, ContourView, OccludingPoint};
-use crate::stripes::Pinhole;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::Pinhole;
 use planish_estimate::vector3::{cross, distance, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, isosurface};
@@ -91,7 +91,7 @@ impl SilhouetteBound {
         // Signed distances are 1-Lipschitz in the image, so the projection of the ball bounds their change.
         let mut on_border = false;
         for view in &self.views {
-            let far = distance(view.camera.centre(), at);
+            let far = distance(view.camera.center(), at);
             if far <= 1.5 * reach {
                 return true;
             }
@@ -215,8 +215,7 @@ impl Distances {
 
     /// Signed distance to the border, in the unit of space at the place's distance.
     fn at(&self, place: [f64; 3]) -> f64 {
-        let width =
-            distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
+        let width = distance(self.camera.center(), place) / self.camera.focal_px();
         let Some(pixel) = self.camera.project(place) else {
             return -FAR_PX * width;
         };
