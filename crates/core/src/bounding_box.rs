@@ -41,6 +41,14 @@ impl BoundingBox {
     }
 
     /// Extends the box to a point.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::BoundingBox;
+    /// let mut bounds = BoundingBox { min: [0.0; 3], max: [1.0; 3] };
+    /// bounds.include([0.5, 2.0, -1.0]);
+    /// assert_eq!(bounds, BoundingBox { min: [0.0, 0.0, -1.0], max: [1.0, 2.0, 1.0] });
+    /// ```
     pub fn include(&mut self, point: [f64; 3]) {
         for k in 0..3 {
             self.min[k] = self.min[k].min(point[k]);
@@ -62,6 +70,13 @@ impl BoundingBox {
     }
 
     /// True if a point lies in the box or on its surface.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::BoundingBox;
+    /// let bounds = BoundingBox { min: [0.0; 3], max: [1.0; 3] };
+    /// assert!(bounds.contains([1.0, 0.5, 0.0]) && !bounds.contains([1.1, 0.5, 0.0]));
+    /// ```
     #[must_use]
     pub fn contains(&self, point: [f64; 3]) -> bool {
         (0..3).all(|k| point[k] >= self.min[k] && point[k] <= self.max[k])

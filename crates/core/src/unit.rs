@@ -1,7 +1,7 @@
 //! Units of length, and lengths with a unit.
 //!
-//! Inside the program a length is a plain `f64` in the unit of the model, and the unit travels with the model.
-//! [`Length`] is for values that a user states before the model is read.
+//! Inside the program a length is a plain `f64` in the unit of the model, and the unit travels with the
+//! model. [`Length`] is for values that a user states before the model is read.
 
 use std::fmt;
 use std::str::FromStr;
