@@ -14,6 +14,7 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
+use planish_core::BoundingBox;
 use planish_core::Pinhole;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
@@ -272,7 +273,7 @@ fn outline(
     rotation: &[[f64; 3]; 3],
     focal: f64,
 ) -> Result<[[f64; 2]; 2]> {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let ends = [columns as f64, rows as f64];
     for k in 0..OUTLINE {
         let share = k as f64 / (OUTLINE - 1) as f64;
@@ -292,13 +293,10 @@ fn outline(
                     at infinity",
                 ));
             }
-            for (d, c) in [focal * x / z, focal * y / z].into_iter().enumerate() {
-                low[d] = low[d].min(c);
-                high[d] = high[d].max(c);
-            }
+            bounds.include([focal * x / z, focal * y / z]);
         }
     }
-    Ok([low, high])
+    Ok([bounds.min, bounds.max])
 }
 
 #[cfg(test)]

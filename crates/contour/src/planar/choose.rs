@@ -5,6 +5,7 @@ use super::fit::{ContourFit, ContourFitOptions, RoughFit, finish, fit, polish, r
 use super::kind::ContourKind;
 use super::reading::ContourReading;
 use super::start::chain_starts;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -178,19 +179,16 @@ fn none_fits(last: Option<Error>) -> Error {
 
 /// Readings that lie no farther apart than their noise are of a spot.
 fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
     for sighting in sightings {
-        let p = sighting.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
+        bounds.include(sighting.point());
         let [xx, _, yy] = sighting.covariance();
         variance += 0.5 * (xx + yy);
     }
     let sigma = (variance / sightings.len().max(1) as f64).sqrt();
-    let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
+    let [width, height] = bounds.extent();
+    let extent = width.hypot(height);
     if sightings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
             "all {} readings lie nearer together than their σ: they show no outline",

@@ -10,6 +10,7 @@ use super::curve::arc_circle;
 use super::kind::ContourKind;
 use super::parts::usual_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading};
+use planish_core::BoundingBox;
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -92,8 +93,8 @@ pub(super) fn placed(
     let gap = usual_gap(sightings);
     let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &spots, gap);
     let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
-    let (low, high) = extent(&spots);
-    let size = [high[0] - low[0], high[1] - low[1]];
+    let bounds: BoundingBox<2> = spots.iter().map(|spot| spot.point).collect();
+    let size = bounds.extent();
     // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no
     // shorter than they reach.
     let length = (seen.iter().sum::<f64>()).max(size[0]).max(size[1]).max(f64::MIN_POSITIVE);
@@ -117,17 +118,6 @@ pub(super) fn placed(
         (share * sigma * density + wild).ln()
     });
     LikelihoodAndCoverage { log_likelihood: Some(each.sum()), min_side_coverage }
-}
-
-fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
-    let mut bounds = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for spot in spots {
-        for k in 0..2 {
-            bounds.0[k] = bounds.0[k].min(spot.point[k]);
-            bounds.1[k] = bounds.1[k].max(spot.point[k]);
-        }
-    }
-    bounds
 }
 
 /// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in

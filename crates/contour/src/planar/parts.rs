@@ -2,6 +2,7 @@
 
 use super::kind::Outline;
 use super::reading::ContourReading;
+use planish_core::BoundingBox;
 use std::collections::BTreeMap;
 
 /// Groups of indices of readings whose points hang together: single linkage over gaps of at most `gap`.
@@ -55,19 +56,16 @@ pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
 /// are exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
 #[must_use]
 pub fn usual_gap(sightings: &[ContourReading]) -> f64 {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
     for sighting in sightings {
-        let p = sighting.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
+        bounds.include(sighting.point());
         let [xx, _, yy] = sighting.covariance();
         variance += 0.5 * (xx + yy);
     }
     let n = sightings.len() as f64;
-    let extent = (high[0] - low[0]) + (high[1] - low[1]);
+    let [width, height] = bounds.extent();
+    let extent = width + height;
     let spacing = 2.0 * extent / n;
     (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }

@@ -171,14 +171,8 @@ impl Camera {
             middle: [0.0; 2],
             diagonal,
         };
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in points {
-            let Projected { at, .. } = camera.project(*p);
-            for k in 0..2 {
-                low[k] = low[k].min(at[k]);
-                high[k] = high[k].max(at[k]);
-            }
-        }
+        let seen: BoundingBox<2> = points.iter().map(|p| camera.project(*p).at).collect();
+        let BoundingBox { min: low, max: high } = seen;
         let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
         camera.focal = zoom * room(0).min(room(1));
         camera.middle =

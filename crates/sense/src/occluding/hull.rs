@@ -166,15 +166,10 @@ impl VisualHull {
 
 impl Distances {
     fn new(view: &ContourView) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in view.silhouette.iter().flat_map(|c| &c.places) {
-            for k in 0..2 {
-                low[k] = low[k].min(p[k]);
-                high[k] = high[k].max(p[k]);
-            }
-        }
-        let first = low.map(|x| x.floor() - 2.0);
-        let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
+        let places = view.silhouette.iter().flat_map(|c| c.places.iter().copied());
+        let bounds: BoundingBox<2> = places.collect();
+        let first = bounds.min.map(|x| x.floor() - 2.0);
+        let [columns, rows] = [0, 1].map(|k| (bounds.max[k] - first[k]).ceil() as usize + 3);
         // Squared distances to the border's places next to each pixel, then spread by the lower envelope of
         // parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled functions*, 2012).
         let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
