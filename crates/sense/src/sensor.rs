@@ -67,8 +67,8 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// Covariance of a reading along the unit vector `ray`. If the ray is unknown, the σ along the ray is used
-    /// in all directions.
+    /// Covariance of a reading along the unit vector `ray`. If the ray is unknown, the σ along the ray is
+    /// used in all directions.
     #[must_use]
     pub fn covariance(&self, ray: Option<[f64; 3]>) -> SymmetricMatrix3 {
         let isotropic = |s: f64| SymmetricMatrix3::isotropic(s * s);

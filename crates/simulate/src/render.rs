@@ -224,7 +224,7 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole {
         k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
-        r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        r: planish_core::matrix3::IDENTITY,
         t: [0.0, 0.0, 50.0],
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };

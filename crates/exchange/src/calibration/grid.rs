@@ -24,6 +24,7 @@
 use std::path::Path;
 
 use planish_core::Pinhole;
+use planish_core::matrix3::IDENTITY;
 use planish_estimate::vector3::{cross, dot};
 use planish_estimate::{Error, Result};
 use planish_sense::stripes::{GridCamera, StripePattern};
@@ -115,11 +116,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
 }
 
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
-    let made = Pinhole {
-        k: view.k,
-        r: view.r.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-        t: view.t.unwrap_or([0.0; 3]),
-    };
+    let made = Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: view.t.unwrap_or([0.0; 3]) };
     let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
