@@ -118,7 +118,7 @@ impl FromStr for CameraAngles {
 }
 
 /// The directions of a picture: to the right, up, and from the object to the camera.
-pub(super) type Axes = [[f64; 3]; 3];
+pub(crate) type Axes = [[f64; 3]; 3];
 
 /// The axes of a camera that stands at these angles.
 pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
@@ -147,14 +147,15 @@ pub(super) struct Frame {
 
 /// A pinhole that looks at an object.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Camera {
-    at: [f64; 3],
+pub(crate) struct Camera {
+    /// Its place.
+    pub at: [f64; 3],
     /// The directions of the picture.
     pub axes: Axes,
     /// Pixels over tangents.
     pub focal: f64,
     /// Column and row of what is straight ahead.
-    middle: [f64; 2],
+    pub middle: [f64; 2],
     /// Diagonal of the object's box.
     pub diagonal: f64,
 }
@@ -181,7 +182,7 @@ impl Camera {
     }
 
     /// Column and row, from the left and the top, and the distance along the camera's axis.
-    pub(super) fn project(&self, p: [f64; 3]) -> Projected {
+    pub(crate) fn project(&self, p: [f64; 3]) -> Projected {
         let off = sub(p, self.at);
         let depth = -dot(off, self.axes[2]);
         Projected {
