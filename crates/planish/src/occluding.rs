@@ -28,7 +28,6 @@ use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_sense::occluding::{
     Contour, ContourView, OccludingContours, OccludingPoint, VisualHull, occluding_contours, outlines,
 };
-use planish_sense::stripes::Pinhole;
 use planish_sense::{SilhouetteOptions, silhouette};
 use planish_shell::intersection_over_union;
 use rayon::prelude::*;
@@ -311,8 +310,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
         }
         None => Vec::new(),
     };
-    let matrix = |m: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)]));
-    let camera = Pinhole { k: matrix(&view.camera.k), r: matrix(&view.camera.r), t: view.camera.t.into() };
+    let camera = view.camera.pinhole;
     let measured = !view.contours.is_empty();
     if !measured && outline.is_empty() {
         return Err(Error::input("needed a mask, or contours with ordered points, found none"));

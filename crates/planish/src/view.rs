@@ -11,13 +11,14 @@ mod legend;
 mod shading;
 mod viewed_content;
 
+pub(crate) use camera::Camera;
 pub use camera::{CameraAngles, Up};
 pub use viewed_content::ViewedFile;
 
 use crate::job::Job;
 use crate::report::ReportOutput;
 use crate::report::words::head;
-use camera::{Camera, Frame, axes_at, axes_from};
+use camera::{Frame, axes_at, axes_from};
 use canvas::Canvas;
 use legend::Legend;
 use planish_core::{Progress, WRITING_STAGE};

@@ -14,11 +14,12 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
+use planish_core::BoundingBox;
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-use crate::stripes::Pinhole;
 use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
 
 /// Maximum number of fixed-point iterations that invert a distortion. Convergence is linear; distortions that
@@ -71,9 +72,8 @@ impl LensCamera {
     /// there.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        let [first, second, _] = self.pinhole.k;
-        let y = (pixel[1] - second[2]) / second[1];
-        let seen = [(pixel[0] - first[2] - first[1] * y) / first[0], y];
+        let [x, y, _] = self.pinhole.ray_in_camera(pixel);
+        let seen = [x, y];
         let mut straight = seen;
         // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
         // the result is checked below.
@@ -117,7 +117,7 @@ impl Rectification {
     /// `Input` for cameras at one position, cameras that look along the baseline or away from each other, and
     /// distortions that cannot be inverted.
     pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
-        let centres = rig.cameras.map(|c| c.pinhole.centre());
+        let centres = rig.cameras.map(|c| c.pinhole.center());
         let baseline = sub(centres[1], centres[0]);
         let x = unit(baseline)
             .ok_or_else(|| Error::input("needed two cameras at different positions, found both at one"))?;
@@ -287,7 +287,7 @@ fn outline(
     rotation: &[[f64; 3]; 3],
     focal: f64,
 ) -> Result<[[f64; 2]; 2]> {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let ends = [columns as f64, rows as f64];
     for k in 0..OUTLINE {
         let share = k as f64 / (OUTLINE - 1) as f64;
@@ -309,13 +309,10 @@ fn outline(
                     at infinity",
                 ));
             }
-            for (d, c) in [focal * x / z, focal * y / z].into_iter().enumerate() {
-                low[d] = low[d].min(c);
-                high[d] = high[d].max(c);
-            }
+            bounds.include([focal * x / z, focal * y / z]);
         }
     }
-    Ok([low, high])
+    Ok([bounds.min, bounds.max])
 }
 
 #[cfg(test)]

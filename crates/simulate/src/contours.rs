@@ -185,8 +185,8 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
             write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
             made.files.push(path);
             // `{:?}` writes the shortest number that reads back exactly: cameras have no error of their own.
-            let rows = |m: &Matrix3<f64>| {
-                let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+            let rows = |m: &[[f64; 3]; 3]| {
+                let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
                 format!("[{}, {}, {}]", row(0), row(1), row(2))
             };
             views += &format!(
@@ -194,11 +194,11 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
                  {}\nt = [{:?}, {:?}, {:?}]\n",
                 m + 1,
                 k + 1,
-                rows(&camera.k),
-                rows(&camera.r),
-                size * camera.t[0],
-                size * camera.t[1],
-                size * camera.t[2]
+                rows(&camera.pinhole.k),
+                rows(&camera.pinhole.r),
+                size * camera.pinhole.t[0],
+                size * camera.pinhole.t[1],
+                size * camera.pinhole.t[2]
             );
         }
         let path = folder.join(format!("motion-{}.toml", m + 1));
@@ -346,15 +346,14 @@ fn closed_surface(shape: ContoursShape) -> TriangleMesh {
 /// The share of each pixel that the object covers, from 0 to 255.
 fn coverage_mask(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
     let finer = MASK_SAMPLES as f64;
-    let mut k = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.k[(i, j)]));
+    let mut k = camera.pinhole.k;
     for row in k.iter_mut().take(2) {
         *row = row.map(|x| finer * x);
         // Pixel centres have whole coordinates: the first of n samples lies (n − 1)/2 samples before the
         // centre of its pixel.
         row[2] += 0.5 * (finer - 1.0);
     }
-    let r = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.r[(i, j)]));
-    let fine = Camera::new(k, r, camera.t.into())?;
+    let fine = Camera::new(k, camera.pinhole.r, camera.pinhole.t)?;
     let [columns, rows] = SIZE.map(|n| n * MASK_SAMPLES);
     let seen = covered_pixels(mesh, &fine, columns, rows);
     Ok((0..SIZE[0] * SIZE[1])

@@ -12,11 +12,12 @@
 //! # References
 //! - Perlin, *An image synthesizer*, 1985, for solid textures.
 
+use planish_core::Pinhole;
 use planish_core::random::{GOLDEN_GAMMA, mix64, signed_unit_interval};
 use planish_estimate::Result;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_mesh::MeshSearch;
-use planish_sense::stripes::{Pinhole, StripePattern};
+use planish_sense::stripes::StripePattern;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -120,7 +121,7 @@ impl Light {
     fn centre(&self) -> [f64; 3] {
         match self {
             Self::Lamp(at) => *at,
-            Self::Stripes { projector, .. } => projector.centre(),
+            Self::Stripes { projector, .. } => projector.center(),
         }
     }
 
@@ -229,7 +230,7 @@ impl Exposure<'_> {
     /// Brightness of a pixel without noise.
     fn pixel(&self, target: &impl RaySurface, x: usize, y: usize) -> f64 {
         let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
-        let centre = self.camera.centre();
+        let centre = self.camera.center();
         let mut sum = 0.0;
         for j in 0..RAYS {
             for i in 0..RAYS {
@@ -268,7 +269,7 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole {
         k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
-        r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        r: planish_core::matrix3::IDENTITY,
         t: [0.0, 0.0, 50.0],
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };

@@ -198,17 +198,17 @@ fn write_masks(
         let path = folder.join(&name);
         write_grey_png(&path, SIZE[0], SIZE[1], &mask(truth, &camera))?;
         files.push(path);
-        let rows = |m: &Matrix3<f64>| {
-            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+        let rows = |m: &[[f64; 3]; 3]| {
+            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
             format!("[{}, {}, {}]", row(0), row(1), row(2))
         };
         views += &format!(
             "\n[[view]]\nmask = \"{name}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
-            rows(&camera.k),
-            rows(&camera.r),
-            camera.t[0],
-            camera.t[1],
-            camera.t[2]
+            rows(&camera.pinhole.k),
+            rows(&camera.pinhole.r),
+            camera.pinhole.t[0],
+            camera.pinhole.t[1],
+            camera.pinhole.t[2]
         );
     }
     Ok(views)

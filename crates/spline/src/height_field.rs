@@ -14,6 +14,7 @@
 //! Not guaranteed: values outside the bounding box of the points; cells that are small enough for the shape.
 
 use crate::basis::cubic;
+use planish_core::BoundingBox;
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse,
     SymbolicFactor,
@@ -118,14 +119,8 @@ impl HeightField {
                 readings[at]
             )));
         }
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for r in readings {
-            for k in 0..2 {
-                low[k] = low[k].min(r.place[k]);
-                high[k] = high[k].max(r.place[k]);
-            }
-        }
-        let sides: [f64; 2] = std::array::from_fn(|k| ((high[k] - low[k]) / cell).ceil().max(1.0));
+        let bounds: BoundingBox<2> = readings.iter().map(|r| r.place).collect();
+        let sides: [f64; 2] = std::array::from_fn(|k| (bounds.extent()[k] / cell).ceil().max(1.0));
         // In floating point: for a tiny cell the product does not fit an integer.
         if sides[0] * sides[1] > MAX_CELLS as f64 {
             return Err(Error::input(format!(
@@ -134,10 +129,10 @@ impl HeightField {
             )));
         }
         let cells = sides.map(|s| s as usize);
-        let mut field = Grid { origin: low, cell, cells };
+        let mut field = Grid { origin: bounds.min, cell, cells };
         // Centre the grid, so that the points at both ends are inside.
         for k in 0..2 {
-            field.origin[k] -= 0.5 * (cells[k] as f64 * cell - (high[k] - low[k]));
+            field.origin[k] -= 0.5 * (cells[k] as f64 * cell - bounds.extent()[k]);
         }
         field.solve(readings, dispersion)
     }

@@ -6,6 +6,7 @@
 
 use crate::constraint::Constraint;
 use nalgebra::DVector;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -467,18 +468,14 @@ impl ParametricDrawing {
     /// Tolerances are relative to it; 1 avoids a division by zero.
     #[must_use]
     pub fn extent(&self) -> f64 {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        let mut cover = |p: [f64; 2], reach: f64| {
-            for axis in 0..2 {
-                low[axis] = low[axis].min(p[axis] - reach);
-                high[axis] = high[axis].max(p[axis] + reach);
-            }
-        };
+        let mut bounds: BoundingBox<2> = self.points().map(|point| self.position(point)).collect();
         // The absolute value of a radius, as it may become negative while a solver runs.
-        self.points().for_each(|point| cover(self.position(point), 0.0));
-        self.circles()
-            .for_each(|circle| cover(self.position(self.centre(circle)), self.radius(circle).abs()));
-        let diagonal = (high[0] - low[0]).hypot(high[1] - low[1]);
+        for circle in self.circles() {
+            let center = self.position(self.centre(circle));
+            bounds.include_box(&BoundingBox { min: center, max: center }.grown(self.radius(circle).abs()));
+        }
+        let [width, height] = bounds.extent();
+        let diagonal = width.hypot(height);
         if diagonal > 0.0 && diagonal.is_finite() { diagonal } else { 1.0 }
     }
 }

@@ -9,6 +9,7 @@ use super::kind::ContourKind;
 use super::options::ContourFitOptions;
 use super::reading::ContourReading;
 use super::start::chain_starts;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -236,19 +237,16 @@ fn none_fits(last: Option<Error>) -> Error {
 
 /// Rejects readings whose extent is not larger than their noise: every kind would fit them.
 fn reject_coincident_readings(readings: &[ContourReading]) -> Result<()> {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
     for reading in readings {
-        let p = reading.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
+        bounds.include(reading.point());
         let [xx, _, yy] = reading.covariance();
         variance += 0.5 * (xx + yy);
     }
     let sigma = (variance / readings.len().max(1) as f64).sqrt();
-    let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
+    let [width, height] = bounds.extent();
+    let extent = width.hypot(height);
     if readings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
             "all {} readings lie closer together than their σ, so they show no outline",

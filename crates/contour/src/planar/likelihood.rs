@@ -9,6 +9,7 @@ use super::curve::arc_circle;
 use super::kind::ContourKind;
 use super::parts::usual_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading};
+use planish_core::BoundingBox;
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -95,8 +96,8 @@ pub(super) fn marginal_likelihood(
     let gap = usual_gap(readings);
     let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &measured_points, gap);
     let observed = observed_lengths(&strokes, &measured_points, 0.5 * gap);
-    let (low, high) = extent(&measured_points);
-    let size = [high[0] - low[0], high[1] - low[1]];
+    let bounds: BoundingBox<2> = measured_points.iter().map(|measured| measured.point).collect();
+    let size = bounds.extent();
     // The steps along an outline far larger than the readings can miss the observed part. Its length is at
     // least the extent of the readings.
     let length = (observed.iter().sum::<f64>()).max(size[0]).max(size[1]).max(f64::MIN_POSITIVE);
@@ -121,18 +122,6 @@ pub(super) fn marginal_likelihood(
         (share * sigma * density + outlier_density).ln()
     });
     LikelihoodAndCoverage { log_likelihood: Some(each.sum()), min_side_coverage }
-}
-
-/// Corners of the bounding box of the points.
-fn extent(measured_points: &[MeasuredPoint]) -> ([f64; 2], [f64; 2]) {
-    let mut bounds = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for measured in measured_points {
-        for k in 0..2 {
-            bounds.0[k] = bounds.0[k].min(measured.point[k]);
-            bounds.1[k] = bounds.1[k].max(measured.point[k]);
-        }
-    }
-    bounds
 }
 
 /// The pieces of an outline.

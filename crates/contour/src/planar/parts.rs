@@ -2,6 +2,7 @@
 
 use super::kind::Outline;
 use super::reading::ContourReading;
+use planish_core::BoundingBox;
 use std::collections::BTreeMap;
 
 /// Groups readings whose points are connected by gaps of at most `gap` (single linkage); largest group first.
@@ -69,19 +70,16 @@ pub fn separate(readings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
 /// allowed for.
 #[must_use]
 pub fn usual_gap(readings: &[ContourReading]) -> f64 {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
     for reading in readings {
-        let p = reading.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
+        bounds.include(reading.point());
         let [xx, _, yy] = reading.covariance();
         variance += 0.5 * (xx + yy);
     }
     let n = readings.len() as f64;
-    let extent = (high[0] - low[0]) + (high[1] - low[1]);
+    let [width, height] = bounds.extent();
+    let extent = width + height;
     // The perimeter of the bounding box stands for the length of the outline.
     let spacing = 2.0 * extent / n;
     (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())

@@ -23,9 +23,11 @@
 
 use std::path::Path;
 
+use planish_core::Pinhole;
+use planish_core::matrix3::IDENTITY;
 use planish_estimate::vector3::{cross, dot};
 use planish_estimate::{Error, Result};
-use planish_sense::stripes::{GridCamera, Pinhole, StripePattern};
+use planish_sense::stripes::{GridCamera, StripePattern};
 use serde::Deserialize;
 
 use super::{check_numbers, table};
@@ -138,11 +140,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
 }
 
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
-    let made = Pinhole {
-        k: view.k,
-        r: view.r.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-        t: view.t.unwrap_or([0.0; 3]),
-    };
+    let made = Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: view.t.unwrap_or([0.0; 3]) };
     let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
@@ -183,7 +181,7 @@ range = [[-20, 20], [-15, 15]]
     fn missing_keys_have_defaults() {
         let found = parse(GOOD).unwrap();
         assert_eq!((found.unit, found.grid.sigma_px), (Some(Unit::Millimetre), 0.02));
-        assert_eq!(found.grid.camera.centre(), [0.0; 3]);
+        assert_eq!(found.grid.camera.center(), [0.0; 3]);
         assert_eq!(found.grid.projector.t, [-150.0, 0.0, 20.0]);
         assert!((found.grid.pattern.directions()[1][0] + 0.5).abs() < 1e-12);
     }

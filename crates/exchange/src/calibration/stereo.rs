@@ -220,7 +220,7 @@ mod tests {
         };
         assert_eq!(rig.cameras[0].distortion, [-0.2, 0.1, 0.001, 0.002, 0.0]);
         assert_eq!((rig.cameras[1].distortion, rig.sigma_disparity), ([0.0; 5], 0.2));
-        assert_eq!(rig.cameras[1].pinhole.centre(), [150.0, 0.0, 0.0]);
+        assert_eq!(rig.cameras[1].pinhole.center(), [150.0, 0.0, 0.0]);
         let e = |text: &str| parse(text).unwrap_err().to_string();
         assert!(e(view).contains("two [[view]], found 1"));
         assert!(e(&text.replace(", 0.002]", "]")).contains("the first view.distortion"));

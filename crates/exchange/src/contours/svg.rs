@@ -2,6 +2,7 @@
 
 use super::DrawnContour;
 use crate::atomic::write_atomically;
+use planish_core::BoundingBox;
 use planish_estimate::Result;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -57,13 +58,8 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
         })
         .collect();
     let all = outlines.iter().flat_map(|o| o.0.iter()).chain(points.iter().map(|p| &p.0));
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for p in all {
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-    }
+    let bounds: BoundingBox<2> = all.copied().collect();
+    let BoundingBox { min: low, max: high } = bounds;
     // A drawing of a single point has no extent; the minimum avoids a division by zero.
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
     let scale = (WIDTH - 2.0 * MARGIN) / extent;

@@ -3,9 +3,10 @@
 
 use planish::GridOptions;
 use planish::simulate::{Exposure, Light, RaySurface, Texture};
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, tangents, unit};
 use planish_sense::Image;
-use planish_sense::stripes::{GridCamera, GridReadings, Pinhole, StripePattern, read_grid};
+use planish_sense::stripes::{GridCamera, GridReadings, StripePattern, read_grid};
 
 const SIZE: [usize; 2] = [480, 400];
 

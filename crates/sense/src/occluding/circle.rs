@@ -23,8 +23,9 @@
 //! O. Faugeras, *Using extremal boundaries for 3-D object modeling*, PAMI 1992; E. Boyer, M.-O. Berger, *3D
 //! surface reconstruction using occluding contours*, IJCV 1997 (for three views).
 
-use super::curve::{Local, inverse3};
-use crate::stripes::Pinhole;
+use super::curve::Local;
+use planish_core::Pinhole;
+use planish_core::matrix3::inverse;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 
@@ -39,11 +40,11 @@ pub(super) struct Eye {
 
 impl Eye {
     pub fn new(camera: Pinhole) -> Result<Self> {
-        let inverse = inverse3(&camera.k).ok_or_else(|| Error::input("a camera's K has no inverse"))?;
+        let inverse = inverse(&camera.k).ok_or_else(|| Error::input("a camera's K has no inverse"))?;
         let r = camera.r;
         Ok(Self {
             camera,
-            centre: camera.centre(),
+            centre: camera.center(),
             directions: [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| r[k][i] * inverse[k][j]).sum())),
         })
     }
@@ -59,7 +60,7 @@ impl Eye {
 
     /// The width of a pixel, at distance one.
     pub fn pixel(&self) -> f64 {
-        1.0 / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt()
+        1.0 / self.camera.focal_px()
     }
 }
 

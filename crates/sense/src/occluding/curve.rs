@@ -202,7 +202,7 @@ impl<'a> Curve<'a> {
     }
 }
 
-pub(super) fn inverse3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+fn inverse3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     use planish_estimate::vector3::{cross, dot};
     let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], columns[0]);

@@ -11,8 +11,8 @@
 //! Not guaranteed: parts thinner than a cell.
 
 use super::{Contour, ContourView, OccludingPoint};
-use crate::stripes::Pinhole;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::Pinhole;
 use planish_estimate::vector3::{cross, distance, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, isosurface};
@@ -91,7 +91,7 @@ impl SilhouetteBound {
         // Signed distances are 1-Lipschitz in the image, so the projection of the ball bounds their change.
         let mut on_border = false;
         for view in &self.views {
-            let far = distance(view.camera.centre(), at);
+            let far = distance(view.camera.center(), at);
             if far <= 1.5 * reach {
                 return true;
             }
@@ -169,18 +169,13 @@ impl VisualHull {
 
 impl Distances {
     fn new(view: &ContourView) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in view.silhouette.iter().flat_map(|c| &c.places) {
-            for k in 0..2 {
-                low[k] = low[k].min(p[k]);
-                high[k] = high[k].max(p[k]);
-            }
-        }
-        let first = low.map(|x| x.floor() - 2.0);
-        let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
-        // Squared distances to the points of the border next to each pixel, then propagated by the lower
+        let places = view.silhouette.iter().flat_map(|c| c.places.iter().copied());
+        let bounds: BoundingBox<2> = places.collect();
+        let first = bounds.min.map(|x| x.floor() - 2.0);
+        let [columns, rows] = [0, 1].map(|k| (bounds.max[k] - first[k]).ceil() as usize + 3);
         // envelope of parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled
         // functions*, 2012). Two one-dimensional passes give exact Euclidean distances in linear time.
+
         let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
         for contour in &view.silhouette {
             for p in &contour.places {
@@ -219,8 +214,7 @@ impl Distances {
 
     /// Signed distance to the border, converted to the unit of space at the distance of the point.
     fn at(&self, place: [f64; 3]) -> f64 {
-        let width =
-            distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
+        let width = distance(self.camera.center(), place) / self.camera.focal_px();
         let Some(pixel) = self.camera.project(place) else {
             return -FAR_PX * width;
         };

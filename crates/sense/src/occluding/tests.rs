@@ -1,4 +1,5 @@
 use super::*;
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -56,7 +57,7 @@ impl Ellipsoid {
     /// Its outline, with the object on the right.
     fn outline(&self, camera: &Pinhole, sigma: f64, random: &mut ChaCha8Rng) -> Contour {
         let exact: Vec<[f64; 2]> =
-            (self.generator(camera.centre(), 900).iter()).map(|p| camera.project(*p).unwrap()).collect();
+            (self.generator(camera.center(), 900).iter()).map(|p| camera.project(*p).unwrap()).collect();
         let middle = camera.project(self.middle).unwrap();
         let turn: f64 = (0..exact.len())
             .map(|k| {
@@ -123,8 +124,8 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Error of a point's depth, relative to the true contour point at its pixel.
 fn depth_error(object: &Ellipsoid, camera: &Pinhole, point: &OccludingPoint) -> f64 {
-    let way = unit(sub(point.position, camera.centre())).unwrap();
-    let nearest = (object.generator(camera.centre(), 3000).into_iter())
+    let way = unit(sub(point.position, camera.center())).unwrap();
+    let nearest = (object.generator(camera.center(), 3000).into_iter())
         .min_by(|a, b| {
             let off = |p: &[f64; 3]| {
                 let pixel = camera.project(*p).unwrap();

@@ -1,6 +1,7 @@
 //! Laws of rectification.
 
 use super::*;
+use planish_core::Pinhole;
 
 const K: [[f64; 3]; 3] = [[200.0, 0.0, 79.5], [0.0, 200.0, 59.5], [0.0, 0.0, 1.0]];
 const SIZE: [usize; 2] = [160, 120];
@@ -14,8 +15,7 @@ fn camera(at: [f64; 3], turns: [f64; 3], distortion: [f64; 5]) -> LensCamera {
             .after(&about([1.0, 0.0, 0.0], turns[1]))
             .after(&about([0.0, 0.0, 1.0], turns[2]))
     };
-    let inverse = world_from_camera.inverse();
-    LensCamera { pinhole: Pinhole { k: K, r: inverse.rotation, t: inverse.translation }, distortion }
+    LensCamera { pinhole: Pinhole::new(K, &world_from_camera), distortion }
 }
 
 fn converging() -> StereoRig {
@@ -41,7 +41,7 @@ fn points_have_equal_rows_and_are_recovered_from_their_disparity() {
         for (which, place) in [left, right].into_iter().enumerate() {
             let source = made.source(which, place).unwrap();
             let lens = rig.cameras[which];
-            let expected = lens.pixel(sub(point, lens.pinhole.centre())).unwrap();
+            let expected = lens.pixel(sub(point, lens.pinhole.center())).unwrap();
             assert!((0..2).all(|k| (source[k] - expected[k]).abs() < 1e-9), "{source:?} {expected:?}");
         }
         let found = made.world_from_rectified().apply(camera.point(left[0], left[1], disparity).unwrap());

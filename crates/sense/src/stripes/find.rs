@@ -17,6 +17,7 @@
 
 use std::collections::BTreeMap;
 
+use planish_core::Pinhole;
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 
@@ -25,7 +26,7 @@ use super::indexing::{EpipolarLines, Indexed, MIN_KNOTS, index};
 use super::network::pieces;
 use super::pattern::StripePattern;
 use super::ridges::{Ridges, sigma_of_brightness};
-use super::{Junction, JunctionCovariance, Orientation, Pinhole, StripeCurvature, curvature, orientation};
+use super::{Junction, JunctionCovariance, Orientation, StripeCurvature, curvature, orientation};
 use crate::{Image, PrincipalCurvatures, Scan, Viewing};
 
 /// Crossings farther than this from their epipolar lines are rejected, in σ.
@@ -157,7 +158,7 @@ pub fn read_grid(
         sigma_px: Vec::new(),
         enlarged: factor.map(|f| f / by_noise).filter(|f| f.is_finite()),
         rejected,
-        viewpoint: grid.camera.centre(),
+        viewpoint: grid.camera.center(),
     };
     // A crossing far from its epipolar line was misplaced, for example by a highlight. It is removed before
     // its neighbours' angles are compared with it.

@@ -16,7 +16,8 @@ use planish_estimate::vector3::{cross, dot, sub};
 use super::crossings::Crossing;
 use super::network::Knot;
 use super::pattern::StripePattern;
-use super::{Pinhole, inverse, times, transposed};
+use planish_core::Pinhole;
+use planish_core::matrix3::{inverse, times, transposed_times};
 
 /// Limit of the distance of a crossing from its line, in pixels, so that outliers do not dominate the mean
 /// square.
@@ -45,9 +46,9 @@ impl EpipolarLines {
         let rows = |m: &[[f64; 3]; 3], k: usize| m.map(|row| row[k]);
         let (of_projector, of_camera) = (inverse(&projector.k)?, inverse(&camera.k)?);
         // Rᵀ K⁻¹ and K⁻ᵀ R, row by row.
-        let ray = [0, 1, 2].map(|i| transposed(&of_projector, rows(&projector.r, i)));
-        let line = [0, 1, 2].map(|i| transposed(&camera.r, rows(&of_camera, i)));
-        Some(Self { baseline: sub(projector.centre(), camera.centre()), ray, line })
+        let ray = [0, 1, 2].map(|i| transposed_times(&of_projector, rows(&projector.r, i)));
+        let line = [0, 1, 2].map(|i| transposed_times(&camera.r, rows(&of_camera, i)));
+        Some(Self { baseline: sub(projector.center(), camera.center()), ray, line })
     }
 
     /// The line `l · (x, y, 1) = 0` of a projector's pixel, with a unit normal: the product is a distance in

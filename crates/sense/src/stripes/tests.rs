@@ -4,7 +4,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use planish_core::Pinhole;
 use planish_core::SymmetricMatrix3;
+use planish_core::matrix3::{times, transposed_times};
 
 const K: [[f64; 3]; 3] = [[1200.0, 0.0, 320.0], [0.0, 1200.0, 240.0], [0.0, 0.0, 1.0]];
 const STRIPES: [[f64; 2]; 2] = [[0.0, 1.0], [1.0, 0.0]];
@@ -43,7 +45,7 @@ fn surface_normal(p: [f64; 3]) -> [f64; 3] {
 fn lit(pixel: [f64; 2]) -> Option<[f64; 3]> {
     let p = projector();
     let inside = [(pixel[0] - 320.0) / 1200.0, (pixel[1] - 240.0) / 1200.0, 1.0];
-    hit(p.centre(), transposed(&p.r, inside))
+    hit(p.center(), transposed_times(&p.r, inside))
 }
 
 /// The junction of a projector's pixel; the directions of its stripes are from finite differences.

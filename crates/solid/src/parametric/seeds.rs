@@ -6,6 +6,7 @@
 use super::outline::{Outline, is_in};
 use super::{Fineness, ParametricSurface};
 use crate::tessellation::polygon::Corner;
+use planish_core::BoundingBox;
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
 
@@ -33,8 +34,8 @@ pub(super) fn seeds(
     positions: &mut Vec<[f64; 3]>,
 ) -> Result<Vec<Corner>> {
     let steps = outline.steps;
-    let [lo, hi] = bounds(&outline.polygons);
-    let width = [hi[0] - lo[0], hi[1] - lo[1]];
+    let bounds: BoundingBox<2> = outline.polygons.iter().flatten().map(|corner| corner.at).collect();
+    let (BoundingBox { min: lo, max: hi }, width) = (bounds, bounds.extent());
     let spacing = spacings(surface, lo, hi, steps, fineness);
     let n = [0, 1].map(|c| (width[c] / spacing[c]).ceil().clamp(1.0, 1e6) as usize);
     if n[0].saturating_mul(n[1]) > limit {
@@ -61,18 +62,6 @@ pub(super) fn seeds(
         }
     }
     Ok(found)
-}
-
-/// Minimum and maximum coordinates of polygons.
-fn bounds(polygons: &[Vec<Corner>]) -> [[f64; 2]; 2] {
-    let mut found = [[f64::MAX; 2], [f64::MIN; 2]];
-    for corner in polygons.iter().flatten() {
-        for c in 0..2 {
-            found[0][c] = found[0][c].min(corner.at[c]);
-            found[1][c] = found[1][c].max(corner.at[c]);
-        }
-    }
-    found
 }
 
 /// Spacings of the lattice, as lengths: the error of a chord of length h is |S''| h²/8.

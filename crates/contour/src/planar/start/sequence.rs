@@ -7,6 +7,7 @@
 use super::super::parts::usual_gap;
 use super::super::reading::{ContourReading, ContourTarget};
 use super::{circle, mean};
+use planish_core::BoundingBox;
 
 /// Maximum number of bins of a sequence. The tables over runs grow with its square, and the resolution of
 /// cuts with it.
@@ -276,12 +277,10 @@ fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
 
 /// A grid of view points within the bounding box of the points.
 fn view_points(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
-    let bound =
-        |k: usize, start: f64, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[k]).fold(start, pick);
-    let low = [0, 1].map(|k| bound(k, f64::INFINITY, f64::min));
-    let high = [0, 1].map(|k| bound(k, f64::NEG_INFINITY, f64::max));
+    let bounds: BoundingBox<2> = points.iter().copied().collect();
+    let (low, sides) = (bounds.min, bounds.extent());
     (0..GRID * GRID).map(move |k| {
         let share = |i: usize| (i as f64 + 0.5) / GRID as f64;
-        [low[0] + share(k % GRID) * (high[0] - low[0]), low[1] + share(k / GRID) * (high[1] - low[1])]
+        [low[0] + share(k % GRID) * sides[0], low[1] + share(k / GRID) * sides[1]]
     })
 }

@@ -103,7 +103,7 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         if should_show
             && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows) < UNLIKE
         {
-            let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
+            let middle = [fitted.camera.pinhole.k[0][2], fitted.camera.pinhole.k[1][2]];
             let picture = [mask.columns as f64, mask.rows as f64];
             // In calibrations from projection matrices, the optical axis may be anywhere. Alone, it is no
             // evidence of an error.
