@@ -318,27 +318,26 @@ struct Prepared {
 
 impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
-        let measured = match &model.known {
-            Knowledge::AlongNormals { .. } => None,
-            Knowledge::PerCoordinate { measured, .. } => Some(*measured),
-            Knowledge::Patches(_) => {
-                return Err(Error::unsupported(
-                    "the model is one of the patch filter, which does not know how far apart places vary \
-                 together: needed one of `fit --filter global`",
-                ));
-            }
-            Knowledge::Free { .. } => {
-                return Err(Error::unsupported(
-                    "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
-                 one of `fit` without --motion bend",
-                ));
-            }
-        };
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
-        let directions = match measured {
-            None => system.node_normals(&model.surface),
-            Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
+        let unsupported = |message: &str| Err(Error::unsupported(message));
+        let directions = match &model.known {
+            Knowledge::AlongNormals { .. } => system.node_normals(&model.surface),
+            Knowledge::PerCoordinate { measured, .. } => {
+                vec![only_coordinate(*measured)?; model.surface.space().node_count()]
+            }
+            Knowledge::Patches(_) => {
+                return unsupported(
+                    "the model is one of the patch filter, which does not know how far apart places vary \
+                 together: needed one of `fit --filter global`",
+                );
+            }
+            Knowledge::Free { .. } => {
+                return unsupported(
+                    "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
+                 one of `fit` without --motion bend",
+                );
+            }
         };
         let information = model.information_along(&system, &directions)?;
         let places = places(model, &directions, options);

@@ -489,7 +489,7 @@ impl Finishing<'_> {
         };
         for estimate in self.observations.scan_errors.estimates(bordered, stated)? {
             let pose = &mut poses[estimate.scan];
-            estimate.report(pose, self.origin, self.observations);
+            estimate.report(pose, self.origin, &self.observations.readings);
             if !pose.undetermined.is_empty() {
                 warnings.push(format!(
                     "the readings leave {} of the six directions of the pose of {} open: see \
