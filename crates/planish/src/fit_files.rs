@@ -64,8 +64,8 @@ pub struct FitJob {
     pub outputs: Vec<PathBuf>,
     /// The unit of files that name none.
     pub unit: Option<Unit>,
-    /// Where the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length in a unit
-    /// of its own, or in that of the scans.
+    /// Distance at which the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length
+    /// in a unit of its own, or in that of the scans.
     pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,

@@ -201,7 +201,7 @@ impl Cloud {
 
     /// Images of readings that obey the symmetry, where nothing was measured.
     fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InferredReading> {
-        let measured = MeasuredRegion::new(observations, MEASURED_REACH * self.facets.side);
+        let measured = MeasuredRegion::new(&observations.readings, MEASURED_REACH * self.facets.side);
         let sources: Vec<usize> = (0..self.readings.len())
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();

@@ -120,10 +120,7 @@ pub(super) fn finish(
     let FinishInput { set, observations, options, earlier, added, origin } = input;
     progress.check("information", 0.9)?;
     let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
-    let filtered = match &kind {
-        ConvergedKind::Patches(filtered) => Some(filtered),
-        ConvergedKind::AlongNormals | ConvergedKind::Free => None,
-    };
+    let filtered = kind.filtered();
     let information = match filtered {
         Some(filtered) => filtered.information(readings, &noise),
         None => weights(readings, &noise, options.gate, false),
@@ -149,17 +146,9 @@ pub(super) fn finish(
         Some(_) => system.nothing()?,
         None => accumulate(&system, &surface, &feet, &information)?,
     };
-    let vertices = || Ok::<_, Error>(VertexInformation { data: this.all_data(&own_data)?, prior });
-    let known = match &kind {
-        ConvergedKind::AlongNormals => {
-            Knowledge::AlongNormals { information: vertices()?, scan_errors: None }
-        }
-        ConvergedKind::Free => Knowledge::Free { information: vertices()? },
-        ConvergedKind::Patches(filtered) => Knowledge::Patches(Arc::clone(&filtered.filter)),
-    };
     let mut model = SurfaceModel {
         unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
-        known,
+        known: this.knowledge(&kind, &own_data, prior)?,
         surface,
         observed: Vec::new(),
         unresolved_shape: Vec::new(),
@@ -353,6 +342,23 @@ impl Finishing<'_> {
         Ok(())
     }
 
+    /// What is known about the vertices, before the poses and biases of scans.
+    fn knowledge(
+        &self,
+        kind: &ConvergedKind,
+        own: &BlockInformation,
+        prior: BlockInformation,
+    ) -> Result<Knowledge> {
+        let information = || Ok::<_, Error>(VertexInformation { data: self.all_data(own)?, prior });
+        Ok(match kind {
+            ConvergedKind::AlongNormals => {
+                Knowledge::AlongNormals { information: information()?, scan_errors: None }
+            }
+            ConvergedKind::Free => Knowledge::Free { information: information()? },
+            ConvergedKind::Patches(filtered) => Knowledge::Patches(Arc::clone(&filtered.filter)),
+        })
+    }
+
     /// Information of the readings at hand, of the earlier model, and of further batches.
     fn all_data(&self, own: &BlockInformation) -> Result<BlockInformation> {
         let mut data = own.clone();
@@ -489,7 +495,7 @@ impl Finishing<'_> {
         };
         for estimate in self.observations.scan_errors.estimates(bordered, stated)? {
             let pose = &mut poses[estimate.scan];
-            estimate.report(pose, self.origin, self.observations);
+            estimate.report(pose, self.origin, &self.observations.readings);
             if !pose.undetermined.is_empty() {
                 warnings.push(format!(
                     "the readings leave {} of the six directions of the pose of {} open: see \
