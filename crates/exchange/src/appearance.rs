@@ -9,6 +9,7 @@
 //! **Limits.** Of a material only the colour picture is used. Texture coordinates are read from OBJ and GLB
 //! files only.
 
+use planish_core::Finding;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -66,7 +67,7 @@ pub struct TexturedMesh {
     /// Further files that were read.
     pub files: Vec<PathBuf>,
     /// What is named and not there, or not looked at.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
     /// The unit of length, where the file names it.
     pub unit: Option<Unit>,
 }

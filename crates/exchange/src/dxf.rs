@@ -25,6 +25,7 @@ use crate::Unit;
 use crate::source::read_file;
 use groups::{Groups, Record};
 use placed::{Block, Drawer, Items, Place, Sheet};
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
@@ -43,7 +44,7 @@ pub struct DxfDrawing {
     /// How many entities of which kind were passed over.
     pub passed_over: BTreeMap<String, usize>,
     /// What was left out for another reason, in words that name the entity.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// Reads a DXF file.
@@ -110,9 +111,12 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let (mut drawing, dimensions, passed_over) = drawer.finish();
     for (kind, (count, first)) in &passed_over {
         drawing.passed_over.insert(kind.clone(), *count);
-        drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
+        drawing.findings.push(Finding::new(
+            FindingCode::EntitiesSkipped,
+            format!("{count} {kind} skipped, the first {first}: it draws no edges"),
+        ));
     }
-    drawing.warnings.extend(dimension::contradictions(&dimensions, &drawing.curves)?);
+    drawing.findings.extend(dimension::mismatches(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
             "needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",

@@ -24,6 +24,7 @@ use crate::affine::Affine;
 use crate::dxf::DxfDrawing;
 use crate::source::read_text;
 use path::path_curves;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::{Curve2, DrawnCurve, LineStyle};
 use roxmltree::{Document, Node, ParsingOptions};
@@ -73,7 +74,10 @@ fn read(text: &str) -> Result<DxfDrawing> {
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
     for (kind, (count, first)) in reader.passed_over {
-        drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
+        drawing.findings.push(Finding::new(
+            FindingCode::EntitiesSkipped,
+            format!("{count} {kind} skipped, the first {first}: it draws no edges"),
+        ));
         drawing.passed_over.insert(kind, count);
     }
     Ok(drawing)
@@ -166,7 +170,10 @@ impl Reader {
         for curve in curves {
             let curve = place.curve(curve);
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{entity} has no length: it is left out"));
+                self.drawing.findings.push(Finding::new(
+                    FindingCode::EntityWithoutLength,
+                    format!("{entity} has no length: it is ignored"),
+                ));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve { curve, style, entity: entity.clone() });

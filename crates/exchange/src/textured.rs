@@ -15,7 +15,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line or
-/// accessor. A material file that is missing is a warning.
+/// accessor. A material file that is missing is a finding.
 pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
     if extension(path) == "obj" {
         return crate::obj::read_textured(path);
@@ -55,7 +55,7 @@ mod tests {
         assert_eq!(found.vertices_of("skin").unwrap(), [0, 1, 2]);
         assert!(found.vertices_of("foot").is_none());
         assert_eq!(found.texture.as_deref(), Some(&*folder.path().join("my cloth.png")));
-        assert!(found.warnings.iter().any(|w| w.contains("none.mtl")));
+        assert!(found.findings.iter().any(|f| f.text.contains("none.mtl")));
         // Vertex 1 has two places in the texture, and none.
         let split = found.split();
         assert_eq!(split.vertex_of.iter().filter(|v| **v == 0).count(), 3);

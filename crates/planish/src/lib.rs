@@ -110,8 +110,8 @@ pub mod solid;
 pub mod view;
 
 pub use job::Job;
-pub use planish_core::progress;
-pub use planish_core::{Error, ErrorKind, Result};
+pub use planish_core::{Error, ErrorKind, Finding, FindingCode, FindingLevel, Result, Setting};
+pub use planish_core::{finding, progress};
 pub use planish_exchange::Unit;
 /// Settings of the sensors' front ends.
 pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};

@@ -22,6 +22,8 @@ use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use page::next_page;
 use planish_core::Progress;
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, Setting};
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
@@ -36,6 +38,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+mod findings;
 pub(crate) mod page;
 mod random;
 mod sight;
@@ -318,14 +321,16 @@ impl Prepared {
         if model.patches.is_some() {
             return Err(Error::unsupported(
                 "the model is one of the patch filter, which does not know how far apart places vary \
-                 together: needed one of `fit --filter global`",
-            ));
+                 together: needed a model of the global filter",
+            )
+            .with_setting(Setting::Filter));
         }
         if model.moves_freely {
             return Err(Error::unsupported(
                 "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
-                 one of `fit` without --motion bend",
-            ));
+                 a model of an object that does not bend",
+            )
+            .with_setting(Setting::Motion));
         }
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
@@ -402,6 +407,9 @@ pub struct NextJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 impl Job for NextJob {
@@ -436,11 +444,12 @@ fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
     }
+    let findings = findings::judge_points(&next, model.unit);
     if let Some(page) = &job.report {
-        let made = next_page(&model, &next, &job.model)?;
+        let made = next_page(&model, &next, findings.clone(), &job.model)?;
         page.write(made, &[(job.model.clone(), "the model".to_owned())])?;
     }
-    Ok(NextJobReport { next, unit: model.unit })
+    Ok(NextJobReport { next, unit: model.unit, findings })
 }
 
 fn write_points_of(path: &Path, points: &[NextPoint], unit: Unit) -> Result<()> {

@@ -53,6 +53,7 @@ pub(crate) use leaves::with_neighbours;
 pub use motion::{MotionPose, MotionReport};
 pub use options::{Filter, FitOptions, GroundWidth, ObjectMotion};
 pub(crate) use patch::{FirstFit, first_fit_of};
+use planish_core::Setting;
 pub use propagation::PropagationReport;
 pub use report::{FitReport, FitTermination, HeldOut};
 pub use residual_sample::{ResidualSample, ScanSummary};
@@ -166,18 +167,23 @@ fn refuse_conflicts(options: &FitOptions) -> Result<()> {
         && (options.known_parameters.is_some() || options.motion == Some(ObjectMotion::Bend))
     {
         return Err(Error::unsupported(
-            "--animate shows readings that come one after the other: needed a fit without --known-uv and \
-             --motion bend, which take all of a time at once",
-        ));
+            "an animation shows readings that arrive one after the other: needed a fit without known \
+             parameters and without bending, which use all readings of a time at once",
+        )
+        .with_setting(Setting::Animation)
+        .with_setting(Setting::KnownParameters)
+        .with_setting(Setting::Motion));
     }
     if is_patch {
         patch::refuse_inferred(options)?;
     }
     if options.motion == Some(ObjectMotion::Rigid) && is_patch {
         return Err(Error::unsupported(
-            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of \
-             it: needed --filter global",
-        ));
+            "a rigid motion fits scans to the surface of the first, and needs the covariance of all of it: \
+             needed the global filter",
+        )
+        .with_setting(Setting::Motion)
+        .with_setting(Setting::Filter));
     }
     if options.motion.is_none() && options.known_parameters.is_some() && is_patch {
         return Err(Error::unsupported(
@@ -289,9 +295,10 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions) -> Re
     }
     if model.moves_freely {
         return Err(Error::unsupported(
-            "the model is a state of a sheet that bends, and later scans are of other states: needed `fit \
-             --motion bend` of all scans together",
-        ));
+            "the model is a state of a sheet that bends, and later scans are of other states: needed one fit \
+             of all scans together",
+        )
+        .with_setting(Setting::Motion));
     }
     let own = if model.patches.is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
@@ -300,11 +307,12 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions) -> Re
             Filter::Patch => "patch",
         };
         return Err(Error::input(format!(
-            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found \
+            "the model was made by the {} filter and is updated by it: needed no filter, or that one, found \
              {}",
             name(own),
             name(asked)
-        )));
+        ))
+        .with_setting(Setting::Filter));
     }
     Ok(())
 }

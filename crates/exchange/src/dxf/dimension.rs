@@ -9,6 +9,7 @@
 //! lengths is accepted if the file contains the measurement beside the text.
 
 use super::groups::Record;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_solid::views::{Curve2, DrawnCurve};
 
@@ -16,7 +17,7 @@ use planish_solid::views::{Curve2, DrawnCurve};
 const ON_LINE: f64 = 2e-3;
 
 /// What contradicts the drawing, in words.
-pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<String>> {
+pub(super) fn mismatches(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<Finding>> {
     let points = || curves.iter().flat_map(|c| c.curve.points());
     let extent = |k: usize| {
         let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
@@ -36,7 +37,8 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
         if let Some((value, rounding)) = text.or(kept)
             && (value - exact).abs() > rounding + 1e-6 * exact
         {
-            found.push(format!("{name} says {value}, but {} {exact:.6}", measured.what));
+            let text = format!("{name} states {value}, but {} {exact:.6}", measured.what);
+            found.push(Finding::new(FindingCode::DimensionMismatch, text));
             continue;
         }
         let loose = measured
@@ -44,9 +46,10 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
             .into_iter()
             .find(|p| !curves.iter().any(|c| distance_to(&c.curve, *p) <= near));
         if let Some([x, y]) = loose {
-            found.push(format!(
+            let text = format!(
                 "{name} measures from {x:.4} {y:.4}, where no line is: the drawing and its dimension differ"
-            ));
+            );
+            found.push(Finding::new(FindingCode::DimensionMismatch, text));
         }
     }
     Ok(found)

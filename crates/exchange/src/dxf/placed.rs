@@ -8,6 +8,7 @@ use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
 use super::{DxfDrawing, MOST_ENTITIES, too_many};
 use crate::affine::Affine;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::{DrawnCurve, LineStyle};
 use std::collections::{BTreeMap, HashMap};
@@ -165,7 +166,10 @@ impl<'a> Drawer<'a> {
         };
         for curve in curves {
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{name} has no length: it is left out"));
+                self.drawing.findings.push(Finding::new(
+                    FindingCode::EntityWithoutLength,
+                    format!("{name} has no length: it is ignored"),
+                ));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve {

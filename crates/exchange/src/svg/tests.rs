@@ -116,7 +116,7 @@ fn dashes_are_hidden_and_dashes_with_dots_are_centre_lines() {
 fn texts_are_named_and_lines_without_length_are_left_out() {
     let drawing = drawn("<text id='t7'>40</text><line id='dot' x1='3' x2='3'/><line x2='1'/>");
     assert_eq!(drawing.curves.len(), 1);
-    let all = drawing.warnings.join("\n");
+    let all = drawing.findings.iter().map(|f| f.text.as_str()).collect::<Vec<_>>().join("\n");
     assert!(all.contains("line dot (line 2) has no length"), "{all}");
     assert!(all.contains("passed over 1 of text, the first text t7 (line 2)"), "{all}");
 }

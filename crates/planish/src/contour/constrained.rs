@@ -17,6 +17,7 @@ use planish_contour::constraint::{
 };
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use serde::Serialize;
@@ -193,7 +194,7 @@ pub(super) struct ConstrainedParts {
     pub(super) report: ConstrainedReport,
     pub(super) drawn: Vec<DrawnKind>,
     pub(super) graphs: GraphsOfView,
-    pub(super) warnings: Vec<String>,
+    pub(super) findings: Vec<Finding>,
 }
 
 /// Finds and imposes what holds between the parts.
@@ -211,17 +212,17 @@ pub(super) fn constrained(
     if let Some(level) = job.level {
         options.level = level;
     }
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     let held = impose(&sketch.drawing, &sketch.covariance, &options.given, 0.0)?;
     // What makes a rectangle one costs the estimate of a rectangle nothing.
     let own = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0)?.degrees;
     let p_value = chi_square_tail(held.chi_square, held.degrees - own);
     if p_value < options.level {
-        warnings.push(format!(
-            "what was given disagrees with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
+        findings.push(Finding::new(FindingCode::GivenInconsistent, format!(
+            "the given constraints disagree with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
             held.chi_square,
             held.degrees - own
-        ));
+        )).with_setting(Setting::Given));
     }
     let found = if job.propose {
         constrain(&sketch.drawing, &sketch.covariance, &options)?
@@ -250,7 +251,7 @@ pub(super) fn constrained(
         report: report(&sketch, &found, own, sizes, dimensions, &diagnosis, contours)?,
         drawn,
         graphs,
-        warnings,
+        findings,
     })
 }
 

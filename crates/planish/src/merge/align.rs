@@ -32,6 +32,7 @@ mod tests;
 use equations::{Equations, Residual, excess_variance, residuals};
 use nalgebra::{DMatrix, Matrix6};
 use planish_core::Progress;
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::vector3::{add, cross, distance, norm, sub, unit};
 use planish_estimate::{Error, Result, median_magnitude_scale};
 use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Neighbours, TriangleMesh};
@@ -119,8 +120,8 @@ pub(super) fn align(
     searches: &mut [MeshSearch],
     names: &[String],
     progress: &dyn Progress,
-) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
-    let (motions, mut warnings) = motions(patches, searches, names, progress)?;
+) -> Result<(Vec<ScanPoseReport>, Vec<Finding>)> {
+    let (motions, mut findings) = motions(patches, searches, names, progress)?;
     let mut reports = Vec::with_capacity(patches.len());
     for (k, (patch, motion)) in patches.iter_mut().zip(motions).enumerate() {
         let pose = motion.pose;
@@ -137,13 +138,12 @@ pub(super) fn align(
             add_pose_variance(patch, covariance, pose.translation);
         }
         if !motion.undetermined.is_empty() {
-            warnings.push(format!(
+            findings.push(Finding::new(FindingCode::PoseUndetermined, format!(
                 "the overlaps leave {} of the six directions of {} open: there it stays where it was (see \
-                 `undetermined` of its pose in the JSON); what is shared may be \
-                 small, flat or round",
+                 `undetermined` of its pose); the overlap may be small, flat or round",
                 motion.undetermined.len(),
                 names[k]
-            ));
+            )));
         }
         let mut report = ScanPoseReport {
             scan: names[k].clone(),
@@ -159,7 +159,7 @@ pub(super) fn align(
         }
         reports.push(report);
     }
-    Ok((reports, warnings))
+    Ok((reports, findings))
 }
 
 /// Adds to the variance along each vertex's normal what the pose is not known to. Where patches are fused
@@ -192,7 +192,7 @@ fn motions(
     searches: &[MeshSearch],
     names: &[String],
     progress: &dyn Progress,
-) -> Result<(Vec<Motion>, Vec<String>)> {
+) -> Result<(Vec<Motion>, Vec<Finding>)> {
     let mut sides: Vec<Side> =
         (patches.iter().zip(searches)).map(|(patch, search)| side(patch, search)).collect();
     let all = patches.iter().flat_map(|p| p.mesh.positions.iter().copied());
@@ -207,7 +207,7 @@ fn motions(
     // Two σ of the hold of each of both, and what a turn does at the end of a patch.
     let turn = sides.iter().map(|s| s.radius).fold(0.0, f64::max) * hold.rotation_rad;
     let mut reach = least_reach.max(3.0 * (hold.translation + turn));
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     for round in 0_u32.. {
         progress.check("aligning", f64::from(round) / f64::from(MOST_ROUNDS))?;
         let rows = residuals(&sides, reach);
@@ -235,15 +235,18 @@ fn motions(
         reach = (REACH * median_magnitude_scale(&lengths)?).max(least_reach).min(reach);
         if at_rest || round + 1 == MOST_ROUNDS {
             if !at_rest {
-                warnings.push(format!(
-                    "the alignment is not at rest after {MOST_ROUNDS} rounds: its last step was \
+                findings.push(Finding::new(
+                    FindingCode::NotConverged,
+                    format!(
+                        "the alignment did not converge in {MOST_ROUNDS} rounds: its last step was \
                      {largest:.2} σ of a pose"
+                    ),
                 ));
             }
             let covariances = equations.covariances(excess_variance(&rows, scale, size, stated));
             let motions: Vec<Motion> =
                 (0..sides.len()).map(|k| motion(k, &sides, &rows, &covariances, &hold)).collect();
-            warnings.extend(not_told(&sides, &rows, names));
+            findings.extend(unaligned(&sides, &rows, names));
             // How far a patch lies from its neighbours, in what it should at most.
             for (k, motion) in motions.iter().enumerate().skip(1) {
                 let (off, normalised) = apart(k, &rows)?;
@@ -257,33 +260,38 @@ fn motions(
                 if motion.undetermined.len() >= MOST_OPEN {
                     return Err(Error::undetermined(format!(
                         "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of \
-                         its six directions; check that it is a part of the same thing, in the same frame \
-                         and unit (--unit), and that its σ is true",
+                         its six directions; check that it is of the same object, in the same frame and \
+                         unit, and that its σ is true",
                         names[k],
                         6 - motion.undetermined.len()
-                    )));
+                    ))
+                    .with_setting(Setting::Unit));
                 }
-                warnings.push(format!(
-                    "{} and what is near it on other patches are still {how}: it is no part of the same \
-                     thing, in another unit, or its σ is too small",
-                    names[k]
+                findings.push(Finding::new(
+                    FindingCode::AlignmentMisfit,
+                    format!(
+                        "{} and what is near it on other patches are still {how}: it is of another \
+                     object, in another unit, or its σ is too small",
+                        names[k]
+                    ),
                 ));
             }
-            return Ok((motions, warnings));
+            return Ok((motions, findings));
         }
     }
     unreachable!("the last round returns")
 }
 
 /// Patches that too little lies on.
-fn not_told<'a>(
+fn unaligned<'a>(
     sides: &'a [Side],
     rows: &'a [Residual],
     names: &'a [String],
-) -> impl Iterator<Item = String> + 'a {
-    (1..sides.len())
-        .filter(|k| residual_count(*k, rows) < LEAST_RESIDUALS)
-        .map(|k| format!("{} lies on no other patch within reach: it was not aligned", names[k]))
+) -> impl Iterator<Item = Finding> + 'a {
+    (1..sides.len()).filter(|k| residual_count(*k, rows) < LEAST_RESIDUALS).map(|k| {
+        let text = format!("{} lies on no other patch within reach: it was not aligned", names[k]);
+        Finding::new(FindingCode::PatchNotAligned, text)
+    })
 }
 
 /// The scale of what is between a patch and others: as a length, and in σ where they are stated. Nothing

@@ -4,6 +4,8 @@
 //! `--json`. Not guaranteed: anything; these are plain records.
 
 use super::MergeMethod;
+use planish_core::Finding;
+use planish_core::finding::with_warnings;
 use planish_exchange::Unit;
 use planish_mesh::{TriangleMesh, VertexCurvature};
 use planish_surface::model::{ScanPoseReport, SigmaSummary};
@@ -125,8 +127,9 @@ pub struct MergeReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 /// A merged mesh.

@@ -286,7 +286,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
         let scene = bending(&BendingOptions { seed, readings: 24_000, ..BendingOptions::default() }).unwrap();
         let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
         let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
-        assert!(found.isometric, "{:?}", fitted.report.warnings);
+        assert!(found.isometric, "{:?}", fitted.report.findings);
         assert_eq!(found.states.len(), 4);
         for state in &found.states {
             println!(
@@ -337,9 +337,11 @@ fn a_sheet_that_stretches_is_no_isometry() {
     let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
     let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
     assert!(!found.isometric && !found.states[3].isometric, "{found:?}");
-    let warned =
-        |file: &str| (fitted.report.warnings.iter()).any(|w| w.contains(file) && w.contains("not stretched"));
-    assert!(warned("laser-4.ply"), "{:?}", fitted.report.warnings);
+    let warned = |file: &str| {
+        (fitted.report.findings.iter())
+            .any(|f| f.code == planish::FindingCode::SheetStretched && f.text.contains(file))
+    };
+    assert!(warned("laser-4.ply"), "{:?}", fitted.report.findings);
 }
 
 #[test]

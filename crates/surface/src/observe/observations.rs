@@ -14,6 +14,7 @@ mod intake;
 mod normals;
 
 pub(crate) use intake::has_ground;
+use planish_core::{Finding, FindingCode};
 
 use super::quantity::{Channel, Measured, Quantity, rotate_covariance};
 use super::rejection::RejectionCause;
@@ -25,7 +26,7 @@ use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at, var
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Duplicate pairs of scans that are listed one by one in warnings.
+/// Duplicate pairs of scans that are listed one by one in findings.
 const MAX_LISTED_DUPLICATES: usize = 5;
 
 /// Points farther from the origin than this many times their size are moved there for the fit.
@@ -175,13 +176,13 @@ impl Observations {
         }
     }
 
-    /// Warnings about scans that repeat each other.
-    pub(crate) fn duplicate_scan_warnings(&self, set: &ScanSet) -> Vec<String> {
+    /// Findings about scans that repeat each other.
+    pub(crate) fn duplicate_scan_findings(&self, set: &ScanSet) -> Vec<Finding> {
         let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
         let listed = self.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
             format!(
                 "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among \
-                 what was set aside",
+                 the rejected readings",
                 name(second),
                 name(first)
             )
@@ -189,6 +190,7 @@ impl Observations {
         let more = self.copies.len().saturating_sub(MAX_LISTED_DUPLICATES);
         listed
             .chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
+            .map(|text| Finding::new(FindingCode::DuplicateReadings, text))
             .collect()
     }
 
