@@ -113,7 +113,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
         drawing.passed_over.insert(kind.clone(), *count);
         drawing.findings.push(Finding::new(
             FindingCode::EntitiesSkipped,
-            format!("{count} {kind} skipped, the first {first}: it draws no edges"),
+            format!("passed over {count} of {kind}, the first {first}: it draws no edges"),
         ));
     }
     drawing.findings.extend(dimension::mismatches(&dimensions, &drawing.curves)?);

@@ -76,7 +76,7 @@ fn read(text: &str) -> Result<DxfDrawing> {
     for (kind, (count, first)) in reader.passed_over {
         drawing.findings.push(Finding::new(
             FindingCode::EntitiesSkipped,
-            format!("{count} {kind} skipped, the first {first}: it draws no edges"),
+            format!("passed over {count} of {kind}, the first {first}: it draws no edges"),
         ));
         drawing.passed_over.insert(kind, count);
     }
@@ -172,7 +172,7 @@ impl Reader {
             if curve.length() <= 0.0 {
                 self.drawing.findings.push(Finding::new(
                     FindingCode::EntityWithoutLength,
-                    format!("{entity} has no length: it is ignored"),
+                    format!("{entity} has no length: it is left out"),
                 ));
                 continue;
             }

@@ -196,7 +196,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         (report.findings).push(
             Finding::new(
                 FindingCode::UnitAssumed,
-                "no file states its unit of length: metres are assumed, as on maps; state the unit (m or ft)",
+                "no file states its unit of length: metres are assumed, as on maps; state the unit: m or ft",
             )
             .with_setting(Setting::Unit),
         );
@@ -364,7 +364,13 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
 fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
     let mut findings = Vec::new();
     if set.unit.is_none() && earlier.is_none() {
-        findings.push(Finding::new(FindingCode::UnitAssumed, "no file states its unit of length: millimetres are assumed; state the unit (mm, m, in or ft)").with_setting(Setting::Unit));
+        findings.push(
+            Finding::new(
+                FindingCode::UnitAssumed,
+                "no file states its unit of length: millimetres are assumed; state the unit: mm, m, in or ft",
+            )
+            .with_setting(Setting::Unit),
+        );
     }
     for posed in &set.scans {
         let sensor = &set.sensors[posed.sensor];

@@ -230,7 +230,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         findings.push(
             Finding::new(
                 FindingCode::UnitAssumed,
-                "the views state no unit of length: add `unit` to them, or state the unit (mm, m, in or ft)",
+                "the views state no unit of length: add `unit` to them, or state the unit: mm, m, in or ft",
             )
             .with_setting(Setting::Unit),
         );

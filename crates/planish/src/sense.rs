@@ -274,7 +274,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let unit = sensed.unit.or(job.unit);
     let mut findings = std::mem::take(&mut sensed.findings);
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
-        findings.push(Finding::new(FindingCode::UnitAssumed, "the calibration states no unit of length: add `unit` to it, or state the unit (mm, m, in or ft)").with_setting(Setting::Unit));
+        findings.push(Finding::new(FindingCode::UnitAssumed, "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in or ft").with_setting(Setting::Unit));
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");

@@ -37,7 +37,7 @@ pub(super) fn mismatches(dimensions: &[&Record], curves: &[DrawnCurve]) -> Resul
         if let Some((value, rounding)) = text.or(kept)
             && (value - exact).abs() > rounding + 1e-6 * exact
         {
-            let text = format!("{name} states {value}, but {} {exact:.6}", measured.what);
+            let text = format!("{name} says {value}, but {} {exact:.6}", measured.what);
             found.push(Finding::new(FindingCode::DimensionMismatch, text));
             continue;
         }

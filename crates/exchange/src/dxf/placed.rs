@@ -168,7 +168,7 @@ impl<'a> Drawer<'a> {
             if curve.length() <= 0.0 {
                 self.drawing.findings.push(Finding::new(
                     FindingCode::EntityWithoutLength,
-                    format!("{name} has no length: it is ignored"),
+                    format!("{name} has no length: it is left out"),
                 ));
                 continue;
             }

@@ -183,7 +183,7 @@ fn a_freeform_without_symmetry_is_told_so() {
     let wanted = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
     let error = fit(&scene.set, &wanted, &Silent).err().unwrap();
     assert!(
-        error.kind() == planish::ErrorKind::Undetermined && error.to_string().contains("--symmetry auto"),
+        error.kind() == planish::ErrorKind::Undetermined && error.settings() == [planish::Setting::Symmetry],
         "{error}"
     );
 }
@@ -379,7 +379,10 @@ fn what_cannot_bend_is_refused() {
     assert!(message.contains("laser-2.ply: needed the time"), "{message}");
     let ball = FitOptions { shape: Some(Shape::Ball), ..bend() };
     let message = refused(&scene.set, &ball);
-    assert!(message.contains("needed --shape sheet, found ball"), "{message}");
+    assert!(
+        message.contains("bending needs a sheet, which has one border: found the shape ball"),
+        "{message}"
+    );
     let sphere: Vec<[f64; 3]> = (0..3000)
         .map(|k| {
             let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
@@ -391,7 +394,10 @@ fn what_cannot_bend_is_refused() {
     let mut closed = probed(sphere, Some(normals), Some(0.01));
     closed.scans.push(closed.scans[0].clone());
     let message = refused(&closed, &bend());
-    assert!(message.contains("looks like a ball") && message.contains("--shape sheet"), "{message}");
+    assert!(
+        message.contains("looks like a ball") && message.contains("if it is a sheet, state that shape"),
+        "{message}"
+    );
     // Files in order will do, without times.
     let mut untimed = scene.set.clone();
     untimed.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
