@@ -5,6 +5,7 @@
 //!
 //! A fit that does not converge is not an error: its result says so. Panics are for bugs of Planish.
 
+use crate::setting::Setting;
 use std::fmt;
 
 /// Category of an [`Error`].
@@ -67,6 +68,8 @@ impl ErrorKind {
 pub struct Error {
     kind: ErrorKind,
     message: String,
+    place: Option<String>,
+    settings: Vec<Setting>,
     source: Option<Box<dyn std::error::Error + Send + Sync + 'static>>,
 }
 
@@ -76,7 +79,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 impl Error {
     /// An error of a given kind.
     pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
-        Self { kind, message: message.into(), source: None }
+        Self { kind, message: message.into(), place: None, settings: Vec::new(), source: None }
     }
 
     /// An [`ErrorKind::Input`] error: wrong input or wrong use.
@@ -120,6 +123,42 @@ impl Error {
     pub fn in_context(mut self, context: impl fmt::Display) -> Self {
         self.message = format!("{context}: {}", self.message);
         self
+    }
+
+    /// The same error with the name of the scan that it is about in front. [`Error::place`] returns that
+    /// name, so that a caller who knows files can tell whether the message names the file already.
+    #[must_use]
+    pub fn at(mut self, place: impl Into<String>) -> Self {
+        let place = place.into();
+        self = self.in_context(&place);
+        self.place = Some(place);
+        self
+    }
+
+    /// The same error with a setting that the message is about.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::{Error, Setting};
+    /// let error = Error::input("needed a sheet, found a ball").with_setting(Setting::Shape);
+    /// assert_eq!(error.settings(), [Setting::Shape]);
+    /// ```
+    #[must_use]
+    pub fn with_setting(mut self, setting: Setting) -> Self {
+        self.settings.push(setting);
+        self
+    }
+
+    /// The name of the scan that the message begins with, if it is about one.
+    #[must_use]
+    pub fn place(&self) -> Option<&str> {
+        self.place.as_deref()
+    }
+
+    /// The settings that the message is about. The command prints the names of their options.
+    #[must_use]
+    pub fn settings(&self) -> &[Setting] {
+        &self.settings
     }
 
     /// The kind.

@@ -3,6 +3,8 @@
 //! | Contents | |
 //! |---|---|
 //! | [`Error`], [`ErrorKind`], [`Result`] | the error type of all crates, and its exit codes |
+//! | [`Finding`], [`FindingCode`], [`FindingLevel`] | what a user should know about a result, with stable codes |
+//! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
 //! | [`vector3`], [`matrix3`] | arithmetic of `[f64; 3]` and `[[f64; 3]; 3]` |
@@ -31,9 +33,11 @@
 //! ```
 
 pub mod error;
+pub mod finding;
 pub mod matrix3;
 pub mod progress;
 pub mod random;
+pub mod setting;
 pub mod vector3;
 
 mod bounding_box;
@@ -46,8 +50,10 @@ mod unit;
 pub use bounding_box::BoundingBox;
 pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
+pub use finding::{Finding, FindingCode, FindingLevel};
 pub use pinhole::Pinhole;
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};
+pub use setting::Setting;
 pub use symmetric_matrix3::SymmetricMatrix3;
 pub use unit::{Length, Unit};

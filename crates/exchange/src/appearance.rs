@@ -8,6 +8,7 @@
 //!
 //! **Limits.** Of a material, only the colour picture (`map_Kd`) is used.
 
+use planish_core::Finding;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -65,7 +66,7 @@ pub struct TexturedMesh {
     /// Further files that were read.
     pub files: Vec<PathBuf>,
     /// References to missing files, and textures that are ignored.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
     /// The unit of length, if the file states it.
     pub unit: Option<Unit>,
 }

@@ -25,6 +25,7 @@ use crate::affine::Affine;
 use crate::dxf::DxfDrawing;
 use crate::source::read_text;
 use path::path_curves;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::{Curve2, DrawnCurve, LineStyle};
 use roxmltree::{Document, Node, ParsingOptions};
@@ -91,9 +92,10 @@ fn read(text: &str) -> Result<DxfDrawing> {
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
     for (kind, (count, first)) in reader.ignored {
-        drawing
-            .warnings
-            .push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing.findings.push(Finding::new(
+            FindingCode::EntitiesSkipped,
+            format!("ignored {count} × {kind}, which draws no edges; the first is {first}"),
+        ));
         drawing.ignored.insert(kind, count);
     }
     Ok(drawing)
@@ -190,7 +192,10 @@ impl Reader {
         for curve in curves {
             let curve = place.curve(curve);
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{entity} has no length and is ignored"));
+                self.drawing.findings.push(Finding::new(
+                    FindingCode::EntityWithoutLength,
+                    format!("{entity} has no length and is ignored"),
+                ));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve { curve, style, entity: entity.clone() });

@@ -19,7 +19,8 @@ use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use page::next_page;
-use planish_core::{Length, Progress, Unit};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, Length, Progress, Unit};
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
@@ -35,6 +36,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 mod directions;
+mod findings;
 pub(crate) mod page;
 mod random;
 mod sight;
@@ -373,6 +375,9 @@ pub struct NextJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 impl Job for NextJob {
@@ -407,11 +412,12 @@ fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
     }
+    let findings = findings::judge_points(&next, model.unit);
     if let Some(page) = &job.report {
-        let made = next_page(&model, &next, &job.model)?;
+        let made = next_page(&model, &next, findings.clone(), &job.model)?;
         page.write(made, &[(job.model.clone(), "the model".to_owned())])?;
     }
-    Ok(NextJobReport { next, unit: model.unit })
+    Ok(NextJobReport { next, unit: model.unit, findings })
 }
 
 fn write_points_of(path: &Path, points: &[NextPoint], unit: Unit) -> Result<()> {

@@ -253,8 +253,8 @@ impl Solid {
     ///
     /// Parts of the boundary that only touch then share no vertex, which keeps the topology manifold.
     pub(crate) fn part_vertices(&mut self) {
-        // Sets of the ends of edges (2 for each edge). Each corner of a loop joins two of them; those that stay
-        // apart although they are at one vertex belong to different fans.
+        // Sets of the ends of edges (2 for each edge). Each corner of a loop joins two of them; those that
+        // stay apart although they are at one vertex belong to different fans.
         let mut fans = DisjointSets::new(2 * self.edges.len());
         for ring in self.faces.iter().flat_map(|f| &f.loops) {
             for (k, coedge) in ring.iter().enumerate() {

@@ -53,6 +53,7 @@ pub(crate) use leaves::with_neighbours;
 pub use motion::{MotionPose, MotionReport};
 pub use options::{Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions};
 pub(crate) use patch::{FirstFit, first_fit_of};
+use planish_core::Setting;
 pub use propagation::PropagationReport;
 pub use report::{FitReport, FitTermination, HeldOut};
 pub use residual_sample::{ResidualSample, ScanSummary};
@@ -286,9 +287,10 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
     }
     if matches!(model.known, Knowledge::Free { .. }) {
         return Err(Error::unsupported(
-            "the model is a state of a sheet that bends, and later scans are of other states: needed `fit \
-             --motion bend` of all scans together",
-        ));
+            "the model is a state of a sheet that bends, and later scans are of other states: needed one fit \
+             of all scans together",
+        )
+        .with_setting(Setting::Motion));
     }
     let own = if model.known.filter().is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
@@ -297,11 +299,12 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
             Filter::Patch => "patch",
         };
         return Err(Error::input(format!(
-            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found \
+            "the model was made by the {} filter and is updated by it: needed no filter, or that one, found \
              {}",
             name(own),
             name(asked)
-        )));
+        ))
+        .with_setting(Setting::Filter));
     }
     Ok(())
 }

@@ -44,7 +44,7 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
     assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
-    assert!(said.stderr.contains("turned over"), "{}", said.stderr);
+    assert!(said.stderr.contains("it was reversed"), "{}", said.stderr);
     let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
     assert_eq!((&read["manifold"], &read["components"]), (&true.into(), &1.into()), "{read:#}");
     let area = read["area"].as_f64().expect("a number");

@@ -3,6 +3,7 @@
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
 use planish_contour::primitive::{Ray, RayTarget};
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use std::path::Path;
 
@@ -91,7 +92,7 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
     if !is_range {
         return Ok(RayTarget::Point {
             position: place,
-            sigma: row.sigma("sigma", defaults.point, "--sigma-point")?,
+            sigma: row.sigma("sigma", defaults.point, Some(Setting::SigmaPoint))?,
         });
     }
     let range = row.required("range")?;
@@ -106,12 +107,12 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
         ],
         range,
         sigma: [
-            row.sigma("sigma_x", defaults.position, "")?,
-            row.sigma("sigma_y", defaults.position, "")?,
-            row.sigma("sigma_z", defaults.position, "")?,
-            row.sigma("sigma_azimuth_deg", defaults.heading_deg, "")?.to_radians(),
-            row.sigma("sigma_elevation_deg", defaults.heading_deg, "")?.to_radians(),
-            row.sigma("sigma_range", defaults.range, "--sigma-range")?,
+            row.sigma("sigma_x", defaults.position, None)?,
+            row.sigma("sigma_y", defaults.position, None)?,
+            row.sigma("sigma_z", defaults.position, None)?,
+            row.sigma("sigma_azimuth_deg", defaults.heading_deg, None)?.to_radians(),
+            row.sigma("sigma_elevation_deg", defaults.heading_deg, None)?.to_radians(),
+            row.sigma("sigma_range", defaults.range, Some(Setting::SigmaRange))?,
         ],
     })
 }

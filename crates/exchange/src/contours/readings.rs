@@ -3,6 +3,7 @@
 use super::carmen::{CarmenOptions, read_carmen};
 use crate::source::{Source, parse_number, read_file, shown};
 use planish_contour::planar::{ContourReading, ContourTarget};
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -134,9 +135,10 @@ impl Header {
         // Reading only x and y of points in space would silently project them.
         if Self::named(line, number, &["z"])?.has("z") {
             return Err(Error::input(format!(
-                "line {number}: a column `z` is of readings in space: name what was seen, --kind plane3, \
-                 sphere, cylinder or box"
-            )));
+                "line {number}: the column `z` belongs to readings in space: state their kind of shape \
+                 (plane3, sphere, cylinder or box)"
+            ))
+            .with_setting(Setting::Kind));
         }
         // A heading without a range, or a range without a heading, is a mistake and not a point.
         let missing = match (has("x") && has("y"), has("heading_deg"), has("range")) {
@@ -239,21 +241,27 @@ impl<'a> Row<'a> {
             .ok_or_else(|| Error::input(format!("line {}: expected column `{name}`", self.number)))
     }
 
-    /// σ from a column or the default. Without an option that states it, zero is allowed and is the default:
-    /// such a quantity may be exact.
-    pub(super) fn sigma(&self, name: &'static str, default: Option<f64>, option: &str) -> Result<f64> {
-        let may_be_zero = option.is_empty();
+    /// A σ by column or default. It may be zero or missing if no setting states a default for it.
+    pub(super) fn sigma(
+        &self,
+        name: &'static str,
+        default: Option<f64>,
+        setting: Option<Setting>,
+    ) -> Result<f64> {
         match self.optional(name)?.or(default) {
-            Some(value) if value > 0.0 || (may_be_zero && value == 0.0) => Ok(value),
+            Some(value) if value > 0.0 || (setting.is_none() && value == 0.0) => Ok(value),
             Some(value) => Err(Error::input(format!(
                 "line {}: expected a positive σ in column `{name}`, found {value}",
                 self.number
             ))),
-            None if may_be_zero => Ok(0.0),
-            None => Err(Error::input(format!(
-                "line {}: how uncertain readings are is not known: needed a column `{name}` or {option}",
-                self.number
-            ))),
+            None => match setting {
+                None => Ok(0.0),
+                Some(setting) => Err(Error::input(format!(
+                    "line {}: σ of the readings is unknown: needed a column `{name}`, or a default",
+                    self.number
+                ))
+                .with_setting(setting)),
+            },
         }
     }
 
@@ -262,7 +270,7 @@ impl<'a> Row<'a> {
         let Some(range) = self.optional("range")? else {
             return Ok(ContourTarget::Point {
                 position: origin,
-                sigma: self.sigma("sigma", defaults.point, "--sigma-point")?,
+                sigma: self.sigma("sigma", defaults.point, Some(Setting::SigmaPoint))?,
             });
         };
         if range <= 0.0 {
@@ -276,10 +284,10 @@ impl<'a> Row<'a> {
             heading_rad: self.required("heading_deg")?.to_radians(),
             range,
             sigma: [
-                self.sigma("sigma_x", defaults.position, "")?,
-                self.sigma("sigma_y", defaults.position, "")?,
-                self.sigma("sigma_heading_deg", defaults.heading_deg, "")?.to_radians(),
-                self.sigma("sigma_range", defaults.range, "--sigma-range")?,
+                self.sigma("sigma_x", defaults.position, None)?,
+                self.sigma("sigma_y", defaults.position, None)?,
+                self.sigma("sigma_heading_deg", defaults.heading_deg, None)?.to_radians(),
+                self.sigma("sigma_range", defaults.range, Some(Setting::SigmaRange))?,
             ],
         })
     }

@@ -8,6 +8,7 @@ use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
 use super::{DxfDrawing, MAX_ENTITIES, too_many};
 use crate::affine::Affine;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::{DrawnCurve, LineStyle};
 use std::collections::{BTreeMap, HashMap};
@@ -167,7 +168,10 @@ impl<'a> Drawer<'a> {
         };
         for curve in curves {
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{name} has no length and is ignored"));
+                self.drawing.findings.push(Finding::new(
+                    FindingCode::EntityWithoutLength,
+                    format!("{name} has no length and is ignored"),
+                ));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve {

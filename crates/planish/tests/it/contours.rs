@@ -201,11 +201,12 @@ fn readings_in_space_are_a_cylinder() {
     // The same file without a kind in space, and a kind in space without σ.
     job.shapes.clear();
     let refused = job.run(&Silent).unwrap_err().to_string();
-    assert!(refused.contains("line 1") && refused.contains("--kind plane3"), "{refused}");
+    assert!(refused.contains("line 1") && refused.contains("state their kind of shape (plane3"), "{refused}");
     std::fs::write(&path, "x,y,z\n1,2,3\n").unwrap();
     job.shapes = vec![PrimitiveKind::Plane];
-    let refused = job.run(&Silent).unwrap_err().to_string();
-    assert!(refused.contains("line 2") && refused.contains("--sigma-point"), "{refused}");
+    let refused = job.run(&Silent).unwrap_err();
+    assert_eq!(refused.settings(), [planish::Setting::SigmaPoint]);
+    assert!(refused.to_string().contains("line 2"), "{refused}");
 }
 
 #[test]
@@ -329,7 +330,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         ("nan.csv", "x,y,sigma\nnan,1,0.1\n", "line 2: expected a number in column `x`"),
         ("infinite.csv", "x,y,sigma,level\n1,1,0.1,inf\n", "line 2: expected a number in column `level`"),
         ("zero_sigma.csv", "x,y,sigma\n1,2,0\n", "line 2: expected a positive σ in column `sigma`, found 0"),
-        ("no_sigma.csv", "x,y\n1,2\n", "line 2: how uncertain readings are is not known"),
+        ("no_sigma.csv", "x,y\n1,2\n", "line 2: σ of the readings is unknown"),
         (
             "behind.csv",
             "x,y,heading_deg,range,sigma_range\n0,0,0,-1,0.1\n",

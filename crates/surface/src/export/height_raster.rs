@@ -13,6 +13,7 @@
 
 use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::GeoReference;
 use planish_exchange::geotiff::{HeightGrid, NODATA};
@@ -28,7 +29,7 @@ pub const MAX_MEDIANS: f64 = 30.0;
 /// Largest share of cells under an overhang. They are left empty; more of them refuse the raster.
 const MAX_OVERHANGS: f64 = 0.01;
 
-/// A raster with its warnings.
+/// A raster with its findings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dem {
     /// The raster.
@@ -36,7 +37,7 @@ pub struct Dem {
     /// Number of cells with a height.
     pub known: usize,
     /// What a user should know.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// Heights of a sheet on a grid of squares of side `cell`.
@@ -74,17 +75,23 @@ pub fn dem_from_model(
     let places = without_overhangs(places, &extent.map)?;
     let overhangs = found - places.len();
     let (values, known) = values_of_cells(posterior, &layout, &places)?;
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if overhangs > 0 {
-        warnings.push(format!(
-            "{overhangs} of {found} cells of the raster lie where the sheet leans over: they hold no height"
-        ));
+        findings.push(Finding::new(FindingCode::RasterOverhangs, format!(
+            "{overhangs} of {found} cells of the raster are under an overhang of the sheet: they have no height"
+        )));
     }
     if found == 0 {
-        warnings.push(format!(
-            "no cell of the raster holds a height: its cells of {cell} {} are too large",
-            model.unit
-        ));
+        findings.push(
+            Finding::new(
+                FindingCode::RasterEmpty,
+                format!(
+                    "no cell of the raster has a height: its cells of {cell} {} are too large",
+                    model.unit
+                ),
+            )
+            .with_setting(Setting::CellSize),
+        );
     }
     Ok(Dem {
         grid: HeightGrid {
@@ -97,7 +104,7 @@ pub fn dem_from_model(
             georeference,
         },
         known,
-        warnings,
+        findings,
     })
 }
 
@@ -378,7 +385,7 @@ mod tests {
         let posterior = model.posterior().unwrap();
         let dem = dem_from_model(&model, &posterior, Some(0.05), None).unwrap();
         let grid = &dem.grid;
-        assert!(dem.warnings.is_empty() && dem.known > grid.values.len() / 2);
+        assert!(dem.findings.is_empty() && dem.known > grid.values.len() / 2);
         let search = FootPointSearch::new(&model.surface, 4, 0.0).unwrap();
         for (at, [height, sigma]) in grid.values.iter().enumerate().filter(|(_, v)| v[0] != NODATA).step_by(7)
         {
@@ -430,7 +437,7 @@ mod tests {
             (flat.vertices().iter()).map(|p| [p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()]).collect();
         let rolled = model_of(flat.with_vertices(rolled).unwrap(), |_| true);
         assert!(refused(&rolled, Some(0.02)).contains("leans over"), "{}", refused(&rolled, Some(0.02)));
-        assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("--cell-size"));
+        assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("a larger cell size"));
         assert!(refused(&hills([0.0; 2], |_| true), Some(-1.0)).contains("cell size > 0"));
     }
 

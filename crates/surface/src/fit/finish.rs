@@ -9,17 +9,18 @@
 //! | degrees | degrees of freedom that the readings of each channel determine |
 //! | held_out | comparison with the readings that were held out |
 //! | reports | figures of sensors and poses |
-//! | warnings | what a user should know |
+//! | findings | what a user should know |
 
 mod covariance;
 mod degrees;
+mod findings;
 mod held_out;
 mod reports;
-mod warnings;
 
 pub(super) use degrees::variances_of_surface;
+pub(super) use findings::common_findings;
+use planish_core::{Finding, FindingCode, Setting};
 pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
-pub(super) use warnings::common_warnings;
 
 use super::batches::AddedBatches;
 use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
@@ -36,6 +37,7 @@ use crate::model::{
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
 use crate::subdivision::RefinementLog;
 use degrees::degrees_of_channels;
+use findings::{SurfaceResults, all_findings};
 use held_out::judge_held_out;
 use planish_core::Progress;
 use planish_estimate::sparse::BlockInformation;
@@ -45,7 +47,6 @@ use planish_spline::SurfaceSystem;
 use reports::sensor_reports;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use warnings::{SurfaceFindings, all_warnings};
 
 /// Largest share of the area with unresolved shape before a depth limit is reported as the cause.
 ///
@@ -272,9 +273,9 @@ impl Finishing<'_> {
         let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
         let too_shallow = options.max_depth.is_some()
             && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
-        let mut warnings = all_warnings(
+        let mut findings = all_findings(
             self,
-            &SurfaceFindings {
+            &SurfaceResults {
                 sensors: &sensors,
                 noise,
                 rejected: &rejected,
@@ -285,7 +286,7 @@ impl Finishing<'_> {
                 reached_limit: ending.reached_limit,
             },
         );
-        let poses = self.poses(covariance, fit.stated, &mut warnings)?;
+        let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {
             observations: totals.count,
@@ -315,7 +316,7 @@ impl Finishing<'_> {
             } else {
                 FitTermination::Converged
             },
-            warnings,
+            findings,
         })
     }
 
@@ -335,9 +336,10 @@ impl Finishing<'_> {
             return Err(Error::undetermined(format!(
                 "only {near} of {} positions lie near the surface that was found, given their σ: there are \
                  too few for the shape, or their σ is stated too small; add readings, leave σ out so that it \
-                 is estimated, or allow finer cells by --max-coefficients",
+                 is estimated, or allow more coefficients",
                 near + far
-            )));
+            ))
+            .with_setting(Setting::MaxCoefficients));
         }
         Ok(())
     }
@@ -482,12 +484,12 @@ impl Finishing<'_> {
     }
 
     /// The pose of every scan, with its estimate where it was unknown; directions that stay open are added
-    /// to the warnings.
+    /// to the findings.
     fn poses(
         &self,
         covariance: &NodeCovariance,
         stated: &[f64],
-        warnings: &mut Vec<String>,
+        findings: &mut Vec<Finding>,
     ) -> Result<Vec<ScanPoseReport>> {
         let mut poses = scan_pose_reports(self.set);
         let Some(bordered) = covariance.scan_errors() else {
@@ -497,12 +499,15 @@ impl Finishing<'_> {
             let pose = &mut poses[estimate.scan];
             estimate.report(pose, self.origin, &self.observations.readings);
             if !pose.undetermined.is_empty() {
-                warnings.push(format!(
-                    "the readings leave {} of the six directions of the pose of {} open: see \
-                     `undetermined` in the JSON of its pose; the thing may be symmetric, or the scan small \
+                findings.push(Finding::new(
+                    FindingCode::PoseUndetermined,
+                    format!(
+                        "the readings leave {} of the six directions of the pose of {} open: see \
+                     `undetermined` in the JSON of its pose; the object may be symmetric, or the scan small \
                      or flat",
-                    pose.undetermined.len(),
-                    pose.scan
+                        pose.undetermined.len(),
+                        pose.scan
+                    ),
                 ));
             }
         }
