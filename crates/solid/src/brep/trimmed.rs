@@ -176,6 +176,7 @@ impl<'a> TrimmedFace<'a> {
                 }
             }
         }
+        // Nearest first: the sides of farther loops follow from it.
         crossed.sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
         // Where a loop runs back on itself, two opposite crossings at one place bound nothing.
         let mut k = 0;
@@ -328,6 +329,7 @@ pub(crate) fn met_by_distance(
 /// Between two of them this parameter is monotonic, so a scan line crosses at most once.
 fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2]) -> Vec<f64> {
     let [from, to] = edge.range;
+    // The sign of a small difference, as the derivative of the parameters has no common formula.
     let step = 1e-6 * (to - from);
     let rises = |t: f64| turn(scanned(t + step)[0] - scanned(t - step)[0]) > 0.0;
     let mut found = vec![from];

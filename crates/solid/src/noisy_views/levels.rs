@@ -111,6 +111,7 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &ParametricDr
             let mut places: Vec<Place> = (0..count as u32).map(corner).collect();
             for (i, (id, start, end)) in drawing.arcs().filter(|arc| in_part(part, offset, arc.0)).enumerate()
             {
+                // An arc ends at corners, which are listed above; its extremes count only if they are on it.
                 for upper in [false, true] {
                     if reaches(drawing, id, start, end, axis, upper) {
                         places.push(extreme(i as u32, upper));
@@ -182,6 +183,7 @@ pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Cand
 /// Groups of merged places. Groups and their members are in the order of the places.
 fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
     let values = state.drawing.values();
+    // Merging is transitive, so one member of each group is enough for the comparison.
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, new) in places.iter().enumerate() {
         let same = |group: &Vec<usize>| {

@@ -285,6 +285,7 @@ impl ParametricCurve {
             found.push(pair[1]);
         }
         found.pop();
+        // Divided in the ascending direction, so that an edge has the same points in both directions.
         if is_back {
             found.reverse();
         }

@@ -237,6 +237,7 @@ fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Secto
     let mut angles: Vec<f64> = points.iter().map(angle).collect();
     angles.sort_by(f64::total_cmp);
     angles.push(angles[0] + TAU);
+    // The first angle again, a turn later, so that the gap across the start is compared as well.
     let (gap, after) = angles.windows(2).map(|a| (a[1] - a[0], a[1])).max_by(|a, b| a.0.total_cmp(&b.0))?;
     let half_width = (TAU - gap) / 2.0;
     let (sin, cos) = (after + half_width).sin_cos();

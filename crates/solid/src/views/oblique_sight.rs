@@ -85,6 +85,7 @@ fn overlap(a: &CandidateSurface, b: &CandidateSurface, tolerance: f64) -> bool {
 fn stretches(curve: &Curve3, mut cuts: Vec<f64>) -> Vec<f64> {
     cuts.sort_by(f64::total_cmp);
     if let Some(period) = curve.period() {
+        // A closed curve without corners is tested at four intervals.
         if cuts.is_empty() {
             cuts.extend([0.0, 0.25 * period, 0.5 * period, 0.75 * period]);
         }

@@ -85,6 +85,7 @@ pub(super) fn faces(
     let sense = if outward { 1.0 } else { -1.0 };
     let mut face_of: Vec<usize> = (0..loops.len()).collect();
     for (index, ring) in rings.iter().enumerate() {
+        // An outer loop encloses the face and needs no ray.
         let is_outer = ring.turns == 0 && ring.area * sense > 0.0;
         // Loops around the axis that bound from below look up as well.
         let is_upper = ring.turns != 0 && f64::from(ring.turns) * sense < 0.0;

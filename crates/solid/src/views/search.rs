@@ -84,8 +84,8 @@ impl Encoder {
             return *event;
         }
         // One clause for each state of the distinct cells: a truth table. Sectors around a line are few, so
-        // the table is small. States that drawing conventions treat differently get no clause, which leaves
-        // the event free.
+        // the table is small. States that drawing conventions treat differently get no clause, so the event
+        // is free there.
         let event = self.fresh();
         // Several sectors may belong to one cell, which has one state.
         let mut distinct: Vec<u32> = group.sectors.clone();

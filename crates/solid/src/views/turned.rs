@@ -60,6 +60,7 @@ fn add(found: &mut Vec<Turned>, wall: Turned, plan: &DrawingGrid) {
         (None, None) => other.same(&wall, same, plan.size),
         _ => false,
     };
+    // One surface with several extents instead of several surfaces: coincident surfaces would leave slivers.
     match found.iter_mut().find(|w| is_same(w)) {
         Some(known) => known.extents.extend(wall.extents),
         None => found.push(wall),
@@ -258,6 +259,7 @@ fn parts(carrier: &Carrier, middle: f64, across: usize, plan: &DrawingGrid) -> V
         if circle {
             cuts.extend((0..=4).map(|q| f64::from(q) * FRAC_PI_2));
         }
+        // An arc often ends at an extreme or on the axis, which gives two cuts that differ by rounding.
         cuts.retain(|t| *t >= from && *t <= to);
         cuts.sort_by(f64::total_cmp);
         cuts.dedup_by(|b, a| *b - *a < gap);
