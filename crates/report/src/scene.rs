@@ -137,7 +137,7 @@ impl Scene {
     pub(crate) fn packed(&self) -> Option<Value> {
         let inner = self.bounds()?;
         let outer = self.outer()?;
-        // 32-bit floats of map coordinates would have steps of decimetres.
+        // 32-bit floats of map coordinates would have steps of up to half a metre.
         let centre: [f64; 3] = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
         let about = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|d| p[d] - centre[d]) };
         let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
