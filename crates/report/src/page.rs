@@ -186,6 +186,7 @@ impl Page {
     /// The error of the template engine; rendering fails only without memory.
     pub fn html(&self) -> Result<String, askama::Error> {
         let mut findings: Vec<&Finding> = self.findings.iter().collect();
+        // A stable sort: findings of equal severity keep the order of the job.
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.level));
         // `</script>` in a name would end the script element, so `<` is escaped.
         let scene = self.scene.as_ref().and_then(Scene::packed);

@@ -19,6 +19,7 @@ fn escaped(text: &str) -> String {
 /// Ticks of a logarithmic axis: 1, 2 and 5 times powers of ten, or powers of ten on long axes.
 fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    // Three labels per decade fit on two and a half decades.
     let steps: &[f64] = if high / low > 300.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
     decades
         .flat_map(|e| steps.iter().map(move |s| s * 10_f64.powi(e)))
@@ -69,6 +70,7 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     }
     for (k, (name, stated, found)) in rows.iter().enumerate() {
         let y = 6.0 + line * (k as f64 + 0.5);
+        // Names are limited by the margin on the left.
         let short: String = if name.chars().count() > 17 {
             name.chars().take(16).chain(['…']).collect()
         } else {

@@ -137,11 +137,13 @@ impl Scene {
     pub(crate) fn packed(&self) -> Option<Value> {
         let inner = self.bounds()?;
         let outer = self.outer()?;
+        // 32-bit floats of map coordinates would have steps of up to half a metre.
         let centre: [f64; 3] = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
         let about = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|d| p[d] - centre[d]) };
         let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
+                // Only the page has fewer triangles; files of the job are complete.
                 let fewer = thinned(surface, MAX_TRIANGLES);
                 let thinned = fewer.is_some();
                 let surface = fewer.as_ref().unwrap_or(surface);

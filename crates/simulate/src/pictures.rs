@@ -460,7 +460,7 @@ impl Stage {
     /// The text of the calibration file.
     fn calibration(&self, scene: PictureScene) -> String {
         let [cx, cy] = self.axis();
-        let mut text = format!("# Exact: the images are simulated.\nunit = \"{}\"\n", self.unit);
+        let mut text = format!("# Exact: the pictures are simulated.\nunit = \"{}\"\n", self.unit);
         let _ = match scene {
             PictureScene::Stereo => write!(
                 text,

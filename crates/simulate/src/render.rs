@@ -29,7 +29,7 @@ const RAYS: usize = 3;
 const WHITE: f64 = 240.0;
 /// Share of ambient light with a lamp.
 const AMBIENT_OF_LAMP: f64 = 0.25;
-/// Share of ambient light with a projector, which works in a dark room.
+/// Share of ambient light with a projector: small, so that stripes have contrast.
 const AMBIENT_OF_STRIPES: f64 = 0.06;
 /// Mean albedo, the share of light that a surface reflects.
 const ALBEDO: f64 = 0.6;

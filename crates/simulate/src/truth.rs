@@ -20,7 +20,7 @@ use std::sync::{Arc, OnceLock};
 /// Number of triangles of the dense mesh from which searches and rays start.
 ///
 /// With more, start values are better and rays near silhouettes are missed less often, but every truth takes
-/// longer to prepare. The results themselves do not depend on it, because Newton's method refines them.
+/// longer to prepare. The results hardly depend on it, because Newton's method refines them.
 const SEARCH_TRIANGLES: usize = 80_000;
 
 /// A surface that is known exactly, over parameters `(u, v)` in `[0, 1]²`.

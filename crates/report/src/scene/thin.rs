@@ -91,6 +91,7 @@ fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u3
         (0..3).for_each(|d| middle[d] += p[d]);
         middle[3] += 1.0;
     }
+    // An existing vertex, not the mean: the mean would lie off the surface and would have no values.
     let mut nearest = vec![(f64::INFINITY, 0_u32); numbers.len()];
     for (k, (cluster, p)) in of_vertex.iter().zip(&surface.positions).enumerate() {
         let middle = &middles[*cluster as usize];
