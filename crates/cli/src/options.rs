@@ -1,7 +1,7 @@
 //! Names of options for the settings that messages of the library are about.
 //!
-//! The library names settings in words, because it has users without a command line. The command adds the options
-//! when it prints a message: `… raise the maximum depth (option --max-depth)`.
+//! The library names settings in words, because it has users without a command line. The command adds the
+//! options when it prints a message: `… raise the maximum depth (option --max-depth)`.
 
 use planish::Setting;
 

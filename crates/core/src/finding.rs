@@ -1,6 +1,6 @@
 //! Findings: what a user should know about a result, as data.
 //!
-//! A job collects [`Finding`]s in its report. The terminal, the HTML page and the JSON output show this one list.
+//! A job collects [`Finding`]s in its report. The terminal, the HTML page and the JSON output show this list.
 //! Programs decide by [`FindingCode`], never by the words: codes are stable, texts are not.
 
 use crate::setting::Setting;
@@ -302,8 +302,8 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Serialises findings as two keys, for `#[serde(flatten, serialize_with = …)]`: `warnings` holds the texts of
-/// level [`FindingLevel::Warning`], `findings` everything.
+/// Serialises findings as two keys, for `#[serde(flatten, serialize_with = …)]`: `warnings` holds the texts
+/// of level [`FindingLevel::Warning`], `findings` everything.
 ///
 /// Programs that were written before there were codes read `warnings`.
 ///

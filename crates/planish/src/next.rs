@@ -14,16 +14,13 @@
 //! smaller: it does not count here, and the report says how large it is ([`UnmeasurableSigma`]).
 //!
 //! Not guaranteed: the best set of so many points; choosing one after the other is within 63 % of the best
-//! gain for the mean variance of independent places (Nemhauser, Wolsey and Fisher 1978), and usually far
-//! nearer.
+//! gain for the mean variance of independent places (Nemhauser, Wolsey and Fisher 1978), usually far nearer.
 
 use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use page::next_page;
-use planish_core::Progress;
-use planish_core::finding::with_warnings;
-use planish_core::{Finding, Setting};
+use planish_core::{Finding, Progress, Setting, finding::with_warnings};
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
@@ -320,15 +317,13 @@ impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
         if model.patches.is_some() {
             return Err(Error::unsupported(
-                "the model is one of the patch filter, which does not know how far apart places vary \
-                 together: needed a model of the global filter",
+                "the patch filter does not know how distant places vary together: needed the global filter",
             )
             .with_setting(Setting::Filter));
         }
         if model.moves_freely {
             return Err(Error::unsupported(
-                "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
-                 a model of an object that does not bend",
+                "vertices of a bending sheet move in every direction: needed an object that does not bend",
             )
             .with_setting(Setting::Motion));
         }
@@ -441,10 +436,10 @@ fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport
         ..job.options.clone()
     };
     let next = next_points(&model, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
+    let findings = findings::judge_points(&next, model.unit);
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
     }
-    let findings = findings::judge_points(&next, model.unit);
     if let Some(page) = &job.report {
         let made = next_page(&model, &next, findings.clone(), &job.model)?;
         page.write(made, &[(job.model.clone(), "the model".to_owned())])?;

@@ -176,8 +176,8 @@ pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<b
     Ok((turned, searches))
 }
 
-/// Findings about patches whose σ was estimated from their differences from others, and that differ as if they
-/// were of different objects.
+/// Findings about patches whose σ was estimated from their differences from others, and that differ as if
+/// they were of different objects.
 ///
 /// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
 /// then as long as an edge.

@@ -15,8 +15,8 @@ use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
-use planish_exchange::GeoReference;
 use planish_exchange::geotiff::{HeightGrid, NODATA};
+use planish_exchange::{GeoReference, Unit};
 use planish_spline::{Shape, Surface};
 use rayon::prelude::*;
 
@@ -136,24 +136,6 @@ pub fn dem_from_model(
         values[place.cell] = [place.height as f32, sigma as f32];
         known += 1;
     }
-    let mut findings = Vec::new();
-    if overhangs > 0 {
-        findings.push(Finding::new(FindingCode::RasterOverhangs, format!(
-            "{overhangs} of {found} cells of the raster are under an overhang of the sheet: they have no height"
-        )));
-    }
-    if found == 0 {
-        findings.push(
-            Finding::new(
-                FindingCode::RasterEmpty,
-                format!(
-                    "no cell of the raster has a height: its cells of {cell} {} are too large",
-                    model.unit
-                ),
-            )
-            .with_setting(Setting::CellSize),
-        );
-    }
     Ok(Dem {
         grid: HeightGrid {
             corner: [west, north],
@@ -165,8 +147,25 @@ pub fn dem_from_model(
             georeference,
         },
         known,
-        findings,
+        findings: findings_of_cells(overhangs, found, cell, model.unit),
     })
+}
+
+/// Findings about cells without a height: `overhangs` of `found` cells are under an overhang.
+fn findings_of_cells(overhangs: usize, found: usize, cell: f64, unit: Unit) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if overhangs > 0 {
+        let text = format!(
+            "{overhangs} of {found} cells of the raster are under an overhang of the sheet: they have no \
+             height"
+        );
+        findings.push(Finding::new(FindingCode::RasterOverhangs, text));
+    }
+    if found == 0 {
+        let text = format!("no cell of the raster has a height: its cells of {cell} {unit} are too large");
+        findings.push(Finding::new(FindingCode::RasterEmpty, text).with_setting(Setting::CellSize));
+    }
+    findings
 }
 
 /// The surface point at the middle of a cell.
