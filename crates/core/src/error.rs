@@ -126,7 +126,7 @@ impl Error {
     }
 
     /// The same error with the name of the scan that it is about in front. [`Error::place`] returns that
-    /// name, so that a caller who knows files can tell whether the message names the file already.
+    /// name, so that a caller who knows files can decide whether the message names the file already.
     #[must_use]
     pub fn at(mut self, place: impl Into<String>) -> Self {
         let place = place.into();

@@ -1,7 +1,7 @@
 //! Findings: what a user should know about a result, as data.
 //!
-//! A job collects [`Finding`]s in its report. The terminal, the HTML page and the JSON output show this one
-//! list. Programs decide by [`FindingCode`], never by the words: codes are stable, texts are not.
+//! A job collects [`Finding`]s in its report. The terminal, the HTML page and the JSON output show this list.
+//! Programs decide by [`FindingCode`], never by the words: codes are stable, texts are not.
 
 use crate::setting::Setting;
 use serde::ser::SerializeMap;

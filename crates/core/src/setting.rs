@@ -1,8 +1,7 @@
 //! Settings of jobs, by which errors and findings name what a user can change.
 //!
 //! A message names a setting in words, because a user of the library writes a field and a user of the command
-//! an option. Beside the message it holds the [`Setting`], and each user interface prints its own name for
-//! it.
+//! an option. An error or a finding also holds the [`Setting`], and each user interface prints its own name.
 
 use serde::{Serialize, Serializer};
 

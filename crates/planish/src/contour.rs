@@ -248,9 +248,10 @@ fn parts_of(
     }
     if strays > 0 {
         let lie = if strays == 1 { "reading lies" } else { "readings lie" };
-        findings.push(Finding::new(FindingCode::ReadingsIsolated, format!(
+        let text = format!(
             "{strays} {lie} apart from all others and is not used: increase the gap if they belong together"
-        )).with_setting(Setting::Gap));
+        );
+        findings.push(Finding::new(FindingCode::ReadingsIsolated, text).with_setting(Setting::Gap));
     }
     let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
         true => (auto_kinds(), true),

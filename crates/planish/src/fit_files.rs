@@ -189,13 +189,9 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     report.findings.extend(input_findings(&set, earlier.as_ref()));
     report.findings.extend(in_far_places);
     if unit_of_maps {
-        (report.findings).push(
-            Finding::new(
-                FindingCode::UnitAssumed,
-                "no file states its unit of length: metres are assumed, as on maps; state the unit: m or ft",
-            )
-            .with_setting(Setting::Unit),
-        );
+        let text =
+            "no file states its unit of length: metres are assumed, as on maps; state the unit: m or ft";
+        report.findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     report.findings.extend(unclassified(job, &set));
     report.findings.extend(unsteady(&report));
@@ -464,8 +460,8 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<Finding> {
     let is_sheet = |options: &FitOptions| options.shape == Some(Shape::Sheet) && options.ground().is_none();
     let wanted = job.task.fit_options().is_some_and(is_sheet);
     if wanted && lidar && !classified {
-        let text = "the points of the lidar are not classified: buildings and trees are part of the sheet; the \
-            ground filter rejects them";
+        let text = "the points of the lidar are not classified: buildings and trees are part of the sheet; \
+            the ground filter rejects them";
         vec![Finding::new(FindingCode::PointsUnclassified, text).with_setting(Setting::Ground)]
     } else {
         Vec::new()

@@ -409,10 +409,10 @@ fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport
         ..job.options.clone()
     };
     let next = next_points(&model, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
+    let findings = findings::judge_points(&next, model.unit);
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
     }
-    let findings = findings::judge_points(&next, model.unit);
     if let Some(page) = &job.report {
         let made = next_page(&model, &next, findings.clone(), &job.model)?;
         page.write(made, &[(job.model.clone(), "the model".to_owned())])?;

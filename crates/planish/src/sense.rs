@@ -274,17 +274,20 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let unit = sensed.unit.or(job.unit);
     let mut findings = std::mem::take(&mut sensed.findings);
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
-        findings.push(Finding::new(FindingCode::UnitAssumed, "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in or ft").with_setting(Setting::Unit));
+        let text = "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in \
+            or ft";
+        findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
     if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
-        findings.push(Finding::new(FindingCode::CrossingsInconsistent, format!(
+        let text = format!(
             "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin \
              of [stripes], and the projector, those of the picture?",
             sensed.observations,
             sensed.observations + lost
-        )));
+        );
+        findings.push(Finding::new(FindingCode::CrossingsInconsistent, text));
     }
     progress.check(WRITING_STAGE, 0.95)?;
     let written = job.outputs.iter().map(|path| write(path, &sensed, unit)).collect::<Result<_>>()?;

@@ -232,11 +232,12 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         _ => None,
     };
     if !found.complete {
-        findings.push(Finding::new(FindingCode::SearchIncomplete, format!(
+        let text = format!(
             "there may be more solids than the {} that were examined: a further view or hidden lines would \
              distinguish them",
             found.solutions.len()
-        )));
+        );
+        findings.push(Finding::new(FindingCode::SearchIncomplete, text));
     }
     if accepted.is_empty() && noisy.is_none() {
         findings.extend(drawing::misses(&drawing, &job.views));

@@ -11,13 +11,13 @@ fn page() -> String {
     let mut page = "\
 # Findings
 
-A finding is a statement about a result. It has a code, a level and a text. The terminal, the report and `--json`
-show the same findings:
+A finding is a statement about a result. It has a code, a level and a text. The terminal, the report and
+`--json` show the same findings:
 
 - `--json` has `findings` with `code`, `level`, `text` and, if the result depends on settings, their names in
   `settings`. The list `warnings` has the texts of level `warning`.
-- The terminal prints findings of the levels `warning` and `error` to stderr, with the options that would change
-  the result.
+- The terminal prints findings of the levels `warning` and `error` to stderr, with the options that would
+  change the result.
 - The report marks `info` by ✓, `warning` by ! and `error` by ✕.
 
 Codes are stable. Texts may change between versions, so programs should compare codes.

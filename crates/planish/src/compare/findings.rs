@@ -39,7 +39,8 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
         found.push(Finding::new(
             FindingCode::DeviationsBiased,
             format!(
-                "most deviations have one sign: {} on average; the frames or the scales of the two may differ",
+                "most deviations have one sign: {} on average; the frames or the scales of the two may \
+                 differ",
                 unit.text(d.mean)
             ),
         ));

@@ -216,11 +216,12 @@ pub(super) fn constrained(
     let own = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0)?.degrees;
     let p_value = chi_square_tail(held.chi_square, held.degrees - own);
     if p_value < options.level {
-        findings.push(Finding::new(FindingCode::GivenInconsistent, format!(
+        let text = format!(
             "the given constraints disagree with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
             held.chi_square,
             held.degrees - own
-        )).with_setting(Setting::Given));
+        );
+        findings.push(Finding::new(FindingCode::GivenInconsistent, text).with_setting(Setting::Given));
     }
     let found = if job.propose {
         constrain(&sketch.drawing, &sketch.covariance, &options)?

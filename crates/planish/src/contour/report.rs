@@ -174,11 +174,12 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
         ));
     }
     if part.rejected as f64 > MANY_LEFT_OUT * part.readings as f64 {
-        findings.push(Finding::new(FindingCode::BeyondGate, format!(
+        let text = format!(
             "{name}: {} of its readings lie beyond the gate and were rejected: the kind may be wrong; state \
              another, or check σ",
             part.rejected
-        )).with_setting(Setting::Kind));
+        );
+        findings.push(Finding::new(FindingCode::BeyondGate, text).with_setting(Setting::Kind));
     }
     findings
 }

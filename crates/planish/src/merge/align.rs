@@ -137,12 +137,13 @@ pub(super) fn align(
             add_pose_variance(patch, covariance, pose.translation);
         }
         if !motion.undetermined.is_empty() {
-            findings.push(Finding::new(FindingCode::PoseUndetermined, format!(
+            let text = format!(
                 "the overlaps leave {} of the six directions of {} open: there it stays where it was (see \
                  `undetermined` of its pose); the overlap may be small, flat or round",
                 motion.undetermined.len(),
                 names[k]
-            )));
+            );
+            findings.push(Finding::new(FindingCode::PoseUndetermined, text));
         }
         let mut report = ScanPoseReport {
             scan: names[k].clone(),

@@ -144,11 +144,12 @@ pub(super) fn facing_findings(facing: Facing, bound: &str) -> Vec<Finding> {
         ));
     }
     if facing.undetermined > 0 {
-        findings.push(Finding::new(FindingCode::PatchFacingUnknown, format!(
+        let text = format!(
             "{bound} does not determine which way {} faces: its completion is correct only where it faces \
              outwards",
             parts(facing.undetermined)
-        )));
+        );
+        findings.push(Finding::new(FindingCode::PatchFacingUnknown, text));
     }
     findings
 }

@@ -136,12 +136,17 @@ pub fn read_patches(
                 for s in &mut patch.sigma {
                     *s *= factor;
                 }
-                set.findings.push(Finding::new(FindingCode::UnitConverted, format!("{}: converted from {from} to {to}", named.name)));
+                let text = format!("{}: converted from {from} to {to}", named.name);
+                set.findings.push(Finding::new(FindingCode::UnitConverted, text));
             }
-            (None, Some(to)) => set.findings.push(Finding::new(FindingCode::UnitAssumed, format!(
-                "{} states no unit: {to} is assumed, as for the others; state another if that is wrong",
-                named.name
-            )).with_setting(Setting::Unit)),
+            (None, Some(to)) => {
+                let text = format!(
+                    "{} states no unit: {to} is assumed, as for the others; state another if that is wrong",
+                    named.name
+                );
+                let finding = Finding::new(FindingCode::UnitAssumed, text);
+                set.findings.push(finding.with_setting(Setting::Unit));
+            }
             _ => {}
         }
         set.patches.push(named);

@@ -152,11 +152,12 @@ impl Ready {
             let has_feet =
                 (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
             if has_feet {
-                self.findings.push(Finding::new(FindingCode::PatchUnused, format!(
+                let text = format!(
                     "{}: the mesh has none of its vertices, because those of others are farther within their \
                      patches or denser; its information is used in their positions",
                     self.names[*k]
-                )));
+                );
+                self.findings.push(Finding::new(FindingCode::PatchUnused, text));
             }
         }
         kept

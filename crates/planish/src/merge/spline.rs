@@ -96,10 +96,11 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     // χ = 2 − 2g − b.
     let handles = (2 - check.euler_characteristic - check.boundary_loops as i64) / 2;
     if handles > 0 {
-        findings.push(Finding::new(FindingCode::SplineHandlesOmitted, format!(
+        let text = format!(
             "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: \
              compare it with the mesh there"
-        )));
+        );
+        findings.push(Finding::new(FindingCode::SplineHandlesOmitted, text));
     }
     let vertices = Vertices::new(merged, &in_part);
     let fitted = fit(&vertices.as_scan(merged), &spline_options(seed), progress)?;

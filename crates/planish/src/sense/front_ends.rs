@@ -66,11 +66,12 @@ pub(super) fn stereo(
     ];
     let mut findings = Vec::new();
     if (known.len() as f64) < MIN_MATCHED * map.disparity.len() as f64 {
-        findings.push(Finding::new(FindingCode::FewMatches, format!(
+        let text = format!(
             "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
              the first, are the pictures rectified, and is the range of disparities wide enough?",
             100.0 * known.len() as f64 / map.disparity.len() as f64
-        )).with_setting(Setting::Disparities));
+        );
+        findings.push(Finding::new(FindingCode::FewMatches, text).with_setting(Setting::Disparities));
     }
     Ok(Sensed {
         findings,
@@ -187,12 +188,13 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
     };
     let mut findings = Vec::new();
     if let Some(stated) = stated.filter(|stated| found > MAX_BRIGHTNESS_MISFIT * stated) {
-        findings.push(Finding::new(FindingCode::BrightnessInconsistent, format!(
+        let text = format!(
             "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} \
              times the stated sigma_brightness: σ of the normals is too \
              small by as much; leave sigma_brightness out, or are the pictures in the order of the lights?",
             found / stated
-        )));
+        );
+        findings.push(Finding::new(FindingCode::BrightnessInconsistent, text));
     }
     if found > MOST_BRIGHTNESS_SHARE * map.brightest {
         findings.push(Finding::new(

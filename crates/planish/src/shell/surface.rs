@@ -156,12 +156,13 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         Metaball::Spherical => {
             let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MAX_FACETS);
             if fine.triangles.len() >= MAX_FACETS {
-                findings.push(Finding::new(FindingCode::FacetLimit, format!(
+                let text = format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
                      bumpy; give a larger softness, or triangular metaballs",
                     job.mesh.display(),
                     fine.triangles.len()
-                )));
+                );
+                findings.push(Finding::new(FindingCode::FacetLimit, text));
             }
             fine
         }

@@ -201,11 +201,12 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     progress.check("judging", 0.8)?;
     let reports = judge(&scene, &statistics, &coloured, texture.as_ref());
     for view in reports.iter().filter(|view| view.left_out) {
-        findings.push(Finding::new(FindingCode::ViewInconsistent, format!(
+        let text = format!(
             "view `{}` differs from the others at {} of the {} vertices that it sees, and is not used: its \
              picture or its camera may be those of another view",
             view.view, view.odd, view.seen
-        )));
+        );
+        findings.push(Finding::new(FindingCode::ViewInconsistent, text));
     }
     progress.check(WRITING_STAGE, 0.9)?;
     let mut written = Vec::new();
@@ -284,11 +285,12 @@ fn read(
         .map_err(|e| e.in_context(job.mesh.display()))?;
     let two_sided = !mesh.check().oriented;
     if two_sided {
-        findings.push(Finding::new(FindingCode::FacetsInconsistent, format!(
+        let text = format!(
             "{}: its facets are not all turned the same way: what is thin may take colours from its other \
              side",
             job.mesh.display()
-        )));
+        );
+        findings.push(Finding::new(FindingCode::FacetsInconsistent, text));
     }
     let count = read.views.len();
     let pictured: Vec<ViewFile> = (read.views.into_iter()).filter(|view| view.image.is_some()).collect();

@@ -15,8 +15,8 @@ use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
 use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
-use planish_exchange::GeoReference;
 use planish_exchange::geotiff::{HeightGrid, NODATA};
+use planish_exchange::{GeoReference, Unit};
 use planish_spline::{Shape, Surface};
 use rayon::prelude::*;
 
@@ -75,24 +75,6 @@ pub fn dem_from_model(
     let places = without_overhangs(places, &extent.map)?;
     let overhangs = found - places.len();
     let (values, known) = values_of_cells(posterior, &layout, &places)?;
-    let mut findings = Vec::new();
-    if overhangs > 0 {
-        findings.push(Finding::new(FindingCode::RasterOverhangs, format!(
-            "{overhangs} of {found} cells of the raster are under an overhang of the sheet: they have no height"
-        )));
-    }
-    if found == 0 {
-        findings.push(
-            Finding::new(
-                FindingCode::RasterEmpty,
-                format!(
-                    "no cell of the raster has a height: its cells of {cell} {} are too large",
-                    model.unit
-                ),
-            )
-            .with_setting(Setting::CellSize),
-        );
-    }
     Ok(Dem {
         grid: HeightGrid {
             corner: [layout.first[0] * cell, (layout.first[1] + layout.rows as f64) * cell],
@@ -104,7 +86,7 @@ pub fn dem_from_model(
             georeference,
         },
         known,
-        findings,
+        findings: findings_of_cells(overhangs, found, cell, model.unit),
     })
 }
 
@@ -112,10 +94,8 @@ pub fn dem_from_model(
 fn check_input(model: &SurfaceModel, cell: Option<f64>) -> Result<()> {
     let shape = model.surface.space().shape();
     if shape != Shape::Sheet {
-        return Err(Error::input(format!(
-            "a raster of heights: needed a sheet, found a {}; say --shape sheet",
-            shape.name()
-        )));
+        return Err(Error::input(format!("a raster of heights: needed a sheet, found a {}", shape.name()))
+            .with_setting(Setting::Shape));
     }
     if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
         return Err(Error::input(format!("needed a cell size > 0, found {cell}")));
@@ -140,8 +120,9 @@ impl Layout {
         if columns * rows > MAX_CELLS {
             return Err(Error::input(format!(
                 "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of \
-                 {cell}; say a larger --cell-size"
-            )));
+                 {cell}; choose a larger cell size"
+            ))
+            .with_setting(Setting::CellSize));
         }
         Ok(Self { cell, first, columns: columns as usize, rows: rows as usize })
     }
@@ -221,6 +202,23 @@ fn values_of_cells(
         known += 1;
     }
     Ok((values, known))
+}
+
+/// Findings about cells without a height: `overhangs` of `found` cells are under an overhang.
+fn findings_of_cells(overhangs: usize, found: usize, cell: f64, unit: Unit) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if overhangs > 0 {
+        let text = format!(
+            "{overhangs} of {found} cells of the raster are under an overhang of the sheet: they have no \
+             height"
+        );
+        findings.push(Finding::new(FindingCode::RasterOverhangs, text));
+    }
+    if found == 0 {
+        let text = format!("no cell of the raster has a height: its cells of {cell} {unit} are too large");
+        findings.push(Finding::new(FindingCode::RasterEmpty, text).with_setting(Setting::CellSize));
+    }
+    findings
 }
 
 /// The surface point at the middle of a cell.

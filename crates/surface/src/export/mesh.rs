@@ -139,12 +139,13 @@ fn placed_mesh_of_size(
     let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
     let made = tessellate(&model.surface, &options)?;
     if made.limited_leaves > 0 {
-        findings.push(Finding::new(FindingCode::MeshSubdivisionLimit, format!(
+        let text = format!(
             "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are \
              divided into 64 × 64 squares at most",
             made.limited_leaves,
             model.observed.len()
-        )));
+        );
+        findings.push(Finding::new(FindingCode::MeshSubdivisionLimit, text));
     }
     let sigma = sigmas_along(posterior, &made.leaf, &made.local, &made.normals)?;
     let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize].mark()).collect();

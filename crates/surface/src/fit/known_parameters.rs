@@ -357,11 +357,14 @@ impl Solved {
         }
         if let Some(share) = unresolved_share {
             let [nu, nv] = space.base();
-            findings.push(Finding::new(FindingCode::UnresolvedShape, format!(
+            let text = format!(
                 "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot resolve: use more \
                  cells, or σ is too small",
                 100.0 * share
-            )).with_setting(Setting::KnownParameters));
+            );
+            findings.push(
+                Finding::new(FindingCode::UnresolvedShape, text).with_setting(Setting::KnownParameters),
+            );
         }
         Ok(FitReport {
             observations: self.count(),

@@ -98,11 +98,12 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         let name = &view.name;
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
         if share > AT_FRAME {
-            findings.push(Finding::new(FindingCode::MaskInverted, format!(
-                "view {name}: {} of the mask's frame belongs to the object: is the mask inverted? The object is \
-                 brighter than its threshold",
+            let text = format!(
+                "view {name}: {} of the mask's frame belongs to the object: is the mask inverted? The object \
+                 is brighter than its threshold",
                 percent(share)
-            )));
+            );
+            findings.push(Finding::new(FindingCode::MaskInverted, text));
         }
         if should_show
             && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows) < UNLIKE
@@ -192,11 +193,12 @@ pub(super) fn outcome(
         ));
     }
     if distortion.stretched > 0 {
-        findings.push(Finding::new(FindingCode::MeshStretched, format!(
-            "the lengths of {} grew by four times those of other edges, and more: check for spikes, which fewer \
-             controls or more points prevent",
+        let text = format!(
+            "the lengths of {} grew by four times those of other edges, and more: check for spikes, which \
+             fewer controls or more points prevent",
             counted(distortion.stretched, "edge")
-        )));
+        );
+        findings.push(Finding::new(FindingCode::MeshStretched, text));
     }
     findings
 }
@@ -212,8 +214,8 @@ fn misstated(what: &str, report: &ReadingsReport) -> Option<Finding> {
         false => percent(factor),
     };
     let text = format!(
-        "σ of {what} is {times} what is stated, by their residuals: the stated σ is wrong, or the controls are \
-         too few; the estimate was used"
+        "σ of {what} is {times} what is stated, by their residuals: the stated σ is wrong, or the controls \
+         are too few; the estimate was used"
     );
     Some(Finding::new(FindingCode::SensorSigmaMisstated, text).with_setting(Setting::BelieveSigma))
 }

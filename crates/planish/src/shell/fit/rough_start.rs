@@ -221,8 +221,8 @@ pub(super) fn without_looks(
     findings: &mut Vec<Finding>,
 ) -> TexturedMesh {
     if !appearance.uv_triangles.is_empty() {
-        findings
-            .push(Finding::new(FindingCode::TextureDropped, "the mesh was remeshed: its texture is dropped"));
+        let text = "the mesh was remeshed: its texture is dropped";
+        findings.push(Finding::new(FindingCode::TextureDropped, text));
     }
     TexturedMesh {
         points: mesh.positions.clone(),

@@ -93,10 +93,11 @@ pub(super) fn paint(
     let texels = found.iter().flatten().count();
     let covered = chart.covered() * (size * size) as f64;
     if covered > 1.1 * texels as f64 + 1000.0 {
-        findings.push(Finding::new(FindingCode::TextureShared, format!(
+        let text = format!(
             "{}: parts of the mesh share the same place of the texture, and show the colours of one of them",
             job.mesh.display()
-        )));
+        );
+        findings.push(Finding::new(FindingCode::TextureShared, text));
     }
     let report =
         TextureReport { size, texels, seen: found.iter().flatten().filter(|(_, seen)| *seen).count(), atlas };

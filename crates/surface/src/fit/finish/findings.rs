@@ -41,8 +41,9 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     );
     // Sensors of earlier sessions are not among `sensors`, but further batches are.
     if fit.added.is_none() && found.sigma.median < MIN_SIGMA_RATIO * min_sigma(found.sensors) {
-        findings.push(Finding::new(FindingCode::SurfaceFolded, "σ of the surface is less than all readings together could make it: the surface is folded, and \
-             its figures are not valid; state another shape, or give normals").with_setting(Setting::Shape));
+        let text = "σ of the surface is less than all readings together could make it: the surface is folded, \
+             and its figures are not valid; state another shape, or give normals";
+        findings.push(Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape));
     }
     if found.too_shallow {
         findings.push(
@@ -56,19 +57,22 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
         );
     }
     if found.reached_limit {
-        findings.push(Finding::new(FindingCode::CoefficientLimit, format!(
+        let text = format!(
             "the limit of {} coefficients was reached before the residuals were down to noise: raise it \
              for more detail",
             options.max_coefficients
-        )).with_setting(Setting::MaxCoefficients));
+        );
+        findings
+            .push(Finding::new(FindingCode::CoefficientLimit, text).with_setting(Setting::MaxCoefficients));
     }
     let lacking = observations.channels.iter().zip(&found.noise.lacks_redundancy);
     for (channel, _) in lacking.filter(|(_, lacks_redundancy)| **lacks_redundancy) {
-        findings.push(Finding::new(FindingCode::SigmaNotEstimable, format!(
+        let text = format!(
             "the readings of sensor \"{}\" state no σ and are too few to estimate it: σ is taken from their \
              distances to the earlier model, and is too small if that model includes them; state their σ",
             set.sensors[channel.sensor].name
-        )));
+        );
+        findings.push(Finding::new(FindingCode::SigmaNotEstimable, text));
     }
     findings.extend(filtered.and_then(PatchFilterOutcome::finding));
     if filtered.is_some() && has_uncertain_pose(set) {
@@ -105,10 +109,11 @@ pub(in crate::fit) fn common_findings(
     let mut findings = Vec::new();
     for sensor in sensors {
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
-            findings.push(Finding::new(FindingCode::SensorSigmaMisstated, format!(
+            let text = format!(
                 "sensor {:?} states σ = {stated:.3e}, but its residuals say {:.3e}: the estimate was used",
                 sensor.name, sensor.sigma_estimated
-            )));
+            );
+            findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
         }
     }
     if observed < 0.5 {
@@ -117,23 +122,26 @@ pub(in crate::fit) fn common_findings(
         } else {
             String::new()
         };
-        findings.push(Finding::new(FindingCode::MostlyUnmeasured, format!(
+        let text = format!(
             "only {:.0} % of the surface was measured{completed}: the rest follows from the smoothness prior",
             100.0 * observed
-        )));
+        );
+        findings.push(Finding::new(FindingCode::MostlyUnmeasured, text));
     }
     let not_finite = rejected.get(RejectionCause::NotFinite.name()).copied().unwrap_or(0);
     if not_finite > 0 {
-        findings.push(Finding::new(FindingCode::PointsNotFinite, format!(
+        let text = format!(
             "{not_finite} of {total} points have coordinates that are not finite numbers: they were ignored"
-        )));
+        );
+        findings.push(Finding::new(FindingCode::PointsNotFinite, text));
     }
     let turned = rejected.get(RejectionCause::NormalMismatch.name()).copied().unwrap_or(0);
     if turned * 50 > total {
-        findings.push(Finding::new(FindingCode::NormalsMismatch, format!(
+        let text = format!(
             "{turned} of {total} readings face another way than the surface near them: it misses folds or \
              thin parts there, or their normals are wrong; σ does not include that"
-        )));
+        );
+        findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }
     let gated = rejected_readings(rejected);
     let total = total - (rejected.values().sum::<usize>() - gated);
