@@ -1,6 +1,8 @@
-"""Occluding contours to patches to one whole: the hyperboloid and the carafe of R. Mohr, C. Zhao and G. Koscielny (1994), from two motions of a camera each.
+"""Reconstructs the hyperboloid and the carafe of R. Mohr, C. Zhao and G. Koscielny (1994) from occluding contours.
 
-Needs numpy, scipy and matplotlib, and the command `planish` (its path is the first argument; shapes may follow). Writes docs/images/contours-*.png and prints the table of docs/occluding-contours.md.
+Contours of two camera motions give patches, which are merged into one surface. Writes docs/images/contours-*.png
+and prints the table of docs/occluding-contours.md. The first argument is the path of the command; names of shapes
+may follow. Needs numpy, scipy and matplotlib.
 
     python benches/peers/contours.py target/release/planish
 """
@@ -23,7 +25,7 @@ PLANISH = str(pathlib.Path(sys.argv[1]).resolve())
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
 KINDS = {"double": "<f8", "float64": "<f8", "float": "<f4", "float32": "<f4", "uchar": "u1", "uint8": "u1", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4"}
-# Straight ahead of the first motion, and of the second.
+# Elevation and azimuth of the pictures, in degrees.
 LOOK = {"hyperboloid": (18, -60), "carafe": (18, -60)}
 
 
@@ -35,7 +37,7 @@ def run(*args):
 
 
 def read(path):
-    """Vertices by their columns, and triangles, of a binary PLY."""
+    """Positions, triangles and all vertex columns of a binary PLY file."""
     data = pathlib.Path(path).read_bytes()
     end = data.index(b"end_header\n") + len(b"end_header\n")
     columns, counts, at = [], {}, None
@@ -64,7 +66,7 @@ def profile(shape, z):
 
 
 def deviations(shape, points):
-    """Along the normal, of first order."""
+    """Distances along the normal, to first order."""
     r, slope = profile(shape, points[:, 2])
     return (np.hypot(points[:, 0], points[:, 1]) - r) / np.hypot(slope, 1)
 
@@ -104,7 +106,7 @@ def draw(axis, meshes, look, title):
 
 
 def without_shared(meshes, reach):
-    """What of each patch no other patch lies on: the paper's figure 8."""
+    """The parts of each patch that no other patch covers, as in figure 8 of the paper."""
     left = []
     for k, (points, faces) in enumerate(meshes):
         others = np.concatenate([p for j, (p, _) in enumerate(meshes) if j != k])
@@ -124,8 +126,8 @@ def show(shape, folder):
         out = folder / f"whole-{method}.ply"
         merged[method] = run("merge", *patches, "--method", method, "--epsilon", "0.5", "--fill", "12", "-o", out)
         rows.append((f"merged, {method}", judged(shape, out)))
-    print(f"\n{shape}: {[s['observations'] for s in sensed]} points, left out {[s['left_out'] for s in sensed]}")
-    print("| | vertices | rms / mm | rms of facets' middles / mm | largest / mm | median σ / mm | rms over σ |\n|---|---|---|---|---|---|---|")
+    print(f"\n{shape}: {[s['observations'] for s in sensed]} points, rejected {[s['left_out'] for s in sensed]}")
+    print("| | vertices | rms / mm | rms of facet centres / mm | largest / mm | median σ / mm | rms over σ |\n|---|---|---|---|---|---|---|")
     for name, j in rows:
         print(f"| {name} | {j['vertices']} | {j['rms']:.4f} | {j['rms_facets']:.4f} | {j['largest']:.3f} | {j['sigma']:.4f} | {j['over_sigma']:.2f} |")
     for method, m in merged.items():

@@ -1,4 +1,6 @@
-"""Bias and RMSE of the contour filters over the Kanatani-Cramer-Rao bound, drawn from the table of `contour_accuracy`.
+"""Plots bias and RMSE of the contour filters, relative to the Kanatani-Cramer-Rao bound.
+
+The input is the table printed by the example `contour_accuracy`.
 
     cargo run --release -p planish-contour --example contour_accuracy 300 radius > accuracy.csv
     python benches/peers/contours_plot.py docs/images/contour_accuracy.svg accuracy.csv [more.csv]
@@ -17,7 +19,7 @@ matplotlib.rcParams["svg.fonttype"] = "none"
 METHODS = {
     "ekf": ("EKF", "tab:red", "o"),
     "iekf": ("IEKF", "tab:orange", "x"),
-    "batch-uncorrected": ("batch, bias left in (ODR)", "tab:gray", "s"),
+    "batch-uncorrected": ("batch, bias not corrected (ODR)", "tab:gray", "s"),
     "batch": ("batch", "tab:blue", "D"),
     "nuiekf": ("NUIEKF", "tab:green", "^"),
     "batch-margin": ("batch, corner margin 2 σ", "tab:cyan", "v"),

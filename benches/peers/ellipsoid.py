@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""An ellipsoid about what the masks of a views.toml leave of space, as OBJ: the start of a fit to silhouettes alone.
+"""Writes an ellipsoid around the visual hull of the masks in a views.toml, as the start of a fit to silhouettes.
 
     python3 -m venv venv && venv/bin/pip install numpy pillow
     venv/bin/python benches/peers/real_contours.py TURNTABLES OUT
     venv/bin/python benches/peers/ellipsoid.py OUT/dinosaur.toml ball.obj [levels]
     target/release/planish shell fit ball.obj --silhouettes OUT/dinosaur.toml --controls 200 -o fitted.ply
 
-Views that are held out take no part. Space is cut into cells, those that fall into every mask are kept, and the ellipsoid has their mean and principal axes, with semi-axes of two of their standard deviations.
+Held-out views are not used. Space is divided into cells, and those that project into every mask are kept. The
+ellipsoid has the mean and the principal axes of these cells, with semi-axes of two standard deviations.
 """
 
 import pathlib
@@ -31,7 +32,7 @@ def main():
     levels = int(sys.argv[3]) if len(sys.argv) > 3 else 5
     views = [(projection(v), np.asarray(Image.open(folder.parent / v["mask"]).convert("L")) > job.get("mask_threshold", 127))
              for v in job["view"] if not v.get("held_out")]
-    # Where the axes of all views come nearest to one another, and how wide the things in their masks are there.
+    # The point nearest to the rays through the centres of all masks, and the width of the object there.
     lines, offsets, widths = np.zeros((3, 3)), np.zeros(3), []
     for p, mask in views:
         centre = -np.linalg.solve(p[:, :3], p[:, 3])

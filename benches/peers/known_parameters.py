@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Known (u, v): Planish beside G+Smo and FITPACK on Franke's function, in one run.
+"""Compares Planish with G+Smo and FITPACK on Franke's function with known (u, v), in one run.
 
     python3 -m venv venv && venv/bin/pip install numpy scipy pygismo
     cargo build --release
     venv/bin/python benches/peers/known_parameters.py [--sizes 100000,1000000,10000000] [--fitpack 1000000] [--smooth 1e-9]
 
-Every program fits 64 x 64 bicubic coefficients to the same samples of the unit square with sigma = 0.01. Planish finds the
-smoothness by restricted likelihood and gives the marginal sigma of every coefficient; G+Smo is given a smoothing weight and
-FITPACK none. The times of the peers are those of their own calls, on arrays in memory. For Planish there are two: `fit`, what
-its report says without reading and writing files, and `whole`, the command with both. RMSE is against the true function on a
-grid of 301 x 301 points. The weight of G+Smo is the best of a list, so that it cannot be blamed on us.
+Every program fits 64 x 64 bicubic coefficients to the same samples of the unit square with sigma = 0.01. Planish
+estimates the smoothness by restricted likelihood and computes the marginal sigma of every coefficient. G+Smo gets a
+smoothing weight and FITPACK none. The times of the peers are those of their own calls on arrays in memory. Planish has
+two times: `fit` from its report, without reading and writing files, and `whole` for the complete command. RMSE refers
+to the true function on a grid of 301 x 301 points. The weight of G+Smo is the best of a list, which favours G+Smo.
 """
 
 import argparse
@@ -71,7 +71,7 @@ def planish(program, path, folder):
 
 
 def control_grid(path):
-    """Control heights of a saved model, by the reader of safetensors that is in its specification."""
+    """Control heights of a saved model, read as the specification of safetensors describes."""
     with open(path, "rb") as f:
         length = int.from_bytes(f.read(8), "little")
         header = json.loads(f.read(length))
@@ -81,7 +81,7 @@ def control_grid(path):
 
 
 def rmse_of_control_grid(vertices, u, v):
-    """Uniform bicubic surface with n x n coefficients on the unit square, node by node along u."""
+    """RMSE of a uniform bicubic surface with n x n coefficients on the unit square, ordered along u."""
     n = int(round(len(vertices) ** 0.5))
     heights = vertices[:, 2].reshape(n, n)
     plan = vertices[:, 0].reshape(n, n)

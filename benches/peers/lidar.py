@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Ten million points of airborne lidar: the time and memory of `planish fit --shape sheet`.
+"""Measures time and memory of `planish fit --shape sheet` for ten million points of simulated airborne lidar.
 
     python3 -m venv venv && venv/bin/pip install numpy "laspy[lazrs]"
     cargo build --release
     venv/bin/python benches/peers/lidar.py [--points 10000000] [--laz]
 
-Writes a tile of 2 km by 2 km of made-up hills and valleys with sigma = 0.05 m, coordinates of a map, 2 points in 1,000 being gross errors of
-up to 30 m, fits it, and prints seconds, peak memory and the RMSE against the true heights. Wide as it is, the land has more shape than the
-default of 12,000 control vertices can follow: what is left of it counts as noise.
+Writes a tile of 2 km by 2 km with simulated hills and valleys, in map coordinates, with sigma = 0.05 m. Of 1,000
+points, 2 are outliers of up to 30 m. Then fits the tile and prints seconds, peak memory and the figures of the fit.
+The terrain has more shape than the default of 12,000 control vertices can follow. This unresolved shape counts as
+noise.
 """
 
 import argparse
@@ -26,7 +27,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 
 
 def height(x, y):
-    """Waves of many lengths, the shorter the lower."""
+    """A sum of waves; shorter ones are lower."""
     random = np.random.default_rng(5)
     z = np.full_like(x, 200.0)
     for k in range(24):

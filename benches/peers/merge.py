@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Ten range scans of the Stanford bunny merged: `planish merge` beside Open3D's Poisson reconstruction, in one run.
+"""Merges ten range scans of the Stanford bunny with `planish merge` and with Open3D's Poisson reconstruction.
 
     python3 -m venv venv && venv/bin/pip install numpy open3d     # Debian: apt install libusb-1.0-0 libgl1 libgomp1
     cargo build --release
     venv/bin/python benches/peers/merge.py SCANS/bun.conf [--depths 8]
 
-Distances in mm from every scan point to the mesh: mean, root mean square, 95 %, and the root mean square of all but the farthest thousandth, for a single stray point 79 mm off decides the other one. Poisson's mesh is also
-judged with as many triangles as ours has (quadric decimation). Seconds are those of the whole command for Planish, of normals and reconstruction for Open3D.
+Prints distances in mm from every scan point to the mesh: mean, root mean square and 95 % quantile. A single outlier at
+79 mm dominates the root mean square, so it is also printed without the farthest thousandth of the points. Poisson's
+mesh is also evaluated with the number of triangles of ours (quadric decimation). Seconds include the whole command for
+Planish, and normals and reconstruction for Open3D.
 """
 
 import argparse
@@ -48,15 +50,15 @@ def main():
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "whole.ply")
             start = time.perf_counter()
-            said = subprocess.run([chosen.program, "merge", chosen.conf, "--unit", "m", "--method", method, "-o", out, "--json", "--quiet"],
+            done = subprocess.run([chosen.program, "merge", chosen.conf, "--unit", "m", "--method", method, "-o", out, "--json", "--quiet"],
                                   capture_output=True, check=True)
             seconds = time.perf_counter() - start
-            triangles = json.loads(said.stdout)["triangles"]
+            triangles = json.loads(done.stdout)["triangles"]
             line(f"planish merge --method {method}", seconds, o3d.io.read_triangle_mesh(out), points)
     for depth in map(int, chosen.depths.split(",")):
         seconds, mesh = poisson(chosen.conf, depth)
         line(f"Open3D Poisson depth {depth}", seconds, mesh, points)
-        line("  with as many triangles as ours", seconds, mesh.simplify_quadric_decimation(triangles), points)
+        line("  with the number of triangles of ours", seconds, mesh.simplify_quadric_decimation(triangles), points)
 
 
 if __name__ == "__main__":

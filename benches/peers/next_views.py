@@ -1,6 +1,7 @@
-"""What `planish next --views` promises, against scans that are really taken from its poses.
+"""Compares the σ predicted by `planish next --views` with that after scans from the proposed poses.
 
-A freeform is scanned coarsely and fitted; views are proposed; rays are cast from them at the truth (by Open3D), with noise; the readings are added by `fit --update`. σ after that is compared with the promise.
+A freeform is scanned coarsely and fitted. `next` proposes views. Open3D casts rays from them at the true surface, noise
+is added, and `fit --update` adds the readings. The resulting σ is compared with the prediction.
 
     python benches/peers/next_views.py --out out [--planish target/release/planish] [--seeds 1 2 3]
 
@@ -33,7 +34,7 @@ def rotation(quaternion):
 
 
 def scan(scene, pose, rng):
-    """Readings of one view, in the sensor's frame."""
+    """Readings of one view in the frame of the sensor."""
     turn, place = rotation(pose["quaternion_xyzw"]), np.array(pose["translation"])
     shares = np.meshgrid(*[(np.arange(n) + 0.5) / n * 2 - 1 for n in RAYS])
     tangents = [np.tan(np.radians(0.5 * angle)) for angle in FOV_DEG]
@@ -65,27 +66,27 @@ def main():
 
     sensor = args.out / "camera.toml"
     sensor.write_text(f'unit = "mm"\nfov_deg = {list(FOV_DEG)}\nrays = {list(RAYS)}\nnear = {NEAR}\nfar = {FAR}\nmax_incidence_deg = {INCIDENCE_DEG}\nsigma_along = {SIGMA}\n')
-    print("| seed | largest σ before | promised | found | mean σ before | promised | found | readings promised | taken |")
+    print("| seed | largest σ before | predicted | actual | mean σ before | predicted | actual | readings predicted | actual |")
     print("|---" * 9 + "|")
     for seed in args.seeds:
         here = args.out / f"views-{seed}"
         planish("simulate", "scene", "scans", "--seed", seed, "--readings", 3000, "--views", 2, "--no-old-scanner", "--outliers", 0, "--probe-points", 0, "--out", here)
         planish("fit", here / "job.toml", "-o", here / "before.planish")
-        promised = planish("next", here / "before.planish", "--views", args.views, "--sensor", sensor, "-o", here / "views.toml")
+        predicted = planish("next", here / "before.planish", "--views", args.views, "--sensor", sensor, "-o", here / "views.toml")
         scene = o3d.t.geometry.RaycastingScene()
         scene.add_triangles(o3d.t.io.read_triangle_mesh(str(here / "truth.ply")))
         rng = np.random.default_rng(seed)
-        taken = 0
+        count = 0
         for entry in tomllib.loads((here / "views.toml").read_text())["scan"]:
             points = scan(scene, entry["pose"], rng)
-            taken += len(points)
+            count += len(points)
             np.savetxt(here / entry["file"], points, fmt="%.6f", comments="", header=f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\nend_header")
         planish("fit", here / "views.toml", "--update", here / "before.planish", "-o", here / "after.planish")
-        found = planish("next", here / "after.planish", "--count", 0, "--sigma", f"{SIGMA}mm")
+        actual = planish("next", here / "after.planish", "--count", 0, "--sigma", f"{SIGMA}mm")
         cells = []
         for which in ["worst_sigma", "mean_sigma"]:
-            cells += [f"{x:.4f}" for x in [promised[which]["before"], promised[which]["after"], found[which]["before"]]]
-        print(f"| {seed} | " + " | ".join(cells) + f" | {sum(v['readings'] for v in promised['views'])} | {taken} |")
+            cells += [f"{x:.4f}" for x in [predicted[which]["before"], predicted[which]["after"], actual[which]["before"]]]
+        print(f"| {seed} | " + " | ".join(cells) + f" | {sum(v['readings'] for v in predicted['views'])} | {count} |")
 
 
 if __name__ == "__main__":

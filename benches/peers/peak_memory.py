@@ -1,6 +1,8 @@
-"""Runs a command and says how much memory it took at most: a small process in between, since a child begins with the peak of who starts it.
+"""Runs a command and measures its peak memory.
 
-    python peak_memory.py FILE COMMAND...      writes the MB to FILE and ends as the command does
+A small process starts the command: a child begins with the peak of its parent, which would hide that of the command.
+
+    python peak_memory.py FILE COMMAND...      writes the peak in MB to FILE and exits with the status of the command
 """
 import os
 import subprocess
@@ -9,7 +11,7 @@ import tempfile
 
 
 def run(command):
-    """The command's standard output and its peak memory in MB; ends the script where the command fails."""
+    """Standard output of the command and its peak memory in MB. Ends the script if the command fails."""
     with tempfile.NamedTemporaryFile("r", suffix=".txt") as file:
         done = subprocess.run([sys.executable, "-S", __file__, file.name, *command], stdout=subprocess.PIPE)
         if done.returncode != 0:

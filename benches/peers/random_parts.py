@@ -1,8 +1,9 @@
-"""Random prismatic and cylindrical parts with their three views, for `solids.py`.
+"""Makes random prismatic and cylindrical parts with their three views, for `solids.py`.
 
-Needs cadquery-ocp-novtk and ezdxf. Each part is a block with blocks and cylinders along the axes added or cut, all dimensions multiples of half a
-unit, so that faces often touch. The views are Open Cascade's hidden-line removal, in millimetres, on the layers VISIBLE and HIDDEN; smooth
-edges are not drawn. Beside them: `NAME.step` and `NAME.truth.json` (volume, area, faces by kind). The same seed gives the same parts.
+Each part is a block to which blocks and cylinders along the axes are added or from which they are cut. All dimensions
+are multiples of half a unit, so that faces often touch. The views are made by Open Cascade's hidden-line removal, in
+millimetres, on the layers VISIBLE and HIDDEN, without smooth edges. `NAME.step` and `NAME.truth.json` (volume, area,
+faces by kind) are written, too. The same seed gives the same parts. Needs cadquery-ocp-novtk and ezdxf.
 
     python benches/peers/random_parts.py FOLDER 200 --seed 2
 """
@@ -56,7 +57,7 @@ def random_part(dice):
             span = [sorted((half(0, int(s)), half(0, int(s)))) for s in size]
             if any(b - a < 2 for a, b in span):
                 continue
-            # A step or a pocket: open to at least one side.
+            # A step or a pocket, open on at least one side.
             axis = dice.randrange(3)
             span[axis][dice.randrange(2)] = size[axis] if dice.random() < 0.5 else 0.0
             span[axis].sort()

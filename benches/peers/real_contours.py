@@ -1,4 +1,6 @@
-"""templeSparseRing and vgg_dinosaur as views.toml for `planish sense contours`: every few views are held out, and one of two views that stand in one place is left out.
+"""Writes the data sets templeSparseRing and vgg_dinosaur as views.toml for `planish sense contours`.
+
+Some views are held out. Of two views from the same position, only one is used.
 
     python benches/peers/real_contours.py FOLDER_OF_TURNTABLES OUT
 """
@@ -19,8 +21,8 @@ def write(name, views, held, head):
     with open(OUT / name, "w") as file:
         file.write(head)
         for k, (view, mask, camera) in enumerate(views):
-            judge = "held_out = true\n" if k in held else ""
-            file.write(f'\n[[view]]\nname = "{view}"\nmask = "{mask}"\n{judge}{camera}\n')
+            held_out = "held_out = true\n" if k in held else ""
+            file.write(f'\n[[view]]\nname = "{view}"\nmask = "{mask}"\n{held_out}{camera}\n')
 
 
 def temple():

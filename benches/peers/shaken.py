@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Scans of a VRIP list, shaken: how near `planish fit --align` brings them back.
+"""Measures how well `planish fit --align` restores perturbed poses of the scans in a VRIP list.
 
     python3 -m venv venv && venv/bin/pip install numpy
     cargo build --release
     venv/bin/python benches/peers/shaken.py bun.conf --unit m --move 0.002 --turn 1
 
-Every scan but the first is turned by an angle about a random axis through the middle of the list's scans, and moved along a random direction.
-Printed is, seed by seed, the rms of the fit beside that of the list as it is, and how far each pose is from the one that `--align` finds without
-shaking: in length, in degrees, and in standard deviations of both fits together (the root of a mean square of six).
+Every scan but the first is rotated about a random axis through the centre of the scans, and moved in a random
+direction. For each seed, the script prints the rms of the fit with that of the unperturbed list, and the difference of
+each pose from the one that `--align` estimates without perturbation: in length, in degrees, and in standard deviations
+of both fits (root mean square over six parameters).
 """
 
 import argparse
@@ -30,7 +31,7 @@ def rotation(x, y, z, w):
 
 
 def quaternion(r):
-    """The eigenvector of the greatest eigenvalue (Bar-Itzhack 2000)."""
+    """The quaternion of a rotation: the eigenvector of the largest eigenvalue (Bar-Itzhack 2000)."""
     (a, b, c), (d, e, f), (g, h, i) = r
     k = np.array([
         [a - e - i, b + d, c + g, h - f],
@@ -51,7 +52,7 @@ def turn(omega):
 
 
 def shaken(lines, folder, center, rng, move, angle):
-    """The list with other poses: a list's rotation is the inverse of its quaternion's."""
+    """The lines of the list with perturbed poses. The rotation of a list is the inverse of that of its quaternion."""
     first = True
     for line in lines:
         parts = line.split()
@@ -74,7 +75,7 @@ def fit(program, conf, out, more):
 
 
 def difference(a, b):
-    """How far two estimates of a pose are apart: length, degrees, standard deviations."""
+    """Difference of two estimates of a pose: length, degrees, standard deviations."""
     ra, rb = rotation(*a["quaternion_xyzw"]), rotation(*b["quaternion_xyzw"])
     by = ra @ rb.T
     omega = np.array([by[2, 1] - by[1, 2], by[0, 2] - by[2, 0], by[1, 0] - by[0, 1]]) / 2
@@ -106,11 +107,11 @@ def main():
             with open(conf, "w") as f:
                 f.write("\n".join(shaken(lines, source, np.array(chosen.center), rng, chosen.move, np.radians(chosen.turn))) + "\n")
             left, found = fit(chosen.program, conf, out, more), fit(chosen.program, conf, out, ["--align", *more])
-            print(f"seed {seed}: rms {left['rms']:.4g} as shaken, {found['rms']:.4g} aligned ({found['rms'] / plain['rms'] - 1:+.1%} of the list)")
+            print(f"seed {seed}: rms {left['rms']:.4g} perturbed, {found['rms']:.4g} aligned ({found['rms'] / plain['rms'] - 1:+.1%} of the list)")
             for a, b in zip(found["poses"], still["poses"]):
                 if a.get("covariance"):
                     length, degrees, sigmas = difference(a, b)
-                    print(f"    {a['scan']:<14} moved {a['moved']:.3g}, back within {length:.2e} and {degrees:.4f} degrees: {sigmas:.2f} sigma")
+                    print(f"    {a['scan']:<14} moved {a['moved']:.3g}, remaining difference {length:.2e} and {degrees:.4f} degrees: {sigmas:.2f} sigma")
 
 
 if __name__ == "__main__":

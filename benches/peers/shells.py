@@ -1,12 +1,16 @@
-"""Shells beside peers: natural-neighbour weights (natinterp3d) and distances to a mesh (Open3D's RaycastingScene).
+"""Compares shells with peers: natural-neighbour weights (natinterp3d) and distances to a mesh (Open3D).
 
     pip install natinterp3d open3d numpy
     python3 benches/peers/shells.py
     python3 benches/peers/shells.py FOLDER
 
-With a folder: the table of deformations (`cargo run --example deformations`, which writes its ball, points and truth there), and Open3D's as-rigid-as-possible deformation at the same task.
-The same tasks as `cargo bench -p planish-shell --bench shell`, which it runs first: 50 000 places under 200 controls, and 200 000 places near a ball of 20 480 facets. Peers that are not there are left out.
-Open3D gives a distance without a sign and no gradient; natinterp3d has no corners to stand in for a hull, so that places outside of the hull of its controls are counted apart.
+The tasks are those of `cargo bench -p planish-shell --bench shell`, which runs first: 50 000 points under 200 controls,
+and 200 000 points near a ball of 20 480 facets. Missing peers are skipped. Open3D computes a distance without sign and
+gradient. natinterp3d has no bounding box of additional controls, so points outside the hull of the controls are counted
+separately.
+
+With a folder, the script prints the table of deformations instead (`cargo run --example deformations` writes the ball,
+the points and the truth there), and runs Open3D's as-rigid-as-possible deformation on the same task.
 """
 
 import os
@@ -56,20 +60,20 @@ def weights():
     try:
         import natinterp3d
     except ImportError:
-        print("natinterp3d is not there")
+        print("natinterp3d is not installed")
         return
     random = np.random.default_rng(1)
     controls, places = random.uniform(-1, 1, (200, 3)), random.uniform(-1, 1, (50_000, 3))
-    found = clocked("natinterp3d: weights of 50 000 places under 200 controls", lambda: natinterp3d.get_weights(places, controls, parallel=True))
+    found = clocked("natinterp3d: weights of 50 000 points under 200 controls", lambda: natinterp3d.get_weights(places, controls, parallel=True))
     off = np.linalg.norm(np.asarray(found @ controls) - places, axis=1)
-    print(f"  weighted mean of controls off by more than 1e-6: {np.mean(off > 1e-6):.1%} of places (outside of the hull), median of these {np.median(off[off > 1e-6]):.2g}")
+    print(f"  error of the weighted mean of controls above 1e-6: {np.mean(off > 1e-6):.1%} of the points (outside the hull), their median {np.median(off[off > 1e-6]):.2g}")
 
 
 def distances():
     try:
         import open3d
     except ImportError:
-        print("open3d is not there")
+        print("open3d is not installed")
         return
     points, faces = icosphere(5)
     scene = open3d.t.geometry.RaycastingScene(THREADS)
@@ -78,16 +82,19 @@ def distances():
     places = random.uniform(-1, 1, (200_000, 3))
     places *= (random.uniform(0.99, 1.01, 200_000) / np.linalg.norm(places, axis=1))[:, None]
     query = open3d.core.Tensor(places.astype(np.float32))
-    clocked(f"Open3D: distances of 200 000 places from {len(faces)} facets", lambda: scene.compute_distance(query).numpy())
-    clocked("Open3D: the same with a sign", lambda: scene.compute_signed_distance(query).numpy())
+    clocked(f"Open3D: distances of 200 000 points from {len(faces)} facets", lambda: scene.compute_distance(query).numpy())
+    clocked("Open3D: the same with sign", lambda: scene.compute_signed_distance(query).numpy())
 
 
 def arap(folder, rounds=15, handles=60):
-    """The ball of `--example deformations` moved by Open3D's as-rigid-as-possible deformation: handles go to the median of what points lie nearest to them, round after round."""
+    """Deforms the ball of `--example deformations` by Open3D's as-rigid-as-possible deformation.
+
+    In every round, each handle moves to the median of the points nearest to it.
+    """
     try:
         import open3d
     except ImportError:
-        print("open3d is not there")
+        print("open3d is not installed")
         return
 
     def tree_of(places):
@@ -110,7 +117,8 @@ def arap(folder, rounds=15, handles=60):
             here = np.asarray(moved.vertices)
             moved.compute_vertex_normals()
             normals = np.asarray(moved.vertex_normals)[chosen]
-            # Along the normal only: where along the surface a handle is nothing tells. Medians leave out gross errors.
+            # Along the normal only, because points do not determine a position along the surface. Medians reject
+            # outliers.
             steps = []
             for handle, n in zip(here[chosen], normals):
                 _, which, squares = tree.search_knn_vector_3d(handle, 30)

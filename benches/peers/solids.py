@@ -1,7 +1,8 @@
-"""Solids from three views: every drawing of a folder, judged by Open Cascade.
+"""Makes solids from every drawing of a folder and checks them with Open Cascade.
 
-Needs cadquery-ocp-novtk. A part is solved where the first solid is valid, has the truth's volume to 1e-6 relative, and as many faces of each kind. Volumes are
-integrated to 1e-9: by a fixed number of points, as Open Cascade does by default, that of a part of a torus is off by up to 1e-5.
+A part counts as solved if the first solid is valid, has the true volume within 1e-6 (relative), and the true number of
+faces of each kind. Volumes are integrated to 1e-9. With the fixed number of points that Open Cascade uses by default,
+the volume of a part of a torus has an error of up to 1e-5. Needs cadquery-ocp-novtk.
 
     python benches/peers/solids.py target/release/planish ../shared/data/drawings
 """
@@ -41,39 +42,39 @@ def run(planish, folder, name):
         except subprocess.TimeoutExpired:
             return time.perf_counter() - begun, {"error": {"message": "no answer within 60 s"}}, (False, 0.0)
         seconds = time.perf_counter() - begun
-        said = json.loads(done.stdout) if done.stdout.strip() else {"error": {"message": done.stderr.strip()}}
-        return seconds, said, judge(out) if out.exists() else (False, 0.0)
+        report = json.loads(done.stdout) if done.stdout.strip() else {"error": {"message": done.stderr.strip()}}
+        return seconds, report, judge(out) if out.exists() else (False, 0.0)
 
 
-def reason(said, kinds):
-    if said.get("error"):
-        return said["error"]["message"][-110:]
-    if said.get("unexplained"):
-        first = said["unexplained"][0]
+def reason(report, kinds):
+    if report.get("error"):
+        return report["error"]["message"][-110:]
+    if report.get("unexplained"):
+        first = report["unexplained"][0]
         return f"{first['view']} view, {first['entity'] or 'a missing line'}: {first['why']}"
     return f"faces {kinds}"
 
 
 def main():
     planish, folder = sys.argv[1], pathlib.Path(sys.argv[2])
-    print("| part | faces | solved | valid | volume off | solids | unexplained | s | why not |")
+    print("| part | faces | solved | valid | volume error | solids | unexplained | s | reason |")
     print("|---|---|---|---|---|---|---|---|---|")
     solved_plain = plain = 0
     for path in sorted(folder.glob("*.truth.json")):
         truth = json.loads(path.read_text())
         name = truth["name"]
-        seconds, said, (valid, volume) = run(planish, folder, name)
-        found = said.get("solutions") or []
+        seconds, report, (valid, volume) = run(planish, folder, name)
+        found = report.get("solutions") or []
         off = abs(volume / truth["volume"] - 1.0)
         kinds = {k: n for k, n in found[0]["faces"].items() if n} if found else {}
         solved = bool(found) and valid and off < 1e-6 and kinds == truth["faces"]
         if set(truth["faces"]) <= {"plane", "cylinder"}:
             plain += 1
             solved_plain += solved
-        why = "" if solved else reason(said, kinds)
+        why = "" if solved else reason(report, kinds)
         faces = " ".join(f"{n} {k}" for k, n in truth["faces"].items())
         row = [name, faces, "yes" if solved else "no", "yes" if valid else "no", f"{off:.1e}" if found else "–"]
-        row += [len(found), len(said.get("unexplained") or []), f"{seconds:.3f}", why]
+        row += [len(found), len(report.get("unexplained") or []), f"{seconds:.3f}", why]
         print("| " + " | ".join(str(c) for c in row) + " |", flush=True)
     print(f"\nOf {plain} parts with planes and cylinders only, {solved_plain} are solved.")
 

@@ -1,4 +1,4 @@
-"""The STEP files that the reader's tests hold, made by Open Cascade, with the area and volume of each in mm² and mm³.
+"""Makes the STEP files of the reader's tests with Open Cascade, and prints area and volume in mm² and mm³.
 
 Needs cadquery-ocp.
 
@@ -50,7 +50,7 @@ def measured(shape):
 
 
 def write(shape, path, unit="MM"):
-    """Edges as curves in space alone: the reader finds where they lie on the surface."""
+    """Writes edges as curves in space only, so that a reader has to find their position on the surface."""
     writer = STEPControl_Writer()
     Interface_Static.SetCVal_s("write.step.unit", unit)
     Interface_Static.SetIVal_s("write.precision.mode", 0)
@@ -91,7 +91,7 @@ def placed(at, angle=0.0, axis=UP):
 
 
 def rounded_box():
-    """Planes, quarter cylinders, eighths of balls, and a bore."""
+    """A box with rounded edges and corners, and a bore."""
     box = BRepPrimAPI_MakeBox(40.0, 30.0, 20.0).Shape()
     rounding = BRepFilletAPI_MakeFillet(box)
     for edge in edges(box):
@@ -100,7 +100,7 @@ def rounded_box():
 
 
 def turned():
-    """Whole balls and rings with their seams and poles, a cone to its tip, and pieces of each."""
+    """Complete balls and tori with seams and poles, a cone up to its tip, and pieces of each."""
     ball = BRepPrimAPI_MakeSphere(10.0).Shape()
     upright = gp_Ax2(ORIGIN, UP)
     parts = [
@@ -117,7 +117,7 @@ def turned():
 
 
 def sheet():
-    """A B-spline through eight arcs, trimmed by one cylinder and pierced by another."""
+    """A B-spline through eight arcs, trimmed by a cylinder and pierced by another."""
     through = BRepOffsetAPI_ThruSections(False, False)
     for i in range(1, 9):
         middle = gp_Pnt(10 * i, 35, -40 + 6 * math.sin(0.9 * i))
@@ -129,7 +129,7 @@ def sheet():
 
 
 def swept():
-    """Faces that an arc of an ellipse, an ellipse and a line sweep."""
+    """Faces swept by an arc of an ellipse, an ellipse and a line."""
     upright = gp_Ax1(ORIGIN, UP)
     arc = BRepBuilderAPI_MakeEdge(gp_Elips(gp_Ax2(gp_Pnt(12, 0, 10), gp_Dir(0, 1, 0)), 9.0, 3.0), 0.3, 2.6).Edge()
     ellipse = BRepBuilderAPI_MakeEdge(gp_Elips(gp_Ax2(gp_Pnt(30, 0, 0), UP), 9.0, 3.0)).Edge()
@@ -144,7 +144,7 @@ def swept():
 
 
 def write_assembly(path):
-    """A block twice in an assembly, and that twice in another."""
+    """Two blocks in an assembly, which occurs twice in another one."""
     document = TDocStd_Document(TCollection_ExtendedString("assembly"))
     XCAFApp_Application.GetApplication_s().NewDocument(TCollection_ExtendedString("MDTV-XCAF"), document)
     tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())

@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""Dense stereo and photometric normals on real data with known truth: Planish beside OpenCV's StereoSGBM in one run.
+"""Compares Planish with OpenCV's StereoSGBM on stereo pairs with ground truth, and evaluates photometric normals.
 
     pip install numpy scipy opencv-python-headless
     python benches/peers/stereo.py target/release/planish ../shared/data [PICTURES]
 
-A pixel counts where the truth is known and both cameras see it: by the mask of `cones`, and for `aloe` where nothing nearer falls on the same pixel
-of the right image. Bad is an error of more than one pixel. OpenCV looks for no match in the left columns that have less than the whole range of
-disparities, so its pictures are continued to the left by that range. Whether sigma ranks the errors is told by the errors of each tenth of
-the pixels by sigma, by Spearman's rank correlation, and by the area between the curve of bad pixels when those of the largest sigma are left out first and the
-best such curve (AUSE; beside it that of a random order). The truth of `aloe` is in whole pixels, so errors below half a pixel say nothing there.
-With a folder PICTURES, disparities, sigma and errors are drawn there.
+Only pixels with known truth that both cameras see are counted: by the mask of `cones`, and for `aloe` if no nearer
+point falls on the same pixel of the right image. A pixel is bad if its error exceeds one pixel. OpenCV does not match
+the left columns, where the range of disparities is incomplete, so its images are padded on the left by this range.
+
+Three figures show whether sigma predicts the errors: the errors of each tenth of the pixels, ordered by sigma;
+Spearman's rank correlation; and AUSE, the area between the curve of bad pixels with the largest sigma removed first and
+the best such curve, also for a random order. The truth of `aloe` has whole pixels, so errors below half a pixel have no
+meaning there. With a folder PICTURES, images of disparities, sigma and errors are written.
 """
 
 import pathlib
@@ -27,7 +29,7 @@ RANGE = {"cones": 64, "aloe": 224}
 
 
 def seen_by_both(truth):
-    """Pixels that no nearer one hides in the right image."""
+    """Pixels that are not hidden by nearer ones in the right image."""
     rows, columns = truth.shape
     y, x = np.nonzero(truth > 0)
     there = np.round(x - truth[y, x]).astype(int)
@@ -58,7 +60,8 @@ def judge(name, seconds, disparity, truth, counted):
     return known, error
 
 
-def left_out(bad, order):
+def sparsification(bad, order):
+    """Share of bad pixels if a growing share at the end of the order is removed."""
     shares = np.linspace(0, 0.99, 100)
     return np.array([np.mean(bad[order[: int(len(bad) * (1 - s))]]) for s in shares]), shares
 
@@ -70,8 +73,8 @@ def ranking(sigma, error):
         e, s = error[part], sigma[part]
         print(f"    {s.mean():6.3f} {np.sqrt(np.mean(e**2)):7.3f} {np.median(e):7.3f} {np.mean(e > 1):7.2%} {np.mean(e < 1.96 * s):7.2%}")
     bad = error > 1
-    by_sigma, shares = left_out(bad, order)
-    best, _ = left_out(bad, np.argsort(error, kind="stable"))
+    by_sigma, shares = sparsification(bad, order)
+    best, _ = sparsification(bad, np.argsort(error, kind="stable"))
     area = np.trapezoid(by_sigma - best, shares)
     random = np.mean(bad) * 0.99 - np.trapezoid(best, shares)
     print(f"  Spearman {spearmanr(sigma, error)[0]:.3f}   AUSE of bad pixels {area:.5f} (random order {random:.5f})   within 1.96 sigma {np.mean(error < 1.96 * sigma):.1%}")
@@ -92,8 +95,8 @@ def opencv(left, right, count, block):
 
 
 def draw(folder, name, disparity, sigma, truth):
-    def coloured(values, most):
-        shade = cv2.applyColorMap(np.uint8(np.clip(np.nan_to_num(values) / most, 0, 1) * 255), cv2.COLORMAP_VIRIDIS)
+    def coloured(values, maximum):
+        shade = cv2.applyColorMap(np.uint8(np.clip(np.nan_to_num(values) / maximum, 0, 1) * 255), cv2.COLORMAP_VIRIDIS)
         shade[~np.isfinite(values)] = 0
         return shade
 
@@ -103,7 +106,7 @@ def draw(folder, name, disparity, sigma, truth):
 
 
 def sphere(planish, data, folder):
-    """The grey ball's normals against the sphere of its mask."""
+    """Compares the normals of the grey ball with those of the sphere given by its mask."""
     for name in ("gray", "chrome"):
         with tarfile.open(data / f"normals/uw_psm/psm_{name}.tgz") as archive:
             archive.extractall(folder, filter="data")
@@ -115,7 +118,7 @@ def sphere(planish, data, folder):
     mask = folder / "gray/gray.mask.tga"
     subprocess.run([planish, "sense", "photometric", *images, "--mask", mask, "--calib", calibration, "-o", out, "--quiet"], check=True)
     found = np.load(out)
-    # An uncompressed TGA of 24 bits whose rows run upwards.
+    # An uncompressed TGA file of 24 bits with rows from the bottom to the top.
     raw = mask.read_bytes()
     columns, rows = raw[12] | raw[13] << 8, raw[14] | raw[15] << 8
     inside = np.frombuffer(raw[18 + raw[0] :][: columns * rows * 3], np.uint8).reshape(rows, columns, 3)[::-1, :, 0] > 128

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Ten range scans of the Stanford bunny: Planish beside Open3D's Poisson reconstruction, in one run.
+"""Fits ten range scans of the Stanford bunny with Planish and with Open3D's Poisson reconstruction.
 
     python3 -m venv venv && venv/bin/pip install numpy open3d     # Debian: apt install libusb-1.0-0 libgl1 libgomp1
     cargo build --release
     venv/bin/python benches/peers/surface.py SCANS/bun.conf REFERENCE/bun_zipper.ply [--depths 8,9]
 
-Both get the same scans with their poses. Open3D is given normals of thirty neighbours within each scan, turned to the scanner; its time is that of normals and reconstruction, on points in memory. That of Planish is the whole command, files read
-and written; it gives a spline surface with its covariance and a mesh of it, Open3D a mesh. Distances in mm, from every third scan point and from every vertex of
-the reference to the mesh.
+Both get the same scans with their poses. For Open3D, normals are estimated from thirty neighbours within each scan and
+oriented towards the scanner. Its time includes normals and reconstruction of points in memory. The time of Planish is
+that of the whole command with its files. Planish computes a spline surface with its covariance and a mesh, Open3D only
+a mesh. Distances are in mm, from every third scan point and from every vertex of the reference to the mesh.
 """
 
 import argparse
@@ -26,7 +27,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 
 
 def rotation(x, y, z, w):
-    """Of a quaternion as VRIP's .conf files write it: its inverse is meant."""
+    """Rotation of a quaternion in a VRIP .conf file, which contains the inverse."""
     w = -w
     return np.array(
         [
@@ -38,7 +39,7 @@ def rotation(x, y, z, w):
 
 
 def scans(conf):
-    """Points of every scan in the world and where each was seen from."""
+    """Points of every scan, with the rotation and translation of its pose."""
     for line in open(conf):
         words = shlex.split(line)
         if words and words[0] == "bmesh":
@@ -91,7 +92,7 @@ def main():
     arguments.add_argument("conf")
     arguments.add_argument("reference")
     arguments.add_argument("--depths", default="8,9")
-    arguments.add_argument("--coefficients", default="12000,40000", help="the most control vertices for Planish")
+    arguments.add_argument("--coefficients", default="12000,40000", help="maximum numbers of control vertices for Planish")
     arguments.add_argument("--program", default=os.path.join(ROOT, "target", "release", "planish"))
     chosen = arguments.parse_args()
     print(platform.machine(), os.cpu_count(), "cores; open3d", o3d.__version__, ";",
@@ -99,9 +100,9 @@ def main():
     readings = np.concatenate([p @ turn.T + shift for p, turn, shift in scans(chosen.conf)])[::3]
     reference = np.asarray(o3d.io.read_point_cloud(chosen.reference).points)
     print(f"{'program':<24} {'seconds':>8} {'cpu s':>7} {'triangles':>10}  distance in mm, median / 95 % / rms, of readings; of the reference's vertices")
-    for most in map(int, chosen.coefficients.split(",")):
+    for maximum in map(int, chosen.coefficients.split(",")):
         with tempfile.TemporaryDirectory() as folder:
-            seconds, mesh, report, usage = planish(chosen.program, chosen.conf, most, folder)
+            seconds, mesh, report, usage = planish(chosen.program, chosen.conf, maximum, folder)
         cpu = usage.ru_utime + usage.ru_stime
         name = f"planish ({report['coefficients']} nodes)"
         print(f"{name:<24} {seconds:>8.2f} {cpu:>7.1f} {len(mesh.triangles):>10}  {distances(mesh, readings)}; {distances(mesh, reference)}", flush=True)

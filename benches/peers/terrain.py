@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Pictures of terrain: hillshade with contours and the map of sigma, from what `planish fit --ground -o dem.tif` wrote.
+"""Draws a hillshade with contours and a map of sigma from a raster of `planish fit --ground -o dem.tif`.
 
     pip install numpy rasterio matplotlib
     planish fit tile.laz --ground -o dem.tif
@@ -22,11 +22,11 @@ def main():
     with rasterio.open(path) as raster:
         height, sigma = raster.read(masked=True).astype(float)
         bounds, cell, unit = raster.bounds, raster.transform.a, raster.units[0]
-    # Axes count from the corner: seven digits before the point do not fit under a picture.
+    # Axes start at the corner, because map coordinates with seven digits do not fit under the picture.
     west, south = np.floor(bounds.left), np.floor(bounds.bottom)
     extent = [bounds.left - west, bounds.right - west, bounds.bottom - south, bounds.top - south]
     filled = height.filled(np.nan)
-    # Steep country as it is, level country exaggerated until it shows.
+    # Flat terrain is exaggerated until its relief is visible; steep terrain is not.
     slope = np.hypot(*np.gradient(filled, cell))
     exaggeration = float(np.clip(0.4 / np.nanquantile(slope, 0.9), 0.5, 8))
     low, high = np.nanquantile(filled, [0.01, 0.99])
@@ -49,7 +49,7 @@ def main():
         sigma.filled(np.nan), cmap="viridis", extent=extent, norm="log", vmin=float(np.quantile(known, 0.01)), vmax=float(known.max())
     )
     figure.colorbar(shown, ax=right, shrink=0.7, label=f"sigma of the height, {unit}")
-    right.set_title("how well it is known")
+    right.set_title("sigma of the height")
     for axes in (left, right):
         axes.set(xlabel=f"east of {west:.0f}, {unit}", ylabel=f"north of {south:.0f}, {unit}", aspect="equal")
     figure.savefig(picture, dpi=90)

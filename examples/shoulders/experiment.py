@@ -1,11 +1,19 @@
-"""Neck and shoulders of a person from stereo alone, and from stereo and outlines, with the truth known.
+"""Reconstructs neck and shoulders of a simulated person from stereo points, and from stereo points and outlines.
 
     python3 experiment.py PLANISH person.obj FOLDER [--same-controls]
 
-After S. Ilic and P. Fua, *From explicit to implicit surfaces for visualization, animation and modeling*, figure 4, with a simulated person in the place of a video. Comes in: the command, and the person of make.py. Goes out, in FOLDER: the truth (the person deformed by a pose file), points as stereo pairs see them, views.toml with masks, both fits, a table, and overlays.png.
-Stereo: places that two neighbouring cameras see. σ along the line of sight is SIGMA / cos² of the angle at which the surface is seen, a tenth of it across, and stated so; beyond 70° nothing is matched, and one point of twenty is anywhere nearby.
-The truth is posed by 120 control points, and 40 others are fitted. With --same-controls the truth is posed by 40, and these are fitted: what is then wrong is not that controls cannot follow the truth.
-Needs numpy, scipy and matplotlib.
+This follows figure 4 of S. Ilic and P. Fua, *From explicit to implicit surfaces for visualization, animation and
+modeling*, with a simulated person instead of a video. Input: the command, and the person made by make.py. Output in
+FOLDER: the ground truth (the person deformed by a pose file), points of stereo pairs, views.toml with masks, both fits,
+a table, and overlays.png.
+
+Stereo points are visible to two neighbouring cameras. Their σ along the line of sight is SIGMA / cos² of the angle of
+incidence, a tenth of this across, and stated correctly. Surfaces beyond 70° are not matched, and one point of twenty is
+an outlier.
+
+The truth is posed by 120 control points, and 40 others are fitted. With --same-controls, the truth is posed by 40
+control points, and the same are fitted. The remaining error is then not unresolved shape of the controls. Needs numpy,
+scipy and matplotlib.
 """
 
 import json
@@ -20,13 +28,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial import cKDTree
 
+# σ of stereo points that are seen at a right angle, in the unit of the mesh.
 SIGMA = 0.15
 POINTS = 4000
 SIZE = (480, 480)
 FOCAL = 900.0
-FAR = 110.0
+DISTANCE = 110.0
 DEGREES = [-50, -30, -10, 10, 30, 50]
-LAST_DEGREES = 70.0
+MAX_INCIDENCE_DEGREES = 70.0
 
 TRUTH = """controls = %d
 blend = 6.8
@@ -66,7 +75,7 @@ def read_obj(path):
 
 
 def read_ply(path):
-    """Columns of a binary PLY of float64 and bytes."""
+    """Vertex columns of a binary PLY file with float64, float32 and bytes."""
     data = open(path, "rb").read()
     end = data.index(b"end_header\n") + 11
     kinds, count = [], 0
@@ -87,11 +96,11 @@ def cameras(middle):
         right = np.cross(forward, [0, 1, 0])
         right /= np.linalg.norm(right)
         r = np.stack([right, np.cross(forward, right), forward])
-        yield np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]]), r, -r @ (middle - FAR * forward)
+        yield np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]]), r, -r @ (middle - DISTANCE * forward)
 
 
 def depths(points, faces, camera):
-    """The nearest triangle of each pixel and its depth."""
+    """Depth and index of the nearest triangle in each pixel."""
     k, r, t = camera
     inside = points @ r.T + t
     seen = inside @ k.T
@@ -122,7 +131,7 @@ def normals_of(points, faces):
 
 
 def sees(place, depth, camera):
-    """Whether a camera sees places, and where."""
+    """For each point, whether a camera sees it. Depths are rounded to pixels, hence the tolerance."""
     k, r, t = camera
     inside = place @ r.T + t
     pixel = inside @ k.T
@@ -134,7 +143,7 @@ def sees(place, depth, camera):
 
 
 def from_triangles(p, a, b, c):
-    """Distance of each place from its triangle."""
+    """Distance of each point from the triangle with the same index."""
     n = np.cross(b - a, c - a)
     n /= np.linalg.norm(n, axis=1)[:, None] + 1e-30
     height = ((p - a) * n).sum(axis=1)
@@ -183,10 +192,10 @@ def simulate(planish, person, folder, controls):
         toward = eye - place
         toward /= np.linalg.norm(toward, axis=1)[:, None]
         cosine = (toward * normal).sum(axis=1)
-        ok = cosine > np.cos(np.radians(LAST_DEGREES))
+        ok = cosine > np.cos(np.radians(MAX_INCIDENCE_DEGREES))
         for k, camera in enumerate(two):
             ok &= sees(place, drawn[pair + k], camera)
-        # Pixels are even in the picture: a place counts as it is seen.
+        # Stereo points have uniform density in the image, so the density on the surface follows the cosine.
         ok &= random.random(len(place)) < cosine
         for k in random.choice(np.flatnonzero(ok), POINTS // (len(views) - 1), replace=False):
             u = toward[k]
@@ -205,9 +214,9 @@ def fits(planish, person, folder, same):
         arguments = [planish, "shell", "fit", person, "--points", folder / "stereo.csv", "--rigid", "head", "--blend", "6.8"]
         arguments += ["--controls-file", folder / "controls.csv"] if same else ["--controls", "40"]
         arguments += ["--outline-step", "8", "-o", folder / f"{name}.ply", "-o", folder / f"{name}.obj", "--json", *more]
-        said = subprocess.run(arguments, check=True, capture_output=True, text=True)
-        (folder / f"{name}.json").write_text(said.stdout)
-        report = json.loads(said.stdout)
+        done = subprocess.run(arguments, check=True, capture_output=True, text=True)
+        (folder / f"{name}.json").write_text(done.stdout)
+        report = json.loads(done.stdout)
         print(name, "took %.1f s," % report["seconds"], {key: report.get(key) for key in ("lack_of_fit", "points", "outlines", "sigma")})
 
 
@@ -220,36 +229,36 @@ def table(person, folder):
     dense, of = sampled(points, faces, 600_000, random)
     normal = normals_of(points, faces)
     tree = cKDTree(dense)
-    # How straight the straightest pair sees each vertex.
+    # Largest cosine of incidence among the cameras that see a vertex.
     own = np.zeros_like(points)
     for k in range(3):
         np.add.at(own, faces[:, k], normal)
     own /= np.linalg.norm(own, axis=1)[:, None] + 1e-30
-    straight = np.full(len(points), -1.0)
+    max_cosine = np.full(len(points), -1.0)
     for view, depth in zip(views, drawn):
         toward = -view[1].T @ view[2] - points
         toward /= np.linalg.norm(toward, axis=1)[:, None]
         cosine = np.where(sees(points, depth, view), (toward * own).sum(axis=1), -1.0)
-        straight = np.maximum(straight, cosine)
+        max_cosine = np.maximum(max_cosine, cosine)
     head = np.zeros(len(points), bool)
     head[faces[groups == "head"]] = True
     in_view = points[:, 1] > -33
     body = ~head & in_view
     regions = [
-        ("head (rigid)", head & (straight > 0.34)),
-        ("neck and shoulders, seen within 45°", body & (straight >= 0.71)),
-        ("the same, 45° to 70°", body & (straight >= 0.34) & (straight < 0.71)),
-        ("the same, beyond 70° or not seen", body & (straight < 0.34)),
+        ("head (rigid)", head & (max_cosine > 0.34)),
+        ("neck and shoulders, seen within 45°", body & (max_cosine >= 0.71)),
+        ("the same, 45° to 70°", body & (max_cosine >= 0.34) & (max_cosine < 0.71)),
+        ("the same, beyond 70° or not seen", body & (max_cosine < 0.34)),
     ]
     print("\n| where on the truth | vertices | start | points alone | covered | points and outlines | covered |\n|---|---|---|---|---|---|---|")
     found = {name: read_ply(folder / f"{name}.ply") for name in ("points", "both")}
 
     def off(p):
-        """Distances from the triangles that the nearest samples are of."""
-        least = np.full(len(p), np.inf)
+        """Distances from the triangles of the nearest samples."""
+        nearest = np.full(len(p), np.inf)
         for near in tree.query(p, k=8)[1].T:
-            least = np.minimum(least, from_triangles(p, *(points[faces[of[near], k]] for k in range(3))))
-        return least
+            nearest = np.minimum(nearest, from_triangles(p, *(points[faces[of[near], k]] for k in range(3))))
+        return nearest
 
     for name, where in regions:
         cells = [name, str(where.sum()), "%.3f" % np.sqrt((off(start[where]) ** 2).mean())]

@@ -1,11 +1,11 @@
-"""A head with neck and shoulders, and a file of poses that raises both of them.
+"""Makes a head with neck and shoulders, and a pose file that raises both shoulders.
 
     python3 make.py HEAD.obj FOLDER
     planish shell pose FOLDER/person.obj --poses FOLDER/poses.toml -o FOLDER/posed.glb
 
-Comes in: the head of ICT FaceKit (its licence stays in the OBJ's header). Goes out: person.obj, with the parts `head`, `collar` (the rest of the file's mesh) and `body`, and poses.toml.
-The body is swept: ellipses from the neck, which reaches into the head, over the shoulders down to the chest. It need not be joined to the head: shells ask for no clean mesh.
-Needs numpy.
+Input: the head of ICT FaceKit, whose licence stays in the header of the OBJ file. Output: poses.toml, and person.obj with
+the parts `head`, `collar` (the rest of the input mesh) and `body`. The body is swept by ellipses from the neck, which
+reaches into the head, to the chest. It is not joined to the head, because shells do not need a clean mesh. Needs numpy.
 """
 
 import sys
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-# Where the head ends, as a share of the height of the file's mesh.
+# Height of the neck, relative to the height of the input mesh.
 NECK = 0.3
 
 
@@ -40,14 +40,14 @@ def smooth(x):
 
 
 def body(bottom, size, columns=96, rows=60):
-    """Rings from inside of the head down to the chest: y is up, x to the side, z to the front."""
+    """Rings from the inside of the head down to the chest; y is up, x to the side, z to the front."""
     around = np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)
     points = []
     for s in np.linspace(0.0, 1.0, rows):
         y = bottom + (0.27 - 1.0 * s) * size
         wide = 0.165 + 0.24 * smooth((s - 0.08) / 0.24) + 0.36 * smooth((s - 0.24) / 0.3)
         deep = 0.155 + 0.20 * smooth((s - 0.10) / 0.35)
-        # A superellipse: shoulders are squarer than a neck.
+        # A superellipse, because shoulders are squarer than a neck.
         power = 1.0 - 0.3 * smooth((s - 0.3) / 0.4)
         x = np.sign(np.cos(around)) * np.abs(np.cos(around)) ** power * wide
         z = np.sin(around) * deep
@@ -79,7 +79,7 @@ def main(head_path, folder):
             out.write("v %.6f %.6f %.6f\n" % tuple(p))
         for t in np.concatenate([uv, body_uv]) if len(uv) else body_uv:
             out.write("vt %.6f %.6f\n" % tuple(t))
-        # The head ends at the neck; what the file has below it deforms with the body.
+        # The head ends at the neck. The parts of the input mesh below it deform with the body.
         is_head = [min(points[v][1] for v, _ in face) > low[1] + NECK * size for face in faces]
         for name, wanted in (("head", True), ("collar", False)):
             out.write(f"g {name}\n")
@@ -89,7 +89,7 @@ def main(head_path, folder):
         for face in body_faces:
             out.write("f " + " ".join(f"{v + 1 + len(points)}/{v + 1 + len(uv)}" for v in face) + "\n")
     shoulder_y = low[1] - 0.22 * size
-    # Moves add up: smaller and smaller reaches about each shoulder make a smooth hill.
+    # Moves add up. Several with decreasing reach around each shoulder make a smooth hill.
     reaches = np.linspace(0.62, 0.12, 11) * size
     moves = ",\n  ".join(
         "{ near = [%.4f, %.4f, %.4f], within = %.4f, by = [0, %.4f, 0] }"

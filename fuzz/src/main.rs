@@ -73,6 +73,7 @@ fn run(arguments: &Arguments) -> io::Result<bool> {
     if targets.is_empty() {
         targets.extend(TARGETS);
     }
+    // The watching process starts this program again with `--input` or `--worker`.
     if let Some(path) = &arguments.input {
         return one_file(&targets, path);
     }
@@ -89,6 +90,7 @@ fn run(arguments: &Arguments) -> io::Result<bool> {
 /// Prints what the readers do with a file; returns true if none panicked.
 fn one_file(targets: &[&FuzzTarget], path: &Path) -> io::Result<bool> {
     worker::keep_panics();
+    // The same limit as in a worker, so that a failing file fails here, too.
     let _ = ALLOCATOR.set_limit(ALLOCATOR.allocated() + MAX_MEMORY);
     let mut good = true;
     for target in targets {
@@ -121,6 +123,7 @@ fn all_cases(targets: &[&FuzzTarget], arguments: &Arguments) -> io::Result<bool>
     )?;
     let mut good = true;
     for target in targets {
+        // Wall time, for the user; the limits use processor time.
         let begun = Instant::now();
         let report = watch::run(
             target,
@@ -146,6 +149,7 @@ fn all_cases(targets: &[&FuzzTarget], arguments: &Arguments) -> io::Result<bool>
             good = false;
             writeln!(out, "  {}: {message}", path.display())?;
         }
+        // A run with many cases takes long: each line appears when its reader is done.
         out.flush()?;
     }
     Ok(good)

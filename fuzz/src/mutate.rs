@@ -71,6 +71,7 @@ const FLOATS: [f64; 10] =
 pub fn damaged(valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = valid[random.random_range(0..valid.len())].clone();
     let longest = bytes.len() + MAX_GROWTH;
+    // A single change tests one check. Several together reach code that expects two values to agree.
     for _ in 0..1 << random.random_range(0..4) {
         change(&mut bytes, valid, words, random);
         bytes.truncate(longest);
@@ -80,12 +81,12 @@ pub fn damaged(valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) -> Ve
 
 /// A random position in `0..=length`. Half of them are near the beginning, because headers are short.
 fn place(length: usize, random: &mut ChaCha8Rng) -> usize {
-    let most = match random.random_range(0..4) {
+    let last = match random.random_range(0..4) {
         0 => length.min(64),
         1 => length.min(400),
         _ => length,
     };
-    random.random_range(0..=most)
+    random.random_range(0..=last)
 }
 
 /// A random range of bytes; short ranges are more frequent.
@@ -129,6 +130,7 @@ fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut C
             let integer = INTEGERS[random.random_range(0..INTEGERS.len())];
             let size = 1 << random.random_range(0..4);
             let mut written = integer.to_le_bytes()[..size].to_vec();
+            // Most formats are little-endian, some big-endian.
             if random.random_range(0..4) == 0 {
                 written.reverse();
             }
@@ -148,15 +150,16 @@ fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut C
         5 => bytes.truncate(random.random_range(0..=length)),
         6 => drop(bytes.drain(run(length, random))),
         7 => {
+            // Repetition also tests nesting and long lists, where recursion or doubling would show.
             let copied = bytes[run(length, random)].repeat(1 << random.random_range(0..5));
             let at = place(length, random);
             bytes.splice(at..at, copied);
         }
         8 => {
             let other = &valid[random.random_range(0..valid.len())];
-            let taken = other[run(other.len(), random)].to_vec();
+            let copied = other[run(other.len(), random)].to_vec();
             let replaced = run(length, random);
-            bytes.splice(replaced, taken);
+            bytes.splice(replaced, copied);
         }
         9 => {
             // Joins the head of one file to the tail of another.
@@ -189,6 +192,7 @@ fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut C
             bytes.splice(replaced, word.bytes());
         }
         14 => {
+            // Order matters in headers. Only the first lines are touched: bodies have equal lines.
             let mut lines: Vec<&[u8]> = bytes.split_inclusive(|&b| b == b'\n').take(64).collect();
             let rest = bytes[lines.iter().map(|line| line.len()).sum::<usize>()..].to_vec();
             if lines.len() > 1 {

@@ -25,6 +25,7 @@ impl Stopwatch {
         Self::new(PathBuf::from(format!("/proc/{id}/schedstat")))
     }
 
+    /// Starts with this file of the kernel.
     fn new(schedstat: PathBuf) -> Self {
         let running = running_time(&schedstat);
         Self { schedstat, started: Instant::now(), running }
@@ -44,6 +45,7 @@ impl Stopwatch {
     }
 }
 
+/// The running time that the kernel has counted; `None` on systems without it.
 fn running_time(schedstat: &Path) -> Option<Duration> {
     let text = std::fs::read_to_string(schedstat).ok()?;
     text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)

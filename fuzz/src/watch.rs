@@ -41,8 +41,10 @@ const WALL_TIME_FACTOR: u32 = 12;
 /// [`WALL_TIME_FACTOR`] times that of wall time.
 fn wait(child: &mut Child, limit: Duration, mut progress: impl FnMut() -> u64) -> io::Result<Option<String>> {
     let (mut last, mut since_change) = (progress(), Stopwatch::for_process(child.id()));
+    // Short pauses first: shortening an input starts hundreds of processes that end at once.
     let mut pause = Duration::from_millis(1);
     loop {
+        // Polling, because the standard library cannot wait with a limit.
         if let Some(status) = child.try_wait()? {
             return Ok((!status.success()).then(|| format!("ended with {status}")));
         }
@@ -65,6 +67,7 @@ fn wait(child: &mut Child, limit: Duration, mut progress: impl FnMut() -> u64) -
 /// When a process cannot be started or a file cannot be written.
 pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Path) -> io::Result<Report> {
     let files = (target.valid)().map_err(io::Error::other)?;
+    // Workers read the valid files from here; making some of them, such as saved models, takes a fit.
     fs::create_dir_all(folder.join("files"))?;
     for (k, bytes) in files.iter().enumerate() {
         fs::write(folder.join(format!("valid-{k}")), bytes)?;
@@ -88,6 +91,7 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
         }
         read.as_ref().map_err(|e| io::Error::other(e.to_string()))?;
     }
+    // A worker runs cases until it dies. The next one continues behind the case that ended it.
     let mut tally = Tally::default();
     let mut deaths: Vec<(u64, String)> = Vec::new();
     let mut from = 0;
@@ -100,6 +104,7 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
             .stderr(Stdio::null())
             .spawn()?;
         let file = folder.join("tally");
+        // Twice the limit of a case: the worker itself reports cases that are slow but end.
         let death = wait(&mut child, 2 * MAX_TIME, || Tally::read(&file).case)?;
         let found = Tally::read(&file);
         tally = tally.plus(found);
@@ -120,6 +125,7 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
         failures.push((message, path));
         Ok(())
     };
+    // The inputs of deaths are computed again; a dying worker could not save them.
     for (case, death) in deaths {
         keep(case, death, case_bytes(target, &files, seed, case))?;
     }
@@ -138,6 +144,7 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
 fn fails(target: &FuzzTarget, bytes: &[u8], folder: &Path) -> io::Result<bool> {
     let path = folder.join("files").join(target.file);
     fs::write(&path, bytes)?;
+    // In a process of its own, because a failure can be a crash.
     let mut child = Command::new(std::env::current_exe()?)
         .arg("--input")
         .arg(&path)
@@ -164,6 +171,8 @@ fn smallest(target: &FuzzTarget, mut bytes: Vec<u8>, folder: &Path) -> io::Resul
                 at += length;
             }
         }
+        // From halves to single bytes, as delta debugging does (Zeller and Hildebrandt 2002), without its
+        // complements.
         length /= 2;
     }
     Ok(bytes)

@@ -48,6 +48,7 @@ pub struct Tally {
 }
 
 impl Tally {
+    /// The numbers in the order of the file.
     fn words(&self) -> [u64; 7] {
         let (time, at) = self.slowest;
         [self.case, self.accepted, self.rejected, time, at, self.memory, self.failed]
@@ -79,6 +80,7 @@ impl Tally {
 
 /// The bytes of a case. They depend only on the target, the seed and the case number.
 pub fn case_bytes(target: &FuzzTarget, valid: &[Vec<u8>], seed: u64, case: u64) -> Vec<u8> {
+    // The name is part of the seed (FNV-1), so that readers of one format get different damage.
     let name = target.name.bytes().fold(seed, |h, b| h.wrapping_mul(0x100_0000_01b3) ^ u64::from(b));
     let mut random = ChaCha8Rng::seed_from_u64(name ^ case.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let mut bytes = damaged(valid, target.words, &mut random);
@@ -96,6 +98,7 @@ pub enum CaseOutcome {
     Panicked(String),
 }
 
+// A hook has no access to the caller of `catch_unwind`, so the message goes through the thread.
 thread_local! {
     static PANIC: RefCell<String> = const { RefCell::new(String::new()) };
 }
@@ -128,7 +131,7 @@ pub fn work(target: &FuzzTarget, seed: u64, (from, to): (u64, u64), folder: &Pat
     let kept = File::create(folder.join("tally"))?;
     let path = folder.join("files").join(target.file);
     let mut tally = Tally::default();
-    let mut places = BTreeSet::new();
+    let mut locations = BTreeSet::new();
     let idle = ALLOCATOR.allocated();
     // The allocator aborts the process beyond the limit. Setting it fails only if it is set already.
     let _ = ALLOCATOR.set_limit(idle + MAX_MEMORY);
@@ -138,6 +141,7 @@ pub fn work(target: &FuzzTarget, seed: u64, (from, to): (u64, u64), folder: &Pat
         kept.write_all_at(tally.words().map(u64::to_le_bytes).as_flattened(), 0)?;
         let bytes = case_bytes(target, &valid, seed, case);
         fs::write(&path, &bytes)?;
+        // Writing the file is not part of the time of the reader.
         let stopwatch = Stopwatch::for_this_thread();
         let outcome = outcome(target, &path);
         let time = stopwatch.elapsed();
@@ -157,8 +161,8 @@ pub fn work(target: &FuzzTarget, seed: u64, (from, to): (u64, u64), folder: &Pat
         if let Some(failure) = failure.or(slow) {
             tally.failed += 1;
             // The first line names the source location: one file per location is enough.
-            let place = failure.lines().next().unwrap_or_default().to_owned();
-            if places.len() < MAX_PANICS && places.insert(place) {
+            let location = failure.lines().next().unwrap_or_default().to_owned();
+            if locations.len() < MAX_PANICS && locations.insert(location) {
                 fs::write(folder.join(format!("case-{case}")), &bytes)?;
                 fs::write(folder.join(format!("case-{case}.txt")), &failure)?;
             }

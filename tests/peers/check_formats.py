@@ -1,13 +1,13 @@
-"""Exchanges files with other programs' libraries, in both directions, and prints a table of what came back.
+"""Exchanges files with the libraries of other programs in both directions, and prints a table of the differences.
 
     pip install numpy trimesh laspy lazrs pye57 pillow tifffile cadquery-ocp-novtk
     cargo build --release
     python tests/peers/check_formats.py [--planish target/release/planish] [--pcd organised.pcd]
 
-In: points of the example scans are written by the peer in every format, and `planish info --json` must find as many points in the same box.
-Out: the example is fitted, and the peer must read the same surface from every file. A peer that is not installed is left out and
-named. With `--pcd`, an organised cloud of a depth camera (fx = fy = 525, cx = 319.5, cy = 239.5) is turned into depth images first.
-Exits with 1 where anything differs.
+Reading: the peer writes points of the example scans in every format, and `planish info --json` must report the same
+number of points in the same box. Writing: the example is fitted, and the peer must read the same surface from every
+file. Peers that are not installed are reported and skipped. With `--pcd`, an organised cloud of a depth camera
+(fx = fy = 525, cx = 319.5, cy = 239.5) is also converted to depth images. Exits with 1 if anything differs.
 """
 
 import argparse
@@ -32,7 +32,7 @@ def peer(name):
     try:
         return importlib.import_module(name)
     except ImportError:
-        print(f"{name} is not installed: its formats are left out")
+        print(f"{name} is not installed: its formats are skipped")
         return None
 
 
@@ -75,7 +75,7 @@ def columns(table, names):
 
 
 def read_pcd(path):
-    """x y z of every record of a binary_compressed PCD file, row by row."""
+    """Coordinates of every record of a binary_compressed PCD file, row by row."""
     data = path.read_bytes()
     end = data.index(b"DATA binary_compressed\n") + len(b"DATA binary_compressed\n")
     header = {line.split()[0]: line.split()[1:] for line in data[:end].decode().splitlines()}
@@ -116,7 +116,7 @@ class Planish:
         return json.loads(done.stdout)
 
     def holds(self, path, by, points, tolerance, unit=None, what=None, key="points"):
-        """Whether a file holds so many finite points in the same box."""
+        """Reports whether a file holds the finite points, by their number and bounding box."""
         points = points.reshape(-1, 3)
         points = points[np.isfinite(points).all(axis=1)]
         try:
@@ -135,6 +135,7 @@ class Planish:
 
 def check_arrays(planish, folder, points, organised):
     sigma = np.linspace(0.1, 0.2, len(points))
+    # Tolerance for single precision.
     f4 = 1e-5
     files = {
         "c.npy": (points, 0),
@@ -180,7 +181,7 @@ def check_meshes_in(planish, folder, points, vertices, triangles):
         return
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
     cloud = trimesh.PointCloud(points)
-    for name, thing, tolerance, options in [
+    for name, geometry, tolerance, options in [
         ("mesh.ply", mesh, 1e-5, {}),
         ("mesh-ascii.ply", mesh, 1e-5, {"encoding": "ascii"}),
         ("mesh.obj", mesh, 1e-6, {"digits": 10}),
@@ -190,7 +191,7 @@ def check_meshes_in(planish, folder, points, vertices, triangles):
         ("mesh.glb", mesh, 1e-5, {}),
     ]:
         path = folder / name
-        thing.export(path, **options)
+        geometry.export(path, **options)
         info = planish.holds(path, "trimesh", vertices, tolerance, key="vertices")
         report(f"{name}: triangles", "trimesh", len(triangles), info.get("triangles"), 0.0, 0.0)
         volume = info.get("volume") or np.nan
@@ -251,7 +252,7 @@ def check_e57(planish, folder, points):
 
 
 def check_depth(planish, folder, cloud, name, tolerance):
-    """Depth images of an organised cloud in metres; they hold the cloud to a step of depth."""
+    """Checks depth images of an organised cloud in metres, which hold it up to one step of depth."""
     height, width, _ = cloud.shape
     depth = np.nan_to_num(cloud[..., 2])
     steps = np.rint(depth * 1000).astype(np.uint16)
@@ -278,7 +279,7 @@ def check_depth(planish, folder, cloud, name, tolerance):
         grid = info.get("grid") or {}
         report(f"{path.name}: grid", by, (height, width), (grid.get("rows"), grid.get("columns")), 0.0, 0.0)
     if tolerance is not None:
-        # The camera's own points: x and y are not in the image.
+        # The points of the camera itself, because the image does not contain x and y.
         points = np.where(depth[..., None] > 0, ray * depth[..., None], np.nan)
         largest = np.nanmax(np.abs(points - cloud))
         report(f"{name}: the camera's own points", "its cloud", "same", "same", largest, tolerance)
@@ -299,8 +300,8 @@ def check_out(planish, folder):
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     if trimesh is not None:
         for name, factor, tolerance in [("a.ply", 1, 1e-5), ("a.obj", 1, 1e-12), ("a.stl", 1, 1e-5), ("a.glb", 1000, 1e-5)]:
-            thing = trimesh.load(folder / name, process=name == "a.stl")
-            mesh = thing.to_geometry() if hasattr(thing, "to_geometry") else thing
+            loaded = trimesh.load(folder / name, process=name == "a.stl")
+            mesh = loaded.to_geometry() if hasattr(loaded, "to_geometry") else loaded
             read = np.asarray(mesh.vertices) * factor
             largest = np.abs([read.min(axis=0) - vertices.min(axis=0), read.max(axis=0) - vertices.max(axis=0)]).max()
             if name != "a.stl":
@@ -308,7 +309,7 @@ def check_out(planish, folder):
             report(name, "trimesh", (len(vertices), len(faces)), (len(read), len(mesh.faces)), largest, tolerance)
             report(f"{name}: closed", "trimesh", True, mesh.is_watertight, abs(mesh.volume * factor**3 / volume - 1), 1e-6)
             if name == "a.glb":
-                stored = next(iter(thing.geometry.values()))
+                stored = next(iter(loaded.geometry.values()))
                 attributes = stored.vertex_attributes
                 for key, column in [("_SIGMA", "sigma"), ("_OBSERVED", "observed")]:
                     values = np.asarray(attributes.get(key, np.full(1, np.nan))).reshape(-1)
@@ -322,25 +323,26 @@ def check_out(planish, folder):
         factor = 0.001 if name == "a.glb" else 1
         planish.holds(folder / name, "planish", vertices * factor, 1e-5, unit="m" if name == "a.glb" else "mm", key="vertices")
         done = planish("compare", folder / "a.planish", folder / name)
-        # The mesh leaves the surface by half the median σ at most; its vertices lie on it.
+        # The chord error of the mesh is at most half the median σ; its vertices lie on the surface.
         report(f"compare with {name}", "planish", len(vertices), done["backward"]["n"], done["backward"]["max"], 1e-4)
         done = planish("compare", folder / name, EXAMPLE / "truth.ply")
         covered = done["coverage95"]
-        told = {"a.ply", "a.glb"}
-        report(f"compare {name} with truth", "planish", name in told, covered is not None, abs((covered or 0.95) - 0.95), 0.05)
+        # Only these formats contain σ, without which there is no coverage.
+        with_sigma = {"a.ply", "a.glb"}
+        report(f"compare {name} with truth", "planish", name in with_sigma, covered is not None, abs((covered or 0.95) - 0.95), 0.05)
 
 
 def check_step(planish, folder):
     try:
         import check_step
     except ImportError as e:
-        print(f"Open Cascade is not installed ({e}): STEP is left out")
+        print(f"Open Cascade is not installed ({e}): STEP is skipped")
         return
     job = (EXAMPLE / "job.toml").read_text()
     assert 'unit = "mm"' in job
     for unit, millimetres in [("mm", 1.0), ("m", 1000.0), ("in", 25.4)]:
         for name in EXAMPLE.glob("*.ply"):
-            # Files name their unit, too.
+            # Each file states its unit, too.
             data = name.read_bytes().replace(b"comment unit mm", f"comment unit {unit}".encode(), 1)
             (folder / name.name).write_bytes(data)
         (folder / "job.toml").write_text(job.replace('unit = "mm"', f'unit = "{unit}"'))

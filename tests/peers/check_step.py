@@ -1,9 +1,9 @@
-"""Judges STEP files by Open Cascade: prints one JSON object a file.
+"""Checks STEP files with Open Cascade and prints one JSON object per file.
 
     pip install cadquery-ocp-novtk
     python tests/peers/check_step.py part.step ...
 
-Lengths are in millimetres, whatever unit the file is in. Exits with 1 where a file cannot be read or is not valid.
+Lengths are in millimetres for any unit of the file. Exits with 1 if a file cannot be read or is not valid.
 """
 
 import json
@@ -34,17 +34,17 @@ try:  # Open Cascade 8
 except ImportError:
     from OCP.TopTools import TopTools_IndexedMapOfShape as IndexedMap
 
-# Of areas and volumes.
+# Relative accuracy of areas and volumes.
 RELATIVE_ERROR = 1e-6
 
-# Bindings before Open Cascade 8 mark static functions by `_s`.
+# In bindings before Open Cascade 8, the names of static functions end with `_s`.
 as_vertex, as_edge, as_face = (
     getattr(TopoDS, name + "_s", None) or getattr(TopoDS, name) for name in ("Vertex", "Edge", "Face")
 )
 
 
 def parts(shape, kind):
-    """The distinct parts of a kind."""
+    """The different parts of a shape of one kind."""
     found = IndexedMap()
     TopExp.MapShapes_s(shape, kind, found)
     return [found.FindKey(i) for i in range(1, found.Extent() + 1)]
@@ -56,7 +56,7 @@ def surface_type(face):
 
 
 def tolerance(shape):
-    """The greatest tolerance of a vertex or edge: how far the reader had to reach."""
+    """Maximum tolerance of vertices and edges. It shows the gaps that the reader had to close."""
     vertices = [BRep_Tool.Tolerance_s(as_vertex(v)) for v in parts(shape, TopAbs_VERTEX)]
     edges = [BRep_Tool.Tolerance_s(as_edge(e)) for e in parts(shape, TopAbs_EDGE)]
     return max(vertices + edges, default=0.0)
@@ -69,10 +69,10 @@ def check(path):
     reader.TransferRoots()
     shape = reader.OneShape()
     if shape.IsNull():
-        return {"file": path, "valid": False, "why": "holds no shape"}
+        return {"file": path, "valid": False, "why": "contains no shape"}
     solids, shells, faces = (parts(shape, kind) for kind in (TopAbs_SOLID, TopAbs_SHELL, TopAbs_FACE))
     area, volume, box = GProp_GProps(), GProp_GProps(), Bnd_Box()
-    # Without the bound on the error, Open Cascade's area of a ball is off by 1e-4.
+    # Without this limit, the area that Open Cascade computes for a ball has an error of 1e-4.
     BRepGProp.SurfaceProperties_s(shape, area, RELATIVE_ERROR)
     if solids:
         BRepGProp.VolumeProperties_s(shape, volume, RELATIVE_ERROR)

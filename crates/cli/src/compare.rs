@@ -108,7 +108,7 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: Some(report.unit),
         inputs: vec![args.model.clone(), args.reference.clone()],
         outputs: args.page.report.iter().cloned().collect(),
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: Body { report, termination: "converged" },
     })
 }

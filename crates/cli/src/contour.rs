@@ -8,10 +8,12 @@ mod values;
 use crate::summary::{self, Summary};
 pub use args::ContourArgs;
 use args::{ContourFilter, ContourMotion};
+use planish::Finding;
 use planish::contour::{
     CarmenOptions, ConstrainJob, ContourFitOptions, ContourJob, ContourReport, Form, Method, PlanarMotion,
     SigmaDefaults,
 };
+use planish::finding::with_warnings;
 use planish::progress::Progress;
 use planish::{Error, Job, Result, Unit};
 use serde::Serialize;
@@ -22,7 +24,8 @@ pub use values::{KindChoice, kind};
 struct Body {
     #[serde(flatten)]
     report: ContourReport,
-    warnings: Vec<String>,
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -39,8 +42,8 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: report.unit,
         inputs: vec![args.readings.clone()],
         outputs,
-        warnings: report.warnings.clone(),
-        body: Body { warnings: report.warnings.clone(), termination: "converged", report },
+        findings: report.findings.clone(),
+        body: Body { findings: report.findings.clone(), termination: "converged", report },
     })
 }
 

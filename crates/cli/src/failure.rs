@@ -1,5 +1,6 @@
 //! Error output: the message, its causes and a hint.
 
+use crate::options::with_options;
 use planish::{Error, ErrorKind};
 use std::error::Error as _;
 use std::io::Write;
@@ -26,7 +27,7 @@ pub fn print(error: &Error, command: &str) {
 
 /// The printed lines.
 fn text(error: &Error, command: &str) -> String {
-    let mut text = format!("planish: {error}");
+    let mut text = format!("planish: {}", with_options(&error.to_string(), error.settings()));
     // The message of an error quotes its direct cause. Deeper causes are added unless they repeat it.
     let mut cause = error.source();
     while let Some(inner) = cause {

@@ -48,7 +48,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             .chain(done.animation.iter().map(|a| a.file.clone()))
             .chain(args.page.report.clone())
             .collect(),
-        warnings: done.fit.warnings.clone(),
+        findings: done.fit.findings.clone(),
         body: Body {
             fit: done.fit,
             observations_of_all_sessions: done.observations_of_all_sessions,

@@ -52,7 +52,7 @@ fn work(args: &InfoArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: found.unit,
         inputs: found.files.clone(),
         outputs: Vec::new(),
-        warnings: found.warnings.clone(),
+        findings: found.findings.clone(),
         body: Body { info: found, termination: "converged" },
     })
 }

@@ -17,6 +17,7 @@ mod man;
 mod merge;
 mod next;
 mod numbers;
+mod options;
 mod progress;
 mod sense;
 mod serve;

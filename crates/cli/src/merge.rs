@@ -49,13 +49,13 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         arguments: deciding_arguments(args),
     };
     let MergeJobReport { merge: report, spline } = job.run(progress)?;
-    let warnings = report.warnings.clone();
+    let findings = report.findings.clone();
     Ok(Summary {
         text: text::text(args, &report, spline.as_ref()),
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
         outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
-        warnings,
+        findings,
         body: Body { report, spline, termination: "converged" },
     })
 }

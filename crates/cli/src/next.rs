@@ -3,14 +3,11 @@
 mod args;
 mod text;
 
-use crate::numbers::{counted, percent, significant};
 use crate::summary::{self, Summary};
 pub use args::NextArgs;
-use planish::next::{
-    NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective, UnmeasurableSigma,
-};
+use planish::next::{NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective};
 use planish::progress::Progress;
-use planish::{Job, Result};
+use planish::{Finding, Job, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -19,15 +16,14 @@ use std::path::{Path, PathBuf};
 struct Body<R: Serialize> {
     #[serde(flatten)]
     report: R,
-    warnings: Vec<String>,
     termination: &'static str,
 }
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &NextArgs) -> u8 {
     match (args.views, &args.sensor) {
-        (Some(views), Some(sensor)) => {
-            summary::run("next", &args.common, |progress| choose_views(args, views, sensor, progress))
+        (Some(_), Some(sensor)) => {
+            summary::run("next", &args.common, |progress| choose_views(args, sensor, progress))
         }
         _ => summary::run("next", &args.common, |progress| choose_points(args, progress)),
     }
@@ -58,6 +54,7 @@ fn summary<R: Serialize>(
     inputs: Vec<PathBuf>,
     text: String,
     unit: planish::Unit,
+    findings: Vec<Finding>,
     body: Body<R>,
 ) -> Summary<Body<R>> {
     Summary {
@@ -65,7 +62,7 @@ fn summary<R: Serialize>(
         unit: Some(unit),
         inputs,
         outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
-        warnings: body.warnings.clone(),
+        findings,
         body,
     }
 }
@@ -80,22 +77,14 @@ fn choose_points(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Bod
         report: args.page.output(&args.common),
     };
     let report = job.run(progress)?;
-    let mut warnings = Vec::new();
-    if report.next.reached_goal == Some(false) {
-        warnings.push(format!(
-            "the goal is not reached with {} points: increase --count, or measure with a smaller σ",
-            report.next.points.len()
-        ));
-    }
-    warnings.extend(unresolved_shape_warning(report.next.shape_left, report.unit));
-    let body = Body { termination: termination(report.next.reached_goal), warnings, report };
+    let findings = report.findings.clone();
+    let body = Body { termination: termination(report.next.reached_goal), report };
     let (text, unit) = (text::points_text(&body.report), body.report.unit);
-    Ok(summary(args, vec![args.model.clone()], text, unit, body))
+    Ok(summary(args, vec![args.model.clone()], text, unit, findings, body))
 }
 
 fn choose_views(
     args: &NextArgs,
-    views: usize,
     sensor: &Path,
     progress: &dyn Progress,
 ) -> Result<Summary<Body<NextViewsJobReport>>> {
@@ -108,34 +97,8 @@ fn choose_views(
         report: args.page.output(&args.common),
     };
     let report = job.run(progress)?;
-    // Fewer views than requested are no error: further views may have nothing to add.
-    let found = report.next.views.len();
-    let mut warnings = Vec::new();
-    if report.next.reached_goal == Some(false) {
-        warnings.push(format!(
-            "the goal is not reached with {}: increase --views, or use a more accurate sensor",
-            counted(found, "view")
-        ));
-    }
-    if found < views && report.next.reached_goal != Some(true) {
-        warnings
-            .push(format!("{} of {views} chosen: further views would not reduce σ", counted(found, "view")));
-    }
-    warnings.extend(unresolved_shape_warning(report.next.shape_left, report.unit));
-    let body = Body { termination: termination(report.next.reached_goal), warnings, report };
+    let findings = report.findings.clone();
+    let body = Body { termination: termination(report.next.reached_goal), report };
     let (text, unit) = (text::views_text(&body.report), body.report.unit);
-    Ok(summary(args, vec![args.model.clone(), sensor.to_owned()], text, unit, body))
-}
-
-/// The warning about unresolved shape, the part of σ in `info` and `fit` that readings do not reduce.
-fn unresolved_shape_warning(left: Option<UnmeasurableSigma>, unit: planish::Unit) -> Option<String> {
-    let left = left?;
-    Some(format!(
-        "unresolved shape of up to {2} {unit} on {0} of the area is not included: readings do not reduce it; \
-         with it, the largest σ is {1} {unit} at the end; fit again with a larger --max-depth or \
-         --max-coefficients",
-        percent(left.area_fraction),
-        significant(left.worst_sigma_after, 3),
-        significant(left.largest, 3)
-    ))
+    Ok(summary(args, vec![args.model.clone(), sensor.to_owned()], text, unit, findings, body))
 }

@@ -75,7 +75,7 @@ fn work(
         unit: done.unit,
         inputs: done.inputs.clone(),
         outputs: done.written.iter().map(|w| w.file.clone()).collect(),
-        warnings: done.warnings.clone(),
+        findings: done.findings.clone(),
         body: Body { report: done, termination: "converged" },
     })
 }

@@ -167,7 +167,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         unit: Some(report.unit),
         inputs: args.views.clone(),
         outputs: report.written.clone(),
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: Body {
             termination: match (report.solutions.is_empty(), report.complete) {
                 (true, _) => "undetermined",

@@ -5,9 +5,11 @@
 
 use crate::common::CommonArgs;
 use crate::failure;
+use crate::options::with_options;
 use crate::progress::{Audience, Terminal};
+use planish::finding::with_warnings;
 use planish::progress::Progress;
-use planish::{Error, ErrorKind, Result, Unit};
+use planish::{Error, ErrorKind, Finding, FindingLevel, Result, Setting, Unit};
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -15,7 +17,7 @@ use std::time::Instant;
 
 /// The result of a command, as JSON and as text.
 pub struct Summary<B> {
-    /// JSON keys of this command; `termination` and `warnings` are among them.
+    /// JSON keys of this command; `termination`, `warnings` and `findings` are among them.
     pub body: B,
     /// Unit of all lengths, if known.
     pub unit: Option<Unit>,
@@ -25,8 +27,8 @@ pub struct Summary<B> {
     pub outputs: Vec<PathBuf>,
     /// The summary for people.
     pub text: String,
-    /// Warnings, printed to stderr.
-    pub warnings: Vec<String>,
+    /// What a user should know. Warnings and errors are printed to stderr.
+    pub findings: Vec<Finding>,
 }
 
 /// The JSON object: common keys first, then the keys of the command.
@@ -47,7 +49,8 @@ struct Json<'a, B: Serialize> {
 /// JSON keys of a command that failed.
 #[derive(Serialize)]
 struct FailedBody {
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: Option<&'static str>,
     error: FailedError,
 }
@@ -56,6 +59,8 @@ struct FailedBody {
 struct FailedError {
     kind: &'static str,
     message: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    settings: Vec<Setting>,
 }
 
 /// Sets up threads and progress, runs `work`, prints its result and returns the exit code.
@@ -101,16 +106,20 @@ fn print_outcome<B: Serialize>(
             };
             // Warnings go to stderr, so that they do not mix with JSON on stdout.
             if !common.quiet {
-                warn(&summary.warnings);
+                print_findings(&summary.findings);
             }
             (0, printed)
         }
         Err(e) => {
             failure::print(&e, name);
             let body = FailedBody {
-                warnings: [],
+                findings: Vec::new(),
                 termination: (e.kind() == ErrorKind::Undetermined).then_some("undetermined"),
-                error: FailedError { kind: kind_name(e.kind()), message: e.to_string() },
+                error: FailedError {
+                    kind: kind_name(e.kind()),
+                    message: e.to_string(),
+                    settings: e.settings().to_vec(),
+                },
             };
             let printed = match common.json {
                 true => {
@@ -190,11 +199,12 @@ fn print_parse_error_json(error: &clap::Error, command: clap::Command) {
         inputs: Vec::new(),
         outputs: Vec::new(),
         body: FailedBody {
-            warnings: [],
+            findings: Vec::new(),
             termination: None,
             error: FailedError {
                 kind: kind_name(ErrorKind::Input),
                 message: message.trim_start_matches("error: ").to_owned(),
+                settings: Vec::new(),
             },
         },
     };
@@ -259,11 +269,13 @@ fn set_threads(common: &CommonArgs) -> Result<()> {
     }
 }
 
-fn warn(warnings: &[String]) {
+/// Prints findings that need attention; those as expected are only in the JSON output and in the report.
+fn print_findings(findings: &[Finding]) {
     let mut stderr = io::stderr().lock();
-    for warning in warnings {
+    for finding in findings.iter().filter(|finding| finding.level > FindingLevel::Info) {
+        let text = with_options(&finding.text, &finding.settings);
         // If stderr is closed, there is nowhere to report that.
-        let _ = writeln!(stderr, "planish: warning: {warning}");
+        let _ = writeln!(stderr, "planish: {}: {text}", finding.level.name());
     }
 }
 

@@ -8,8 +8,10 @@ use crate::numbers::{percent, significant};
 use crate::serve::Server;
 use crate::summary::{self, Summary};
 pub use args::ViewArgs;
+use planish::Finding;
 use planish::Job;
 use planish::compare::CompareOptions;
+use planish::finding::with_warnings;
 use planish::output::check_outputs;
 use planish::progress::{Progress, SHOWING_STAGE};
 use planish::report::ReportOutput;
@@ -34,7 +36,8 @@ enum Body {
         address: Option<String>,
         /// Number of requests for the page.
         requests: usize,
-        warnings: Vec<String>,
+        #[serde(flatten, serialize_with = "with_warnings")]
+        findings: Vec<Finding>,
         termination: &'static str,
     },
 }
@@ -136,12 +139,12 @@ fn page_summary(
         unit: made.unit,
         inputs: made.inputs,
         outputs,
-        warnings: made.warnings.clone(),
+        findings: made.findings.clone(),
         body: Body::Page {
             what: made.what,
             address,
             requests,
-            warnings: made.warnings,
+            findings: made.findings,
             termination: "converged",
         },
     }
@@ -186,7 +189,7 @@ fn picture(
         unit: report.unit,
         inputs: report.inputs.clone(),
         outputs: vec![path.to_path_buf()],
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: Body::Picture { report, termination: "converged" },
     })
 }

@@ -1,12 +1,12 @@
-//! Bias, RMSE over the Kanatani–Cramér–Rao bound, and NEES of EKF, IEKF, NUIEKF and batch, as CSV on stdout.
+//! Bias, RMSE relative to the Kanatani–Cramér–Rao bound, and NEES of EKF, IEKF, NUIEKF and batch.
 //!
 //! ```text
 //! cargo run --release -p planish-contour --example contour_accuracy [runs] [radius|diameter|noise factor]
 //!     [circle,ellipse,…|all] [50,200,…|all] [ekf,batch,…|all] [folder]
 //! ```
 //!
-//! The second argument says what "the size" is, of which the standoff is three times and the pose noise 2 %.
-//! Into the folder go the readings of every run, for other programs.
+//! Writes CSV to stdout. The second argument selects the size of the object, which scales the standoff (three
+//! sizes) and the pose noise (2 %). The readings of all runs are written into the folder, for other programs.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -18,8 +18,7 @@ use planish_estimate::normalized_squared;
 use rayon::prelude::*;
 use std::fmt::Write as _;
 
-/// Contours of circumradius 1 about the origin: their kinds, parameters, the period of the angle, and which
-/// it is.
+/// Contours of circumradius 1 about the origin: kind, parameters, period of the angle, and its index.
 fn contours() -> Vec<(ContourKind, Vec<f64>, f64)> {
     let pi = std::f64::consts::PI;
     vec![
@@ -33,7 +32,7 @@ fn contours() -> Vec<(ContourKind, Vec<f64>, f64)> {
 fn main() {
     let mut args = std::env::args().skip(1);
     let runs: usize = args.next().and_then(|a| a.parse().ok()).unwrap_or(100);
-    // A number in place of the word scales all noise, at a standoff of three radii.
+    // A number scales all noise, at a standoff of three radii.
     let (size, noise) = match args.next().as_deref() {
         None | Some("diameter") => (2.0, 1.0),
         Some("radius") => (1.0, 1.0),
@@ -89,7 +88,8 @@ fn main() {
     }
 }
 
-/// Errors over the bound's σ, whitened by the bound, the NEES, and the mean square of the whitened.
+/// Errors divided by σ of the bound, errors whitened by the bound, NEES, and the mean square of the whitened
+/// ones.
 struct Outcome {
     normalized: Vec<f64>,
     whitened: DVector<f64>,
@@ -136,7 +136,7 @@ fn print_row(kind: &ContourKind, n: usize, name: &str, outcomes: &[Option<Outcom
     let unknowns = good.first().map_or(1, |o| o.normalized.len());
     let mean = |k: usize| good.iter().map(|o| o.normalized[k]).sum::<f64>() / count;
     let bias = (0..unknowns).map(|k| mean(k).abs()).fold(0.0, f64::max);
-    // Of the errors about their own mean, whitened by the bound.
+    // Scatter about the mean error, whitened by the bound.
     let middle = good.iter().fold(DVector::zeros(unknowns), |sum: DVector<f64>, o| sum + &o.whitened) / count;
     let spread: f64 = good.iter().map(|o| (&o.whitened - &middle).norm_squared()).sum();
     let scatter = (spread / ((count - 1.0).max(1.0) * unknowns as f64)).sqrt();
@@ -154,8 +154,7 @@ fn print_row(kind: &ContourKind, n: usize, name: &str, outcomes: &[Option<Outcom
     );
 }
 
-/// The readings of every run with and without their errors, for other programs: one CSV a contour and number
-/// of readings.
+/// Writes the readings of all runs, with and without errors: one CSV file per contour and number of readings.
 fn write_dump(
     folder: &str,
     kind: &ContourKind,
@@ -166,7 +165,7 @@ fn write_dump(
 ) {
     let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range");
     text.push_str(",exact_x,exact_y,exact_heading_deg,exact_range\n");
-    let columns = |sighting: &ContourReading| match sighting.target {
+    let columns = |reading: &ContourReading| match reading.target {
         ContourTarget::Range { origin, heading_rad, range, sigma: [x, y, heading, along] } => (
             format!("{},{},{},{range}", origin[0], origin[1], heading_rad.to_degrees()),
             format!("{x},{y},{},{along}", heading.to_degrees()),

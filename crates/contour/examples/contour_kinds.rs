@@ -1,13 +1,12 @@
-//! How often `--kind auto` finds the kind that was measured, as CSV on stdout: a confusion matrix for three
-//! noise levels.
+//! Confusion matrix of the automatic choice of a kind at three noise levels, as CSV on stdout.
 //!
 //! ```text
 //! cargo run --release -p planish-contour --example contour_kinds [runs or first..end] [noise,noise,…]
 //!     [a shape's name]
 //! ```
 //!
-//! Run `k` of a line has the seed `k`, so that lines can be run one by one, and the runs of a line in several
-//! parts whose counts add up.
+//! Run `k` of a line has the seed `k`. Lines can therefore be run one by one, and the runs of a line in
+//! several parts whose counts add up.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -15,7 +14,7 @@ use planish_contour::planar::{ContourFitOptions, ContourKind, SensorOptions, aut
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// What is measured: its name, its kind and parameters, and the middle about which the sensor goes.
+/// A measured object: name, kind, parameters, and the centre around which the sensor moves.
 struct Truth {
     name: &'static str,
     kind: ContourKind,
@@ -98,9 +97,9 @@ fn main() {
             for name in names {
                 *counts.entry(name).or_default() += 1;
             }
-            let said: Vec<String> = counts.iter().map(|(name, n)| format!("{name}: {n}")).collect();
+            let found: Vec<String> = counts.iter().map(|(name, n)| format!("{name}: {n}")).collect();
             let n = runs.end - runs.start;
-            println!("{noise},{},{n},{}", truth.name, said.join("; "));
+            println!("{noise},{},{n},{}", truth.name, found.join("; "));
             all += n;
         }
     }

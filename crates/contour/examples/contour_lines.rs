@@ -1,9 +1,9 @@
-//! Error and coverage of everything beside a still contour seen by ranges: a line each, as CSV on stdout.
+//! Error and coverage for moving contours, shared poses, points, the product form and primitives in space.
 //!
 //! `cargo run --release -p planish-contour --example contour_lines [runs] [part of a line's name]`
 //!
-//! Errors are root mean squares over the stated σ, one parameter after the other; coverage is the share of
-//! errors within 1.96 σ.
+//! Writes one line per case as CSV to stdout. Errors are root mean squares divided by the stated σ, parameter
+//! by parameter. Coverage is the fraction of errors within 1.96 σ.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -14,7 +14,7 @@ use planish_contour::planar::{
 use planish_contour::primitive::{self, PrimitiveKind, SimulatedPrimitive, SpaceSensor};
 use rayon::prelude::*;
 
-/// Errors over their σ of one run.
+/// Errors of one run divided by their σ; `None` if the fit failed.
 type Errors = Option<Vec<f64>>;
 
 fn main() {
@@ -66,14 +66,14 @@ fn main() {
     in_space(runs);
 }
 
-/// The pivot of the turn is the mean of the readings: velocities are compared where the thing turns about the
-/// origin.
+/// Only axes and rotation rate: the fit rotates about the mean of the readings, the simulation about the
+/// origin, so that their velocities differ.
 fn rigid(runs: u64, (kind, theta): &(ContourKind, Vec<f64>), sensor: &SensorOptions) {
     let options = ContourFitOptions { motion: PlanarMotion::Rigid, ..ContourFitOptions::default() };
     table("ellipse moving and turning (its shape and turn)", 200, runs, |seed| {
         let made = ranges(kind, theta, [0.1, -0.2], 200, sensor, seed);
         let found = fit(kind, &made.noisy, &options).ok()?;
-        // What does not depend on the pivot: axes and rate of turn.
+        // These do not depend on the centre of rotation.
         let k = kind.parameters();
         let (values, from) = kind.canonical(&found.state.as_slice()[..k]);
         let sigma = |i: usize| found.covariance[(i, i)].sqrt();
@@ -127,7 +127,7 @@ fn in_space(runs: u64) {
             table(&format!("{shape} in space; {name}"), 400, runs, |seed| {
                 let made = primitive::rays(&solid, 400, &sensor, seed);
                 let found = primitive::fit(shape, &made.noisy, &options).ok()?;
-                // Where on its axis a cylinder's point is depends on the readings.
+                // The point on the axis of a cylinder depends on the readings.
                 let first = if shape == PrimitiveKind::Cylinder { 3 } else { 0 };
                 // Of a direction the sign is a matter of convention.
                 let sign = |k: usize| {

@@ -1,5 +1,6 @@
-//! Readings a second of the recursive filters on one core, and of the batch:
-//! `cargo run --release -p planish-contour --example contour_rate`.
+//! Readings per second of the recursive filters and of the batch, on one core.
+//!
+//! `cargo run --release -p planish-contour --example contour_rate`
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -27,7 +28,7 @@ fn main() {
             let begun = Instant::now();
             let found = fit(&kind, &made.noisy, &options);
             let seconds = begun.elapsed().as_secs_f64();
-            // The last look at all distances is in it too.
+            // The time includes the final evaluation of all distances.
             println!(
                 "{kind} {method:?} bias corrected {correct_bias}: {:.0} readings/s ({})",
                 1e5 / seconds,

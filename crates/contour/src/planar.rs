@@ -11,6 +11,7 @@
 //! | reading | a reading as an equation `g(z − v, x) = 0`; motion; product and active-facet form |
 //! | start | initial parameters: algebraic fits, boxes, segmentation by dynamic programming |
 //! | soft_constraint, ends, joints | prior knowledge about chains: ends and smooth joints, as equations |
+//! | options | method, gate and other options of a fit |
 //! | fit, recursive | fit of one kind by a batch or a filter, with a gate |
 //! | likelihood | likelihood of readings whose places on an outline are unknown |
 //! | marginal, combined | outline of maximum marginal likelihood, after the batch |
@@ -34,6 +35,7 @@ mod joints;
 mod kind;
 mod likelihood;
 mod marginal;
+mod options;
 mod parts;
 mod plausible;
 mod reading;
@@ -46,8 +48,9 @@ mod start;
 pub use choose::{Alternative, Choice, auto_kinds, choose};
 pub use curve::arc_circle;
 pub(crate) use fit::GatedResiduals;
-pub use fit::{ContourFit, ContourFitOptions, Method, bound, fit};
+pub use fit::{ContourFit, bound, fit};
 pub use kind::{ContourKind, Outline};
+pub use options::{ContourFitOptions, Method};
 pub use parts::{contains, separate, usual_gap};
 pub use reading::{ContourReading, ContourTarget, Form, PlanarMotion};
 pub use sides::Side;

@@ -38,7 +38,7 @@ pub struct EstimatedContour {
     /// Covariance of the parameters.
     pub covariance: DMatrix<f64>,
     /// Ends of the observed part; required for a line, ignored otherwise.
-    pub seen: Option<[[f64; 2]; 2]>,
+    pub observed_ends: Option<[[f64; 2]; 2]>,
 }
 
 /// The part of a sketch that belongs to one contour.
@@ -68,8 +68,9 @@ pub struct SketchPart {
 /// // A rectangle rotated by 0.1° with σ = 0.3°: it agrees with an upright one.
 /// let sigmas = DMatrix::from_diagonal(&DVector::from_vec(vec![0.04, 0.04, 0.04, 0.04, 2.7e-5]));
 /// let theta = vec![0.0, 0.0, 40.0, 30.0, 0.00175];
-/// let seen = EstimatedContour { kind: ContourKind::Rectangle, theta, covariance: sigmas, seen: None };
-/// let sketch = Sketch::new(&[seen])?;
+/// let kind = ContourKind::Rectangle;
+/// let estimate = EstimatedContour { kind, theta, covariance: sigmas, observed_ends: None };
+/// let sketch = Sketch::new(&[estimate])?;
 /// assert_eq!((sketch.drawing.parameters(), sketch.given.len()), (8, 3));
 /// let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };
 /// let found = constrain(&sketch.drawing, &sketch.covariance, &options)?;
@@ -141,7 +142,8 @@ impl Sketch {
                 "the covariance contains a value that is not finite, or a negative variance",
             ));
         }
-        let made = shapes::drawn(kind, theta, contour.seen)?;
+        // Drawn by itself, so that `append` can number its parts after those of the earlier contours.
+        let made = shapes::drawn(kind, theta, contour.observed_ends)?;
         let first = self.drawing.append(&made.drawing, None);
         self.given.extend(made.given.iter().map(|constraint| constraint.shifted(first)));
         self.parts.push(SketchPart {
@@ -188,6 +190,7 @@ impl Sketch {
         }
         let sigmas = block.diagonal().map(|v| v.max(0.0).sqrt());
         let step = STEP * sigmas.amax().max(1e-6 * drawing.extent());
+        // The same step for all values: they are coordinates and radii, all of them lengths.
         let inverse = differences(&values, &DVector::from_element(*count, step), |x| {
             DVector::from_vec(shapes::parameters(kind, x.as_slice(), before))
         });
@@ -200,15 +203,17 @@ impl Sketch {
 ///
 /// `is_free` is true if the kind has no constraints, so that nothing would remove the second term.
 fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
-    let EstimatedContour { kind, theta, covariance, seen } = contour;
+    let EstimatedContour { kind, theta, covariance, observed_ends } = contour;
+    // The parameters of these kinds are the values of the drawing.
     if matches!(kind, ContourKind::Polygon(_) | ContourKind::Circle) {
         return Ok(covariance.clone());
     }
     let size = theta.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+    // A known parameter has σ of zero and still needs a step.
     let steps = covariance.diagonal().map(|v| STEP * v.sqrt().max(1e-6 * size.max(f64::MIN_POSITIVE)));
     let theta = DVector::from_column_slice(theta);
     let jacobian = differences(&theta, &steps, |t| {
-        shapes::drawn(kind, t.as_slice(), *seen)
+        shapes::drawn(kind, t.as_slice(), *observed_ends)
             .map_or_else(|_| DVector::zeros(0), |made| made.drawing.values())
     });
     if jacobian.nrows() == 0 {
@@ -219,6 +224,8 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     if is_free {
         return Ok(along);
     }
+    // The size of the added variance is arbitrary, as the constraints remove it; the largest one of the
+    // estimate keeps the matrix well-conditioned.
     let largest = SymmetricEigen::new(along.clone()).eigenvalues.amax();
     // Unit columns: angles and lengths may differ by orders of magnitude, and QR would lose the small ones.
     let mut columns = jacobian;
@@ -243,6 +250,7 @@ fn differences(
             below[i] -= steps[i];
             above[i] += steps[i];
             let (low, high) = (f(&below), f(&above));
+            // A step can make a contour invalid; it then has no drawing.
             if low.len() == high.len() { (high - low) / (above[i] - below[i]) } else { DVector::zeros(0) }
         })
         .collect();
@@ -256,10 +264,11 @@ fn differences(
 ///
 /// # Examples
 /// ```
-/// use nalgebra::dmatrix;
+/// use nalgebra::DMatrix;
 /// use planish_contour::sketch::block_diagonal;
 ///
-/// assert_eq!(block_diagonal(&[dmatrix![2.0], dmatrix![3.0]]), dmatrix![2.0, 0.0; 0.0, 3.0]);
+/// let joint = block_diagonal(&[DMatrix::identity(1, 1) * 2.0, DMatrix::identity(2, 2)]);
+/// assert_eq!((joint.nrows(), joint[(0, 0)], joint[(0, 1)]), (3, 2.0, 0.0));
 /// ```
 #[must_use]
 pub fn block_diagonal(blocks: &[DMatrix<f64>]) -> DMatrix<f64> {

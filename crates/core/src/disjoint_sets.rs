@@ -59,3 +59,26 @@ impl DisjointSets {
         self.parent
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::nth;
+
+    #[test]
+    fn roots_do_not_depend_on_the_order_of_the_pairs() {
+        let pairs: Vec<[u32; 2]> =
+            (0..60).map(|k| [nth(2 * k), nth(2 * k + 1)].map(|bits| (bits % 100) as u32)).collect();
+        let joined = |pairs: &mut dyn Iterator<Item = &[u32; 2]>| {
+            let mut sets = DisjointSets::new(100);
+            pairs.for_each(|[a, b]| {
+                sets.join(*a, *b);
+            });
+            sets
+        };
+        let mut forwards = joined(&mut pairs.iter());
+        let one_by_one: Vec<u32> = (0..100).map(|k| forwards.root(k)).collect();
+        assert_eq!(joined(&mut pairs.iter().rev()).into_roots(), one_by_one);
+        assert!(pairs.iter().all(|[a, b]| one_by_one[*a as usize] == one_by_one[*b as usize]));
+    }
+}

@@ -1,32 +1,45 @@
-//! The one error type of Planish.
+//! The error type of all crates.
 //!
-//! Comes in: what was needed, what was found, where. Goes out: an [`Error`] whose [`ErrorKind`] decides the
-//! exit code of the command and the exception of other languages. Not converging is data, not an error.
+//! In: a kind, and a message that says what was expected, what was found and where. Out: an [`Error`]. Its
+//! [`ErrorKind`] decides the exit code of the command and the exception in other languages.
+//!
+//! A fit that does not converge is not an error: its result says so. Panics are for bugs of Planish.
 
+use crate::setting::Setting;
 use std::fmt;
 
-/// What sort of trouble an [`Error`] reports.
+/// Category of an [`Error`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum ErrorKind {
-    /// The input or its use is wrong: a bad value, a malformed file, options that contradict each other.
+    /// The input or its use is wrong: an invalid value, a malformed file, conflicting options.
     Input,
-    /// The data do not determine the answer: too few points, all of them on a line, an empty overlap.
+    /// The data do not determine the answer: too few points, collinear points, no overlap.
     Undetermined,
-    /// The input is right, but this version cannot do what it asks for.
+    /// The input is valid, but this version does not support it.
     Unsupported,
     /// A file could not be opened, read or written.
     Io,
-    /// The caller asked for the work to be stopped.
+    /// The caller stopped the work.
     Interrupted,
 }
 
 impl ErrorKind {
-    /// The exit code of the `planish` command: 1 undetermined, 2 bad input or use, 3 file trouble, 130
-    /// interrupted.
+    /// The exit code of the `planish` command.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::ErrorKind;
+    /// assert_eq!(ErrorKind::Undetermined.exit_code(), 1);
+    /// assert_eq!(ErrorKind::Input.exit_code(), 2);
+    /// assert_eq!(ErrorKind::Unsupported.exit_code(), 2);
+    /// assert_eq!(ErrorKind::Io.exit_code(), 3);
+    /// assert_eq!(ErrorKind::Interrupted.exit_code(), 130);
+    /// ```
     #[must_use]
     pub fn exit_code(self) -> u8 {
         match self {
+            // Rust exits with 101 after a panic; shells expect 130 after Ctrl-C (128 + SIGINT).
             Self::Undetermined => 1,
             Self::Input | Self::Unsupported => 2,
             Self::Io => 3,
@@ -35,11 +48,28 @@ impl ErrorKind {
     }
 }
 
-/// An error: its kind, a message that says what to do, and the cause beneath it where there is one.
+/// An error: its kind, a message, and the cause if there is one.
+///
+/// Callers add context while the error travels upwards, so that the message names the file and the line.
+///
+/// # Examples
+/// ```
+/// use planish_core::{Error, ErrorKind, Result};
+///
+/// fn parse_sigma(text: &str) -> Result<f64> {
+///     text.parse().map_err(|e| Error::input(format!("expected σ, found `{text}`")).with_source(e))
+/// }
+///
+/// let error = parse_sigma("0,1").map_err(|e| e.in_context("scan.xyz, line 7")).unwrap_err();
+/// assert_eq!(error.kind(), ErrorKind::Input);
+/// assert_eq!(error.to_string(), "scan.xyz, line 7: expected σ, found `0,1` (invalid float literal)");
+/// ```
 #[derive(Debug)]
 pub struct Error {
     kind: ErrorKind,
     message: String,
+    place: Option<String>,
+    settings: Vec<Setting>,
     source: Option<Box<dyn std::error::Error + Send + Sync + 'static>>,
 }
 
@@ -47,38 +77,38 @@ pub struct Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// An error of the given kind.
+    /// An error of a given kind.
     pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
-        Self { kind, message: message.into(), source: None }
+        Self { kind, message: message.into(), place: None, settings: Vec::new(), source: None }
     }
 
-    /// Wrong input or wrong use.
+    /// An [`ErrorKind::Input`] error: wrong input or wrong use.
     pub fn input(message: impl Into<String>) -> Self {
         Self::new(ErrorKind::Input, message)
     }
 
-    /// The data do not determine the answer.
+    /// An [`ErrorKind::Undetermined`] error: the data do not determine the answer.
     pub fn undetermined(message: impl Into<String>) -> Self {
         Self::new(ErrorKind::Undetermined, message)
     }
 
-    /// Right input that this version cannot serve.
+    /// An [`ErrorKind::Unsupported`] error: valid input that this version does not support.
     pub fn unsupported(message: impl Into<String>) -> Self {
         Self::new(ErrorKind::Unsupported, message)
     }
 
-    /// File trouble.
+    /// An [`ErrorKind::Io`] error: a file cannot be opened, read or written.
     pub fn io(message: impl Into<String>) -> Self {
         Self::new(ErrorKind::Io, message)
     }
 
-    /// The work was stopped on request.
+    /// The [`ErrorKind::Interrupted`] error: the caller stopped the work.
     #[must_use]
     pub fn interrupted() -> Self {
         Self::new(ErrorKind::Interrupted, "interrupted: nothing was written")
     }
 
-    /// The same error with its cause attached.
+    /// This error with its cause, which the message then ends with.
     #[must_use]
     pub fn with_source(
         mut self,
@@ -88,14 +118,50 @@ impl Error {
         self
     }
 
-    /// The same error with words in front: `context: message`.
+    /// This error with a context in front of its message: `context: message`.
     #[must_use]
     pub fn in_context(mut self, context: impl fmt::Display) -> Self {
         self.message = format!("{context}: {}", self.message);
         self
     }
 
-    /// What sort of trouble this is.
+    /// The same error with the name of the scan that it is about in front. [`Error::place`] returns that
+    /// name, so that a caller who knows files can decide whether the message names the file already.
+    #[must_use]
+    pub fn at(mut self, place: impl Into<String>) -> Self {
+        let place = place.into();
+        self = self.in_context(&place);
+        self.place = Some(place);
+        self
+    }
+
+    /// The same error with a setting that the message is about.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_core::{Error, Setting};
+    /// let error = Error::input("needed a sheet, found a ball").with_setting(Setting::Shape);
+    /// assert_eq!(error.settings(), [Setting::Shape]);
+    /// ```
+    #[must_use]
+    pub fn with_setting(mut self, setting: Setting) -> Self {
+        self.settings.push(setting);
+        self
+    }
+
+    /// The name of the scan that the message begins with, if it is about one.
+    #[must_use]
+    pub fn place(&self) -> Option<&str> {
+        self.place.as_deref()
+    }
+
+    /// The settings that the message is about. The command prints the names of their options.
+    #[must_use]
+    pub fn settings(&self) -> &[Setting] {
+        &self.settings
+    }
+
+    /// The kind.
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
         self.kind

@@ -1,33 +1,48 @@
-//! Foundations that every crate of Planish shares. This crate depends on no other.
+//! Foundations that the crates of Planish share. This crate depends on no other crate.
 //!
-//! | Module | Contents |
+//! | Contents | |
 //! |---|---|
-//! | [`error`] | [`Error`], its [`ErrorKind`] and [`Result`] |
-//! | [`progress`] | [`Progress`]: reports from long work, and requests to stop it |
-//! | [`vector3`] | sums, products and lengths of `[f64; 3]` |
+//! | [`Error`], [`ErrorKind`], [`Result`] | the error type of all crates, and its exit codes |
+//! | [`Finding`], [`FindingCode`], [`FindingLevel`] | what a user should know about a result, with stable codes |
+//! | [`Setting`] | settings that messages refer to; the command prints their options |
+//! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
+//! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
+//! | [`vector3`], [`matrix3`] | arithmetic of `[f64; 3]` and `[[f64; 3]; 3]` |
+//! | [`SymmetricMatrix3`] | covariances and curvature tensors |
+//! | [`Pose`] | rigid motions between two frames |
+//! | [`Pinhole`] | cameras and projectors |
+//! | [`BoundingBox`] | axis-aligned boxes |
+//! | [`DisjointSets`] | union-find |
 //! | [`random`] | repeatable random bits and hashes |
-//! | crate root | [`Unit`], [`Length`], [`BoundingBox`], [`SymmetricMatrix3`], [`Pose`], [`DisjointSets`] |
 //!
-//! Coordinates are `[f64; 3]` in the unit of the model.
+//! Coordinates are `[f64; 3]` in the unit of the model. Frames are named in variables: `world_from_scanner`
+//! maps points of the scanner's frame into the world.
 //!
 //! # Examples
-//! The size of a scan in the world's frame:
+//! The size of a scan in the world's frame, and the uncertainty of its points along the vertical:
 //! ```
-//! use planish_core::{BoundingBox, Pose, Unit};
+//! use planish_core::{BoundingBox, Pose, SymmetricMatrix3, Unit};
 //! let world_from_scanner = Pose { translation: [0.0, 0.0, 5.0], ..Pose::identity() };
 //! let points = [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]].map(|p| world_from_scanner.apply(p));
 //! let bounds = BoundingBox::from_points(&points).expect("two points");
 //! assert_eq!((bounds.center(), bounds.diagonal()), ([1.5, 2.0, 5.0], 5.0));
 //! assert_eq!(bounds.diagonal() * Unit::Inch.millimetres(), 127.0);
+//!
+//! let covariance = SymmetricMatrix3::isotropic(0.5 * 0.5).rotated(&world_from_scanner.rotation);
+//! assert_eq!(covariance.along([0.0, 0.0, 1.0]).sqrt(), 0.5);
 //! ```
 
 pub mod error;
+pub mod finding;
+pub mod matrix3;
 pub mod progress;
 pub mod random;
+pub mod setting;
 pub mod vector3;
 
 mod bounding_box;
 mod disjoint_sets;
+mod pinhole;
 mod pose;
 mod symmetric_matrix3;
 mod unit;
@@ -35,7 +50,10 @@ mod unit;
 pub use bounding_box::BoundingBox;
 pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
+pub use finding::{Finding, FindingCode, FindingLevel};
+pub use pinhole::Pinhole;
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};
+pub use setting::Setting;
 pub use symmetric_matrix3::SymmetricMatrix3;
 pub use unit::{Length, Unit};

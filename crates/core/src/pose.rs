@@ -6,6 +6,7 @@
 //! Not guaranteed: a pose that is built from a matrix by hand is not checked. The rotation must be
 //! orthonormal with determinant +1.
 
+use crate::matrix3::{IDENTITY, times};
 use crate::vector3::{add_scaled, cross, norm};
 
 /// A rigid motion `p_world = R p_scanner + t`.
@@ -38,7 +39,7 @@ impl Pose {
     /// The identity.
     #[must_use]
     pub fn identity() -> Self {
-        Self { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] }
+        Self { rotation: IDENTITY, translation: [0.0; 3] }
     }
 
     /// The motion of a quaternion `(x, y, z, w)`, which is normalised, and a translation; `None` for a
@@ -115,8 +116,7 @@ impl Pose {
     /// Rotates a direction: `R d`.
     #[must_use]
     pub fn rotate(&self, d: [f64; 3]) -> [f64; 3] {
-        let r = &self.rotation;
-        [0, 1, 2].map(|i| r[i][0] * d[0] + r[i][1] * d[1] + r[i][2] * d[2])
+        times(&self.rotation, d)
     }
 
     /// Moves a point: `R p + t`.

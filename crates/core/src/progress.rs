@@ -1,41 +1,72 @@
-//! How long work tells how far it is, and is told to stop.
+//! Progress reports of long work, and requests to stop it.
+//!
+//! In: a [`Progress`] from the caller, often [`Silent`]. Out: calls of its methods, with shares of the whole
+//! job that increase from 0 to 1. A job hands a [`ProgressPart`] to each of its parts.
+//!
+//! Work asks for interruption at its check points, so it stops at the next of them, not at once.
 
 use crate::error::{Error, Result};
 
-/// The stage in which files are written, of every job that writes any.
+/// Name of the stage in which a job writes its files.
 pub const WRITING_STAGE: &str = "writing";
-/// The stage in which a result is shown until somebody ends it: to stop is no interruption then.
+/// Name of the stage in which a result is shown until the user ends it. Stopping then is not an interruption.
 pub const SHOWING_STAGE: &str = "showing";
 
-/// A listener to long work. All methods may be called from the thread that runs the job only.
+/// Receives the progress of long work.
+///
+/// All methods are called from the thread that runs the job, so implementations need not be `Sync`.
+///
+/// # Examples
+/// A listener that stops the work halfway:
+/// ```
+/// use planish_core::{ErrorKind, Progress, Result};
+/// use std::cell::Cell;
+///
+/// struct UntilHalf(Cell<f64>);
+/// impl Progress for UntilHalf {
+///     fn advance(&self, _stage: &str, share: f64) {
+///         self.0.set(share);
+///     }
+///     fn interrupted(&self) -> bool {
+///         self.0.get() >= 0.5
+///     }
+/// }
+///
+/// fn work(progress: &dyn Progress) -> Result<()> {
+///     (0..10).try_for_each(|k| progress.check("fitting", f64::from(k) / 10.0))
+/// }
+///
+/// let listener = UntilHalf(Cell::new(0.0));
+/// assert_eq!(work(&listener).unwrap_err().kind(), ErrorKind::Interrupted);
+/// assert_eq!(listener.0.get(), 0.5);
+/// ```
 pub trait Progress {
-    /// A stage has reached a share of the whole job, in `[0, 1]`.
+    /// Reports that the work is in a stage and has done a share of the whole job, in `[0, 1]`.
     fn advance(&self, stage: &str, share: f64);
 
-    /// How far readings lie from what is known so far, root mean square, in the unit of the job; of jobs that
-    /// go round after round.
+    /// Reports the root mean square residual of the current round, in the unit of the job. Only iterative
+    /// jobs call it.
     fn rms(&self, _rms: f64) {}
 
-    /// How many of the things that this stage works through are done, and what they are, in the plural:
-    /// `readings`.
+    /// Reports how many items the stage has done, and what they are, in the plural: `readings`.
     fn items(&self, _done: usize, _what: &'static str) {}
 
-    /// Whether the work is to stop.
+    /// True if the work should stop.
     fn interrupted(&self) -> bool {
         false
     }
 
-    /// [`Progress::advance`], then an error where the work is to stop.
+    /// Calls [`Progress::advance`] and returns an error if the work should stop.
     ///
     /// # Errors
-    /// `Interrupted` when [`Progress::interrupted`] says so.
+    /// `Interrupted` if [`Progress::interrupted`] is true.
     fn check(&self, stage: &str, share: f64) -> Result<()> {
         self.advance(stage, share);
         if self.interrupted() { Err(Error::interrupted()) } else { Ok(()) }
     }
 }
 
-/// Tells nobody and never stops.
+/// Ignores all progress and never stops the work.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
@@ -43,7 +74,25 @@ impl Progress for Silent {
     fn advance(&self, _: &str, _: f64) {}
 }
 
-/// A part of a longer job: its shares run from one share of the whole to another.
+/// The progress of one part of a job: maps the part's shares from 0 to 1 to a range of the whole job.
+///
+/// # Examples
+/// ```
+/// use planish_core::{Progress, ProgressPart};
+/// use std::cell::Cell;
+///
+/// struct Last(Cell<f64>);
+/// impl Progress for Last {
+///     fn advance(&self, _stage: &str, share: f64) {
+///         self.0.set(share);
+///     }
+/// }
+///
+/// let whole = Last(Cell::new(0.0));
+/// let second_half = ProgressPart::new(&whole, 0.5, 1.0);
+/// second_half.advance("writing", 0.5);
+/// assert_eq!(whole.0.get(), 0.75);
+/// ```
 pub struct ProgressPart<'a> {
     whole: &'a dyn Progress,
     from: f64,
@@ -51,7 +100,7 @@ pub struct ProgressPart<'a> {
 }
 
 impl<'a> ProgressPart<'a> {
-    /// The part of a job between two of its shares.
+    /// The part of `whole` between two of its shares.
     #[must_use]
     pub fn new(whole: &'a dyn Progress, from: f64, to: f64) -> Self {
         Self { whole, from, to }

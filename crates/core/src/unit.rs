@@ -96,3 +96,22 @@ impl Length {
         self.value * self.unit.unwrap_or(unit).millimetres() / unit.millimetres()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_parse_to_their_units() {
+        for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch, Unit::Foot] {
+            assert_eq!(unit.name().parse::<Unit>().unwrap(), unit);
+        }
+    }
+
+    #[test]
+    fn lengths_convert_between_units() {
+        let length = Length { value: 3.0, unit: Some(Unit::Foot) };
+        assert!((length.in_unit(Unit::Inch) - 36.0).abs() < 1e-13);
+        assert!((length.in_unit(Unit::Metre) - 0.9144).abs() < 1e-15);
+    }
+}

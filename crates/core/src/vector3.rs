@@ -1,4 +1,14 @@
-//! Arithmetic of plain `[f64; 3]` vectors, which are what crosses every crate boundary.
+//! Arithmetic of points and directions stored as `[f64; 3]`.
+//!
+//! Plain arrays cross every crate boundary and are what files hold, so no conversion is needed anywhere.
+//!
+//! # Examples
+//! The distance of a point from a plane through `origin` with a unit normal:
+//! ```
+//! use planish_core::vector3::{dot, sub};
+//! let (origin, normal) = ([0.0, 0.0, 1.0], [0.0, 0.6, 0.8]);
+//! assert_eq!(dot(normal, sub([5.0, 0.0, 3.5], origin)), 2.0);
+//! ```
 
 /// `a + b`.
 #[inline]
@@ -36,6 +46,12 @@ pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 /// `a × b`.
+///
+/// # Examples
+/// ```
+/// use planish_core::vector3::cross;
+/// assert_eq!(cross([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]);
+/// ```
 #[inline]
 #[must_use]
 pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -56,7 +72,14 @@ pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     norm(sub(a, b))
 }
 
-/// `a / |a|`, or `None` where `a` is zero or not finite.
+/// `a / |a|`; `None` if `|a|²` is zero or not finite.
+///
+/// # Examples
+/// ```
+/// use planish_core::vector3::unit;
+/// assert_eq!(unit([0.0, 4.0, 0.0]), Some([0.0, 1.0, 0.0]));
+/// assert_eq!(unit([0.0; 3]), None);
+/// ```
 #[inline]
 #[must_use]
 pub fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
@@ -64,12 +87,21 @@ pub fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
     (length > 0.0 && length.is_finite()).then(|| scale(1.0 / length, a))
 }
 
-/// Two unit vectors that make a right-handed frame with the unit vector `n`: `e1 × e2 = n`.
+/// Two unit vectors that form a right-handed frame with the unit vector `n`: `e1 × e2 = n`.
+///
+/// # Examples
+/// ```
+/// use planish_core::vector3::{cross, distance, tangents};
+/// let normal = [0.6, 0.0, 0.8];
+/// let (e1, e2) = tangents(normal);
+/// assert!(distance(cross(e1, e2), normal) < 1e-15);
+/// ```
 ///
 /// # References
 /// Duff et al., *Building an Orthonormal Basis, Revisited*, JCGT 2017.
 #[must_use]
 pub fn tangents(n: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    // With the sign, the divisor is at least 1 in magnitude: no cancellation near n = (0, 0, −1).
     let sign = 1.0_f64.copysign(n[2]);
     let a = -1.0 / (sign + n[2]);
     let b = n[0] * n[1] * a;

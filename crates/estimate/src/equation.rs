@@ -65,6 +65,8 @@ pub(crate) fn linearize_into<E: MeasurementEquation + ?Sized>(
     out.state.copy_from(x);
     out.noise.copy_from(v);
     equation.linearize(x, v, out);
+    // Checked here for every equation: a NaN in one reading would make the whole information NaN, far from
+    // its cause.
     let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
     if out.dimensions() != dimensions {
         return Err(Error::input("a measurement equation changed the shape of its linearisation"));
@@ -140,6 +142,7 @@ impl Linearization {
             )));
         }
         let covariance = &self.noise_jacobian * noise_covariance * self.noise_jacobian.transpose();
+        // The product is symmetric only up to rounding, and factorisations read one triangle.
         Ok(symmetric_part(&covariance))
     }
 
@@ -161,6 +164,8 @@ impl Linearization {
     /// Koch, *Parameter estimation and hypothesis testing in linear models*, 1999, mixed model.
     pub fn information(&self, noise_covariance: &DMatrix<f64>) -> Result<Information> {
         let weight = self.weight(noise_covariance)?;
+        // A solution instead of the inverse of `D R Dᵀ`, which is less accurate if readings differ in σ. The
+        // same product serves matrix and vector.
         let weighted = weight.solve_matrix(&self.state_jacobian);
         Ok(Information {
             matrix: symmetric_part(&(self.state_jacobian.transpose() * &weighted)),
@@ -217,6 +222,7 @@ pub fn check_jacobians<E: MeasurementEquation + ?Sized>(
     let at = equation.linearized(x, v)?;
     let in_state =
         deviation_of_columns(&at.state_jacobian, x, step, |x| Ok(equation.linearized(x, v)?.misclosure))?;
+    // Errors of sign in D are otherwise hard to find: they cancel in `D R Dᵀ`.
     let in_noise =
         deviation_of_columns(&at.noise_jacobian, v, step, |v| Ok(equation.linearized(x, v)?.misclosure))?;
     Ok(in_state.max(in_noise))
@@ -245,6 +251,8 @@ fn deviation_of_columns(
         // A difference cannot be more accurate than the rounding of `g` divided by the spacing. Far from the
         // origin this exceeds the truncation error, and a correct Jacobian would seem wrong.
         let rounding = 8.0 * f64::EPSILON * near_up.amax().max(near_down.amax()) / spacing;
+        // Fourth order, because the error of plain differences at a step large enough for rounding would hide
+        // errors of a Jacobian.
         let difference = ((near_up - near_down) * 8.0 - (far_up - far_down)) / (12.0 * spacing);
         let scale = difference.amax().max(stated.column(j).amax());
         let deviation = ((stated.column(j) - difference).amax() - rounding).max(0.0);

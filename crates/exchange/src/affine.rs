@@ -37,6 +37,7 @@ impl Affine {
     pub(crate) fn curve(&self, curve: &Curve2) -> Curve2 {
         let [a, b] = self.columns;
         let (length, other) = (a[0].hypot(a[1]), b[0].hypot(b[1]));
+        // Columns of equal length at right angles: a rotation or reflection with uniform scale.
         let keeps_circles = (length - other).abs() <= 1e-9 * length
             && (a[0] * b[0] + a[1] * b[1]).abs() <= 1e-9 * length * length;
         match curve {

@@ -8,6 +8,7 @@
 //!
 //! **Limits.** Of a material, only the colour picture (`map_Kd`) is used.
 
+use planish_core::Finding;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -65,7 +66,7 @@ pub struct TexturedMesh {
     /// Further files that were read.
     pub files: Vec<PathBuf>,
     /// References to missing files, and textures that are ignored.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
     /// The unit of length, if the file states it.
     pub unit: Option<Unit>,
 }
@@ -107,6 +108,7 @@ impl TexturedMesh {
                 triangles: self.triangles.clone(),
             };
         }
+        // Vertices are numbered in order of first use, which does not depend on the map.
         let mut made: BTreeMap<(u32, u32), u32> = BTreeMap::new();
         let mut split = SplitMesh {
             vertex_of: Vec::new(),
@@ -216,7 +218,8 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
                     };
                     let Some(material) = current.clone().filter(|_| !name.is_empty()) else {
                         return Err(Error::input(format!(
-                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of a picture after it",
+                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of a picture \
+                             after it",
                             index + 1
                         )));
                     };
@@ -258,6 +261,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let names = TriangleParts::new(mesh);
     let mut written = Vec::new();
+    // Files are written before those that refer to them: picture, materials, mesh.
     if let Some(bytes) = picture {
         write_atomically(&texture, |writer| writer.write_all(bytes))?;
         write_atomically(&materials, |writer| {
@@ -287,6 +291,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
             names.write_changes(writer, mesh, t, picture.is_some())?;
             write!(writer, "f")?;
             for (k, corner) in corners.iter().enumerate() {
+                // `v/vt` with texture coordinates, `v` without.
                 match mesh.uv_triangles.get(t).map(|uv| uv[k]).filter(|uv| *uv != NO_UV) {
                     Some(uv) => write!(writer, " {}/{}", corner + 1, uv + 1)?,
                     None => write!(writer, " {}", corner + 1)?,
@@ -356,6 +361,7 @@ impl TriangleParts {
         for (word, kind) in [("o", PartKind::Object), ("g", PartKind::Group), ("usemtl", PartKind::Material)]
         {
             let here = self.names(mesh, Some(triangle), kind);
+            // Names are repeated only when they change, as in files of other programs.
             let changed = here != self.names(mesh, before, kind);
             match &here[..] {
                 [] if kind == PartKind::Material && with_picture && (changed || before.is_none()) => {

@@ -134,6 +134,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 /// Two names of one file give the same result, which finds outputs that would overwrite an input.
 #[must_use]
 pub fn real_path(path: &Path) -> PathBuf {
+    // A missing file cannot be resolved, but its folder can.
     fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
         (Ok(folder), Some(name)) => folder.join(name),
         _ => path.to_path_buf(),
@@ -171,6 +172,7 @@ fn target_of(path: &Path) -> Result<Target> {
     if path.file_name().is_none() {
         return Err(Error::io(format!("{}: expected a file name", path.display())));
     }
+    // A missing file is not an error: it is about to be created.
     match fs::metadata(path) {
         Ok(known) if !known.is_file() => return Ok(Target::Device),
         Ok(known) if known.permissions().readonly() => {
@@ -211,15 +213,15 @@ pub fn make_folder(path: &Path) -> Result<()> {
 
 /// A folder of files that appears complete or not at all.
 ///
-/// It is filled under a temporary name and renamed by [`FolderInWork::finish`]. Dropped before that, it is
+/// It is filled under a temporary name and renamed by [`PendingFolder::finish`]. Dropped before that, it is
 /// removed with its content.
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::FolderInWork;
+/// use planish_exchange::PendingFolder;
 /// # let place = tempfile::tempdir()?;
 /// let path = place.path().join("frames");
-/// let folder = FolderInWork::beside(&path)?;
+/// let folder = PendingFolder::create(&path)?;
 /// std::fs::write(folder.path().join("0.txt"), "first")?;
 /// assert!(!path.exists());
 /// folder.finish()?;
@@ -227,27 +229,27 @@ pub fn make_folder(path: &Path) -> Result<()> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
-pub struct FolderInWork {
+pub struct PendingFolder {
     made: tempfile::TempDir,
     lock: Option<File>,
     target: PathBuf,
 }
 
-impl FolderInWork {
+impl PendingFolder {
     /// Checks that a folder can be created at this path: nothing exists there, or an empty folder.
     ///
     /// # Errors
     /// [`Io`](planish_estimate::ErrorKind::Io) if a file or a folder with files exists there, or no folder
     /// can be created.
     pub fn check(path: &Path) -> Result<()> {
-        Self::beside(path).map(drop)
+        Self::create(path).map(drop)
     }
 
     /// Starts a folder for this path; folders above it are created.
     ///
     /// # Errors
-    /// As for [`FolderInWork::check`].
-    pub fn beside(path: &Path) -> Result<Self> {
+    /// As for [`PendingFolder::check`].
+    pub fn create(path: &Path) -> Result<Self> {
         let in_the_way = |what: &str| {
             Error::io(format!(
                 "{}: expected a new or empty folder, found {what}; choose another name or move it away",
@@ -269,7 +271,7 @@ impl FolderInWork {
         Ok(Self { made, lock, target })
     }
 
-    /// Temporary path into which files are written before [`FolderInWork::finish`].
+    /// Temporary path into which files are written before [`PendingFolder::finish`].
     #[must_use]
     pub fn path(&self) -> &Path {
         self.made.path()
@@ -304,7 +306,18 @@ fn folder_of(path: &Path) -> PathBuf {
 /// Lists the paths in a folder in alphabetical order, so that results do not depend on the file system.
 ///
 /// # Errors
-/// `Io` where the folder cannot be read.
+/// `Io` if the folder cannot be read.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// for name in ["b.ply", "a.ply"] {
+///     std::fs::write(folder.path().join(name), "")?;
+/// }
+/// let paths = planish_exchange::paths_in(folder.path())?;
+/// assert_eq!(paths, ["a.ply", "b.ply"].map(|name| folder.path().join(name)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = fs::read_dir(folder).and_then(|entries| entries.map(|e| e.map(|e| e.path())).collect());
     let mut paths: Vec<PathBuf> =
@@ -433,17 +446,17 @@ mod tests {
     fn a_folder_appears_only_when_it_is_finished() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("frames/");
-        let folder = FolderInWork::beside(&path).unwrap();
+        let folder = PendingFolder::create(&path).unwrap();
         fs::write(folder.path().join("a"), "a").unwrap();
         assert!(!path.exists());
         drop(folder);
         assert!(names(place.path()).is_empty());
         fs::create_dir(&path).unwrap();
-        let folder = FolderInWork::beside(&path).unwrap();
+        let folder = PendingFolder::create(&path).unwrap();
         fs::write(folder.path().join("a"), "a").unwrap();
         folder.finish().unwrap();
         assert_eq!((names(place.path()), names(&path)), (vec!["frames".to_owned()], vec!["a".to_owned()]));
-        let e = FolderInWork::check(&path).unwrap_err();
+        let e = PendingFolder::check(&path).unwrap_err();
         assert!(e.to_string().contains("files in it"), "{e}");
     }
 }

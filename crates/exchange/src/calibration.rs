@@ -132,6 +132,7 @@ fn parse(text: &str) -> Result<Calibration> {
             return Err(Error::input(format!("expected {expected} for {key}, found {value}")));
         }
     }
+    // One of the two is enough: the other is then 0.
     let sigma = match (table.sigma_a, table.sigma_b) {
         (None, None) => None,
         (a, b) => Some([a.unwrap_or(0.0), b.unwrap_or(0.0)]),

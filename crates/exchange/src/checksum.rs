@@ -10,7 +10,7 @@ use std::path::Path;
 /// Computes the SHA-256 of a file in hexadecimal digits, as `sha256sum` prints it (FIPS 180-4).
 ///
 /// # Errors
-/// `Io` where the file cannot be read.
+/// `Io` if the file cannot be read.
 ///
 /// # Examples
 /// ```

@@ -1,13 +1,13 @@
-//! Readings of contours in; contours as drawings out.
+//! Reads measurements of contours, and writes contours as drawings.
 //!
 //! | format | |
 //! |---|---|
-//! | CSV with a header | `x,y,heading_deg,range` and their σ, or points `x,y` with `sigma`; in |
-//! | CSV in space | `x,y,z,azimuth_deg,elevation_deg,range` and their σ, or points `x,y,z` with `sigma`; in |
-//! | CARMEN log | `FLASER` lines of planar lasers, in metres; in |
-//! | JSON | contours with their covariance, as `planish contour` writes them; in |
-//! | DXF | LINE, ARC, CIRCLE, ELLIPSE and LWPOLYLINE on layer VISIBLE; out |
-//! | SVG | the contours with their readings; out |
+//! | CSV with a header | read: `x,y,heading_deg,range` and their σ, or points `x,y` with `sigma` |
+//! | CSV in space | read: `x,y,z,azimuth_deg,elevation_deg,range` and σ, or points `x,y,z` with `sigma` |
+//! | CARMEN log | read: `FLASER` lines of planar lasers, in metres |
+//! | JSON | read: contours with their covariance, as `planish contour` writes them |
+//! | DXF | written: LINE, CIRCLE, ELLIPSE and LWPOLYLINE on layer VISIBLE |
+//! | SVG | written: the contours with their readings |
 
 mod carmen;
 mod dxf;
@@ -28,10 +28,10 @@ use planish_contour::planar::ContourKind;
 /// A contour to draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrawnContour {
-    /// Its kind.
+    /// Kind of the contour.
     pub kind: ContourKind,
-    /// Its parameters, angles in radians.
+    /// Parameters, with angles in radians.
     pub theta: Vec<f64>,
-    /// The part of an endless line that was seen, from one end to the other.
+    /// Ends of the observed part of an infinite line.
     pub seen: Option<[[f64; 2]; 2]>,
 }

@@ -42,13 +42,13 @@ struct Image {
 pub(crate) fn is_depth_image(path: &Path) -> bool {
     match extension(path).as_str() {
         "png" | "tif" | "tiff" => true,
-        "npy" => beside(path).is_file() && npy::is_image(path),
+        "npy" => default_calibration(path).is_file() && npy::is_image(path),
         _ => false,
     }
 }
 
 /// Default path of the calibration of an image.
-fn beside(path: &Path) -> PathBuf {
+fn default_calibration(path: &Path) -> PathBuf {
     match extension(path) == extension(path.with_extension("").as_path()) {
         // `extension` ignores `.gz`, so both extensions of `NAME.npy.gz` must be removed.
         true => path.with_extension("").with_extension("toml"),
@@ -60,21 +60,21 @@ fn beside(path: &Path) -> PathBuf {
 ///
 /// # Errors
 /// `Io` for a missing image; `Input` if neither exists.
-pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
+pub fn find_calibration(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_path_buf());
     }
     // If the image is missing, too, its name is the mistake.
     open_file(path).map_err(|e| e.in_context(path.display()))?;
-    let beside = beside(path);
-    match beside.is_file() {
-        true => Ok(beside),
+    let found = default_calibration(path);
+    match found.is_file() {
+        true => Ok(found),
         false => Err(Error::input(format!(
             "{}: expected the calibration of the camera, found none: name it in a job (`calibration = \
              \"camera.toml\"` in the [[scan]]), or write {} with fx fy cx cy and scale, and sigma_a sigma_b \
              for σ = a + b z²",
             path.display(),
-            beside.display()
+            found.display()
         ))),
     }
 }
@@ -113,6 +113,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
     for (pixel, &reading) in image.readings.iter().enumerate() {
         let (row, column) = (pixel / image.columns, pixel % image.columns);
         let (u, v) = (column as f64, row as f64);
+        // A pixel without a reading becomes NaN and is dropped, so its covariance does not matter.
         let point = camera.point(u, v, reading).unwrap_or([f64::NAN; 3]);
         record[..3].copy_from_slice(&point);
         record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default().to_array());
@@ -142,7 +143,8 @@ fn read_image(path: &Path) -> Result<Image> {
         }
         other => {
             return Err(Error::unsupported(format!(
-                "expected a depth image (png, tif, tiff, npy) for this calibration, found the extension `{other}`"
+                "expected a depth image (png, tif, tiff, npy) for this calibration, found the extension \
+                 `{other}`"
             )));
         }
     };
@@ -195,6 +197,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     let mut readings = Vec::new();
     while let Some(row) = reader.next_row().map_err(damaged)? {
         match wide {
+            // PNG stores 16-bit values in big endian.
             true => readings
                 .extend(row.data().chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])))),
             false => readings.extend(row.data().iter().map(|&b| f64::from(b))),

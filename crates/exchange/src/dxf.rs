@@ -25,6 +25,7 @@ use crate::Unit;
 use crate::source::read_file;
 use groups::{Groups, Record};
 use placed::{Block, Drawer, Items, Place, Sheet};
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
@@ -44,8 +45,8 @@ pub struct DxfDrawing {
     pub unit: Option<Unit>,
     /// Number of ignored entities by kind, such as texts and hatches.
     pub ignored: BTreeMap<String, usize>,
-    /// Messages on ignored entities and conflicting dimensions; each names an entity.
-    pub warnings: Vec<String>,
+    /// Ignored entities and conflicting dimensions; each text names an entity.
+    pub findings: Vec<Finding>,
 }
 
 /// Reads a DXF file.
@@ -59,9 +60,8 @@ pub struct DxfDrawing {
 /// ```
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("line.dxf");
-/// let groups = ["0", "SECTION", "2", "ENTITIES", "0", "LINE", "8", "HIDDEN", "10", "0", "20", "0", "11", "3", "21",
-///     "4", "0", "ENDSEC", "0", "EOF"];
-/// std::fs::write(&path, groups.join("\n"))?;
+/// let groups = "0 SECTION 2 ENTITIES 0 LINE 10 0 20 0 11 3 21 4 0 ENDSEC 0 EOF";
+/// std::fs::write(&path, groups.replace(' ', "\n"))?;
 /// let drawing = planish_exchange::dxf::read_dxf(&path)?;
 /// assert_eq!(drawing.curves[0].curve.length(), 5.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -125,11 +125,12 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let (mut drawing, dimensions, ignored) = drawer.finish();
     for (kind, (count, first)) in &ignored {
         drawing.ignored.insert(kind.clone(), *count);
-        drawing
-            .warnings
-            .push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing.findings.push(Finding::new(
+            FindingCode::EntitiesSkipped,
+            format!("ignored {count} × {kind}, which draws no edges; the first is {first}"),
+        ));
     }
-    drawing.warnings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
+    drawing.findings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
             "expected an ASCII DXF file that ends with EOF, found no entities and no EOF",

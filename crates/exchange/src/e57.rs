@@ -99,8 +99,8 @@ fn scan_from(
         && needed > length
     {
         return Err(Error::input(format!(
-            "the header promises {} points, which take at least {needed} bytes, but the file has {length}: it \
-             is cut off or its header is wrong",
+            "the header promises {} points, which take at least {needed} bytes, but the file has {length}: \
+             it is cut off or its header is wrong",
             cloud.records
         )));
     }
@@ -120,6 +120,7 @@ fn scan_from(
         let cannot = |e| damaged(e, &format!("point {number} cannot be read"));
         let values = values.map_err(cannot)?;
         let position = layout.position(cloud, &values).map_err(cannot)?;
+        // Only kept points have a cell.
         let before = collector.len();
         collector.push(&position.unwrap_or([f64::NAN; 3]), format_args!("point {number}"))?;
         if let Some([column, row]) = layout.cell.filter(|_| collector.len() > before) {
@@ -129,6 +130,7 @@ fn scan_from(
     }
     let (mut scan, _) = collector.finish(name);
     scan.grid = grid(&cells);
+    // Such coordinates are relative to the scanner, so it is at their origin.
     if scan.grid.is_some() || !cartesian || world_from_scanner != Pose::identity() {
         scan.viewing = Viewing::Origin([0.0; 3]);
     }
@@ -179,6 +181,7 @@ impl Layout {
         }
         let spherical = stated(self.spherical, self.spherical_state)?;
         Ok(spherical.map(|[range, azimuth, elevation]| {
+            // Elevation counts from the horizontal plane, azimuth from x (ASTM E2807).
             let level = range * elevation.cos();
             [level * azimuth.cos(), level * azimuth.sin(), range * elevation.sin()]
         }))
@@ -209,6 +212,7 @@ fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
             high[k] = high[k].max(cell[k]);
         }
     }
+    // In 128 bits, because the difference of two 64-bit indices may overflow.
     let side = |k: usize| u64::try_from(i128::from(high[k]) - i128::from(low[k]) + 1).ok();
     let (columns, rows) = (side(0)?, side(1)?);
     let count = columns.checked_mul(rows)?;

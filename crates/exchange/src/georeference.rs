@@ -46,6 +46,7 @@ impl GeoReference {
         let keys: Vec<[u16; 4]> = (words.get(4..)?.chunks_exact(4).take(count))
             .map(|k| [k[0], k[1], k[2], k[3]])
             .filter(|&[key, tag, count, from]| {
+                // Tag 0 means that the value is in the entry itself.
                 let until = usize::from(from) + usize::from(count);
                 key != 0
                     && match tag {
@@ -80,6 +81,7 @@ impl GeoReference {
         if let Some(length) = length {
             let unit = [(METRE, 1.0), (FEET[0], 0.3048), (FEET[1], 1200.0 / 3937.0)]
                 .into_iter()
+                // The two feet differ by 6e-7 m, so the tolerance separates them.
                 .find(|(_, metres)| (length - metres).abs() < 1e-8);
             keys.extend(unit.map(|(code, _)| [PROJECTED_LINEAR_UNITS, 0, 1, code]));
         }

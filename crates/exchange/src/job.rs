@@ -6,7 +6,7 @@
 //! keys are errors, so that a misspelt σ does not go unnoticed.
 //!
 //! ```toml
-//! unit = "mm"                      # mm, m or in
+//! unit = "mm"                      # mm, m, in or ft
 //!
 //! [sensor.laser]
 //! kind = "range"                   # range, touch, stereo, normal or curvature
@@ -149,6 +149,7 @@ struct PoseTable {
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
+        // Checked now, so that a mistyped name is reported before large scans are read.
         for scan in &job.scans {
             let named = [("scan", Some(&scan.path)), ("calibration", scan.calibration.as_ref())];
             let missing = |path: &Path| !path.is_file();
@@ -250,6 +251,7 @@ impl Text {
         }
         let sigma_curvature = self.sigma(&key("sigma_k"), table.sigma_k.as_ref())?;
         let sigma_bias = self.sigma(&key("sigma_bias"), table.sigma_bias.as_ref())?;
+        // A σ of positions would have no effect on a sensor that measures none.
         let of_places = table.sigma.as_ref().or(ray_key).or(table.sigma_bias.as_ref());
         if let (false, Some(found)) = (kind.measures_positions(), of_places) {
             return Err(self.wrong(
@@ -260,6 +262,7 @@ impl Text {
                 ),
             ));
         }
+        // One of the two along the ray would leave the other direction exact or unknown.
         let noise = match (sigma, along, across) {
             (None, None, None) => None,
             (Some(sigma), None, None) => Some(Noise::Isotropic { sigma }),
@@ -290,11 +293,10 @@ impl Text {
                     ),
                 )
             })?,
+            // With one sensor, its name need not be repeated in every scan.
             None if sensors.len() == 1 => 0,
             None => {
-                return Err(
-                    self.wrong(entry, "expected `sensor` in this scan, because the job names several")
-                );
+                return Err(self.wrong(entry, "expected `sensor` in this scan: the job names several"));
             }
         };
         let pose = table.pose.as_ref();
@@ -307,6 +309,7 @@ impl Text {
             Some(stated) => {
                 let q = self.finite("pose.quaternion_xyzw", stated)?;
                 let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
+                // The length is checked, not only normalised: another length shows a mistake in the numbers.
                 Pose::from_quaternion_xyzw(q, translation)
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
@@ -321,6 +324,7 @@ impl Text {
             (Some(point), None) => Some(Viewing::Origin(self.finite("viewpoint", point)?)),
             (None, Some(direction)) => {
                 let d = self.finite("direction", direction)?;
+                // Unlike quaternions, directions of any length are accepted: their length has no meaning.
                 let length = d.iter().map(|c| c * c).sum::<f64>().sqrt();
                 if !(length > 0.0 && length.is_finite()) {
                     return Err(self.wrong(direction, format_args!("expected a direction, found {d:?}")));

@@ -58,6 +58,7 @@ fn georeference(header: &Header) -> Option<GeoReference> {
         let mut all = header.all_vlrs();
         all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number).map(|vlr| vlr.data.as_slice())
     };
+    // Keys are preferred to text, because a raster stores keys.
     let keys = record(34735).and_then(|keys| {
         GeoReference::from_keys(keys, record(34736).unwrap_or(&[]), record(34737).unwrap_or(&[]))
     });
@@ -133,6 +134,7 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
             damaged(&format!("point {point} or one soon after cannot be read")).with_source(e)
         })?;
         for bytes in bytes.chunks_exact(usize::from(format.len())) {
+            // Coordinates are the first three fields of every point format.
             let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
             if !is_withheld(bytes, format.is_extended) {
                 let before = collector.len();

@@ -1,35 +1,77 @@
-//! Every file format of Planish, in and out; the only crate that touches files.
+//! Reads and writes every file format of Planish. Other crates do not open files of measurements or results.
 //!
-//! | module | format | |
-//! |---|---|---|
-//! | [`ply`] | PLY | scans and meshes in; scans, meshes and points out |
-//! | [`obj`] | OBJ | points and meshes in; meshes out |
-//! | [`stl`] | STL, binary and ASCII | points and meshes in; meshes out |
-//! | [`glb`] | GLB, binary glTF 2.0 | points and meshes in; meshes out |
-//! | [`off`] | OFF | points and meshes in; meshes out |
-//! | [`mesh`] | whichever of these five | meshes in and out |
-//! | [`textured`] | OBJ with MTL | meshes with texture coordinates and named parts, in and out |
-//! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points in |
-//! | [`pcd`] | PCD, three encodings | organised and plain clouds in |
-//! | [`las`] | LAS, LAZ | points and their classes in |
-//! | [`e57`] | E57 | several scans with poses in |
-//! | [`npy`] | NPY, NPZ | points and organised points in |
-//! | [`depth`] | PNG, TIFF, NPY | depth images in, with the [`calibration`] of their camera |
-//! | [`dxf`] | DXF, ASCII | curves of drawings in |
-//! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures in |
-//! | [`raster`] | TIFF, NPY | numbers of every pixel out |
-//! | [`views`] | `views.toml` | cameras with masks, contours and tracks in |
-//! | [`poses`] | TOML | moves of controls and keyframes in |
-//! | [`vrip`] | VRIP `.conf` | scans with poses in |
-//! | [`job`] | `job.toml` | sensors and scans in |
-//! | [`geotiff`] | GeoTIFF | heights and their σ out |
-//! | [`contours`] | CSV, CARMEN logs in; DXF, SVG out | readings of contours, and drawings of them |
-//! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
-//! | [`model`] | `.planish` (safetensors) | saved models, in and out |
+//! # Tour
 //!
-//! [`read_inputs`] takes a list of any of the files that hold scans; PLY, OBJ, STL, GLB, PCD, NPY and text
-//! may be compressed by gzip. Everything is written by [`write_atomically`]: a whole file or none. Errors
-//! name the file, where in it (line, byte, index), what was needed and what was found.
+//! [`read_inputs`] reads any combination of scans, depth images and lists of scans into one [`ScanSet`]:
+//! scans with their poses, sensors and units, ready for a fit. [`mesh`] reads and writes triangle meshes in
+//! any format; the extension of the file selects it. Modules named after a format offer the same with its
+//! details.
+//!
+//! ```
+//! use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
+//! use planish_exchange::{Unit, read_inputs};
+//! # let folder = tempfile::tempdir()?;
+//! // Measurements with a σ each.
+//! let scan = folder.path().join("probe.csv");
+//! std::fs::write(&scan, "x,y,z,sigma\n0,0,0,0.05\n1,0,0,0.05\n0,1,0,0.05\n")?;
+//! let set = read_inputs(&[&scan], Some(Unit::Millimetre))?;
+//! let points = &set.scans[0].scan.points;
+//!
+//! // A mesh; `.ply` keeps every bit and further columns, `.stl` only positions.
+//! let part = folder.path().join("part.ply");
+//! let unit = Some(Unit::Millimetre);
+//! write_mesh(&part, &MeshColumns { points, triangles: &[[0, 1, 2]], unit, ..MeshColumns::default() })?;
+//! assert_eq!(read_mesh(&part)?.unit, unit);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Errors state what was expected, what was found, and where: file, and line, byte or index.
+//!
+//! ```
+//! # let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("cup.xyz");
+//! std::fs::write(&path, "1 2 3\n4 5\n")?;
+//! let error = planish_exchange::xyz::read_points(&path).unwrap_err();
+//! assert!(error.to_string().ends_with("cup.xyz: line 2: expected 3 numbers, found 2"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Formats
+//!
+//! | module | format | reads | writes |
+//! |---|---|---|---|
+//! | [`ply`] | PLY | scans, meshes | scans, meshes, points |
+//! | [`obj`] | OBJ | points, meshes | meshes |
+//! | [`stl`] | STL, binary and ASCII | points, meshes | meshes |
+//! | [`glb`] | GLB (binary glTF 2.0) | points, meshes | meshes, animations, poses |
+//! | [`off`] | OFF | points, meshes | meshes |
+//! | [`mesh`] | any of these five, STEP | meshes | meshes |
+//! | [`textured`] | OBJ with MTL, GLB | meshes with texture and parts | OBJ with MTL |
+//! | [`xyz`] | XYZ, TXT, ASC, CSV, PTS | points | |
+//! | [`pcd`] | PCD, three encodings | organised and plain clouds | |
+//! | [`las`] | LAS, LAZ | points with classes | |
+//! | [`e57`] | E57 | scans with poses | |
+//! | [`npy`] | NPY, NPZ | points, organised points | |
+//! | [`depth`] | PNG, TIFF, NPY | depth images, with the [`calibration`] of their camera | |
+//! | [`dxf`], [`svg`] | DXF (ASCII), SVG | curves of drawings | |
+//! | [`picture`] | PNG, TIFF, JPEG, TGA, PGM, PPM | pictures | PNG |
+//! | [`raster`] | TIFF, NPY | | values per pixel |
+//! | [`views`] | `views.toml` | cameras with masks, contours and tracks | |
+//! | [`poses`] | TOML | displacements of controls, keyframes | |
+//! | [`vrip`] | VRIP `.conf` | lists of scans with poses | |
+//! | [`job`] | `job.toml` | sensors and scans | |
+//! | [`geotiff`] | GeoTIFF | | heights with their σ |
+//! | [`contours`] | CSV, CARMEN logs, JSON, DXF, SVG | readings of contours, contours | drawings |
+//! | [`step`] | STEP (ISO 10303-21) | faces, as triangles | boundary representations |
+//! | [`model`] | `.planish` (safetensors) | saved models | saved models |
+//!
+//! PLY, OBJ, STL, OFF, GLB, PCD, NPY, STEP, DXF and text may be compressed by gzip.
+//!
+//! # Guarantees
+//!
+//! - An output file appears complete or not at all ([`write_atomically`]).
+//! - The same input gives the same bytes.
+//! - Time and memory are proportional to the size of a file, whatever its header declares (decision 0041).
 
 pub mod calibration;
 pub mod contours;
@@ -73,10 +115,10 @@ mod scans;
 mod source;
 mod split_scans;
 
-pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
+pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
 pub use georeference::GeoReference;
 pub use output_set::write_as_set;
 pub use planish_core::Unit;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
-pub use source::{extension, found_extension};
+pub use source::{describe_extension, extension};

@@ -15,7 +15,7 @@
 //!
 //! **Limits.** OBJ, OFF and STL do not support columns, so σ is lost. STL also loses the normals of vertices.
 
-use crate::source::{extension, found_extension};
+use crate::source::{describe_extension, extension};
 use planish_estimate::{Error, Result};
 use std::path::Path;
 
@@ -102,6 +102,6 @@ fn unsupported(path: &Path, more: &str) -> Error {
     Error::unsupported(format!(
         "{}: expected a mesh (ply, obj, stl, off, glb{more}), found {}",
         path.display(),
-        found_extension(path)
+        describe_extension(path)
     ))
 }

@@ -192,6 +192,7 @@ pub fn read_model(path: &Path) -> Result<ModelFile> {
 
 fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
     for (name, tensor) in &model.tensors {
+        // Checked multiplication, because a shape from elsewhere may overflow.
         let product = tensor.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis));
         if product != Some(tensor.data.len()) {
             return Err(Error::input(format!(
@@ -207,6 +208,7 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
     metadata.insert("schema".to_owned(), SCHEMA.into());
     // A single key, because safetensors writes a hash map, whose order of keys changes from run to run.
     let metadata = HashMap::from([(KEY.to_owned(), Value::Object(metadata).to_string())]);
+    // The map of tensors is sorted by name, so their order in the file is fixed.
     safetensors::serialize(model.tensors.iter(), Some(metadata))
         .map_err(|e| Error::input("the model cannot be written as safetensors").with_source(e))
 }
@@ -248,6 +250,7 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     }
     let mut tensors = BTreeMap::new();
     for (name, view) in SafeTensors::deserialize(bytes).map_err(damaged)?.iter() {
+        // Decoded value by value: the bytes of a tensor need not be aligned.
         fn numbers<const N: usize, T>(bytes: &[u8], from_le_bytes: fn([u8; N]) -> T) -> Vec<T> {
             bytes.as_chunks::<N>().0.iter().map(|&chunk| from_le_bytes(chunk)).collect()
         }

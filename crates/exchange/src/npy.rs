@@ -108,6 +108,7 @@ pub(crate) fn read_image(path: &Path) -> Result<(usize, usize, Vec<f64>)> {
 fn scan_from<R: Read>(source: Source<R>, name: &str) -> Result<Scan> {
     let array = Array::open_points(source)?;
     let names = array.names()?;
+    // Only columns without names are ambiguous; fields of a structured array have names.
     let tentative_normals = !array.is_structured() && names.len() == 6;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let columns = match tentative_normals {

@@ -7,8 +7,8 @@
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
 //! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. If no face
-//! assigns any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. A comment
-//! `# unit mm` states the unit, because the format has none.
+//! assigns any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. The format
+//! has no unit; a comment `# unit mm` states it.
 //!
 //! [`crate::textured::read_textured`] also reads texture coordinates, groups, objects and materials; the
 //! other readers ignore them.
@@ -210,8 +210,10 @@ impl Obj {
                 source.line_number()
             )));
         }
+        // Only now are all vertices known.
         obj.farthest_vertex.check(obj.points.len(), "vertex")?;
         obj.farthest_normal.check(obj.stated.len(), "normal")?;
+        // Normals that faces used before their definition are known now.
         for (vertex, normal) in std::mem::take(&mut obj.pending) {
             obj.add_normal(vertex, normal);
         }
@@ -259,6 +261,7 @@ impl Obj {
     fn face(&mut self, mut rest: &[u8], line: u64) -> Result<()> {
         self.face.clear();
         while let Some(corner) = next_word(&mut rest) {
+            // The separators are part of a corner, so each error shows the whole corner.
             let wrong = || {
                 Error::input(format!(
                     "line {line}: expected a corner `vertex`, `vertex/texture`, `vertex//normal` or \
@@ -270,6 +273,7 @@ impl Obj {
             let index = |part: &[u8], count: usize, what: &str| {
                 let text = std::str::from_utf8(part).map_err(|_| wrong())?;
                 let stated: i64 = text.parse().map_err(|_| wrong())?;
+                // Negative indices count back from the last element defined so far.
                 let from_zero = if stated < 0 { count as i64 + stated } else { stated - 1 };
                 u32::try_from(from_zero).ok().filter(|&i| i != NONE).ok_or_else(|| {
                     Error::input(format!(
@@ -296,6 +300,7 @@ impl Obj {
             self.farthest_vertex.update(vertex, line);
             if let Some(normal) = normal {
                 self.farthest_normal.update(normal, line);
+                // Added at once if possible, because the list of pending pairs takes memory for every corner.
                 if (vertex as usize) < self.points.len() && (normal as usize) < self.stated.len() {
                     self.add_normal(vertex, normal);
                 } else {
@@ -339,6 +344,7 @@ impl Obj {
             of_faces.resize(self.points.len(), ([0.0; 3], NONE));
             return (0..3).map(|k| column(k, of_faces.iter().map(|(n, _)| n[k]).collect())).collect();
         }
+        // Normals of point clouds are stated without faces.
         if stated.len() == self.points.len() {
             return (0..3).map(|k| column(k, stated.iter().map(|n| n[k]).collect())).collect();
         }
@@ -364,6 +370,7 @@ fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
 
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Option<Unit>)> {
     let mut obj = Obj::read(source, None)?;
+    // Freed early, because a scan needs only vertices.
     obj.triangles = Vec::new();
     let columns = obj.normal_columns();
     let scan = scan_of_vertices(obj.points.into_iter(), &columns, name)?;

@@ -191,8 +191,8 @@ impl HeaderEntries {
             (Some(width), height, points) => {
                 let area = u64::checked_mul(width, height).ok_or_else(|| {
                     Error::input(format!(
-                        "the header promises {width} × {height} points, which no file can hold: correct `WIDTH` \
-                         or `HEIGHT`"
+                        "the header promises {width} × {height} points, which no file can hold: correct \
+                         `WIDTH` or `HEIGHT`"
                     ))
                 })?;
                 if let Some(points) = points.filter(|&points| points != area) {
@@ -215,7 +215,8 @@ impl HeaderEntries {
 fn field(name: &str, size: &str, kind: &str, count: &str) -> Result<Field> {
     let number = NumberType::of_kind(kind, size).ok_or_else(|| {
         Error::input(format!(
-            "the field `{name}`: expected a type I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, found {kind} of {size}"
+            "the field `{name}`: expected a type I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, found {kind} \
+             of {size}"
         ))
     })?;
     let count = count.parse().ok().filter(|&n: &usize| n <= MAX_COLUMNS).ok_or_else(|| {
@@ -353,9 +354,11 @@ fn read_compressed<R: Read>(
     let word = |k: usize| NumberType::U32.decode::<false>(&sizes[4 * k..4 * k + 4]) as u64;
     let (packed, unpacked) = (word(0), word(1));
     let needed = header.points.saturating_mul(header.record_size());
+    // The file states both sizes. They are compared before memory is allocated.
     if unpacked != needed {
         return Err(Error::input(format!(
-            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body states {unpacked}",
+            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body states \
+             {unpacked}",
             header.points,
             header.record_size()
         )));
@@ -400,8 +403,8 @@ const MAX_EXPANSION: u64 = 88;
 
 /// Unpacks LZF; `None` if the data are malformed or do not give `length` bytes.
 ///
-/// A control byte `000lllll` precedes `l + 1` literal bytes. `lllooooo oooooooo` copies `l + 2` bytes from
-/// `o + 1` bytes back; for `l = 7`, another byte before the second one is added to the length.
+/// A control byte `000lllll` precedes `l + 1` literal bytes. `lllooooo oooooooo` copies `l + 2` bytes,
+/// starting `o + 1` bytes back; for `l = 7`, another byte before the second one is added to the length.
 ///
 /// # References
 /// M. Lehmann, *LibLZF* (`lzf_d.c`).
@@ -428,6 +431,7 @@ fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
             }
             rest = after;
         }
+        // Stops early, so that damaged data cannot grow the output without limit.
         if out.len() > length {
             return None;
         }

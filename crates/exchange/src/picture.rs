@@ -230,6 +230,7 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
     let damaged =
         |e: png::DecodingError| Error::input("not a PNG image, or damaged or cut off").with_source(e);
     let mut decoder = png::Decoder::new(file);
+    // Expands palettes, and grey levels of fewer than 8 bits, to 8 bits.
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (columns, rows) = (reader.info().width, reader.info().height);
@@ -265,6 +266,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         TiffDecoder::new(BufReader::new(file)).map_err(damaged)?.with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
     check_promise(columns, rows, length)?;
+    // Only the first one or three samples are used; the others are opacity or further bands.
     let samples = match decoder.colortype().map_err(damaged)? {
         TiffColor::Gray(_) => 1,
         TiffColor::GrayA(_) => 2,
@@ -296,6 +298,7 @@ fn jpeg(bytes: &[u8]) -> Result<Picture> {
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         decoder.decode_headers().map_err(damaged)?;
         let (columns, rows) = decoder.dimensions().unwrap_or_default();
+        // Checked between header and data, before the decoder allocates the image.
         check_promise(columns as u32, rows as u32, Some(bytes.len() as u64))?;
         let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
         let wanted = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
@@ -312,11 +315,12 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     let side = |k: usize| usize::from(u16::from_le_bytes([head[k], head[k + 1]]));
     let (columns, rows) = (side(12), side(14));
     let samples = usize::from(bits / 8);
+    // Types 9 to 11 are the run-length encoded forms of 1 to 3.
     let grey = matches!(kind, 3 | 11);
     if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
         return Err(Error::unsupported(format!(
-            "expected a TGA image with 24 or 32 bits of colour or 8 bits of grey, found type {kind} with {bits} \
-             bits"
+            "expected a TGA image with 24 or 32 bits of colour or 8 bits of grey, found type {kind} with \
+             {bits} bits"
         )));
     }
     let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;
@@ -384,6 +388,7 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
         _ => return Err(damaged()),
     };
     let (columns, rows, white) = (number()?, number()?, number()?);
+    // Each value takes at least one byte, which bounds the size before memory is allocated.
     let size = columns.checked_mul(rows).and_then(|n| n.checked_mul(samples)).filter(|n| *n <= bytes.len());
     let size = size.ok_or_else(damaged)?;
     if !(1..=65535).contains(&white) {

@@ -229,6 +229,7 @@ impl PointCollector {
             self.dropped.push(number);
             return Ok(());
         }
+        // Sampling grids refer to points by 32-bit indices; the largest one marks an empty cell.
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
             return Err(Error::unsupported(format!(
                 "more than {} points in one scan: split the file",
@@ -252,8 +253,8 @@ impl PointCollector {
                 let covariance = columns.map(|c| record[c]);
                 if !is_positive_definite(&covariance) {
                     return Err(Error::input(format!(
-                        "{place}: expected a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
-                         (point {number})",
+                        "{place}: expected a positive definite covariance, found cxx cxy cxz cyy cyz czz = \
+                         {} (point {number})",
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
                 }
@@ -262,6 +263,7 @@ impl PointCollector {
         }
         if let Some(columns) = self.columns.normal {
             let normal = columns.map(|c| record[c]);
+            // Kept as zero instead of dropped, so that normals stay parallel to points.
             let known = normal.iter().all(|c| c.is_finite());
             let normals = self.scan.normals.get_or_insert_default();
             normals.push(if known { normal } else { [0.0; 3] });
@@ -274,8 +276,8 @@ impl PointCollector {
             let sigma = positive(SIGMA_NORMAL, record[column])?;
             if sigma >= MAX_SIGMA_NORMAL_DEG {
                 return Err(Error::input(format!(
-                    "{place}: expected {SIGMA_NORMAL} below {MAX_SIGMA_NORMAL_DEG} degrees, found {sigma} (point \
-                     {number})"
+                    "{place}: expected {SIGMA_NORMAL} below {MAX_SIGMA_NORMAL_DEG} degrees, found {sigma} \
+                     (point {number})"
                 )));
             }
             self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);

@@ -1,10 +1,14 @@
-//! Poses of a mesh: how its controls are moved, and when. The format is that of `planish shell pose`.
+//! Reads poses of a mesh for `planish shell pose`: displacements of control points, and keyframes.
 //!
-//! Comes in: TOML. Goes out: a [`PoseFile`], checked but for what only the mesh can tell.
+//! **Input.** A TOML file.
+//!
+//! **Output.** A [`PoseFile`].
+//!
+//! **Limits.** Indices of control points and names of parts are checked later, against the mesh.
 //!
 //! ```toml
-//! controls = 60                       # chosen on the mesh; or a list of places [[x, y, z], ...]
-//! blend = 2.0                         # over which length rigid parts fade into the rest
+//! controls = 60                       # number, placed on the mesh; or a list of positions [[x, y, z], ...]
+//! blend = 2.0                         # length over which rigid parts blend into the rest
 //! [[rigid]]
 //! part = "head"                       # a group, object or material of the OBJ, or a file of vertex indices
 //! motion = "follow"                   # or "held"
@@ -17,7 +21,7 @@
 //! ]
 //! [[keyframe]]
 //! seconds = 1.5
-//! weights = { "up" = 1 }              # poses that are not named have weight 0
+//! weights = { "up" = 1 }              # other poses have weight 0
 //! ```
 
 use std::collections::BTreeMap;
@@ -29,79 +33,79 @@ use serde::Deserialize;
 use crate::calibration::table;
 use crate::source::read_text;
 
-/// Most controls of a mesh.
+/// Maximum number of control points, which bounds the time and memory of a deformation.
 const MAX_CONTROLS: usize = 20_000;
 
-/// The controls of a mesh.
+/// Control points of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ControlsEntry {
-    /// As many as is usual.
+    /// The default number.
     Usual,
-    /// So many, chosen on the mesh.
+    /// A number of points, placed on the mesh.
     Count(usize),
-    /// These.
+    /// Given positions.
     Points(Vec<[f64; 3]>),
 }
 
-/// A part that stays rigid.
+/// A rigid part of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RigidEntry {
-    /// Its name.
+    /// Name of the part.
     pub part: String,
-    /// Whether it stays where it is, and does not follow the controls around it.
+    /// True if the part stays in place; false if it follows the control points around it.
     pub held: bool,
 }
 
-/// Which controls are moved.
+/// Selection of control points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PoseTarget {
-    /// The control of this index.
+    /// The control point with this index.
     Control(usize),
-    /// The one nearest to a place.
+    /// The control point nearest to a position.
     Nearest([f64; 3]),
-    /// All within a length of a place.
+    /// All control points within a distance of a position.
     Within([f64; 3], f64),
 }
 
-/// Controls that are moved, and by how much.
+/// A displacement of control points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MoveEntry {
-    /// Which.
+    /// Control points that are moved.
     pub target: PoseTarget,
-    /// By how much.
+    /// Displacement.
     pub by: [f64; 3],
 }
 
 /// A pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseEntry {
-    /// Its name, of which there is no other.
+    /// Unique name.
     pub name: String,
-    /// What is moved.
+    /// Displacements.
     pub moves: Vec<MoveEntry>,
 }
 
-/// How much of each pose there is at a time.
+/// Weights of all poses at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeyframeEntry {
-    /// When.
+    /// Time in seconds.
     pub seconds: f64,
-    /// One weight for each pose.
+    /// One weight per pose.
     pub weights: Vec<f64>,
 }
 
-/// What a file of poses holds.
+/// Content of a file of poses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseFile {
-    /// Controls.
+    /// Control points.
     pub controls: ControlsEntry,
-    /// Over which length rigid parts fade into the rest.
+    /// Length over which rigid parts blend into the rest.
     pub blend: Option<f64>,
     /// Rigid parts.
     pub rigid: Vec<RigidEntry>,
     /// Poses, at least one.
     pub poses: Vec<PoseEntry>,
-    /// Keyframes, in the order of their times.
+    /// Keyframes in order of time.
     pub keyframes: Vec<KeyframeEntry>,
 }
 
@@ -159,9 +163,19 @@ struct KeyframeTable {
 /// Reads poses.
 ///
 /// # Errors
-/// `Io` where the file cannot be read; `Input` for keys that are not known, numbers that are not finite, two
-/// poses of one name, keyframes that do not follow each other or name poses that are not there: with the pose
-/// or keyframe.
+/// `Io` if the file cannot be read; `Input` for unknown keys, numbers that are not finite, two poses of one
+/// name, and keyframes that are not in order of time or name unknown poses: with the pose or keyframe.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::poses::{PoseTarget, read_poses};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("poses.toml");
+/// std::fs::write(&path, "[[pose]]\nname = \"up\"\nmove = [{ control = 7, by = [0, 3, 0] }]\n")?;
+/// let pose = &read_poses(&path)?.poses[0];
+/// assert_eq!((pose.moves[0].target, pose.moves[0].by), (PoseTarget::Control(7), [0.0, 3.0, 0.0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_poses(path: &Path) -> Result<PoseFile> {
     let read = || parse(&read_text(path)?);
     read().map_err(|e| e.in_context(path.display()))
@@ -170,7 +184,7 @@ pub fn read_poses(path: &Path) -> Result<PoseFile> {
 fn parse(text: &str) -> Result<PoseFile> {
     let t: Table = table(
         text,
-        "poses need [[pose]] with name and move = [{ near or control, by }], and may have controls, blend, \
+        "expected [[pose]] with name and move = [{ near or control, by }], and optionally controls, blend, \
          [[rigid]] with part and motion, and [[keyframe]] with seconds and weights",
     )?;
     let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
@@ -185,13 +199,11 @@ fn parse(text: &str) -> Result<PoseFile> {
             ControlsEntry::Points(points)
         }
         Some(_) => {
-            return Err(Error::input(format!(
-                "expected controls between 1 and {MAX_CONTROLS}, at finite places"
-            )));
+            return Err(Error::input(format!("expected 1 to {MAX_CONTROLS} controls at finite positions")));
         }
     };
     if let Some(blend) = t.blend.filter(|b| !(b.is_finite() && *b >= 0.0)) {
-        return Err(Error::input(format!("expected a length for blend, found {blend}")));
+        return Err(Error::input(format!("expected a length of at least 0 for blend, found {blend}")));
     }
     let rigid = (t.rigid.into_iter())
         .map(|entry| match entry.motion.as_deref() {
@@ -204,10 +216,11 @@ fn parse(text: &str) -> Result<PoseFile> {
         })
         .collect::<Result<Vec<_>>>()?;
     if t.pose.is_empty() {
-        return Err(Error::input("expected at least one [[pose]]"));
+        return Err(Error::input("expected at least one [[pose]], found none"));
     }
     let mut poses: Vec<PoseEntry> = Vec::new();
     for pose in t.pose {
+        // Keyframes refer to poses by name.
         if poses.iter().any(|other| other.name == pose.name) {
             return Err(Error::input(format!(
                 "expected poses of different names, found two named `{}`",
@@ -224,16 +237,18 @@ fn parse(text: &str) -> Result<PoseFile> {
     for (index, frame) in t.keyframe.into_iter().enumerate() {
         let wrong = |what: String| Error::input(format!("keyframe {}: {what}", index + 1));
         let after = keyframes.last().map_or(f64::NEG_INFINITY, |last| last.seconds);
+        // Times of a glTF animation must increase strictly.
         if !(frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > after) {
             return Err(wrong(format!(
-                "expected seconds from 0 on and after {after}, found {}",
+                "expected seconds of at least 0 and after {after}, found {}",
                 frame.seconds
             )));
         }
+        // Poses that a keyframe does not name have weight 0.
         let mut weights = vec![0.0; poses.len()];
         for (name, weight) in frame.weights {
             let Some(at) = poses.iter().position(|pose| pose.name == name) else {
-                return Err(wrong(format!("there is no pose named `{name}`")));
+                return Err(wrong(format!("expected the name of a pose, found `{name}`")));
             };
             if !weight.is_finite() {
                 return Err(wrong(format!("expected a finite weight of `{name}`, found {weight}")));
@@ -255,8 +270,8 @@ fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
         }
         _ => {
             return Err(Error::input(
-                "a move needs control = INDEX, or near = [x, y, z] and maybe within = LENGTH, and by = [x, \
-                 y, z]",
+                "expected moves with control = INDEX, or near = [x, y, z] and optionally within = LENGTH, \
+                 and by = [x, y, z]",
             ));
         }
     };
@@ -302,18 +317,21 @@ weights = { down = 0.5 }
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_line_pose_or_keyframe() {
         let with = |from: &str, to: &str| {
             assert!(GOOD.contains(from), "{from}");
             parse(&GOOD.replacen(from, to, 1)).unwrap_err().to_string()
         };
         assert!(with("blend", "blends").contains("line 2"));
-        assert!(with("controls = 12", "controls = 0").contains("between 1 and"));
+        assert!(with("controls = 12", "controls = 0").contains("expected 1 to"));
         assert!(with("\"held\"", "\"fixed\"").contains("found \"fixed\""));
-        assert!(with("control = 7, ", "").contains("pose `up`: a move needs"));
+        assert!(with("control = 7, ", "").contains("pose `up`: expected moves"));
         assert!(with("\"down\"", "\"up\"").contains("two named `up`"));
         assert!(with("seconds = 1.5", "seconds = 0").contains("keyframe 2"));
-        assert!(with("down = 0.5", "left = 0.5").contains("keyframe 2: there is no pose named `left`"));
+        assert!(
+            with("down = 0.5", "left = 0.5")
+                .contains("keyframe 2: expected the name of a pose, found `left`")
+        );
         assert!(parse("controls = 3").unwrap_err().to_string().contains("at least one [[pose]]"));
     }
 }

@@ -16,7 +16,7 @@ use planish_estimate::{Error, ErrorKind, Result};
 use planish_sense::{Pose, Scan, Sensor, Viewing};
 use rayon::prelude::*;
 
-use crate::depth::{calibration_of, is_depth_image, read_depth};
+use crate::depth::{find_calibration, is_depth_image, read_depth};
 use crate::e57::read_e57;
 use crate::job::read_job;
 use crate::las::read_las_and_map;
@@ -25,7 +25,7 @@ use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::scan_set::unnamed_sensor;
 pub use crate::scan_set::{InputFile, PosedScan, ScanSet};
-use crate::source::{extension, found_extension, open};
+use crate::source::{describe_extension, extension, open};
 use crate::split_scans::split_scans;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
@@ -92,6 +92,7 @@ impl Requests {
                 if let Some(unit) = job.unit {
                     gathered.unit(unit, path.display().to_string())?;
                 }
+                // A job numbers its own sensors; the set has other indices.
                 let sensors = job.sensors.into_iter().map(|sensor| gathered.sensor(sensor, path));
                 let sensors = sensors.collect::<Result<Vec<_>>>()?;
                 self.scans.extend(job.scans.into_iter().map(|scan| Wanted {
@@ -173,7 +174,7 @@ impl From<(Scan, Option<Unit>)> for Read {
 
 fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
     if calibration.is_some() || is_depth_image(path) {
-        let calibration = calibration_of(path, calibration)?;
+        let calibration = find_calibration(path, calibration)?;
         return Ok(Read { calibration: Some(calibration.clone()), ..read_depth(path, &calibration)?.into() });
     }
     match extension(path).as_str() {
@@ -258,7 +259,7 @@ fn read_by_extension(path: &Path) -> Result<Read> {
                 "{}: expected a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
                  csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
                 path.display(),
-                found_extension(path)
+                describe_extension(path)
             )))
         }
     }?;

@@ -19,10 +19,10 @@ use planish_estimate::{Error, Result};
 const BUFFER_BYTES: usize = 1 << 16;
 /// Maximum length of a line. It stops a binary file without line ends from filling the memory, and is far
 /// above the longest line of a point file (guarded by
-/// `an_endless_line_is_refused_before_it_fills_the_memory`).
+/// `an_endless_line_is_rejected_before_it_fills_the_memory`).
 const MAX_LINE_BYTES: usize = 1 << 22;
 
-/// A buffered reader that knows where it is.
+/// A buffered reader that counts lines and bytes.
 pub(crate) struct Source<R> {
     reader: R,
     buffer: Vec<u8>,
@@ -80,6 +80,7 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     let (mut file, length) = open_file(path)?;
     let mut first = [0; 2];
     let mut found = 0;
+    // A read may return fewer bytes than requested.
     while found < first.len() {
         match file.read(&mut first[found..]) {
             Ok(0) => break,
@@ -106,8 +107,8 @@ const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
 pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
     match unpacked > ALWAYS_ALLOWED_BYTES.saturating_add(packed.saturating_mul(MAX_EXPANSION)) {
         true => Err(Error::input(format!(
-            "{packed} compressed bytes unpack to {unpacked} or more, which would fill the memory; if the file \
-             is valid, unpack it first"
+            "{packed} compressed bytes unpack to {unpacked} or more, which would fill the memory; if the \
+             file is valid, unpack it first"
         ))),
         false => Ok(()),
     }
@@ -171,12 +172,12 @@ pub fn extension(path: &Path) -> String {
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::found_extension;
-/// assert_eq!(found_extension("part.3mf".as_ref()), "the extension `3mf`");
-/// assert_eq!(found_extension("part".as_ref()), "no extension");
+/// use planish_exchange::describe_extension;
+/// assert_eq!(describe_extension("part.3mf".as_ref()), "the extension `3mf`");
+/// assert_eq!(describe_extension("part".as_ref()), "no extension");
 /// ```
 #[must_use]
-pub fn found_extension(path: &Path) -> String {
+pub fn describe_extension(path: &Path) -> String {
     match extension(path).as_str() {
         "" => "no extension".to_owned(),
         "iges" | "igs" => {
@@ -202,6 +203,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String> {
     const MAX_TEXT_BYTES: u64 = 16 << 20;
     let (file, _) = open_file(path)?;
     let mut bytes = Vec::new();
+    // One more byte than allowed shows that the file is too long.
     let read = file.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes);
     read.map_err(|e| Error::io("could not be read").with_source(e))?;
     if bytes.len() as u64 > MAX_TEXT_BYTES {
@@ -259,6 +261,8 @@ impl<R: Read> Source<R> {
     /// Appends more bytes to the buffer; false at the end of the file.
     fn fill(&mut self) -> Result<bool> {
         if self.start > 0 {
+            // Unread bytes move to the front, so that the buffer grows only for a line or record larger than
+            // it.
             self.buffer.copy_within(self.start..self.end, 0);
             self.end -= self.start;
             self.start = 0;
@@ -309,6 +313,7 @@ impl<R: Read> Source<R> {
             if let Some(at) = unseen.iter().position(|&b| b == b'\n') {
                 break searched + at + 1;
             }
+            // Bytes are searched once, also if the buffer grows, so that long lines take linear time.
             searched = self.end - self.start;
             if searched > MAX_LINE_BYTES {
                 let line = self.lines + 1;
@@ -383,6 +388,7 @@ impl<R: Read> Source<R> {
         let mut left = n;
         loop {
             let buffered = self.end - self.start;
+            // Reads instead of seeking, because the source may be a pipe or unpack gzip.
             let step = usize::try_from(left).unwrap_or(usize::MAX).min(buffered);
             self.take(step);
             left -= step as u64;
@@ -427,6 +433,7 @@ pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
 /// Formats bytes for a message: as text between back quotes, shortened, without control characters.
 pub(crate) fn shown(bytes: &[u8]) -> String {
     const MAX_CHARS: usize = 40;
+    // A character has at most four bytes, so the rest of a long line need not be decoded.
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * MAX_CHARS)]);
     let clean: String =
         text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(MAX_CHARS).collect();
@@ -449,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn compressed_files_read_as_what_they_were_and_damaged_ones_say_so() {
+    fn gzip_is_unpacked_and_its_damage_reported() {
         use flate2::{Compression, write::GzEncoder};
         use std::io::Write;
         let folder = tempfile::tempdir().unwrap();
@@ -484,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_file_that_unpacks_to_gigabytes_is_refused_early() {
+    fn a_small_file_that_unpacks_to_gigabytes_is_rejected_early() {
         use flate2::{Compression, write::GzEncoder};
         use std::io::Write;
         let folder = tempfile::tempdir().unwrap();
@@ -516,7 +523,7 @@ mod tests {
     }
 
     #[test]
-    fn an_endless_line_is_refused_before_it_fills_the_memory() {
+    fn an_endless_line_is_rejected_before_it_fills_the_memory() {
         let mut source = Source::new(std::io::repeat(b'x'), None);
         assert!(source.line().unwrap_err().to_string().contains("line 1: longer than"));
     }

@@ -29,6 +29,7 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
         (None, Some(times)) => times.iter().map(|&t| ordered_bits(t)).collect(),
         (None, None) => return Ok(vec![scan]),
     };
+    // Sorted by number or time, whatever the order of the points.
     let mut points: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (k, &part) in part.iter().enumerate() {
         points.entry(part).or_default().push(k);
@@ -46,7 +47,8 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
     }
     if scan.grid.is_some() {
         return Err(Error::unsupported(format!(
-            "{}: expected one scan in an organised file, found {}: write one file per scan, or points without a grid",
+            "{}: expected one scan in an organised file, found {}: write one file per scan, or points \
+             without a grid",
             scan.name,
             points.len()
         )));

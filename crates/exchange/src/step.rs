@@ -1,18 +1,19 @@
-//! STEP (ISO 10303-21): boundary representations made of B-spline faces, out; faces of any kind, in
+//! STEP (ISO 10303-21): writes boundary representations, and reads faces of any kind as triangles
 //! ([`read_step`]).
 //!
-//! **Input.** A [`Brep`].
+//! **Input.** A [`Brep`] of B-spline faces ([`write_step`]) or a [`Solid`] on analytic surfaces
+//! ([`write_solid`]).
 //!
 //! **Output.** `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
 //! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid if the shell is closed, else a surface
 //! model. The surface is exact: every number is the shortest text that reads back as the same `f64`. The file
 //! is streamed; the same input gives the same bytes (no clock time, host or user in the header).
 //!
-//! A side of a face whose control points coincide (the pole of a ball) is not part of the face's loop: the
-//! edges of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.
+//! A side of a face whose control points coincide (the pole of a ball) is not part of the loop of the face:
+//! the edges of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.
 //!
 //! **Limits.** It is not checked that the curve of an edge lies on its faces, or that faces do not intersect.
-//! Parameter curves are not written: readers project the edges.
+//! Parameter curves are not written, because readers can project the edges.
 //!
 //! # References
 //! ISO 10303-21:2016 (encoding), ISO 10303-42 (geometry and topology), ISO 10303-214 and 10303-242 (schemas).
@@ -41,21 +42,21 @@ use crate::atomic::write_packed;
 /// The application protocol that a file follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Schema {
-    /// AP214, automotive design: read by every CAD program.
+    /// AP214, automotive design, which all common CAD programs read.
     #[default]
     Ap214,
     /// AP242, managed model-based 3D engineering.
     Ap242,
 }
 
-/// What goes into the file beside the shape.
+/// Options of a STEP file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepOptions {
-    /// The product's name, shown by viewers.
+    /// Name of the product, which viewers display.
     pub name: String,
     /// The unit of every length.
     pub unit: Unit,
-    /// How far vertices, edges and faces may lie apart and still meet, in the unit; positive.
+    /// Maximum gap between vertices, edges and faces that meet, in the unit; positive.
     pub uncertainty: f64,
     /// The application protocol.
     pub schema: Schema,
@@ -70,8 +71,42 @@ impl Default for StepOptions {
 /// Writes a boundary representation.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) where [`Brep::check`] finds the representation wrong;
+/// [`Input`](planish_estimate::ErrorKind::Input) if [`Brep::check`] rejects the representation;
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
+/// use planish_exchange::step::{StepOptions, write_step};
+/// # let folder = tempfile::tempdir()?;
+/// // A flat square as one bilinear face.
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let knots = vec![(0.0, 2), (1.0, 2)];
+/// let edge = |start: usize, end: usize| BrepEdge {
+///     curve: BsplineCurve { degree: 1, knots: knots.clone(), poles: vec![corners[start], corners[end]] },
+///     start,
+///     end,
+/// };
+/// let surface = BsplineSurface {
+///     degree_u: 1,
+///     degree_v: 1,
+///     knots_u: knots.clone(),
+///     knots_v: knots.clone(),
+///     n_u: 2,
+///     n_v: 2,
+///     poles: vec![corners[0], corners[3], corners[1], corners[2]],
+/// };
+/// let square = Brep {
+///     vertices: corners.to_vec(),
+///     edges: vec![edge(0, 1), edge(1, 2), edge(2, 3), edge(3, 0)],
+///     faces: vec![BrepFace { surface, edges: (0..4).map(|e| (e, true)).collect(), same_sense: true }],
+///     closed: false,
+/// };
+/// let path = folder.path().join("square.step");
+/// write_step(&path, &square, &StepOptions::default())?;
+/// assert!(std::fs::read_to_string(&path)?.starts_with("ISO-10303-21;"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()> {
     if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
         let message = format!("expected a STEP uncertainty > 0, found {}", options.uncertainty);
@@ -84,8 +119,8 @@ pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()>
 /// Writes a solid on analytic surfaces.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) where [`Solid::check`] finds it wrong within 100 times the
-/// uncertainty; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// [`Input`](planish_estimate::ErrorKind::Input) if [`Solid::check`] rejects it with a tolerance of 100 times
+/// the uncertainty; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
 /// half-written.
 pub fn write_solid(path: &Path, solid: &Solid, options: &StepOptions) -> Result<()> {
     if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
@@ -96,7 +131,7 @@ pub fn write_solid(path: &Path, solid: &Solid, options: &StepOptions) -> Result<
     write_packed(path, |mut writer| write_to(&mut writer, Shape::Solid(solid), options))
 }
 
-/// What a file holds.
+/// Shape of a file.
 #[derive(Clone, Copy)]
 enum Shape<'a> {
     Splines(&'a Brep),
@@ -121,6 +156,7 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     let name = text(&options.name);
     writeln!(writer, "ISO-10303-21;\nHEADER;")?;
     writeln!(writer, "FILE_DESCRIPTION((''),'2;1');")?;
+    // A fixed time, so that the same shape gives the same bytes.
     writeln!(writer, "FILE_NAME({name},'1970-01-01T00:00:00',(''),(''),'Planish','Planish','');")?;
     writeln!(writer, "FILE_SCHEMA(('{schema}'));\nENDSEC;\nDATA;")?;
     let mut out = Part21::new(writer);
@@ -139,8 +175,10 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
         out.add(format_args!("PRODUCT_DEFINITION('design','',{formation},{definition_context})"))?;
     let shape = out.add(format_args!("PRODUCT_DEFINITION_SHAPE('','',{definition})"))?;
 
+    // The chain above names the product; the representation below holds its shape.
     let geometry_context = write_context(&mut out, options)?;
     let placement = write_placement(&mut out)?;
+    // The kind of representation depends on whether the items are solids.
     let (items, is_solid) = write_items(&mut out, what, &name)?;
     let kind = match is_solid {
         true => "ADVANCED_BREP_SHAPE_REPRESENTATION",
@@ -152,7 +190,7 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     writeln!(writer, "ENDSEC;\nEND-ISO-10303-21;")
 }
 
-/// The shape itself, one item for each body, and whether these are solids.
+/// Writes the shape; returns one item per body, and whether they are solids.
 fn write_items<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Result<(Vec<Id>, bool)> {
     let solid = match what {
         Shape::Splines(brep) => {
@@ -181,16 +219,17 @@ fn write_items<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Re
         items.push(out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?);
     }
     match items.is_empty() {
-        true => Err(io::Error::other("a solid without faces")),
+        true => Err(io::Error::other("expected a solid with faces, found none")),
         false => Ok((items, true)),
     }
 }
 
-/// Units and uncertainty.
+/// Writes the context: units and uncertainty.
 fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Result<Id> {
     let length = match options.unit {
         Unit::Millimetre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?,
         Unit::Metre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))"))?,
+        // STEP has only SI units; others are defined by a conversion.
         Unit::Inch | Unit::Foot => {
             let millimetre = out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?;
             let (name, length) = match options.unit {
@@ -206,6 +245,7 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
         }
     };
     let angle = out.add(format_args!("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))"))?;
+    // No solid angle occurs, but application protocols require its unit.
     let solid_angle = out.add(format_args!("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())"))?;
     let uncertainty = out.add(format_args!(
         "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({}),{length},'distance_accuracy_value','')",
@@ -217,7 +257,7 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
     ))
 }
 
-/// The frame of the part: the world's.
+/// Writes the frame of the part, which is that of the world.
 fn write_placement<W: Write>(out: &mut Part21<W>) -> io::Result<Id> {
     let origin = write_point(out, [0.0; 3])?;
     let z = out.add(format_args!("DIRECTION('',(0.,0.,1.))"))?;
@@ -229,7 +269,7 @@ fn write_point<W: Write>(out: &mut Part21<W>, point: [f64; 3]) -> io::Result<Id>
     out.add(format_args!("CARTESIAN_POINT('',({}))", reals(&point)))
 }
 
-/// Control points, as consecutive instances; gives the first.
+/// Writes control points as consecutive instances; returns the first.
 fn write_poles<W: Write>(out: &mut Part21<W>, poles: &[[f64; 3]]) -> io::Result<Id> {
     let first = out.next_id();
     for pole in poles {
@@ -263,7 +303,7 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &BsplineSurface) -> io:
     let to = out.writer();
     write!(to, "B_SPLINE_SURFACE_WITH_KNOTS('',{},{},(", surface.degree_u, surface.degree_v)?;
     for row in 0..surface.n_u {
-        // A line a row: whole nets would make lines that editors choke on.
+        // One line per row: a whole net in one line is too long for text editors.
         let comma = if row > 0 { ",\n" } else { "" };
         write!(to, "{comma}({})", first.after(row * surface.n_v).run(surface.n_v))?;
     }
@@ -280,6 +320,7 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &BsplineSurface) -> io:
 }
 
 fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
+    // Vertices and edges are written once and shared, by which readers recognise a closed shell.
     let mut vertices = Vec::with_capacity(brep.vertices.len());
     for vertex in &brep.vertices {
         let point = write_point(out, *vertex)?;
@@ -294,6 +335,7 @@ fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
     let mut faces = Vec::with_capacity(brep.faces.len());
     for face in &brep.faces {
         let surface = write_surface(out, &face.surface)?;
+        // Each face refers to the shared edge with its own direction.
         let mut oriented = Vec::with_capacity(face.edges.len());
         for &(edge, forward) in &face.edges {
             let sense = if forward { "T" } else { "F" };

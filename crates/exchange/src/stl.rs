@@ -152,8 +152,10 @@ struct Soup {
 
 impl Soup {
     fn read<R: Read>(source: &mut Source<R>) -> Result<Self> {
+        // Header, count and first triangle: a binary file has a zero byte among them.
         let head = source.peek(HEADER + 4 + RECORD)?;
         let text = head.trim_ascii_start();
+        // Some programs write blanks before `solid`, or capitals.
         let solid = text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid");
         let mut soup = Self::default();
         if solid && !head.contains(&0) {
@@ -180,6 +182,7 @@ impl Soup {
         self.unit = named.and_then(|name| std::str::from_utf8(name).ok()?.trim_ascii().parse().ok());
         let count = NumberType::U32.decode::<false>(count) as u64;
         source.check_promise(count, "triangles", count * RECORD as u64)?;
+        // The length of a compressed file is unknown, so the reservation is limited as well.
         self.triangles.reserve(source.reserve(count, RECORD as u64));
         for triangle in 0..count {
             let byte = source.offset();
@@ -205,6 +208,7 @@ impl Soup {
             let number = source.line_number() + 1;
             let Some(mut line) = source.line()? else { break };
             while let Some(word) = next_word(&mut line) {
+                // Words are read one by one, so that line breaks do not matter.
                 match word.to_ascii_lowercase().as_slice() {
                     // The rest of the line is a name, which may contain any words.
                     b"solid" => {
@@ -257,6 +261,7 @@ impl Soup {
                 }
             }
         }
+        // Without this check, a truncated text file would be read as a smaller mesh.
         if !ended {
             return Err(Error::input(format!(
                 "line {}: the file ends before `endsolid`: it is cut off",
@@ -271,6 +276,7 @@ impl Soup {
         let mut whole = true;
         for (index, corner) in triangle.iter_mut().zip(corners) {
             if !corner.iter().all(|c| c.is_finite()) {
+                // The other corners are still points of a scan.
                 whole = false;
                 self.dropped += 1;
                 self.first_dropped.get_or_insert_with(|| place.to_string());

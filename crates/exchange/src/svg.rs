@@ -25,6 +25,7 @@ use crate::affine::Affine;
 use crate::dxf::DxfDrawing;
 use crate::source::read_text;
 use path::path_curves;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::{Curve2, DrawnCurve, LineStyle};
 use roxmltree::{Document, Node, ParsingOptions};
@@ -68,6 +69,7 @@ pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
 }
 
 fn read(text: &str) -> Result<DxfDrawing> {
+    // Drawing programs write a document type. Entities in it are expanded; the parser stops at entity loops.
     let options = ParsingOptions { allow_dtd: true, nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
         .map_err(|e| Error::input(format!("expected an SVG file: {e}")))?;
@@ -78,6 +80,7 @@ fn read(text: &str) -> Result<DxfDrawing> {
             root.tag_name().name()
         )));
     }
+    // The scale of the page is applied first, so that all further lengths are user units.
     let (scale, unit) = scale(&root)?;
     let mut reader = Reader {
         sheet: Sheet::parse(&document),
@@ -89,9 +92,10 @@ fn read(text: &str) -> Result<DxfDrawing> {
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
     for (kind, (count, first)) in reader.ignored {
-        drawing
-            .warnings
-            .push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing.findings.push(Finding::new(
+            FindingCode::EntitiesSkipped,
+            format!("ignored {count} × {kind}, which draws no edges; the first is {first}"),
+        ));
         drawing.ignored.insert(kind, count);
     }
     Ok(drawing)
@@ -112,6 +116,8 @@ impl Reader {
             )));
         }
         node.children().filter(Node::is_element).try_for_each(|child| {
+            // Groups add no context: naming the element is enough, and nested groups would make long
+            // messages.
             self.element(&child, outer, style, depth).map_err(|e| match child.tag_name().name() {
                 "g" | "svg" | "a" | "switch" => e,
                 _ => e.in_context(name(&child)),
@@ -121,6 +127,7 @@ impl Reader {
 
     fn element(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
         let style = style.of_child(node, &self.sheet);
+        // Hidden elements hide their children, too.
         if !style.is_shown {
             return Ok(());
         }
@@ -170,6 +177,7 @@ impl Reader {
                 return Ok(());
             }
         };
+        // Decided after the geometry is parsed, so that errors in centre lines are reported as well.
         let Some(line_style) = style.line else {
             self.ignore("centre line", name(node));
             return Ok(());
@@ -184,7 +192,10 @@ impl Reader {
         for curve in curves {
             let curve = place.curve(curve);
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{entity} has no length and is ignored"));
+                self.drawing.findings.push(Finding::new(
+                    FindingCode::EntityWithoutLength,
+                    format!("{entity} has no length and is ignored"),
+                ));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve { curve, style, entity: entity.clone() });
@@ -249,14 +260,17 @@ fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
     };
     let width = width.trim();
     let end = width.find(|c: char| c.is_ascii_alphabetic() || c == '%').unwrap_or(width.len());
+    // Pixels and percentages have no size on paper, so the drawing has no unit.
     let Some(mm) = millimetres(&width[end..]) else {
         return Ok((1.0, None));
     };
     let value = number(&width[..end]).map_err(|e| e.in_context("width"))?;
     let units = match root.attribute("viewBox") {
         Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: expected four numbers"))?,
+        // Without a view box, a user unit is a CSS pixel, 1/96 inch.
         None => value * mm / 25.4 * 96.0,
     };
+    // The scale divides by the size of the view box.
     match value > 0.0 && units > 0.0 {
         true => Ok((value * mm / units, Some(Unit::Millimetre))),
         false => Err(Error::input(format!("expected a width and a viewBox > 0, found {value} and {units}"))),
@@ -281,6 +295,7 @@ fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
     if rx < 0.0 || ry < 0.0 {
         return Err(Error::input(format!("expected radii of at least 0, found {rx} and {ry}")));
     }
+    // A radius of zero draws nothing (SVG 2, section 10.4).
     if rx == 0.0 || ry == 0.0 {
         return Ok(Vec::new());
     }
@@ -311,6 +326,7 @@ fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
         Curve2::Segment([x + w - rx, y + h], [x + rx, y + h]),
         Curve2::Segment([x, y + h - ry], [x, y + ry]),
     ];
+    // Radii of half a side leave no straight part.
     curves.retain(|c| c.length() > 0.0);
     if rx > 0.0 && ry > 0.0 {
         for (center, start) in [

@@ -20,7 +20,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// As [`crate::mesh::read_mesh`]; also for invalid texture coordinates, with file and line or accessor. A
-/// missing material file is a warning.
+/// missing material file is a finding.
 ///
 /// # Examples
 /// ```
@@ -71,7 +71,7 @@ mod tests {
         assert_eq!(found.vertices_of("skin").unwrap(), [0, 1, 2]);
         assert!(found.vertices_of("foot").is_none());
         assert_eq!(found.texture.as_deref(), Some(&*folder.path().join("my cloth.png")));
-        assert!(found.warnings.iter().any(|w| w.contains("none.mtl")));
+        assert!(found.findings.iter().any(|f| f.text.contains("none.mtl")));
         // Vertex 0 occurs with two pairs of texture coordinates, and without any.
         let split = found.split();
         assert_eq!(split.vertex_of.iter().filter(|v| **v == 0).count(), 3);

@@ -1,24 +1,24 @@
-//! Views of an object: cameras with pictures, masks, contours and tracked features.
+//! Reads views of an object: cameras with pictures, masks, contours and tracked features.
 //!
 //! **Input.** `views.toml`.
 //!
 //! **Output.** [`Views`], with cameras from `K R t` or from a projection matrix.
 //!
 //! ```toml
-//! unit = "mm"                     # of every length; may be left out
-//! mask_threshold = 40             # the object is brighter (default: middle of the mask's range)
-//! mask_least_share = 0.01         # fills specks and holes below this share of the object's pixels
-//! sigma_px = 0.5                  # σ of a place on the border of a mask, across it
+//! unit = "mm"                     # unit of all lengths (optional)
+//! mask_threshold = 40             # the object is brighter (default: middle of the range of the mask)
+//! mask_least_share = 0.01         # removes specks and holes below this share of the pixels of the object
+//! sigma_px = 0.5                  # σ of the border of a mask, across it (default 0.5)
 //! sigma_rotation_deg = 1.0        # σ of the pose about and along each axis (default: exact)
 //! sigma_translation = 5.0
 //! tracks = "tracks.csv"           # features: track,view,x,y[,sigma_px]; views by name
 //!
 //! [[view]]
-//! name = "front"                  # the mask's or the image's name where it is left out
-//! image = "a.png"                 # for textures; may be left out
-//! mask = "a_mask.png"             # may be left out where nothing is fitted to the view
+//! name = "front"                  # default: file name of the mask or the image
+//! image = "a.png"                 # for textures (optional)
+//! mask = "a_mask.png"             # optional if nothing is fitted to the view
 //! contours = "a.csv"              # points on contours inside the mask: x,y[,sigma_px][,contour]
-//! held_out = false                # whether the view only judges the fit
+//! held_out = false                # true: the view is not fitted, but used to check the fit
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
 //! R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # X_camera = R X + t: x right, y down, pixel centres at integers
 //! t = [0, 0, 500]
@@ -28,7 +28,7 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may also be
+//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be
 //! set in a view, and then apply to it alone. Paths are relative to the file.
 //!
 //! **Limits.** Lenses are assumed to be free of distortion.
@@ -42,49 +42,50 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// σ of a place on the border of a mask that states none, in pixels.
+/// Default σ of the border of a mask in pixels: masks are rounded to whole pixels. Too small a value makes
+/// outlines outweigh points, too large a value ignores them.
 const DEFAULT_SIGMA_PX: f64 = 0.5;
 
-/// A view of a file.
+/// A view of an object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewFile {
-    /// Its name, of which there is no other.
+    /// Unique name.
     pub name: String,
     /// The camera.
     pub camera: Camera,
-    /// How uncertain its pose is.
+    /// σ of its pose; none for an exact pose.
     pub pose: Option<PoseNoise>,
-    /// Its picture.
+    /// Path of the picture.
     pub image: Option<PathBuf>,
-    /// Its mask.
+    /// Path of the mask.
     pub mask: Option<PathBuf>,
-    /// Contours inside of the mask: pixel and σ.
+    /// Points on contours inside the mask: pixel and σ.
     pub contours: Vec<([f64; 2], f64)>,
-    /// Where in `contours` another one begins: the column `contour` changes.
+    /// Indices into `contours` at which a contour starts: there the column `contour` changes.
     pub contour_starts: Vec<usize>,
-    /// What of the mask is the thing.
+    /// Brightness above which a pixel of the mask belongs to the object.
     pub mask_threshold: Option<f64>,
-    /// Specks and holes that are filled, as a share of the thing's pixels.
+    /// Maximum size of removed specks and holes, as a share of the pixels of the object.
     pub mask_least_share: Option<f64>,
-    /// σ of a place on the mask's border, in pixels.
+    /// σ of the border of the mask, in pixels.
     pub sigma_px: f64,
-    /// Whether it only judges.
+    /// True if the view is used only to check the fit.
     pub held_out: bool,
 }
 
-/// A feature that is seen in several views: index of the view, pixel and σ.
+/// A feature that is visible in several views: index of the view, pixel and σ.
 pub type Track = Vec<(u32, [f64; 2], f64)>;
 
-/// What a file of views holds.
+/// Content of a file of views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Views {
     /// The views.
     pub views: Vec<ViewFile>,
-    /// Features over them.
+    /// Tracked features.
     pub tracks: Vec<Track>,
-    /// The unit of lengths, where it is named.
+    /// The unit of lengths, if stated.
     pub unit: Option<Unit>,
-    /// Files that were read beside it.
+    /// Files of contours and tracks that were read.
     pub files: Vec<PathBuf>,
 }
 
@@ -124,11 +125,22 @@ struct View {
     p: Option<[[f64; 4]; 3]>,
 }
 
-/// Reads views, and the contours and tracks that they name; pictures are not opened.
+/// Reads views with their contours and tracks; pictures are not opened.
 ///
 /// # Errors
-/// `Io` where a file cannot be read; `Input` for keys that are not known, cameras that are none, σ that are
-/// not positive, two views of one name, and tracks of views that are not there: with file and line or view.
+/// `Io` if a file cannot be read; `Input` for unknown keys, invalid cameras, σ that are not positive, two
+/// views of one name, and tracks of unknown views: with file and line or view.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("views.toml");
+/// std::fs::write(&path, "[[view]]\nmask = \"front.png\"\nK = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]\n\
+///     R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [0, 0, 500]\n")?;
+/// let view = &planish_exchange::views::read_views(&path)?.views[0];
+/// assert_eq!((view.name.as_str(), view.sigma_px), ("front", 0.5));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_views(path: &Path) -> Result<Views> {
     let read = || parse(&read_text(path)?, path.parent().unwrap_or(Path::new("")));
     read().map_err(|e| e.in_context(path.display()))
@@ -137,9 +149,9 @@ pub fn read_views(path: &Path) -> Result<Views> {
 fn parse(text: &str, folder: &Path) -> Result<Views> {
     let t: Table = table(
         text,
-        "views need [[view]] with K, R and t, or P, and may have name, image, mask, contours and held_out; \
-         beside them there may be mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, \
-         sigma_translation, tracks and unit",
+        "expected [[view]] with K, R and t, or P, and optionally name, image, mask, contours and held_out; \
+         mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, sigma_translation, tracks and unit \
+         are optional",
     )?;
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();
@@ -150,10 +162,12 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             (None, Some(stem)) => stem.to_string_lossy().into_owned(),
             (None, None) => format!("view{}", index + 1),
         };
+        // Tracks refer to views by name.
         if views.iter().any(|other| other.name == name) {
             return Err(Error::input(format!("expected views of different names, found two named `{name}`")));
         }
         let read = || {
+            // Both forms together could conflict.
             let camera = match (view.k, view.r, view.t, view.p) {
                 (Some(k), Some(r), Some(t), None) => Camera::new(k, r, t)?,
                 (None, None, None, Some(p)) => Camera::from_projection(p)?,
@@ -173,6 +187,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
                     )));
                 }
             }
+            // With one of the two, the other would silently be exact.
             let pose = match (rotation, translation) {
                 (None, None) => None,
                 (Some(deg), Some(sigma_translation)) => {
@@ -216,8 +231,8 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     Ok(Views { views, tracks, unit: t.unit.map(|name| name.parse()).transpose()?, files })
 }
 
-/// Lines of a CSV with a header: for each line its number and the words of the named columns, `None` for one
-/// that is not there.
+/// Reads a CSV file with a header: for each line its number and the words of the named columns, `None` for a
+/// missing column. The first `needed` columns are required.
 fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, Vec<Option<String>>)>> {
     read_file(path, |mut source, _| {
         let mut header: Option<Vec<Option<usize>>> = None;
@@ -225,6 +240,7 @@ fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, 
         let mut number = 0;
         while let Some(line) = source.line()? {
             number += 1;
+            // Byte order mark, which some Windows programs put before UTF-8.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             if line.is_empty() || line.starts_with(b"#") {
                 continue;
@@ -253,7 +269,7 @@ fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, 
                                 Some(word) => Some(String::from_utf8_lossy(word).into_owned()),
                                 None => {
                                     return Err(Error::input(format!(
-                                        "line {number}: expected a value of {name}"
+                                        "line {number}: expected a value in the column {name}, found none"
                                     )));
                                 }
                             },
@@ -281,7 +297,7 @@ fn number(line: u64, word: Option<&str>, fallback: f64, positive: bool) -> Resul
 /// Pixels with σ.
 type Pixels = Vec<([f64; 2], f64)>;
 
-/// Pixels with σ, and where the column `contour` changes; at the first alone where there is none.
+/// Reads pixels with σ, and the indices at which the column `contour` changes (only 0 without that column).
 fn read_pixels(path: &Path, sigma_px: f64) -> Result<(Pixels, Vec<usize>)> {
     let pixel = |(line, row): &(u64, Vec<Option<String>>)| {
         let at = |k: usize, fallback, positive| number(*line, row[k].as_deref(), fallback, positive);
@@ -296,12 +312,14 @@ fn read_pixels(path: &Path, sigma_px: f64) -> Result<(Pixels, Vec<usize>)> {
 fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Track>> {
     let rows = read_columns(path, &["track", "view", "x", "y", "sigma_px"], 4)?;
     let mut tracks: BTreeMap<String, Track> = BTreeMap::new();
+    // Tracks keep the order of the file, which a map by name would change.
     let mut order = Vec::new();
     for (line, row) in rows {
         let read = || {
             let name = row[1].clone().unwrap_or_default();
-            let view = (views.iter().position(|view| view.name == name))
-                .ok_or_else(|| Error::input(format!("line {line}: there is no view named `{name}`")))?;
+            let view = (views.iter().position(|view| view.name == name)).ok_or_else(|| {
+                Error::input(format!("line {line}: expected the name of a view, found `{name}`"))
+            })?;
             let at = |k: usize, fallback, positive| number(line, row[k].as_deref(), fallback, positive);
             Ok((view as u32, [at(2, 0.0, false)?, at(3, 0.0, false)?], at(4, sigma_px, true)?))
         };
@@ -312,7 +330,7 @@ fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Tra
         }
         tracks.entry(track).or_default().push(sighting);
     }
-    // One sighting alone says nothing.
+    // A feature in one view gives no equation.
     Ok((order.iter()).filter_map(|name| tracks.remove(name)).filter(|track| track.len() > 1).collect())
 }
 
@@ -336,17 +354,19 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
 ";
 
     #[test]
-    fn both_kinds_of_cameras_are_read() {
+    fn cameras_are_read_from_k_r_t_and_from_p() {
         let found = parse(GOOD, Path::new("folder")).unwrap();
         let [a, b] = &found.views[..] else { panic!("two views") };
         assert_eq!((a.name.as_str(), b.name.as_str(), found.unit), ("a", "other", Some(Unit::Metre)));
         assert_eq!(a.mask.as_deref(), Some(Path::new("folder/a.png")));
-        assert!((a.camera.k - b.camera.k).amax() < 1e-9 && (a.camera.t - b.camera.t).amax() < 1e-9);
+        let [p, q] = [a.camera.pinhole, b.camera.pinhole];
+        let pairs = p.k.iter().flatten().chain(&p.t).zip(q.k.iter().flatten().chain(&q.t));
+        assert!(pairs.map(|(x, y)| (x - y).abs()).all(|off| off < 1e-9));
         assert!(a.pose.is_none() && b.pose.is_some() && b.held_out && a.sigma_px == 0.4);
     }
 
     #[test]
-    fn tracks_and_contours_come_from_beside_the_file() {
+    fn tracks_and_contours_are_read_from_their_files() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
         write("t.csv", "track,view,x,y\n7,a,1,2\n7,other,3,4\n8,a,5,6\n");
@@ -372,7 +392,7 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_line_or_view() {
         let with = |from: &str, to: &str| {
             assert!(GOOD.contains(from), "{from}");
             parse(&GOOD.replacen(from, to, 1), Path::new("")).unwrap_err().to_string()

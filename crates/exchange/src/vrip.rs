@@ -88,6 +88,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                 }
                 let [tx, ty, tz, qx, qy, qz, qw] = values;
                 let length = [qx, qy, qz, qw].iter().map(|c| c * c).sum::<f64>().sqrt();
+                // The conjugate of a unit quaternion is its inverse.
                 let pose = Pose::from_quaternion_xyzw([-qx, -qy, -qz, qw], [tx, ty, tz])
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {

@@ -141,6 +141,47 @@ impl Layout {
         }
         Ok(Self::new(PointColumns::find(&names)?, separator, false))
     }
+
+    /// Parses the required fields of a line into `record`.
+    fn read_record(&self, line: &[u8], number: u64, record: &mut Vec<f64>) -> Result<()> {
+        record.clear();
+        let mut rest = Some(line);
+        while record.len() < self.width {
+            let Some(field) = self.separator.next_field(&mut rest) else {
+                if self.tentative_normals && record.len() >= 3 {
+                    // A line with fewer columns: its normal is zero, which has not unit length, so that
+                    // `keep_unit_normals` discards the normals of the whole file.
+                    record.resize(6, 0.0);
+                    break;
+                }
+                return Err(Error::input(format!(
+                    "line {number}: expected {} numbers, found {}",
+                    self.width,
+                    record.len()
+                )));
+            };
+            record.push(match parse_number(field) {
+                Some(value) => value,
+                None if field.is_empty() => f64::NAN,
+                None if self.tentative_normals && record.len() >= 3 => 0.0,
+                None => return Err(self.no_number(field, number)),
+            });
+        }
+        Ok(())
+    }
+
+    /// Error for a field that is not a number.
+    fn no_number(&self, field: &[u8], number: u64) -> Error {
+        let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
+        // Decimal commas are the likely cause if a point makes it a number, or if a field between commas has
+        // a blank, as `5 2` in `1,5 2,5`.
+        let halves = self.separator == Separator::Byte(b',') && field.iter().any(u8::is_ascii_whitespace);
+        let way_out = match parse_number(&point) {
+            None if !halves => "",
+            _ => ": write decimals with a point",
+        };
+        Error::input(format!("line {number}: expected a number, found {}{way_out}", shown(field)))
+    }
 }
 
 fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
@@ -159,6 +200,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
             continue;
         }
         if let Some(comment) = comment(line) {
+            // Each comment replaces the previous one, so only the last one before the first point counts.
             names_in_comment = names(comment);
             continue;
         }
@@ -185,6 +227,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                     layout = Some(Layout::named(&names, separator).map_err(at)?);
                     continue;
                 }
+                // A comment with another number of words is prose that happens to name x, y and z.
                 let named = names_in_comment.take().filter(|names: &Vec<String>| names.len() == fields.len());
                 layout.insert(match named {
                     Some(names) => Layout::named(&names, separator).map_err(at)?,
@@ -196,43 +239,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 })
             }
         };
-        record.clear();
-        let mut rest = Some(line);
-        while record.len() < layout.width {
-            let Some(field) = layout.separator.next_field(&mut rest) else {
-                if layout.tentative_normals && record.len() >= 3 {
-                    // A line with fewer columns: its normal is zero, which has not unit length, so that
-                    // `keep_unit_normals` discards the normals of the whole file.
-                    record.resize(6, 0.0);
-                    break;
-                }
-                return Err(Error::input(format!(
-                    "line {number}: expected {} numbers, found {}",
-                    layout.width,
-                    record.len()
-                )));
-            };
-            record.push(match parse_number(field) {
-                Some(value) => value,
-                None if field.is_empty() => f64::NAN,
-                None if layout.tentative_normals && record.len() >= 3 => 0.0,
-                None => {
-                    let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
-                    // Decimal commas are the likely cause if a point makes it a number, or if a field between
-                    // commas has a blank, as `5 2` in `1,5 2,5`.
-                    let halves = layout.separator == Separator::Byte(b',')
-                        && field.iter().any(u8::is_ascii_whitespace);
-                    let way_out = match parse_number(&point) {
-                        None if !halves => "",
-                        _ => ": write decimals with a point",
-                    };
-                    return Err(Error::input(format!(
-                        "line {number}: expected a number, found {}{way_out}",
-                        shown(field)
-                    )));
-                }
-            });
-        }
+        layout.read_record(line, number, &mut record)?;
         layout.collector.push(&record, format_args!("line {number}"))?;
     }
     let Some(layout) = layout else {

@@ -1,65 +1,73 @@
-//! A tree of boxes over triangles.
+//! A bounding volume hierarchy over triangles.
 //!
-//! Comes in: the triangles' corners. Goes out: a flat array of nodes over triangles in leaf order; the tree
-//! depends on the triangles alone, not on the number of threads. Not guaranteed: balance; but the depth stays
+//! In: the corners of the triangles. Out: a flat array of nodes over triangles in leaf order. The tree
+//! depends only on the triangles, not on the number of threads. Not guaranteed: balance, but the depth stays
 //! below [`MAX_DEPTH`].
 
-/// Most triangles of a leaf. With 2, 4 and 8 closest points took the same time, within the noise, on 70 k and
-/// 1.3 M triangles; 8 builds fastest and has the fewest nodes.
+use planish_core::BoundingBox;
+
+/// Maximum number of triangles of a leaf.
+///
+/// With 2, 4 and 8, closest points took the same time within noise on 70 k and 1.3 M triangles. 8 builds
+/// fastest and needs the fewest nodes. It is also the width of a packet ([`crate::packet::LANES`]).
 pub(crate) const LEAF: usize = 8;
+/// Number of bins of the surface-area heuristic; more bins find slightly better planes and build slower.
 const BINS: usize = 16;
-/// Parts above this size are built in parallel.
+/// Parts with at least this number of triangles are built in parallel; smaller ones do not repay a task.
 const PARALLEL: usize = 1 << 14;
-/// Below this depth triangles are halved by count, so that no tree is deeper than `SAH_DEPTH + 32`.
+/// Depth from which triangles are halved by count.
+///
+/// The heuristic can split off single triangles, as of geometrically spaced ones. Halving bounds the depth to
+/// `SAH_DEPTH + 32`.
 const SAH_DEPTH: usize = 30;
-/// Depth that no tree exceeds, and so the size of a traversal's stack.
+/// Bound of the depth of any tree, and therefore the size of the stack of a traversal.
 pub(crate) const MAX_DEPTH: usize = 64;
 
-/// A box and what is in it.
+/// A box with its triangles or its children.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
     pub min: [f64; 3],
     pub max: [f64; 3],
-    /// The first triangle of a leaf, or the left child; the right child follows the left.
+    /// First triangle of a leaf, or the left child; the right child follows the left.
     pub first: u32,
-    /// Triangles of a leaf, 0 for an inner node.
+    /// Number of triangles of a leaf; 0 for an inner node.
     pub count: u32,
 }
 
-/// Nodes (the root first) over triangles in leaf order.
+/// The tree: nodes, the root first, over triangles in leaf order.
 #[derive(Debug, Clone)]
 pub(crate) struct Bvh {
     pub nodes: Vec<Node>,
-    /// Corners in leaf order.
+    /// Corners of the triangles in leaf order. The copy saves two indirections in every visit of a leaf.
     pub corners: Vec<[[f64; 3]; 3]>,
-    /// The triangle that stands at each place of the leaf order.
+    /// For each position in leaf order, the index of the triangle.
     pub triangles: Vec<u32>,
 }
 
+/// The box of one triangle.
 #[derive(Clone, Copy)]
 struct Item {
-    min: [f64; 3],
-    max: [f64; 3],
+    bounds: BoundingBox,
     triangle: u32,
 }
 
 impl Item {
+    /// Twice the centre of the box: halving would change neither order nor bins.
     fn center2(&self, axis: usize) -> f64 {
-        self.min[axis] + self.max[axis]
+        self.bounds.min[axis] + self.bounds.max[axis]
     }
 }
 
 impl Bvh {
-    /// The tree over at least one triangle.
+    /// Builds the tree over at least one triangle.
     pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
         let mut items: Vec<Item> = (0..count)
             .map(|t| {
                 let [a, b, c] = corners(t);
-                Item {
-                    min: std::array::from_fn(|k| a[k].min(b[k]).min(c[k])),
-                    max: std::array::from_fn(|k| a[k].max(b[k]).max(c[k])),
-                    triangle: t as u32,
-                }
+                let mut bounds = BoundingBox { min: a, max: a };
+                bounds.include(b);
+                bounds.include(c);
+                Item { bounds, triangle: t as u32 }
             })
             .collect();
         let nodes = build(&mut items, 0, 0);
@@ -69,8 +77,9 @@ impl Bvh {
     }
 }
 
-/// The tree over `items`, which start at place `first` of the leaf order; child indices count from the tree's
-/// own root.
+/// Builds the tree over `items`, which start at position `first` of the leaf order.
+///
+/// Indices of children count from the root of this tree.
 fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     if items.len() < PARALLEL {
         let mut nodes = Vec::with_capacity(items.len());
@@ -83,7 +92,8 @@ fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     let (left, right) = items.split_at_mut(middle);
     let (left, right) =
         rayon::join(|| build(left, first, depth + 1), || build(right, first + middle, depth + 1));
-    // Order: root, both children side by side, the rest of the left, the rest of the right.
+    // Order: root, both children, the rest of the left tree, the rest of the right tree. Siblings must be
+    // adjacent, because a node stores only its left child.
     let mut nodes = Vec::with_capacity(1 + left.len() + right.len());
     let moved = |mut node: Node, by: usize| {
         if node.count == 0 {
@@ -100,6 +110,7 @@ fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     nodes
 }
 
+/// Splits a leaf, and its children in turn, until every leaf is small enough.
 fn subdivide(nodes: &mut Vec<Node>, at: usize, items: &mut [Item], first: usize, depth: usize) {
     if items.len() <= LEAF {
         return;
@@ -117,50 +128,48 @@ fn subdivide(nodes: &mut Vec<Node>, at: usize, items: &mut [Item], first: usize,
 
 /// A leaf over all `items`.
 fn node_of(items: &[Item], first: usize) -> Node {
-    let mut grown = Bounds::EMPTY;
+    let mut grown = BoundingBox::EMPTY;
     for item in items {
-        grown.include(&Bounds { min: item.min, max: item.max });
+        grown.include_box(&item.bounds);
     }
     Node { min: grown.min, max: grown.max, first: first as u32, count: items.len() as u32 }
 }
 
-/// Orders `items` into two non-empty parts and returns the size of the first: binned surface-area heuristic
-/// over the axis of greatest spread, or halves where that finds no plane.
+/// Reorders `items` into two non-empty parts and returns the size of the first.
+///
+/// The plane is that of the binned surface-area heuristic along the axis with the largest spread of centres.
+/// If it finds none, the items are halved.
 ///
 /// Reference: Wald, *On fast Construction of SAH-based Bounding Volume Hierarchies*, 2007.
 fn split(items: &mut [Item], depth: usize) -> usize {
-    let mut low = [f64::INFINITY; 3];
-    let mut high = [f64::NEG_INFINITY; 3];
-    for item in items.iter() {
-        for k in 0..3 {
-            low[k] = low[k].min(item.center2(k));
-            high[k] = high[k].max(item.center2(k));
-        }
-    }
-    let spread = |k: usize| high[k] - low[k];
-    let axis = (1..3).fold(0, |best, k| if spread(k) > spread(best) { k } else { best });
-    let per_unit = BINS as f64 / spread(axis);
+    let centers: BoundingBox = items.iter().map(|item| [0, 1, 2].map(|k| item.center2(k))).collect();
+    let spread = centers.extent();
+    let axis = (1..3).fold(0, |best, k| if spread[k] > spread[best] { k } else { best });
+    let per_unit = BINS as f64 / spread[axis];
     if depth < SAH_DEPTH && per_unit.is_finite() && per_unit > 0.0 {
-        let bin = |item: &Item| (((item.center2(axis) - low[axis]) * per_unit) as usize).min(BINS - 1);
-        let mut bins = [(Bounds::EMPTY, 0_usize); BINS];
+        let bin =
+            |item: &Item| (((item.center2(axis) - centers.min[axis]) * per_unit) as usize).min(BINS - 1);
+        let mut bins = [(BoundingBox::EMPTY, 0_usize); BINS];
         for item in items.iter() {
             let (bounds, count) = &mut bins[bin(item)];
-            bounds.include(&Bounds { min: item.min, max: item.max });
+            bounds.include_box(&item.bounds);
             *count += 1;
         }
+        // Cost of a plane: number of triangles times surface area, summed over both sides. A ray or a search
+        // visits a box with a probability in proportion to its surface.
         let mut cost = [0.0; BINS];
-        let (mut grown, mut count) = (Bounds::EMPTY, 0);
+        let (mut grown, mut count) = (BoundingBox::EMPTY, 0);
         for k in 0..BINS - 1 {
-            grown.include(&bins[k].0);
+            grown.include_box(&bins[k].0);
             count += bins[k].1;
-            cost[k + 1] = grown.half_area() * count as f64;
+            cost[k + 1] = half_area(&grown) * count as f64;
         }
         let mut best = (f64::INFINITY, 0);
-        let (mut grown, mut count) = (Bounds::EMPTY, 0);
+        let (mut grown, mut count) = (BoundingBox::EMPTY, 0);
         for k in (1..BINS).rev() {
-            grown.include(&bins[k].0);
+            grown.include_box(&bins[k].0);
             count += bins[k].1;
-            let total = cost[k] + grown.half_area() * count as f64;
+            let total = cost[k] + half_area(&grown) * count as f64;
             if count > 0 && count < items.len() && total < best.0 {
                 best = (total, k);
             }
@@ -170,13 +179,14 @@ fn split(items: &mut [Item], depth: usize) -> usize {
         }
     }
     let middle = items.len() / 2;
+    // The index breaks ties, so that equal centres cannot make the tree depend on the algorithm of selection.
     items.select_nth_unstable_by(middle, |a, b| {
         a.center2(axis).total_cmp(&b.center2(axis)).then(a.triangle.cmp(&b.triangle))
     });
     middle
 }
 
-/// Brings the items that are `left` to the front and returns how many they are.
+/// Moves the items that are `left` to the front and returns their number.
 fn partition(items: &mut [Item], left: impl Fn(&Item) -> bool) -> usize {
     let mut kept = 0;
     for k in 0..items.len() {
@@ -188,30 +198,13 @@ fn partition(items: &mut [Item], left: impl Fn(&Item) -> bool) -> usize {
     kept
 }
 
-#[derive(Clone, Copy)]
-struct Bounds {
-    min: [f64; 3],
-    max: [f64; 3],
-}
-
-impl Bounds {
-    const EMPTY: Self = Self { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
-
-    fn include(&mut self, other: &Self) {
-        for k in 0..3 {
-            self.min[k] = self.min[k].min(other.min[k]);
-            self.max[k] = self.max[k].max(other.max[k]);
-        }
+/// Half the area of a box; zero for the empty one.
+fn half_area(bounds: &BoundingBox) -> f64 {
+    if bounds.min[0] > bounds.max[0] {
+        return 0.0;
     }
-
-    /// Half the surface; zero where empty.
-    fn half_area(&self) -> f64 {
-        if self.min[0] > self.max[0] {
-            return 0.0;
-        }
-        let [x, y, z] = std::array::from_fn(|k| self.max[k] - self.min[k]);
-        x * y + y * z + z * x
-    }
+    let [x, y, z] = bounds.extent();
+    x * y + y * z + z * x
 }
 
 /// Squared distance from a point to a box, zero inside. NaN counts as inside.
@@ -225,13 +218,13 @@ pub(crate) fn squared_distance_to_box(p: [f64; 3], node: &Node) -> f64 {
     sum
 }
 
-/// The greater of two, `b` where they do not compare: one machine instruction, unlike `f64::max`.
+/// The greater of two numbers, `b` if one is NaN: a single machine instruction, unlike `f64::max`.
 #[inline(always)]
 pub(crate) fn greater(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
-/// The lesser of two, `b` where they do not compare.
+/// The lesser of two numbers, `b` if one is NaN.
 #[inline(always)]
 pub(crate) fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
@@ -271,7 +264,7 @@ mod tests {
 
     #[test]
     fn every_triangle_is_in_one_leaf_inside_its_boxes() {
-        // Above the parallel limit, at hashed places.
+        // More triangles than the parallel limit, at hashed positions.
         let hashed = |t: usize| {
             let x = (t as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
             let p = [(x >> 40) as f64, ((x >> 20) & 0xF_FFFF) as f64, (x & 0xF_FFFF) as f64];

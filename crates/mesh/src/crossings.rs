@@ -1,33 +1,39 @@
-//! Where a mesh crosses itself.
+//! Self-intersections of a mesh.
 //!
-//! Comes in: a [`MeshSearch`]. Goes out: how many pairs of triangles cross, and the first of them. Not
-//! guaranteed: triangles that share a vertex, or lie in one plane, are not compared; what touches does not
-//! cross.
+//! In: a [`MeshSearch`]. Out: the number of pairs of triangles that intersect, and the first of them. Not
+//! guaranteed: triangles that share a vertex or lie in one plane are not compared. Triangles that touch do
+//! not count.
 
 use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
 use rayon::prelude::*;
 
-/// The ends of an edge that pierces a triangle are at least so many of the edge's lengths from the triangle's
-/// plane: nearer ones touch.
-const THROUGH: f64 = 1e-6;
-/// Of one leaf so many nodes are looked at, so that triangles that all lie in one another's boxes do not take
-/// the square of their number.
-const MOST_NODES: usize = 1 << 14;
+/// Minimum distance of the ends of an edge from the plane of a triangle that it pierces, relative to its
+/// length.
+///
+/// Edges that end nearer to the plane only touch the triangle. The value is far above rounding and far below
+/// the intersections that matter (test `touching_is_not_crossing`).
+const MIN_PIERCING: f64 = 1e-6;
+/// Maximum number of nodes visited for one leaf.
+///
+/// Without it, the cost is quadratic if all triangles lie in each other's boxes, as slivers through one
+/// point.
+const MAX_NODES: usize = 1 << 14;
 
-/// What [`MeshSearch::self_crossings`] found.
+/// The result of [`MeshSearch::self_crossings`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SelfCrossings {
-    /// Pairs of triangles that cross.
+    /// Number of pairs of triangles that intersect.
     pub pairs: usize,
-    /// The pair with the lowest numbers, the lower first; zeros where nothing crosses.
+    /// The pair with the lowest indices, the lower first; zeros without intersections.
     pub first: [u32; 2],
-    /// Where an edge of one goes through the other.
+    /// A point where an edge of one triangle of this pair pierces the other.
     pub place: [f64; 3],
 }
 
 impl SelfCrossings {
+    /// The union of two results. It does not depend on the order, so leaves can be searched in parallel.
     fn with(self, other: Self) -> Self {
         let first = match (self.pairs, other.pairs) {
             (_, 0) => self,
@@ -40,12 +46,27 @@ impl SelfCrossings {
 }
 
 impl MeshSearch {
-    /// The pairs of triangles that cross: an edge of one goes through the other. Pairs that share a vertex
-    /// are not compared. Cost O(n log n) where triangles are small beside the mesh.
+    /// Finds the pairs of triangles that intersect: an edge of one pierces the other.
+    ///
+    /// Pairs that share a vertex are not compared. Cost O(n log n) if triangles are small relative to the
+    /// mesh.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_mesh::{MeshSearch, icosphere};
+    /// # fn main() -> planish_estimate::Result<()> {
+    /// let mut mesh = icosphere(1.0, 2);
+    /// assert_eq!(MeshSearch::try_new(&mesh)?.self_crossings().pairs, 0);
+    /// // Pull one vertex through the opposite side.
+    /// mesh.positions[0] = mesh.positions[0].map(|x| -1.5 * x);
+    /// assert!(MeshSearch::try_new(&mesh)?.self_crossings().pairs > 0);
+    /// # Ok(())
+    /// # }
+    /// ```
     ///
     /// # References
-    /// T. Möller, *A fast triangle-triangle intersection test*, Journal of Graphics Tools 1997: planes tell
-    /// most pairs apart.
+    /// T. Möller, *A fast triangle-triangle intersection test*, Journal of Graphics Tools 1997; most pairs
+    /// are separated by one of their planes.
     #[must_use]
     pub fn self_crossings(&self) -> SelfCrossings {
         let leaves: Vec<&Node> = self.bvh.nodes.iter().filter(|n| n.count > 0).collect();
@@ -54,7 +75,7 @@ impl MeshSearch {
             .reduce(SelfCrossings::default, SelfCrossings::with)
     }
 
-    /// Crossings of a leaf's triangles with those at later places of the leaf order.
+    /// Intersections of the triangles of a leaf with those at later positions of the leaf order.
     fn crossings_of(&self, leaf: &Node) -> SelfCrossings {
         let Bvh { nodes, corners, .. } = &self.bvh;
         let mine = leaf.first..leaf.first + leaf.count;
@@ -62,10 +83,10 @@ impl MeshSearch {
         let mut found = SelfCrossings::default();
         let mut stack = [0_u32; MAX_DEPTH + 1];
         let mut height = 1;
-        let mut looked_at = 0;
-        while height > 0 && looked_at < MOST_NODES {
+        let mut visited = 0;
+        while height > 0 && visited < MAX_NODES {
             height -= 1;
-            looked_at += 1;
+            visited += 1;
             let node = &nodes[stack[height] as usize];
             if !meet(&[leaf.min, leaf.max], &[node.min, node.max]) {
                 continue;
@@ -77,6 +98,7 @@ impl MeshSearch {
                 continue;
             }
             for there in node.first..node.first + node.count {
+                // Each pair is tested once, from the triangle that comes first in leaf order.
                 if there <= leaf.first {
                     continue;
                 }
@@ -92,6 +114,7 @@ impl MeshSearch {
                     let ours = &corners[here as usize];
                     let numbers = [here, there].map(|slot| self.bvh.triangles[slot as usize]);
                     let [a, b] = numbers.map(|t| self.vertices[t as usize]);
+                    // Neighbours touch along what they share, which rounding could take for a crossing.
                     if a.iter().any(|v| b.contains(v)) {
                         continue;
                     }
@@ -106,23 +129,25 @@ impl MeshSearch {
     }
 }
 
-/// Whether two boxes meet, each given by its least and its greatest coordinates.
+/// True if two boxes, given by their minimum and maximum coordinates, intersect.
 fn meet(a: &[[f64; 3]; 2], b: &[[f64; 3]; 2]) -> bool {
     (0..3).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
 }
 
+/// The bounding box of a triangle.
 fn box_of(t: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
-    let of = |pick: fn(f64, f64) -> f64| std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k]));
-    [of(lesser), of(greater)]
+    let extreme = |pick: fn(f64, f64) -> f64| std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k]));
+    [extreme(lesser), extreme(greater)]
 }
 
-/// Where an edge of one triangle goes through the other.
+/// A point where an edge of one triangle pierces the other.
 fn crossing(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
     let normal = |t: &[[f64; 3]; 3]| cross(sub(t[1], t[0]), sub(t[2], t[0]));
     let heights = |t: &[[f64; 3]; 3], n: [f64; 3], of: &[[f64; 3]; 3]| of.map(|p| dot(n, sub(p, t[0])));
     let one_side = |h: [f64; 3]| h.iter().all(|x| *x >= 0.0) || h.iter().all(|x| *x <= 0.0);
     let (of_b, of_a) = (normal(b), normal(a));
     let over_b = heights(b, of_b, a);
+    // Most pairs end here: all corners of one triangle lie on one side of the plane of the other.
     if one_side(over_b) {
         return None;
     }
@@ -133,8 +158,9 @@ fn crossing(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
     pierced(a, over_b, b, of_b).or_else(|| pierced(b, over_a, a, of_a))
 }
 
-/// Where an edge of a triangle, whose corners have such heights (times twice the area) over another's plane,
-/// goes through that other.
+/// A point where an edge of the triangle `edges` pierces the triangle `through`.
+///
+/// `heights` are those of the corners over the plane of `through`, times the length of its `normal`.
 fn pierced(
     edges: &[[f64; 3]; 3],
     heights: [f64; 3],
@@ -145,15 +171,15 @@ fn pierced(
     (0..3).find_map(|k| {
         let (p, q) = (edges[k], edges[(k + 1) % 3]);
         let (hp, hq) = (heights[k], heights[(k + 1) % 3]);
-        let least = THROUGH * distance(p, q) * doubled;
-        if hp * hq >= 0.0 || hp.abs() < least || hq.abs() < least {
+        let minimum = MIN_PIERCING * distance(p, q) * doubled;
+        if hp * hq >= 0.0 || hp.abs() < minimum || hq.abs() < minimum {
             return None;
         }
         let place = add(p, scale(hp / (hp - hq), sub(q, p)));
         let inside = (0..3).all(|k| {
             let (s, t) = (through[k], through[(k + 1) % 3]);
             let turn = dot(normal, cross(sub(t, s), sub(place, s)));
-            turn > THROUGH * doubled * doubled
+            turn > MIN_PIERCING * doubled * doubled
         });
         inside.then_some(place)
     })
@@ -170,16 +196,15 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_cross_itself_is_clean() {
+    fn balls_and_sheets_have_no_crossings() {
         for mesh in [icosphere(3.0, 4), grid_sheet(5.0, 4.0, 31, 17)] {
             assert_eq!(crossings(&mesh), SelfCrossings::default());
         }
     }
 
-    /// Two sheets, one upright through the middle of the other: the number of pairs is that of all pairs
-    /// tried.
+    /// The number of pairs is that of an exhaustive search, for two sheets that intersect at a right angle.
     #[test]
-    fn crossings_are_those_of_all_pairs() {
+    fn crossings_match_an_exhaustive_search() {
         let mut mesh = grid_sheet(4.0, 4.0, 21, 21);
         let upright = grid_sheet(2.03, 2.07, 14, 15);
         let from = mesh.positions.len() as u32;
@@ -202,10 +227,10 @@ mod tests {
     }
 
     #[test]
-    fn what_touches_does_not_cross() {
+    fn touching_is_not_crossing() {
         let mut mesh = grid_sheet(2.0, 2.0, 3, 3);
         let from = mesh.positions.len() as u32;
-        // A corner on a face, and an edge on it.
+        // A triangle with a corner on a face, and one with an edge on it.
         mesh.positions.extend([[0.3, 0.2, 0.0], [0.3, 0.4, 1.0], [0.4, 0.2, 1.0]]);
         mesh.positions.extend([[0.3, 0.7, 0.0], [0.4, 0.75, 0.0], [0.4, 0.7, 1.0]]);
         mesh.triangles.extend([[from, from + 1, from + 2], [from + 3, from + 4, from + 5]]);

@@ -1,13 +1,18 @@
-//! How a mesh bends at its vertices.
+//! Curvature at the vertices of a mesh.
 //!
-//! Comes in: a mesh with normals and σ. Goes out: mean and Gaussian curvature at every vertex, σ of the mean
-//! one, and whether a vertex is on the border: from a quadric through the vertices around ([`LEAST`] of them,
-//! two rings of six), which sees noise as it is, where sums of angles and of cotangents over one ring see
-//! little else (F. Cazals, M. Pouget, *Estimating differential quantities using polynomial fitting of
-//! osculating jets*, 2005, with jets of degree 2).
+//! In: a mesh with normals and σ. Out: mean and Gaussian curvature of every vertex, σ of the mean curvature,
+//! and border flags.
 //!
-//! Not guaranteed: curvature of what is smaller than two rings; σ where errors of neighbours are not
-//! independent, or beyond what the quadric's own residuals show.
+//! A quadric is fitted to the vertices around ([`MIN_NEIGHBOURS`], two rings of a regular mesh). Sums of
+//! angles and cotangents (Meyer and others) use only one ring, where noise exceeds the curvature, and give no
+//! σ (see `docs/decisions/0074-vertex-curvature.md`).
+//!
+//! Not guaranteed: curvature of features smaller than two rings; σ if the errors of neighbours are
+//! correlated.
+//!
+//! # References
+//! F. Cazals, M. Pouget, *Estimating differential quantities using polynomial fitting of osculating jets*,
+//! 2005, with jets of degree 2.
 
 use crate::half_edges::{NONE, next_in_triangle, opposites};
 use crate::mesh::TriangleMesh;
@@ -17,24 +22,27 @@ use planish_estimate::vector3::{distance, dot, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Rings are gathered until there are so many vertices.
-const LEAST: usize = 18;
-/// No more rings than this.
-const MOST_RINGS: usize = 4;
-/// Numbers that a quadric has.
+/// Rings are added until there are this many neighbours: two rings of a regular mesh.
+///
+/// More neighbours reduce σ but smooth the curvature over a larger area.
+const MIN_NEIGHBOURS: usize = 18;
+/// Maximum number of rings; bounds the area where vertices have few neighbours.
+const MAX_RINGS: usize = 4;
+/// Number of coefficients of a quadric.
 const UNKNOWNS: usize = 6;
 
-/// Curvature at the vertices of a mesh, in one over its unit.
+/// Curvature at the vertices of a mesh, in 1/unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VertexCurvature {
-    /// Mean curvature `(κ₁ + κ₂) / 2`, positive where the surface bends towards its normal: a ball with
-    /// outward normals has −1/r.
+    /// Mean curvature `(κ₁ + κ₂) / 2`, positive if the surface bends towards its normal.
+    ///
+    /// A ball with outward normals has −1/r.
     pub mean: Vec<f64>,
-    /// Gaussian curvature `κ₁ κ₂`, in one over the unit squared.
+    /// Gaussian curvature `κ₁ κ₂`, in 1/unit².
     pub gaussian: Vec<f64>,
     /// σ of the mean curvature.
     pub sigma_mean: Vec<f64>,
-    /// 1 on the border, 0 within.
+    /// 1 for a vertex on the border, else 0.
     pub border: Vec<u8>,
 }
 
@@ -42,12 +50,11 @@ pub struct VertexCurvature {
 ///
 /// Heights `h` along the normal are fitted by `h = c + p u + q v + ½ (a u² + 2 b u v + d v²)` with weights
 /// `1/σ²`; then `H = ((1 + q²) a − 2 p q b + (1 + p²) d) / (2 g³)` and `K = (a d − b²) / g⁴` with
-/// `g² = 1 + p² + q²`. The covariance of the fit, larger by what its residuals have more than `σ` says, gives
-/// `σ_H`. Vertices with too few around for a quadric have curvature 0, and σ of one over the length of their
-/// edges.
+/// `g² = 1 + p² + q²`. The covariance of the fit gives `σ_H`. It is enlarged if the residuals exceed `σ`.
+/// Vertices with too few neighbours for a quadric have curvature 0, with σ the inverse of their longest edge.
 ///
 /// # Errors
-/// `Input` for normals or σ of another number than vertices, or a mesh that fails
+/// `Input` if the number of normals or σ differs from that of the vertices, or if the mesh fails
 /// [`TriangleMesh::sanity_check`].
 ///
 /// # Examples
@@ -63,7 +70,7 @@ pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]
     let count = mesh.positions.len();
     if normals.len() != count || sigma.len() != count {
         return Err(Error::input(format!(
-            "{count} vertices, {} normals and {} values of sigma: one for each is needed",
+            "expected one normal and one sigma for each of the {count} vertices, found {} and {}",
             normals.len(),
             sigma.len()
         )));
@@ -93,12 +100,12 @@ pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]
     Ok(VertexCurvature { mean, gaussian, sigma_mean, border })
 }
 
-/// A vertex and the rings around it, until there are enough.
+/// Collects a vertex and the rings around it into `around`, until there are enough neighbours.
 fn gather(vertex: u32, neighbours: &Neighbours, around: &mut Vec<u32>) {
     around.clear();
     around.push(vertex);
     let mut ring = 0;
-    for _ in 0..MOST_RINGS {
+    for _ in 0..MAX_RINGS {
         let end = around.len();
         for k in ring..end {
             for w in neighbours.of_vertex(around[k]) {
@@ -108,13 +115,13 @@ fn gather(vertex: u32, neighbours: &Neighbours, around: &mut Vec<u32>) {
             }
         }
         ring = end;
-        if around.len() > LEAST || around.len() == end {
+        if around.len() > MIN_NEIGHBOURS || around.len() == end {
             break;
         }
     }
 }
 
-/// Mean and Gaussian curvature, and σ of the first.
+/// Mean and Gaussian curvature, and σ of the mean curvature; `None` if the neighbours do not determine them.
 fn quadric(
     vertex: usize,
     around: &[u32],
@@ -128,6 +135,8 @@ fn quadric(
     let normal = unit(normal)?;
     let (e1, e2) = tangents(normal);
     let at = mesh.positions[vertex];
+    // All lengths are divided by the size of the neighbourhood: the normal matrix would otherwise mix powers
+    // of the unit up to the fourth.
     let size = around.iter().map(|w| distance(at, mesh.positions[*w as usize])).fold(0.0, f64::max);
     if size <= 0.0 {
         return None;
@@ -155,18 +164,22 @@ fn quadric(
             weight * (height - terms.dot(&x)).powi(2)
         })
         .sum();
+    // Residuals larger than σ show shape that a quadric cannot follow, or a σ that is too small. Smaller ones
+    // are chance and do not reduce σ.
     let dispersion = (squares / (around.len() - UNKNOWNS).max(1) as f64).max(1.0);
     let [_, p, q, a, b, d] = [x[0], x[1], x[2], x[3], x[4], x[5]];
     let g2 = 1.0 + p * p + q * q;
     let factor = 0.5 / (g2 * g2.sqrt());
-    let of_bends = [factor * (1.0 + q * q), -2.0 * factor * p * q, factor * (1.0 + p * p)];
+    let gradient = [factor * (1.0 + q * q), -2.0 * factor * p * q, factor * (1.0 + p * p)];
+    // The slopes p and q are taken as exact: they only enter in second order, since the normal is nearly that
+    // of the surface.
     let mut variance = 0.0;
     for i in 0..3 {
         for j in 0..3 {
-            variance += of_bends[i] * of_bends[j] * covariance[(3 + i, 3 + j)];
+            variance += gradient[i] * gradient[j] * covariance[(3 + i, 3 + j)];
         }
     }
-    let mean = of_bends[0] * a + of_bends[1] * b + of_bends[2] * d;
+    let mean = gradient[0] * a + gradient[1] * b + gradient[2] * d;
     let found =
         [mean / size, (a * d - b * b) / (g2 * g2) / (size * size), (variance * dispersion).sqrt() / size];
     found.iter().all(|value| value.is_finite()).then_some(found)
@@ -180,10 +193,10 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A ball of radius r has H = −1/r and K = 1/r², a cylinder −1/2r and 0, a saddle z = xy at its middle 0
-    /// and −1.
+    /// A ball of radius r has H = −1/r and K = 1/r², a cylinder −1/2r and 0, the saddle z = xy in its middle
+    /// 0 and −1.
     #[test]
-    fn curvature_is_that_of_what_is_known() {
+    fn curvature_matches_known_surfaces() {
         let of = |mesh: &TriangleMesh| {
             let sigma = vec![1e-4; mesh.positions.len()];
             vertex_curvature(mesh, &mesh.vertex_normals(), &sigma).unwrap()
@@ -206,9 +219,9 @@ mod tests {
         assert!(vertex_curvature(&saddle, &[], &[]).is_err());
     }
 
-    /// σ of the mean curvature is that of noise which is independent.
+    /// The errors of the mean curvature agree with σ for independent noise.
     #[test]
-    fn sigma_of_the_mean_curvature_is_true() {
+    fn sigma_of_the_mean_curvature_matches_its_errors() {
         const SIGMA: f64 = 2e-3;
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut ball = icosphere(1.0, 4);

@@ -1,29 +1,37 @@
-//! The summary of a comparison.
+//! Statistics of the deviations between two surfaces.
 //!
-//! Comes in: signed deviations in the model's unit. Goes out: the figures of `planish compare`.
-//! Not guaranteed: robustness; one wild value moves rms, mean and max.
+//! In: signed deviations in the unit of the model. Out: the figures of `planish compare`.
+//! Not guaranteed: robustness. A single outlier changes the rms, the mean and the maximum.
 
 use planish_estimate::{Error, Result};
 
-/// Figures of a set of signed deviations.
+/// Statistics of a set of signed deviations.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::DeviationStatistics;
+/// let statistics = DeviationStatistics::from_signed(&[-1.0, 0.0, 1.0, 2.0])?;
+/// assert_eq!((statistics.mean, statistics.p50, statistics.max), (0.5, 1.0, 2.0));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeviationStatistics {
-    /// `sqrt(Σ d² / n)`: about zero, not about the mean.
+    /// Root mean square `sqrt(Σ d² / n)`, relative to zero and not to the mean.
     pub rms: f64,
-    /// `Σ d / n`, signed: a bias.
+    /// Signed mean `Σ d / n`, the bias.
     pub mean: f64,
     /// Median of `|d|`.
     pub p50: f64,
     /// 95 % quantile of `|d|`.
     pub p95: f64,
-    /// Greatest `|d|`.
+    /// Maximum of `|d|`.
     pub max: f64,
-    /// How many deviations.
+    /// Number of deviations.
     pub n: usize,
 }
 
 impl DeviationStatistics {
-    /// Summarises signed deviations; quantiles as in [`quantile_of_sorted`]. Cost O(n log n).
+    /// Computes the statistics, with quantiles as in [`quantile_of_sorted`]. Cost O(n log n).
     ///
     /// # Errors
     /// `Undetermined` for no deviations, `Input` for one that is not finite.
@@ -50,13 +58,18 @@ impl DeviationStatistics {
     }
 }
 
-/// The `p` quantile of ascending values: linear between the values around position `p (n − 1)`, counted from
-/// zero.
+/// The `p` quantile of ascending values.
 ///
-/// This is the default of NumPy and R.
+/// It interpolates linearly between the values around position `p (n − 1)`, counted from zero. This is the
+/// default of NumPy and R.
 ///
 /// # Panics
-/// For no values.
+/// If there are no values.
+///
+/// # Examples
+/// ```
+/// assert_eq!(planish_mesh::quantile_of_sorted(&[1.0, 2.0, 4.0], 0.75), 3.0);
+/// ```
 ///
 /// # References
 /// Hyndman and Fan, *Sample Quantiles in Statistical Packages*, The American Statistician 1996, definition 7.
@@ -86,13 +99,13 @@ mod tests {
     }
 
     #[test]
-    fn one_value_is_all_its_quantiles() {
+    fn all_quantiles_of_one_value_are_that_value() {
         let s = DeviationStatistics::from_signed(&[-2.0]).unwrap();
         assert_eq!((s.rms, s.mean, s.p50, s.p95, s.max), (2.0, -2.0, 2.0, 2.0, 2.0));
     }
 
     #[test]
-    fn nothing_and_nan_are_errors() {
+    fn empty_sets_and_nan_are_rejected() {
         assert_eq!(DeviationStatistics::from_signed(&[]).unwrap_err().kind(), ErrorKind::Undetermined);
         assert_eq!(DeviationStatistics::from_signed(&[0.0, f64::NAN]).unwrap_err().kind(), ErrorKind::Input);
     }

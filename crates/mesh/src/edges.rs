@@ -1,12 +1,12 @@
-//! The edges of a triangle list, each once, with the triangles around it.
+//! The edges of a list of triangles, each with the triangles at it.
 //!
-//! Comes in: triangles of vertex indices. Goes out: numbered edges in ascending order of their end vertices.
-//! Not guaranteed: two triangles to an edge; a triangle that names a vertex twice is listed all the same, and
-//! [`is_collapsed`] tells.
+//! In: triangles of vertex indices. Out: numbered edges in ascending order of their end vertices. Not
+//! guaranteed: two triangles per edge. Triangles that contain a vertex twice are included; test them with
+//! [`is_collapsed`].
 
 use rayon::prelude::*;
 
-/// Edges numbered 0.., and half-edges `3 t + k`: triangle `t` from corner `k` to the next.
+/// Edges numbered from 0, and half-edges `3 t + k`: the edge of triangle `t` from corner `k` to the next.
 pub(crate) struct EdgeTable {
     /// Both end vertices, the smaller first.
     pub ends: Vec<[u32; 2]>,
@@ -17,10 +17,12 @@ pub(crate) struct EdgeTable {
 }
 
 impl EdgeTable {
-    /// Cost O(n + v) for n triangles over vertices numbered up to v: half-edges are counted at their lesser
-    /// ends, and only those at one vertex are compared.
+    /// Builds the table. Cost O(n + v) for n triangles over vertices numbered up to v.
+    ///
+    /// Half-edges are sorted by counting at their lower ends; only those at one vertex are compared. This is
+    /// deterministic, which a hash map of edges would not be in its order.
     pub fn new(triangles: &[[u32; 3]]) -> Self {
-        let (mut keyed, at_vertex) = by_lesser_end(triangles);
+        let (mut keyed, at_vertex) = by_lower_end(triangles);
         sort_at_each_vertex(&mut keyed, &at_vertex);
         let mut table = Self {
             ends: Vec::with_capacity(keyed.len() / 2),
@@ -28,14 +30,14 @@ impl EdgeTable {
             starts: Vec::with_capacity(keyed.len() / 2 + 1),
             half_edges: Vec::with_capacity(keyed.len()),
         };
-        for (lesser, of_vertex) in (0_u32..).zip(at_vertex.windows(2)) {
+        for (lower, of_vertex) in (0_u32..).zip(at_vertex.windows(2)) {
             let mut last = None;
             for key in &keyed[of_vertex[0] as usize..of_vertex[1] as usize] {
-                let (greater, half) = ((key >> 32) as u32, *key as u32);
-                if last != Some(greater) {
-                    last = Some(greater);
+                let (higher, half) = ((key >> 32) as u32, *key as u32);
+                if last != Some(higher) {
+                    last = Some(higher);
                     table.starts.push(table.half_edges.len() as u32);
-                    table.ends.push([lesser, greater]);
+                    table.ends.push([lower, higher]);
                 }
                 table.half_edges.push(half);
                 table.triangle_edges[half as usize / 3][half as usize % 3] = table.ends.len() as u32 - 1;
@@ -49,15 +51,17 @@ impl EdgeTable {
         self.ends.len()
     }
 
-    /// The half-edges along edge `edge`, in ascending order.
+    /// The half-edges along an edge, in ascending order.
     pub fn half_edges(&self, edge: usize) -> &[u32] {
         &self.half_edges[self.starts[edge] as usize..self.starts[edge + 1] as usize]
     }
 }
 
-/// Half-edges, each behind its greater end, in the order of their lesser ends; and where those of each vertex
-/// start.
-fn by_lesser_end(triangles: &[[u32; 3]]) -> (Vec<u64>, Vec<u32>) {
+/// Half-edges in the order of their lower ends, and the start of those of each vertex.
+///
+/// Each entry has the higher end in its upper 32 bits and the half-edge in the lower ones, so that sorting
+/// numbers sorts by both.
+fn by_lower_end(triangles: &[[u32; 3]]) -> (Vec<u64>, Vec<u32>) {
     let vertices = triangles.iter().flatten().max().map_or(0, |last| *last as usize + 1);
     let mut starts = vec![0_u32; vertices + 1];
     for t in triangles {
@@ -81,7 +85,7 @@ fn by_lesser_end(triangles: &[[u32; 3]]) -> (Vec<u64>, Vec<u32>) {
     (keyed, starts)
 }
 
-/// Sorts the half-edges of each vertex, many vertices at a time.
+/// Sorts the half-edges of each vertex, in parallel over blocks of vertices.
 fn sort_at_each_vertex(keyed: &mut [u64], starts: &[u32]) {
     const VERTICES: usize = 1 << 14;
     let mut rest = keyed;
@@ -99,13 +103,13 @@ fn sort_at_each_vertex(keyed: &mut [u64], starts: &[u32]) {
     });
 }
 
-/// The edge between two vertices, whichever way round.
+/// The key of the edge between two vertices, in either order.
 #[inline]
 pub(crate) fn edge(a: u32, b: u32) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Whether a triangle names a vertex twice.
+/// True if a triangle contains a vertex twice.
 pub(crate) fn is_collapsed(t: [u32; 3]) -> bool {
     t[0] == t[1] || t[1] == t[2] || t[2] == t[0]
 }
@@ -116,10 +120,10 @@ mod tests {
     use crate::primitives::icosphere;
     use std::collections::BTreeMap;
 
-    /// Edges and half-edges are those, in that order, of all half-edges sorted by both ends: meshes with many
-    /// vertices, with fins, with triangles that name a vertex twice, with none.
+    /// Edges and half-edges have the order of all half-edges sorted by both ends, for meshes with many
+    /// vertices, with fins, with triangles that contain a vertex twice, and without triangles.
     #[test]
-    fn edges_are_those_of_half_edges_sorted() {
+    fn edges_match_sorted_half_edges() {
         let mut fins = icosphere(1.0, 2).triangles;
         fins.extend([[0, 1, 900], [1, 0, 7], [0, 12, 1], [5, 5, 3], [4, 4, 4]]);
         for triangles in [icosphere(1.0, 6).triangles, fins, Vec::new()] {

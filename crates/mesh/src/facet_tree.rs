@@ -1,41 +1,54 @@
-//! Everything that is nearly as near as the nearest: for sums over facets whose terms die away with distance.
+//! Search for all facets that are nearly as near as the nearest one.
 //!
-//! Comes in: facets, triangles with or without area, or points (triangles of three equal corners). Goes out:
-//! for a place all facets that are at most so much farther than the nearest one, and a few more.
+//! It serves sums over facets whose terms vanish with the distance. In: facets, which are triangles with or
+//! without area, or points (triangles with three equal corners). Out: for a point, all facets whose distance
+//! exceeds that of the nearest one by at most a slack, and a few more.
 //!
-//! The facets of a leaf are looked at together ([`crate::packet`]), in as wide vectors as the machine has.
+//! The facets of a leaf are processed together ([`crate::packet`]), in vectors as wide as the processor has.
 //!
-//! Not guaranteed: an order; that nothing beyond the slack is visited.
+//! Not guaranteed: an order of the facets, or that none beyond the slack is visited.
 
 use crate::bvh::{Bvh, MAX_DEPTH, Node, lesser, squared_distance_to_box};
 use crate::packet::{Feet, LANES, Packet, PointPacket, TrianglePacket};
 use pulp::{Simd, WithSimd};
 
-/// Places whose distances tie but for rounding are all visited.
-const TIE: f64 = 1e-12;
+/// Relative slack of squared distances, so that facets at the same distance within rounding are all visited.
+const ROUNDING_SLACK: f64 = 1e-12;
 
-/// A facet that is near a place.
+/// A facet near a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NearFacet {
-    /// Its index.
+    /// Index of the facet.
     pub facet: u32,
-    /// Its distance.
+    /// Distance of the facet.
     pub distance: f64,
-    /// Its nearest point.
+    /// Nearest point of the facet.
     pub point: [f64; 3],
-    /// Weights of its corners there.
+    /// Barycentric coordinates of this point.
     pub barycentric: [f64; 3],
 }
 
-/// A tree of boxes over facets.
+/// A bounding volume hierarchy over facets.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{FacetTree, icosphere};
+/// let ball = icosphere(1.0, 3);
+/// let tree = FacetTree::new(ball.triangles.len(), |t| ball.corners(t));
+/// let mut distances = Vec::new();
+/// tree.visit_near([0.0, 0.0, 1.5], 0.1, |near| distances.push(near.distance));
+/// let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
+/// assert!((nearest - 0.5).abs() < 0.01 && distances.len() > 10);
+/// ```
 #[derive(Debug, Clone)]
 pub struct FacetTree {
-    /// Leaves have the index of their packet for their first facet.
+    /// In leaves, `first` is the index of their packet.
     nodes: Vec<Node>,
     packets: Packets,
     simd: pulp::Arch,
 }
 
+/// Packets of leaves. Points alone have a packet of their own, with a seventh of the numbers.
 #[derive(Debug, Clone)]
 enum Packets {
     Triangles(Vec<TrianglePacket>),
@@ -43,7 +56,7 @@ enum Packets {
 }
 
 impl FacetTree {
-    /// A tree over `count` facets, at least one, with finite corners. Cost O(n log n).
+    /// Builds a tree over `count` facets, at least one, with finite corners. Cost O(n log n).
     #[must_use]
     pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
         let are_points = (0..count).all(|t| {
@@ -52,17 +65,17 @@ impl FacetTree {
         });
         let Bvh { mut nodes, corners, triangles } = Bvh::new(count, corners);
         let packets = if are_points {
-            Packets::Points(in_packets(&mut nodes, &corners, &triangles))
+            Packets::Points(build_packets(&mut nodes, &corners, &triangles))
         } else {
-            Packets::Triangles(in_packets(&mut nodes, &corners, &triangles))
+            Packets::Triangles(build_packets(&mut nodes, &corners, &triangles))
         };
         Self { nodes, packets, simd: pulp::Arch::new() }
     }
 
-    /// Visits every facet that is at most `slack` farther from a place than the nearest one.
+    /// Visits every facet whose distance from a point exceeds that of the nearest one by at most `slack`.
     ///
-    /// Nearer boxes are looked into first, so that little is visited before the nearest facet is known.
-    /// Nothing is visited for a place that is not finite.
+    /// A few more facets may be visited: nearer boxes are entered first, but the nearest facet is known only
+    /// after its leaf. Nothing is visited for a point that is not finite.
     #[inline]
     pub fn visit_near(&self, at: [f64; 3], slack: f64, visit: impl FnMut(&NearFacet)) {
         if !at.iter().all(|x| x.is_finite()) {
@@ -76,8 +89,8 @@ impl FacetTree {
     }
 }
 
-/// A packet for each leaf, whose index the leaf gets.
-fn in_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], triangles: &[u32]) -> Vec<P> {
+/// Builds a packet for each leaf and stores its index in the leaf.
+fn build_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], triangles: &[u32]) -> Vec<P> {
     let mut packets = Vec::new();
     for leaf in nodes.iter_mut().filter(|node| node.count > 0) {
         let own = leaf.first as usize..(leaf.first + leaf.count) as usize;
@@ -87,6 +100,8 @@ fn in_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], triangle
     packets
 }
 
+/// The arguments of a visit. `pulp` compiles the traversal once for each instruction set, so it has to be one
+/// function without calls that are not inlined.
 struct Visit<'a, P, F> {
     nodes: &'a [Node],
     packets: &'a [P],
@@ -117,17 +132,18 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
                 if node.count > 0 {
                     let packet = &packets[node.first as usize];
                     packet.feet(simd, at, &mut feet);
-                    let mut least = feet.squared_distance[0];
+                    let mut smallest = feet.squared_distance[0];
                     for lane in 1..LANES {
-                        least = lesser(feet.squared_distance[lane], least);
+                        smallest = lesser(feet.squared_distance[lane], smallest);
                     }
-                    if least > limit {
+                    if smallest > limit {
                         break;
                     }
-                    if least < nearest * nearest {
-                        nearest = least.sqrt();
-                        limit = (nearest + slack) * (nearest + slack) * (1.0 + TIE);
+                    if smallest < nearest * nearest {
+                        nearest = smallest.sqrt();
+                        limit = (nearest + slack) * (nearest + slack) * (1.0 + ROUNDING_SLACK);
                     }
+                    // Lanes beyond the count repeat the first facet and must not be visited again.
                     for lane in 0..(node.count as usize).min(LANES) {
                         if feet.squared_distance[lane] <= limit {
                             visit(&NearFacet {
@@ -171,9 +187,9 @@ mod tests {
     use crate::icosphere;
     use crate::triangle::closest_on_triangle;
 
-    /// Everything within the slack is visited once, with its distance; points as well as triangles.
+    /// All facets within the slack are visited once with their distance, for triangles and for points.
     #[test]
-    fn all_that_is_near_is_visited_once() {
+    fn all_facets_within_the_slack_are_visited_once() {
         let ball = icosphere(1.0, 3);
         for as_points in [false, true] {
             let corners = |t: usize| {
@@ -187,7 +203,7 @@ mod tests {
                         closest_on_triangle(at, &corners(t), f64::INFINITY).unwrap().squared_distance.sqrt()
                     })
                     .collect();
-                let least = all.iter().copied().fold(f64::INFINITY, f64::min);
+                let smallest = all.iter().copied().fold(f64::INFINITY, f64::min);
                 for slack in [0.0, 0.05, 0.5, 100.0] {
                     let mut count = vec![0; all.len()];
                     tree.visit_near(at, slack, |near| {
@@ -195,8 +211,11 @@ mod tests {
                         assert!((near.distance - all[near.facet as usize]).abs() < 1e-12);
                     });
                     for (distance, count) in all.iter().zip(count) {
-                        let wanted = *distance <= least + slack;
-                        assert!(count <= 1 && (count == 1 || !wanted), "{distance} {least} {slack} {count}");
+                        let wanted = *distance <= smallest + slack;
+                        assert!(
+                            count <= 1 && (count == 1 || !wanted),
+                            "{distance} {smallest} {slack} {count}"
+                        );
                     }
                 }
             }

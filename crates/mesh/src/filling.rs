@@ -25,9 +25,10 @@ use planish_estimate::{Error, Result};
 use refinement::Lid;
 use std::collections::{HashMap, HashSet};
 
-/// Cosine between the area vector of a border and its mean normal above which the border is an outer one.
+/// Component of the mean normal of a border along its area vector above which the border is an outer one.
 ///
-/// It is positive for the rim of a dome up to 75° from its top. Rims beyond that are treated as holes.
+/// For the rim of a dome it is the cosine of the angle from the top, so rims up to 75° from the top stay
+/// open. Rims beyond that are treated as holes.
 const OUTWARDS: f64 = 0.25;
 
 /// Number of fairing steps with the mean curvature of the surroundings; each uses the shape of the last.
@@ -142,6 +143,7 @@ impl HoleNeighbourhood {
         neighbourhood
     }
 
+    /// Adds a triangle.
     fn add(&mut self, t: [u32; 3], on_loop: &[bool]) {
         let is = |v: u32| on_loop.get(v as usize).copied().unwrap_or(false);
         for k in 0..3 {
@@ -176,6 +178,7 @@ fn fill(
     neighbourhood: &mut HoleNeighbourhood,
 ) -> Result<bool> {
     let positions = &filled.mesh.positions;
+    // The border of a single triangle has three edges too, but covering it would double the triangle.
     let lone = neighbourhood
         .triangles
         .get(&hole[0])
@@ -211,6 +214,7 @@ fn fill(
         }
     }
     let mut around: Vec<[u32; 3]> = ring.iter().map(|t| t.map(|v| number[&v])).collect();
+    // Sets have no fixed order, and the order of triangles is that of the sums.
     around.sort_unstable();
     let extrapolation = Extrapolation::new(hole, filled, normals);
     smooth(&mut lid, hole.len(), &others, positions, &around, extrapolation.mean_curvature)?;
@@ -220,6 +224,7 @@ fn fill(
     filled.sigma.extend(sigmas);
     filled.mesh.positions.extend_from_slice(inner);
     let global = |v: u32| hole.get(v as usize).copied().unwrap_or_else(|| start + v - hole.len() as u32);
+    // Later holes may share vertices with this one and must not repeat its edges.
     let made: Vec<[u32; 3]> = lid.triangles.iter().map(|t| t.map(global)).collect();
     let mut on_loop = vec![false; normals.len()];
     for v in neighbourhood.triangles.keys() {
@@ -244,6 +249,7 @@ fn smooth(
 ) -> Result<()> {
     let first = others.len();
     let vertices: Vec<u32> = (0..rim as u32).collect();
+    // The first step only needs even triangles: cotangent weights of the slivers of a flat cover are useless.
     let curved = std::iter::repeat_n(Goal::MeanCurvature(mean_curvature), FAIRING_STEPS);
     for (step, goal) in std::iter::once(Goal::Even).chain(curved).enumerate() {
         let mut all: Vec<[f64; 3]> = others.iter().map(|v| positions[*v as usize]).collect();
@@ -299,6 +305,8 @@ impl Extrapolation {
         let at = |k: usize| filled.mesh.positions[hole[k % n] as usize];
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
         for k in 0..n {
+            // Opposite vertices: the noise of the normals is divided by the distance, which is largest across
+            // the hole.
             for across in [hole[(k + n / 2) % n], hole[(k + n / 4) % n]] {
                 let (i, j) = (hole[k] as usize, across as usize);
                 let apart = distance(filled.mesh.positions[i], filled.mesh.positions[j]);
@@ -320,6 +328,7 @@ impl Extrapolation {
         }
     }
 
+    /// Estimated σ at a point of the cover; see [`fill_holes`].
     fn sigma(&self, p: [f64; 3]) -> f64 {
         let far = self.border.iter().map(|q| distance(p, *q)).fold(f64::INFINITY, f64::min);
         let tangent = far * self.sigma / self.edge.max(f64::MIN_POSITIVE);

@@ -1,21 +1,22 @@
 //! Half-edges: those of triangle `t` are `3 t + k`, from corner `k` to the next.
 //!
-//! Comes in: triangles whose edges are manifold and oriented. Goes out: which half-edge runs the other way,
-//! kept true while edges are turned and triangles divided. Not guaranteed: that a turned edge is not there
-//! already.
+//! In: triangles whose edges are manifold and oriented. Out: the opposite of each half-edge, which is updated
+//! when edges are flipped and triangles split. Not guaranteed: that the edge made by a flip does not exist
+//! already; the caller has to test this.
 
 use crate::edges::EdgeTable;
 
-/// No half-edge: the border.
+/// No opposite half-edge: the edge is on the border.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the
-/// border.
+/// For each half-edge, the opposite one, or [`NONE`] on the border.
+///
+/// Edges with more than two triangles count as border.
 pub(crate) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
     opposites_of(&EdgeTable::new(triangles), triangles.len())
 }
 
-/// [`opposites`] of edges that are known.
+/// [`opposites`] with an existing table of edges.
 pub(crate) fn opposites_of(table: &EdgeTable, triangles: usize) -> Vec<u32> {
     let mut opposite = vec![NONE; 3 * triangles];
     for edge in 0..table.len() {
@@ -27,28 +28,29 @@ pub(crate) fn opposites_of(table: &EdgeTable, triangles: usize) -> Vec<u32> {
     opposite
 }
 
-/// The half-edge after one in its triangle.
+/// The next half-edge in the same triangle.
 #[inline]
 pub(crate) fn next_in_triangle(half: u32) -> u32 {
     if half % 3 == 2 { half - 2 } else { half + 1 }
 }
 
-/// The half-edge before one in its triangle.
+/// The previous half-edge in the same triangle.
 #[inline]
 pub(crate) fn previous_in_triangle(half: u32) -> u32 {
     if half.is_multiple_of(3) { half + 2 } else { half - 1 }
 }
 
-/// The ends of an edge, and the corners across it: of triangles (a, b, c) and (b, a, d).
+/// The ends `a, b` of an edge and the opposite corners `c, d`, for triangles (a, b, c) and (b, a, d).
 #[inline]
 pub(crate) fn around(triangles: &[[u32; 3]], half: u32, over: u32) -> [u32; 4] {
     let corner = |h: u32| triangles[h as usize / 3][h as usize % 3];
     [half, over, previous_in_triangle(half), previous_in_triangle(over)].map(corner)
 }
 
-/// Turns the edge (a, b) of [`around`] to (c, d), without a question: triangles (c, d, b) and (d, c, a),
-/// whose first half-edges are the edge's.
-pub(crate) fn turn(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) -> [u32; 2] {
+/// Flips the edge (a, b) of [`around`] to (c, d) without checks.
+///
+/// The triangles become (c, d, b) and (d, c, a); the new edge is the first half-edge of both.
+pub(crate) fn flip(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) -> [u32; 2] {
     let over = opposite[half as usize];
     let [a, b, c, d] = around(triangles, half, over);
     let outer = [
@@ -68,8 +70,13 @@ pub(crate) fn turn(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) 
     [t, s]
 }
 
-/// Divides a triangle at a vertex within it; the two more are the last.
-pub(crate) fn divide(triangles: &mut Vec<[u32; 3]>, opposite: &mut Vec<u32>, triangle: u32, vertex: u32) {
+/// Splits a triangle into three at a vertex within it; the two additional ones are appended.
+pub(crate) fn split_triangle(
+    triangles: &mut Vec<[u32; 3]>,
+    opposite: &mut Vec<u32>,
+    triangle: u32,
+    vertex: u32,
+) {
     let [a, b, c] = triangles[triangle as usize];
     let outer: [u32; 3] = std::array::from_fn(|k| opposite[3 * triangle as usize + k]);
     let (t, s, r) = (triangle, triangles.len() as u32, triangles.len() as u32 + 1);
@@ -84,6 +91,7 @@ pub(crate) fn divide(triangles: &mut Vec<[u32; 3]>, opposite: &mut Vec<u32>, tri
     }
 }
 
+/// Makes two half-edges opposites of each other; the second may be [`NONE`].
 fn link(opposite: &mut [u32], mine: u32, theirs: u32) {
     opposite[mine as usize] = theirs;
     if theirs != NONE {
@@ -97,14 +105,14 @@ mod tests {
     use crate::primitives::{grid_sheet, icosphere};
 
     #[test]
-    fn opposites_stay_true_through_turns_and_divisions() {
+    fn flips_and_splits_keep_opposites_consistent() {
         for mesh in [icosphere(1.0, 2), grid_sheet(1.0, 1.0, 4, 5)] {
             let (mut triangles, mut opposite) = (mesh.triangles.clone(), opposites(&mesh.triangles));
             for (vertex, half) in (mesh.positions.len() as u32..).zip((0..opposite.len() as u32).step_by(7)) {
                 if opposite[half as usize] != NONE {
-                    turn(&mut triangles, &mut opposite, half);
+                    flip(&mut triangles, &mut opposite, half);
                 }
-                divide(&mut triangles, &mut opposite, half / 3, vertex);
+                split_triangle(&mut triangles, &mut opposite, half / 3, vertex);
             }
             for (half, over) in (0_u32..).zip(&opposite).filter(|(_, over)| **over != NONE) {
                 let corner = |h: u32| triangles[h as usize / 3][h as usize % 3];

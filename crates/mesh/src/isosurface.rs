@@ -1,15 +1,17 @@
-//! The surface on which a function of space is zero, as a manifold mesh.
+//! The zero surface of a function as a manifold mesh, by marching tetrahedra.
 //!
-//! Comes in: a function, negative inside and positive outside; a box; the size of a cell; and a question that
-//! tells cells through which the surface cannot pass. Goes out: triangles that face outwards.
+//! In: a function that is negative inside and positive outside, a box, the size of a cell, and a test that
+//! excludes cells without the surface. Out: triangles that face outwards.
 //!
-//! Cubes are found by halving the box as long as the surface may pass through, and cut into six tetrahedra
-//! about their diagonals (H. W. Kuhn 1960), which fit together from cube to cube. A tetrahedron shows the
-//! surface as one triangle or two; its vertices are zeros of the function on edges. A vertex belongs to an
-//! edge, an edge of the mesh to a face of two tetrahedra: the mesh is closed and manifold whatever the
-//! function is, so long as the surface does not leave the box and no cell is left out that it passes through.
+//! The box is halved recursively where the surface may pass. The smallest cubes are cut into six tetrahedra
+//! around their diagonal (H. W. Kuhn 1960), which fit those of the neighbouring cubes. A tetrahedron contains
+//! the surface as one or two triangles whose vertices are zeros of the function on its edges.
 //!
-//! Not guaranteed: that what is smaller than a cell is seen; well-shaped triangles.
+//! Every vertex belongs to an edge of the grid, and every edge of the mesh to a face of two tetrahedra. The
+//! mesh is therefore closed and manifold for any function, unless the surface leaves the box or the test
+//! excludes a cell that contains it. Marching cubes lack this property: their ambiguous cases leave holes.
+//!
+//! Not guaranteed: features smaller than a cell, and well-shaped triangles.
 //!
 //! # References
 //! Doi, Koide, *An efficient method of triangulating equi-valued surfaces by using tetrahedral cells*, IEICE
@@ -20,22 +22,23 @@ use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Most cells that are looked into.
-const MOST_CELLS: usize = 40_000_000;
-/// Evaluations along an edge, at most.
-const STEPS: usize = 30;
-/// A vertex is known to this share of its edge, or where the value is this share of those at the ends.
-const EXACT: f64 = 1e-6;
-/// Bits of a coordinate in a key.
+/// Maximum number of cells; bounds memory (each has up to eight corners with a key and a value).
+const MAX_CELLS: usize = 40_000_000;
+/// Maximum number of evaluations along an edge; only jumps of the function need more than about five.
+const MAX_STEPS: usize = 30;
+/// Accuracy of a vertex, relative to its edge, or to the difference of the values at the ends of the edge.
+const ACCURACY: f64 = 1e-6;
+/// Number of bits of a coordinate in a key; three coordinates fit into 64 bits.
 const BITS: u32 = 20;
 
-/// Corners of the tetrahedra of a cube, as bits of x, y and z: one for each order of the axes. The first
-/// three are counter-clockwise seen from within, the others are turned.
+/// Corners of the tetrahedra of a cube, as bits of x, y and z: one tetrahedron for each order of the axes.
+///
+/// The first three are positively oriented, the others mirrored.
 const TETRAHEDRA: [[u32; 4]; 6] =
     [[0, 1, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 2, 3, 7], [0, 4, 6, 7], [0, 1, 5, 7]];
-/// Even orders of four corners, with the one that stands alone first.
+/// Even permutations of four corners, by the corner that comes first.
 const ALONE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
-/// Even orders of four corners, with each pair first.
+/// Even permutations of four corners, by the pair that comes first.
 const PAIRS: [[usize; 4]; 6] =
     [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
 
@@ -46,15 +49,18 @@ struct Grid {
 }
 
 impl Grid {
+    /// The position of a corner.
     fn place(&self, corner: [u32; 3]) -> [f64; 3] {
         std::array::from_fn(|k| self.low[k] + self.cell * f64::from(corner[k]))
     }
 }
 
+/// Packs a corner into one number, by which corners are sorted and found.
 fn key([x, y, z]: [u32; 3]) -> u64 {
     u64::from(x) | u64::from(y) << BITS | u64::from(z) << (2 * BITS)
 }
 
+/// The corner of a key.
 fn corner_of(key: u64) -> [u32; 3] {
     let mask = (1_u64 << BITS) - 1;
     [0, 1, 2].map(|k| (key >> (k * BITS) & mask) as u32)
@@ -62,13 +68,23 @@ fn corner_of(key: u64) -> [u32; 3] {
 
 /// The zero surface of `value` within `bounds`, by cubes of side `cell`.
 ///
-/// `may_pass(middle, reach)` says whether the surface may pass within `reach` of a place; where it says no,
-/// nothing is evaluated. Cost: one question for each cube of every size, one value for each corner of the
-/// smallest, and some five for each vertex.
+/// `may_pass(middle, reach)` returns whether the surface may pass within `reach` of a point. Where it returns
+/// false, nothing is evaluated. Cost: one test for each cube of every size, one value for each corner of the
+/// smallest cubes, and about five for each vertex.
 ///
 /// # Errors
-/// `Input` for a cell that is not positive or a box that is empty; `Unsupported` for more than 40 million
+/// `Input` for a cell size that is not positive or an empty box; `Unsupported` for more than 40 million
 /// cells, or a million along a side.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{BoundingBox, isosurface};
+/// let bounds = BoundingBox { min: [-1.2; 3], max: [1.2; 3] };
+/// let radius = |p: [f64; 3]| p.iter().map(|x| x * x).sum::<f64>().sqrt();
+/// let ball = isosurface(&bounds, 0.1, |p| radius(p) - 1.0, |p, reach| (radius(p) - 1.0).abs() <= reach)?;
+/// assert!(ball.check().watertight && ball.check().euler_characteristic == 2);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn isosurface(
     bounds: &BoundingBox,
     cell: f64,
@@ -89,6 +105,7 @@ pub fn isosurface(
         )));
     }
     let grid = Grid { low: bounds.min, cell };
+    // From coarse to fine, only children of cubes through which the surface may pass. Cubes stay in order.
     let mut cubes: Vec<[u32; 3]> = vec![[0; 3]];
     for level in (0..=levels).rev() {
         let side = cell * f64::from(1_u32 << level);
@@ -108,12 +125,13 @@ pub fn isosurface(
                 })
             })
             .collect();
-        if cubes.len() > MOST_CELLS {
+        if cubes.len() > MAX_CELLS {
             return Err(Error::unsupported(format!(
-                "cells of {cell} are too small: the surface passes through more than {MOST_CELLS} of them"
+                "cells of {cell} are too small: the surface passes through more than {MAX_CELLS} of them"
             )));
         }
     }
+    // Values at the corners. Each corner is evaluated once although up to eight cubes share it.
     let mut corners: Vec<u64> = (cubes.par_iter())
         .flat_map_iter(|cube| (0..8_u32).map(move |c| key([0, 1, 2].map(|k| cube[k] + (c >> k & 1)))))
         .collect();
@@ -122,16 +140,17 @@ pub fn isosurface(
     let values: Vec<f64> = (corners.par_iter()).map(|c| value(grid.place(corner_of(*c)))).collect();
     let inside: Vec<bool> = values.iter().map(|v| *v < 0.0).collect();
     let index = |corner: [u32; 3]| corners.binary_search(&key(corner)).unwrap_or(0) as u32;
-    // Triangles of edges, each of which is a pair of corners: the one inside first.
+    // Triangles, whose vertices are named by the grid edge that they lie on: a pair of corners, the inner one
+    // first. Equal edges are the same vertex, by which the triangles of different cubes join.
     let triangles: Vec<[[u32; 2]; 3]> = (cubes.par_iter())
         .flat_map_iter(|cube| {
-            let of: [u32; 8] =
+            let numbers: [u32; 8] =
                 std::array::from_fn(|c| index([0, 1, 2].map(|k| cube[k] + (c as u32 >> k & 1))));
             let mut made = Vec::new();
-            let first = inside[of[0] as usize];
-            if of.iter().any(|&c| inside[c as usize] != first) {
+            let first = inside[numbers[0] as usize];
+            if numbers.iter().any(|&c| inside[c as usize] != first) {
                 for (t, tetrahedron) in TETRAHEDRA.iter().enumerate() {
-                    triangles_of(tetrahedron.map(|c| of[c as usize]), &inside, t >= 3, &mut made);
+                    triangles_of(tetrahedron.map(|c| numbers[c as usize]), &inside, t >= 3, &mut made);
                 }
             }
             made
@@ -153,41 +172,44 @@ pub fn isosurface(
     })
 }
 
-/// What a tetrahedron shows of the surface, facing outwards.
-fn triangles_of(of: [u32; 4], inside: &[bool], turned: bool, made: &mut Vec<[[u32; 2]; 3]>) {
-    let mut give =
-        |[a, b, c]: [[u32; 2]; 3], turn: bool| made.push(if turn != turned { [a, c, b] } else { [a, b, c] });
-    let is = of.map(|c| inside[c as usize]);
+/// Appends the triangles of the surface in a tetrahedron, facing outwards; `mirrored` is its orientation.
+fn triangles_of(corners: [u32; 4], inside: &[bool], mirrored: bool, made: &mut Vec<[[u32; 2]; 3]>) {
+    let mut push = |[a, b, c]: [[u32; 2]; 3], reverse: bool| {
+        made.push(if reverse != mirrored { [a, c, b] } else { [a, b, c] });
+    };
+    let is = corners.map(|c| inside[c as usize]);
     let count = is.iter().filter(|inside| **inside).count();
     match count {
         1 | 3 => {
             let lone = (0..4).find(|&c| is[c] == (count == 1)).unwrap_or(0);
-            let [a, b, c, d] = ALONE[lone].map(|c| of[c]);
+            let [a, b, c, d] = ALONE[lone].map(|c| corners[c]);
             let edge = |to: u32| if count == 1 { [a, to] } else { [to, a] };
-            give([edge(b), edge(c), edge(d)], count == 3);
+            push([edge(b), edge(c), edge(d)], count == 3);
         }
         2 => {
             if let Some(pair) = PAIRS.iter().find(|p| is[p[0]] && is[p[1]]) {
-                let [a, b, c, d] = pair.map(|c| of[c]);
-                give([[a, c], [a, d], [b, d]], false);
-                give([[a, c], [b, d], [b, c]], false);
+                let [a, b, c, d] = pair.map(|c| corners[c]);
+                push([[a, c], [a, d], [b, d]], false);
+                push([[a, c], [b, d], [b, c]], false);
             }
         }
         _ => {}
     }
 }
 
-/// A place between one inside and one outside where the value changes its sign, by the Illinois method:
-/// secants, and an end that stays counts half as much (M. Dowell, P. Jarratt 1971).
+/// A point between an inner and an outer corner where the value changes its sign.
+///
+/// The Illinois method (M. Dowell, P. Jarratt 1971): secants, with the value of an end that stays halved.
+/// Plain secants would approach the zero of a curved function from one side only, which is slow.
 fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
     let at = |share: f64| [0, 1, 2].map(|k| inside.0[k] + share * (outside.0[k] - inside.0[k]));
     let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [inside.1, outside.1]);
-    let small = EXACT * (above - below);
+    let small = ACCURACY * (above - below);
     let mut share = 0.5;
     let mut last = 0;
-    for _ in 0..STEPS {
+    for _ in 0..MAX_STEPS {
         share = low + (high - low) * below / (below - above);
-        // Values may be infinite or jump.
+        // Infinite values give NaN, and jumps can leave the interval: bisection then.
         if !(share > low && share < high) {
             share = 0.5 * (low + high);
         }
@@ -201,7 +223,7 @@ fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]
             below *= if last == 2 { 0.5 } else { 1.0 };
             last = 2;
         }
-        if high - low < EXACT || here.abs() <= small {
+        if high - low < ACCURACY || here.abs() <= small {
             break;
         }
     }
@@ -219,10 +241,10 @@ mod tests {
         BoundingBox { min: [-half; 3], max: [half; 3] }
     }
 
-    /// Vertices of a ball lie on it, its volume is that of a ball but for the chords, and cells that are
-    /// culled change nothing.
+    /// The vertices of a ball lie on it, its volume is right within the chord error, and excluding cells
+    /// changes nothing.
     #[test]
-    fn a_ball_is_a_ball_culled_or_not() {
+    fn a_ball_is_exact_at_vertices_with_and_without_culling() {
         let ball = |p: [f64; 3]| norm(p) - 1.0;
         let whole = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
         let culled =
@@ -236,7 +258,7 @@ mod tests {
         assert!((volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{volume}");
     }
 
-    /// Random values at every place: the worst that any function can do.
+    /// Independent random values at every point are the hardest case for the topology.
     #[test]
     fn noise_has_a_manifold_surface() {
         for seed in 0..5 {
@@ -263,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_that_make_no_sense_are_refused() {
+    fn invalid_cell_sizes_are_rejected() {
         let value = |p: [f64; 3]| norm(p) - 1.0;
         for cell in [0.0, -1.0, f64::NAN, 1e-9] {
             assert!(isosurface(&unit_box(2.0), cell, value, |_, _| true).is_err());

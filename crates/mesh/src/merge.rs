@@ -46,7 +46,8 @@ const REACH: f64 = 3.5;
 ///
 /// More rings even out the valence better but change more of the measured triangles.
 const FLIP_RINGS: usize = 3;
-/// Components with at most this number of triangles are removed: they are remains of the cut or outliers.
+/// Components with at most this number of triangles, or a tenth of the smallest patch if this is less, are
+/// removed: they are remains of the cut or outliers.
 const MAX_FRAGMENT: usize = 12;
 /// Maximum number of edges of a hole in a seam that is closed.
 ///
@@ -193,8 +194,10 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
         .map(|(patch, mine)| {
             let at = |v: usize| {
                 let variance = mine.sigma[v] * mine.sigma[v];
+                // Not zero at the border: without another patch, the mean would be 0/0.
                 let own = taper(mine.to_border[v], mine.spacing[v]).max(1e-6);
                 let (mut weight, mut squares, mut sum) = (own / variance, own * own / variance, 0.0);
+                // Feet beyond a border would extrapolate the other patch.
                 for foot in mine.feet(v).iter().filter(|f| !f.beside) {
                     let (other, theirs) =
                         (&patches[foot.patch as usize].mesh, &overlap.patches[foot.patch as usize]);
@@ -250,75 +253,15 @@ pub fn stitch_patches(
     fused: &[FusedVertices],
     options: &StitchOptions,
 ) -> Result<StitchedMesh> {
-    let same = fused.len() == patches.len()
-        && fused
-            .iter()
-            .zip(patches)
-            .all(|(f, p)| f.positions.len() == p.mesh.positions.len() && f.sigma.len() == f.positions.len());
-    if !same {
-        return Err(Error::input("expected one fused position and one sigma for each vertex of each patch"));
-    }
-    // Cut: every region keeps the triangles of one patch.
-    let kept = ownership::kept_triangles(patches, overlap);
-    let starts: Vec<u32> = patches
-        .iter()
-        .scan(0, |sum, p| {
-            let start = *sum;
-            *sum += p.mesh.positions.len() as u32;
-            Some(start)
-        })
-        .collect();
-    let mut triangles: Vec<[u32; 3]> = Vec::new();
-    for ((patch, kept), start) in patches.iter().zip(&kept).zip(&starts) {
-        let of_patch = patch.mesh.triangles.iter().zip(kept);
-        triangles.extend(of_patch.filter(|(_, k)| **k).map(|(t, _)| t.map(|v| v + start)));
-    }
-    let patch_of = |v: u32| starts.partition_point(|s| *s <= v) - 1;
-    let count: usize = patches.iter().map(|p| p.mesh.positions.len()).sum();
-    // The cut can leave several fans at a vertex. The seams may join them again, so they are split
-    // afterwards.
-    let vertex = renumber(&mut triangles, count);
-    let source: Vec<(u32, u32)> = vertex
-        .iter()
-        .map(|&v| {
-            let patch = patch_of(v);
-            (patch as u32, v - starts[patch])
-        })
-        .collect();
-    let read = |of: &(u32, u32)| (of.0 as usize, of.1 as usize);
-    let positions: Vec<[f64; 3]> = source.iter().map(read).map(|(p, v)| fused[p].positions[v]).collect();
-    let normals: Vec<[f64; 3]> =
-        source.iter().map(read).map(|(p, v)| overlap.patches[p].normals[v]).collect();
-    let reach: Vec<f64> =
-        source.iter().map(read).map(|(p, v)| REACH * overlap.patches[p].spacing[v]).collect();
-    let was_border: Vec<bool> =
-        source.iter().map(read).map(|(p, v)| overlap.patches[p].to_border[v] == 0.0).collect();
-    // Stitch: triangles between different patches, or along edges that the cut has opened.
-    let kept = triangles.len();
-    let may_join = |t: [u32; 3]| {
-        let [a, b, c] = t.map(|v| v as usize);
-        !(was_border[a] && was_border[b] && was_border[c])
-            || source[a].0 != source[b].0
-            || source[b].0 != source[c].0
-    };
-    stitch(
-        &SeamInput { positions: &positions, normals: &normals, reach: &reach, may_join: &may_join },
-        &mut triangles,
-    );
-    let of_seam = |hole: &[u32]| {
-        let [first, rest @ ..] = hole else { return false };
-        let cut = hole.iter().any(|v| !was_border[*v as usize])
-            || rest.iter().any(|v| source[*v as usize].0 != source[*first as usize].0);
-        let edges = (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
-        let length: f64 = edges.map(|[a, b]| distance(positions[a as usize], positions[b as usize])).sum();
-        let most = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
-        // A hole that could have been stitched across has a circumference of at most four reaches.
-        hole.len() <= options.notches || cut && length <= 4.0 * most
-    };
-    let longest = MAX_SEAM_HOLE.max(options.notches);
-    let holes_closed = close_loops(&positions, &normals, &mut triangles, longest, of_seam);
+    check_fused(patches, fused)?;
+    let mut seams = CutPatches::new(patches, overlap, fused);
+    let kept = seams.triangles.len();
+    seams.stitch();
+    let holes_closed = seams.close_holes(options.notches);
+    let CutPatches { triangles, source, positions, .. } = seams;
+    // The cut and the holes can leave several fans at a vertex. They are split only now: a seam may have
+    // joined them again, and a hole between two copies of one vertex would get triangles without area.
     let (mut triangles, again) = one_fan_each(triangles, positions.len());
-    // Clean up: remove fragments, then even out the valence near the seams.
     let smallest = patches.iter().map(|p| p.mesh.triangles.len()).min().unwrap_or(0);
     let (kept, fragments) =
         drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(MAX_FRAGMENT));
@@ -332,26 +275,128 @@ pub fn stitch_patches(
             stitched[*v as usize] = true;
         }
     }
+    // Valence is last, because fragments and split fans would still change it.
     let (turned, valence) = valence::even_out(&positions, &mut triangles, &stitched, FLIP_RINGS);
-    let mut histogram = Vec::new();
-    for (v, n) in valence.into_iter().enumerate() {
-        if stitched[v] {
-            histogram.resize(histogram.len().max(n as usize + 1), 0);
-            histogram[n as usize] += 1;
-        }
-    }
-    let sigma = source.iter().map(read).map(|(p, v)| fused[p].sigma[v]).collect();
+    let sigma = source.iter().map(|&(patch, v)| fused[patch as usize].sigma[v as usize]).collect();
     Ok(StitchedMesh {
         mesh: TriangleMesh::try_new(positions, triangles)?,
         sigma,
         source,
+        valence: histogram(&valence, &stitched),
         stitched,
         kept,
         holes_closed,
         fragments,
         turned,
-        valence: histogram,
     })
+}
+
+/// Rejects fused vertices that do not match the patches.
+fn check_fused(patches: &[MergePatch], fused: &[FusedVertices]) -> Result<()> {
+    let matches = fused.len() == patches.len()
+        && fused
+            .iter()
+            .zip(patches)
+            .all(|(f, p)| f.positions.len() == p.mesh.positions.len() && f.sigma.len() == f.positions.len());
+    if !matches {
+        return Err(Error::input("expected one fused position and one sigma for each vertex of each patch"));
+    }
+    Ok(())
+}
+
+/// The patches after the cut as one mesh, with gaps where seams will be.
+struct CutPatches {
+    triangles: Vec<[u32; 3]>,
+    /// For each vertex, its patch and its index there.
+    source: Vec<(u32, u32)>,
+    positions: Vec<[f64; 3]>,
+    normals: Vec<[f64; 3]>,
+    /// Maximum length of the new edges at a vertex.
+    reach: Vec<f64>,
+    /// True for vertices that were on the border of their patch before the cut.
+    was_border: Vec<bool>,
+}
+
+impl CutPatches {
+    /// Keeps the triangles of one patch in every region.
+    fn new(patches: &[MergePatch], overlap: &Overlap, fused: &[FusedVertices]) -> Self {
+        let kept = ownership::kept_triangles(patches, overlap);
+        let starts: Vec<u32> = patches
+            .iter()
+            .scan(0, |sum, p| {
+                let start = *sum;
+                *sum += p.mesh.positions.len() as u32;
+                Some(start)
+            })
+            .collect();
+        let mut triangles: Vec<[u32; 3]> = Vec::new();
+        for ((patch, kept), start) in patches.iter().zip(&kept).zip(&starts) {
+            let of_patch = patch.mesh.triangles.iter().zip(kept);
+            triangles.extend(of_patch.filter(|(_, k)| **k).map(|(t, _)| t.map(|v| v + start)));
+        }
+        let patch_of = |v: u32| starts.partition_point(|s| *s <= v) - 1;
+        let count: usize = patches.iter().map(|p| p.mesh.positions.len()).sum();
+        let source: Vec<(u32, u32)> = renumber(&mut triangles, count)
+            .iter()
+            .map(|&v| {
+                let patch = patch_of(v);
+                (patch as u32, v - starts[patch])
+            })
+            .collect();
+        let each = || source.iter().map(|of| (of.0 as usize, of.1 as usize));
+        Self {
+            positions: each().map(|(p, v)| fused[p].positions[v]).collect(),
+            normals: each().map(|(p, v)| overlap.patches[p].normals[v]).collect(),
+            reach: each().map(|(p, v)| REACH * overlap.patches[p].spacing[v]).collect(),
+            was_border: each().map(|(p, v)| overlap.patches[p].to_border[v] == 0.0).collect(),
+            triangles,
+            source,
+        }
+    }
+
+    /// Adds triangles between different patches, and along edges that the cut has opened.
+    fn stitch(&mut self) {
+        let Self { triangles, source, positions, normals, reach, was_border } = self;
+        // Three vertices on the original border of one patch enclose a real notch, which must stay open.
+        let may_join = |t: [u32; 3]| {
+            let [a, b, c] = t.map(|v| v as usize);
+            !(was_border[a] && was_border[b] && was_border[c])
+                || source[a].0 != source[b].0
+                || source[b].0 != source[c].0
+        };
+        stitch(&SeamInput { positions, normals, reach, may_join: &may_join }, triangles);
+    }
+
+    /// Closes the holes that the front left in seams, and all holes of up to `notches` edges. Returns their
+    /// number.
+    fn close_holes(&mut self, notches: usize) -> usize {
+        let Self { triangles, source, positions, normals, reach, was_border } = self;
+        let of_seam = |hole: &[u32]| {
+            let [first, rest @ ..] = hole else { return false };
+            let cut = hole.iter().any(|v| !was_border[*v as usize])
+                || rest.iter().any(|v| source[*v as usize].0 != source[*first as usize].0);
+            let edges = (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
+            let length: f64 =
+                edges.map(|[a, b]| distance(positions[a as usize], positions[b as usize])).sum();
+            let longest_reach = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
+            // A hole that could have been stitched across has a circumference of at most four reaches. A
+            // longer one is a gap between the patches.
+            hole.len() <= notches || cut && length <= 4.0 * longest_reach
+        };
+        close_loops(positions, normals, triangles, MAX_SEAM_HOLE.max(notches), of_seam)
+    }
+}
+
+/// The number of stitched vertices with each valence.
+fn histogram(valence: &[u32], stitched: &[bool]) -> Vec<usize> {
+    let mut histogram = Vec::new();
+    for (v, n) in valence.iter().enumerate() {
+        if stitched[v] {
+            histogram.resize(histogram.len().max(*n as usize + 1), 0);
+            histogram[*n as usize] += 1;
+        }
+    }
+    histogram
 }
 
 /// Renumbers the used vertices in their order and returns the old index of each.

@@ -15,13 +15,16 @@ use crate::edges::EdgeTable;
 use crate::triangle;
 pub use check::MeshCheck;
 
-/// Cosine between the normals of two neighbouring triangles below which the edge is a fold: 120°.
+/// Cosine between the normals of two neighbouring triangles below which the edge is a fold (120°), if the
+/// cosine was positive before the deformation.
 ///
-/// A smaller angle would report sharp bends of a deformed part as folds.
+/// A limit of 90° would report sharp bends of a deformed part as folds. A limit near 180° would find only
+/// folds that are nearly closed.
 const FOLDED_COSINE: f64 = -0.5;
-/// Growth of an edge, relative to the median edge, above which it counts as stretched.
+/// Growth of an edge, relative to the median growth of all edges, above which it counts as stretched.
 ///
-/// A smaller factor reports legitimate stretching as spikes; a larger one misses small spikes.
+/// The median makes the count independent of a change of scale. A smaller factor reports uneven stretching as
+/// spikes; a larger one misses small spikes.
 const STRETCHED: f64 = 4.0;
 
 /// Folds and spikes after the vertices of a mesh were moved; see [`TriangleMesh::distortion`].
@@ -235,6 +238,7 @@ impl TriangleMesh {
             .filter(|stretch| stretch.is_finite())
             .collect();
         stretches.sort_unstable_by(f64::total_cmp);
+        // Relative to the median, so that a uniform change of size is no distortion.
         let median = stretches.get(stretches.len() / 2).copied().unwrap_or(1.0);
         Distortion {
             folds: (0..table.len()).filter(|edge| folded(*edge)).count(),
@@ -304,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn volume_survives_a_far_origin() {
+    fn volume_is_accurate_far_from_the_origin() {
         let mut ball = icosphere(1.0, 3);
         let near = ball.signed_volume().unwrap();
         for p in &mut ball.positions {
@@ -314,9 +318,9 @@ mod tests {
     }
 
     #[test]
-    fn vertex_normals_ignore_how_a_flat_corner_is_cut() {
-        // A cube corner whose one side is cut into two triangles: angle weights see three equal sides all the
-        // same.
+    fn vertex_normals_do_not_depend_on_the_triangulation_of_flat_faces() {
+        // A corner of a cube with one side cut into two triangles: with angle weights, all three sides still
+        // count equally.
         let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]];
         let mesh =
             TriangleMesh::try_new(positions, vec![[0, 4, 1], [0, 2, 4], [0, 1, 3], [0, 3, 2]]).unwrap();
@@ -350,11 +354,10 @@ mod tests {
         assert!(welded.check().watertight);
     }
 
-    /// Faces twice, also of vertices of their own and the other way round, count once; a vertex far away that
-    /// no triangle has does not make the surface larger; a tip that is pulled out is stretched, a sheet that
-    /// is turned back on itself folded.
+    /// Duplicate faces count once, also with other vertices and the opposite orientation. Unused vertices do
+    /// not enlarge the bounds. A displaced vertex is a spike, and a sheet that is turned over has folds.
     #[test]
-    fn what_a_surface_is_once() {
+    fn duplicates_unused_vertices_folds_and_spikes_are_recognised() {
         let ball = crate::primitives::icosphere(1.0, 2);
         let mut double = ball.clone();
         let count = ball.positions.len() as u32;

@@ -1,12 +1,11 @@
-//! The facets of one leaf side by side: the nearest point of each to a place, all in the same few vector
-//! instructions.
+//! The nearest points of all facets of a leaf, computed together in vector instructions (SIMD).
 //!
-//! Comes in: up to [`LANES`] facets; a lane without one repeats the first. Goes out: [`Feet`], for each lane.
+//! In: up to [`LANES`] facets; a lane without a facet repeats the first. Out: [`Feet`], one for each lane.
 //!
-//! A place that projects inside of a triangle has its foot there: its barycentric coordinates are products
-//! with two vectors that are known beforehand, and its distance is its height over the plane. Elsewhere the
-//! foot is the nearest of those on the three sides. Everything is computed for every lane and chosen from
-//! afterwards.
+//! If a point projects into a triangle, its foot lies there: the barycentric coordinates are dot products
+//! with two precomputed vectors, and the distance is the height over the plane. Otherwise the foot is the
+//! nearest of those on the three sides. All cases are computed for every lane and selected afterwards,
+//! because lanes cannot branch separately.
 //!
 //! Not guaranteed: the same last bit as [`crate::triangle::closest_on_triangle`].
 
@@ -15,13 +14,13 @@ use crate::triangle::area_vector;
 use planish_estimate::vector3::{cross, dot, scale, sub};
 use pulp::Simd;
 
-/// Facets of a packet.
+/// Number of facets of a packet: a leaf fills it.
 pub(crate) const LANES: usize = LEAF;
 
 /// One coordinate of each facet.
 type Lanes = [f64; LANES];
 
-/// The nearest points of a packet's facets.
+/// The nearest points of the facets of a packet.
 #[derive(Default)]
 pub(crate) struct Feet {
     pub squared_distance: Lanes,
@@ -29,31 +28,32 @@ pub(crate) struct Feet {
     pub barycentric: [Lanes; 3],
 }
 
-/// Facets side by side.
+/// Facets that are processed together.
 pub(crate) trait Packet {
-    /// One to [`LANES`] facets, and their indices.
+    /// Creates a packet of one to [`LANES`] facets with these indices.
     fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self;
 
-    /// The index of a lane's facet.
+    /// The index of the facet in a lane.
     fn facet(&self, lane: usize) -> u32;
 
-    /// The nearest point of each to a place.
+    /// Computes the nearest point of each facet to a point.
     fn feet<S: Simd>(&self, simd: S, at: [f64; 3], feet: &mut Feet);
 }
 
-/// Triangles side by side.
+/// Triangles that are processed together.
 #[derive(Debug, Clone)]
 pub(crate) struct TrianglePacket {
-    /// Corner `a`, and the sides from it to `b` and `c`.
+    /// Corner `a`, and the sides from it to the corners `b` and `c`.
     a: [Lanes; 3],
     ab: [Lanes; 3],
     ac: [Lanes; 3],
-    /// The unit normal; zero without area.
+    /// Unit normal; zero without area.
     normal: [Lanes; 3],
-    /// What products of give the weights of `b` and `c`; zero without area, so that nothing is inside.
+    /// Dotted with a point relative to `a`, these give the barycentric weights of `b` and `c`. Zero without
+    /// area, so that no point projects inside.
     to_b: [Lanes; 3],
     to_c: [Lanes; 3],
-    /// One over the squared lengths of `ab`, `bc` and `ac`; zero without length.
+    /// Inverse squared lengths of `ab`, `bc` and `ac`; zero without length, so that the foot is the start.
     per_length: [Lanes; 3],
     facets: [u32; LANES],
 }
@@ -71,8 +71,8 @@ impl Packet for TrianglePacket {
             facets: [0; LANES],
         };
         for lane in 0..LANES {
-            let of = if lane < corners.len() { lane } else { 0 };
-            let t = &corners[of];
+            let source = if lane < corners.len() { lane } else { 0 };
+            let t = &corners[source];
             let (ab, ac) = (sub(t[1], t[0]), sub(t[2], t[0]));
             let m = area_vector(t);
             let mm = dot(m, m);
@@ -97,7 +97,7 @@ impl Packet for TrianglePacket {
                     column[k][lane] = values[k];
                 }
             }
-            made.facets[lane] = facets[of];
+            made.facets[lane] = facets[source];
         }
         made
     }
@@ -117,7 +117,7 @@ impl Packet for TrianglePacket {
             let per_length = m.read(&self.per_length, group);
             let ap = m.minus(place, a);
             let (bc, bp) = (m.minus(ac, ab), m.minus(ap, ab));
-            // On the sides.
+            // The nearest of the feet on the three sides.
             let on_ab = m.share(m.product(ap, ab), per_length[0]);
             let on_bc = m.share(m.product(bp, bc), per_length[1]);
             let on_ac = m.share(m.product(ap, ac), per_length[2]);
@@ -135,7 +135,8 @@ impl Packet for TrianglePacket {
             squared = simd.select_f64s(nearer, to_ac, squared);
             off = m.select(nearer, off_ac, off);
             weights = m.select(nearer, [simd.sub_f64s(one, on_ac), zero, on_ac], weights);
-            // Inside.
+            // The foot inside, if all three weights are positive. At a border of the triangle, both cases
+            // agree.
             let v = m.product(ap, m.read(&self.to_b, group));
             let w = m.product(ap, m.read(&self.to_c, group));
             let u = simd.sub_f64s(simd.sub_f64s(one, v), w);
@@ -153,8 +154,9 @@ impl Packet for TrianglePacket {
     }
 }
 
-/// Vectors in space, one a lane. Written out by coordinate: what a closure computes is not compiled for wide
-/// vectors.
+/// Operations on vectors in space, one per lane.
+///
+/// They are written out by coordinate: the body of a closure would not be compiled for wide vectors.
 struct Vectors<S> {
     simd: S,
 }
@@ -184,7 +186,7 @@ impl<S: Simd> Vectors<S> {
         [self.simd.mul_f64s(s, a[0]), self.simd.mul_f64s(s, a[1]), self.simd.mul_f64s(s, a[2])]
     }
 
-    /// A product with a side over its squared length, from 0 to 1.
+    /// Position of a foot along a side, from a dot product and the inverse squared length, clamped to 0 to 1.
     #[inline(always)]
     fn share(&self, product: S::f64s, per_length: S::f64s) -> S::f64s {
         let (zero, one) = (self.simd.splat_f64s(0.0), self.simd.splat_f64s(1.0));
@@ -201,6 +203,7 @@ impl<S: Simd> Vectors<S> {
         ]
     }
 
+    /// Dot product.
     #[inline(always)]
     fn product(&self, a: [S::f64s; 3], b: [S::f64s; 3]) -> S::f64s {
         let first = self.simd.mul_f64s(a[0], b[0]);
@@ -218,7 +221,7 @@ impl<S: Simd> Vectors<S> {
     }
 }
 
-/// Points side by side.
+/// Points that are processed together.
 #[derive(Debug, Clone)]
 pub(crate) struct PointPacket {
     at: [Lanes; 3],
@@ -227,10 +230,10 @@ pub(crate) struct PointPacket {
 
 impl Packet for PointPacket {
     fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
-        let of = |lane: usize| if lane < corners.len() { lane } else { 0 };
+        let source = |lane: usize| if lane < corners.len() { lane } else { 0 };
         Self {
-            at: std::array::from_fn(|k| std::array::from_fn(|lane| corners[of(lane)][0][k])),
-            facets: std::array::from_fn(|lane| facets[of(lane)]),
+            at: std::array::from_fn(|k| std::array::from_fn(|lane| corners[source(lane)][0][k])),
+            facets: std::array::from_fn(|lane| facets[source(lane)]),
         }
     }
 
@@ -273,10 +276,10 @@ mod tests {
         }
     }
 
-    /// What the plain code finds, for triangles of every shape: needles, segments and points among them, and
-    /// places on them.
+    /// Results match the scalar code for triangles of every shape, including slivers, segments and points,
+    /// and for points on them.
     #[test]
-    fn feet_are_those_of_one_triangle_at_a_time() {
+    fn feet_match_the_scalar_code() {
         let mut random = ChaCha8Rng::seed_from_u64(11);
         for round in 0..2000 {
             let count = 1 + round % LANES;

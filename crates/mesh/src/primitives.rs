@@ -1,7 +1,8 @@
 //! Simple bodies of known shape, for tests, examples and simulated scenes.
 //!
-//! Comes in: sizes in the model's unit and counts. Goes out: meshes centred at the origin, facing outwards
-//! (sheets facing +z). Not guaranteed: that a facetted ball or can has the area and volume of the smooth one.
+//! In: sizes in the unit of the model, and counts. Out: meshes centred at the origin that face outwards
+//! (sheets face +z). Not guaranteed: a faceted ball or cylinder has a smaller area and volume than the smooth
+//! one.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -11,9 +12,16 @@ use planish_estimate::vector3::{add, add_scaled, scale};
 use crate::mesh::TriangleMesh;
 use crate::triangle::unit_or_zero;
 
-/// A ball of `20 · 4^subdivisions` triangles whose vertices lie on the sphere; watertight.
+/// A watertight ball of `20 · 4^subdivisions` triangles with vertices on the sphere.
 ///
-/// The mesh lies inside the sphere by at most about `0.3 · 4^-subdivisions · radius`.
+/// The maximum chord error is about `0.3 · 4^-subdivisions · radius`.
+///
+/// # Examples
+/// ```
+/// let ball = planish_mesh::icosphere(2.0, 3);
+/// assert_eq!(ball.triangles.len(), 20 * 64);
+/// assert!(ball.check().watertight);
+/// ```
 #[must_use]
 pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
     let g = (1.0 + 5.0_f64.sqrt()) / 2.0;
@@ -74,9 +82,16 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
     TriangleMesh { positions: positions.into_iter().map(|p| scale(radius, p)).collect(), triangles }
 }
 
-/// A flat sheet in the plane z = 0, `columns × rows` rectangles of two triangles each; at least one of each.
+/// A flat sheet in the plane z = 0 with `columns × rows` rectangles of two triangles each.
 ///
-/// Vertex `i + (columns + 1) j` lies at column `i` (along x), row `j` (along y).
+/// There is at least one column and one row. Vertex `i + (columns + 1) j` lies in column `i` (along x) and
+/// row `j` (along y).
+///
+/// # Examples
+/// ```
+/// let sheet = planish_mesh::grid_sheet(2.0, 3.0, 4, 5);
+/// assert_eq!((sheet.positions.len(), sheet.triangles.len()), (5 * 6, 2 * 4 * 5));
+/// ```
 #[must_use]
 pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> TriangleMesh {
     let (columns, rows) = (columns.max(1), rows.max(1));
@@ -97,8 +112,17 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
     TriangleMesh { positions, triangles }
 }
 
-/// A parallelepiped about `center` with the given edges, closed; outwards where the edges are right-handed.
-/// Vertex `k` lies at the end of edge `d` where bit `d` of `k` is set.
+/// A closed parallelepiped around `center` with the given edges.
+///
+/// It faces outwards if the edges are right-handed. Vertex `k` lies at the end of edge `d` if bit `d` of `k`
+/// is set, else at its start.
+///
+/// # Examples
+/// ```
+/// let edges = [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
+/// let block = planish_mesh::parallelepiped([0.0; 3], edges);
+/// assert_eq!(block.signed_volume(), Some(6.0));
+/// ```
 #[must_use]
 pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
     let corner = |k: u32| {
@@ -126,8 +150,17 @@ pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
     }
 }
 
-/// A cylinder about the z axis from `−height/2` to `height/2`, of `segments` (at least 3) around and `rings`
-/// (at least 1) bands along; `capped` makes it watertight.
+/// A cylinder around the z axis from `−height/2` to `height/2`.
+///
+/// It has `segments` (at least 3) around and `rings` (at least 1) along the axis. `capped` makes it
+/// watertight.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::cylinder;
+/// assert!(cylinder(1.0, 3.0, 12, 2, true).check().watertight);
+/// assert_eq!(cylinder(1.0, 3.0, 12, 2, false).check().boundary_loops, 2);
+/// ```
 #[must_use]
 pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped: bool) -> TriangleMesh {
     let (segments, rings) = (segments.max(3), rings.max(1));

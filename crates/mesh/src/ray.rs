@@ -1,8 +1,8 @@
-//! Rays against a mesh.
+//! Intersection of rays with a mesh.
 //!
-//! Comes in: an origin and a direction of any length. Goes out: the first triangle hit, from either side.
-//! A ray that passes through an edge or vertex shared by triangles hits one of them: nothing slips through.
-//! Not guaranteed: hits of triangles seen exactly edge-on.
+//! In: an origin and a direction of any length. Out: the first triangle hit, from either side. A ray through
+//! an edge or vertex shared by several triangles hits one of them, never none. Not guaranteed: hits of
+//! triangles that are seen exactly edge-on.
 //!
 //! Reference: Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, Journal of Computer Graphics
 //! Techniques 2013.
@@ -13,36 +13,50 @@ use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use crate::triangle::{point_at, unit_normal};
 
-/// Widening of the far side of boxes that covers the rounding of the slab test (Ize, *Robust BVH Ray
-/// Traversal*, 2013).
+/// Factor on the far side of boxes that covers the rounding errors of the slab test.
+///
+/// Without it, rays along the faces of boxes miss triangles there. Reference: Ize, *Robust BVH Ray
+/// Traversal*, 2013.
 const BOX_SLACK: f64 = 1.0 + 8.0 * f64::EPSILON;
 
-/// Where a ray meets a mesh.
+/// The intersection of a ray with a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayHit {
-    /// Distance from the origin, in the model's unit whatever the length of the direction.
+    /// Distance from the origin in the unit of the model, for a direction of any length.
     pub distance: f64,
     /// The point on the triangle.
     pub point: [f64; 3],
-    /// The triangle.
+    /// Index of the triangle.
     pub triangle: u32,
-    /// Weights of the triangle's corners.
+    /// Barycentric coordinates in the triangle.
     pub barycentric: [f64; 3],
-    /// The triangle's unit normal; it points along the ray where the back was hit.
+    /// Unit normal of the triangle; it points along the ray if the back was hit.
     pub normal: [f64; 3],
 }
 
 impl MeshSearch {
-    /// The first hit in front of the origin, or on it.
+    /// The first hit in front of the origin or on it.
     ///
-    /// `None` where nothing is hit, or the direction is zero or a number is not finite.
+    /// `None` if nothing is hit, if the direction is zero, or if a number is not finite.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_mesh::{MeshSearch, icosphere};
+    /// let search = MeshSearch::try_new(&icosphere(1.0, 4))?;
+    /// let hit = search.first_hit([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]).expect("the ball is below");
+    /// assert!((hit.distance - 4.0).abs() < 0.01 && hit.normal[2] > 0.9);
+    /// assert!(search.first_hit([0.0, 0.0, 5.0], [0.0, 0.0, 1.0]).is_none());
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     #[must_use]
     pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
         self.first_hit_between(origin, direction, 0.0, f64::INFINITY)
     }
 
-    /// The first hit at a distance from `near` to `far`. Start a shadow ray with a `near` well above
-    /// rounding.
+    /// The first hit at a distance between `near` and `far`.
+    ///
+    /// A ray that starts on the surface, such as a shadow ray, needs a `near` well above rounding errors, or
+    /// it hits the triangle where it starts.
     #[must_use]
     pub fn first_hit_between(
         &self,
@@ -66,6 +80,8 @@ impl MeshSearch {
                     let Some((t, barycentric)) = ray.hit(&corners[slot as usize]) else {
                         continue;
                     };
+                    // Of two hits at the same distance, as on a common edge, the lower index wins: the answer
+                    // does not depend on the tree.
                     let lower =
                         || found.is_none_or(|(f, _)| triangles[slot as usize] < triangles[f as usize]);
                     if t >= near && (t < best || t == best && lower()) {
@@ -78,6 +94,7 @@ impl MeshSearch {
                 let to_left = ray.entry(&nodes[left as usize], near, best);
                 let to_right = ray.entry(&nodes[right as usize], near, best);
                 match (to_left, to_right) {
+                    // The nearer child first: its hit often excludes the other.
                     (Some(l), Some(r)) => {
                         stack[height] = if l <= r { (right, r) } else { (left, l) };
                         height += 1;
@@ -116,7 +133,7 @@ impl MeshSearch {
         })
     }
 
-    /// Whether the straight line between two points meets no triangle, but for `clearance` at either end.
+    /// True if the straight line between two points meets no triangle, except within `clearance` of its ends.
     #[must_use]
     pub fn sees(&self, from: [f64; 3], to: [f64; 3], clearance: f64) -> bool {
         let length = distance(from, to);
@@ -124,20 +141,21 @@ impl MeshSearch {
     }
 }
 
-/// A ray in the shape that boxes and triangles want it.
+/// A ray with the precomputed values of the tests for boxes and triangles.
 struct Ray {
     origin: [f64; 3],
     inverse: [f64; 3],
-    /// Axes, the last the one along which the direction is greatest.
+    /// Permutation of the axes; the direction is largest along the last. Dividing by its component is safe.
     axes: [usize; 3],
-    /// Shear of the first two axes, scale of the last.
+    /// Shear of the first two axes and scale of the last, which turn the ray into the unit vector of that
+    /// axis.
     shear: [f64; 3],
 }
 
 impl Ray {
     fn new(origin: [f64; 3], direction: [f64; 3]) -> Option<Self> {
         let finite = origin.iter().chain(&direction).all(|x| x.is_finite());
-        // Brought to size first, so that the square of a very short or long direction neither vanishes nor
+        // Scaled first, so that the square of a very short or long direction neither underflows nor
         // overflows.
         let size = direction.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
         if !finite || size == 0.0 {
@@ -154,15 +172,15 @@ impl Ray {
         })
     }
 
-    /// The distance at which the ray enters a box, if it does between `near` and `far`.
+    /// The distance at which the ray enters a box, if it does so between `near` and `far`.
     #[inline(always)]
     fn entry(&self, node: &Node, near: f64, far: f64) -> Option<f64> {
         let (mut enter, mut leave) = (near, far);
         for k in 0..3 {
             let a = (node.min[k] - self.origin[k]) * self.inverse[k];
             let b = (node.max[k] - self.origin[k]) * self.inverse[k];
-            // 0 · ∞ on a face of the box is NaN: the comparisons then keep the limits, which errs towards a
-            // visit.
+            // 0 · ∞ on a face of the box is NaN. The comparisons then keep the limits, and the box is
+            // visited.
             let (low, high) = if self.inverse[k] >= 0.0 { (a, b) } else { (b, a) };
             enter = greater(low, enter);
             leave = lesser(high * BOX_SLACK, leave);
@@ -170,7 +188,8 @@ impl Ray {
         (enter <= leave).then_some(enter)
     }
 
-    /// Distance and barycentric coordinates of the hit of a triangle, either side, also behind the origin.
+    /// Distance and barycentric coordinates of the hit of a triangle from either side, also behind the
+    /// origin.
     #[inline]
     fn hit(&self, corners: &[[f64; 3]; 3]) -> Option<(f64, [f64; 3])> {
         let [x, y, z] = self.axes;
@@ -179,6 +198,8 @@ impl Ray {
             [c[x] - self.shear[0] * c[z], c[y] - self.shear[1] * c[z], self.shear[2] * c[z]]
         });
         let [a, b, c] = local;
+        // Areas of the edge functions. Two triangles evaluate a common edge to the same value with opposite
+        // signs, so a ray cannot pass between them; zero counts as inside for both.
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
@@ -219,7 +240,7 @@ mod tests {
             let d = unit(direction).unwrap();
             let origin = add_scaled(toward, -3.0, d);
             let hit = search.first_hit(origin, direction).unwrap();
-            // The smooth sphere's answer, within the chord error magnified by the slant.
+            // The answer for the smooth sphere, within the chord error, which a slanted ray magnifies.
             let b = dot(origin, d);
             let smooth = -b - (b * b - dot(origin, origin) + 1.0).sqrt();
             assert!((hit.distance - smooth).abs() < 2e-3, "{} {smooth}", hit.distance);
@@ -273,12 +294,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_slips_through_edges_and_vertices() {
+    fn no_ray_passes_through_edges_or_vertices() {
         let sheet = grid_sheet(1.0, 1.0, 8, 8);
         let search = search(&sheet);
         for i in 1..32 {
             for j in 1..32 {
-                // Every fourth of these lies on grid lines, many on diagonals; straight and slanted rays.
+                // Every fourth of these points lies on grid lines, many on diagonals; rays are straight and
+                // slanted.
                 let (x, y) = (f64::from(i) / 32.0 - 0.5, f64::from(j) / 32.0 - 0.5);
                 for slant in [0.0, 0.25, -1.0] {
                     let hit = search.first_hit([x - slant, y, 1.0], [slant, 0.0, -1.0]).unwrap();
@@ -294,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_and_hopeless_rays() {
+    fn limits_are_respected_and_invalid_rays_hit_nothing() {
         let sheet = search(&grid_sheet(1.0, 1.0, 1, 1));
         let (origin, down) = ([0.1, 0.2, 1.0], [0.0, 0.0, -7.0]);
         let at_one = |d| (sheet.first_hit(origin, d).unwrap().distance - 1.0).abs() < 1e-15;

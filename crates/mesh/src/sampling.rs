@@ -1,8 +1,7 @@
-//! Points spread evenly over a surface.
+//! Random points on a surface with uniform density.
 //!
-//! Comes in: a mesh and a source of uniform numbers in [0, 1), the caller's, so that the caller owns the
-//! seed. Goes out: points of uniform density per area. Not guaranteed: spacing; points are independent and
-//! may lie close together.
+//! In: a mesh, and uniform random numbers in [0, 1) from the caller, who controls the seed. Out: points with
+//! uniform density per area. Not guaranteed: spacing; points are independent and may lie close together.
 
 use planish_estimate::{Error, Result};
 
@@ -12,21 +11,31 @@ use crate::triangle::{area, point_at, unit_normal};
 /// A point on a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// Where it is.
+    /// Position.
     pub position: [f64; 3],
-    /// The unit normal of its triangle.
+    /// Unit normal of the triangle.
     pub normal: [f64; 3],
-    /// The triangle it lies on.
+    /// Index of the triangle.
     pub triangle: u32,
-    /// Weights of the triangle's corners.
+    /// Barycentric coordinates in the triangle.
     pub barycentric: [f64; 3],
 }
 
-/// Draws points of uniform density from the surface of one mesh.
+/// Draws random points with uniform density from the surface of a mesh.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{SurfaceSampler, grid_sheet};
+/// let sheet = grid_sheet(2.0, 2.0, 3, 3);
+/// let sampler = SurfaceSampler::try_new(&sheet)?;
+/// let point = sampler.sample(&mut || 0.5);
+/// assert_eq!((point.position[2], point.normal), (0.0, [0.0, 0.0, 1.0]));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct SurfaceSampler<'a> {
     mesh: &'a TriangleMesh,
-    /// Area of all triangles up to and including each.
+    /// For each triangle, the total area up to and including it.
     cumulative: Vec<f64>,
     total: f64,
 }
@@ -35,7 +44,7 @@ impl<'a> SurfaceSampler<'a> {
     /// Prepares a mesh for sampling. Cost O(triangles).
     ///
     /// # Errors
-    /// `Undetermined` where the mesh has no area.
+    /// `Undetermined` if the mesh has no area.
     pub fn try_new(mesh: &'a TriangleMesh) -> Result<Self> {
         let mut total = 0.0;
         let cumulative: Vec<f64> = (0..mesh.triangles.len())
@@ -46,7 +55,7 @@ impl<'a> SurfaceSampler<'a> {
             .collect();
         if !(total > 0.0 && total.is_finite()) {
             return Err(Error::undetermined(format!(
-                "points can only be drawn from a surface with an area, found {total} in {} triangles",
+                "expected a surface with a positive area, found {total} in {} triangles",
                 mesh.triangles.len()
             )));
         }
@@ -56,14 +65,15 @@ impl<'a> SurfaceSampler<'a> {
     /// Draws one point with three numbers from `uniform`, which must lie in [0, 1). Cost O(log triangles).
     pub fn sample(&self, uniform: &mut impl FnMut() -> f64) -> SurfacePoint {
         let target = uniform() * self.total;
-        // The first triangle that ends beyond the target: never one without area, unless rounding reached the
-        // end.
+        // The first triangle whose total exceeds the target; a triangle without area never is. Rounding can
+        // make the target equal to the whole area: then the last triangle with an area is selected.
         let found = self.cumulative.partition_point(|&end| end <= target);
         let triangle = if found < self.cumulative.len() {
             found
         } else {
             self.cumulative.partition_point(|&end| end < self.total).min(self.cumulative.len() - 1)
         };
+        // The square root makes the density uniform (Osada and others 2002, eq. 1).
         let (root, v) = (uniform().sqrt(), uniform());
         let barycentric = [1.0 - root, root * (1.0 - v), root * v];
         let corners = self.mesh.corners(triangle);
@@ -76,10 +86,10 @@ impl<'a> SurfaceSampler<'a> {
     }
 }
 
-/// Draws `count` points of uniform density per area.
+/// Draws `count` points with uniform density per area.
 ///
 /// # Errors
-/// `Undetermined` where the mesh has no area.
+/// `Undetermined` if the mesh has no area.
 ///
 /// # Examples
 /// ```

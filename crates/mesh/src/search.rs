@@ -1,9 +1,11 @@
-//! Closest points on a mesh, with the side.
+//! Closest points on a mesh and signed distances.
 //!
-//! Comes in: a mesh, then points in its frame. Goes out: the nearest point of the surface, the feature it
-//! lies on, and the signed distance by that feature's angle-weighted pseudo-normal. Not guaranteed: which of
-//! several equally near triangles is named where rounding decides between them (exact ties go to the lowest
-//! number); the sign at features all of whose triangles lack area (it is positive there).
+//! In: a mesh, and points in its frame. Out: the nearest point of the surface, the feature on which it lies,
+//! and the distance, with the sign of the angle-weighted pseudo-normal of this feature.
+//!
+//! Not guaranteed: which of several triangles is reported if their distances differ by rounding only (of
+//! equal distances, the lowest index is reported); the sign at features whose triangles all lack area (it is
+//! positive).
 
 use rayon::prelude::*;
 
@@ -15,44 +17,57 @@ use crate::edges::EdgeTable;
 use crate::mesh::TriangleMesh;
 use crate::triangle::{Feature, Foot, area_vector, closest_on_triangle, unit_normal, unit_or_zero};
 
-/// Points of one parallel task of a batch: fixed, so that the hints inside a task do not depend on the
-/// threads.
+/// Number of points in one parallel task.
+///
+/// It is fixed, so that the hints within a task do not depend on the number of threads.
 const CHUNK: usize = 256;
-/// A box is passed over only where it is farther than the best triangle by more than rounding.
+/// Relative slack of squared distances: a box is skipped only if it is farther than the best triangle by more
+/// than rounding errors. Otherwise a triangle at the same distance with a lower index could be missed.
 const ROUNDING_SLACK: f64 = 1.0 + 1e-14;
 
 /// The point of a mesh that is closest to a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClosestPoint {
-    /// Distance, never negative.
+    /// Distance, not negative.
     pub distance: f64,
-    /// Distance, positive on the side that the normal points to.
+    /// Distance, positive on the side of the normal.
     pub signed_distance: f64,
     /// The closest point.
     pub point: [f64; 3],
-    /// The triangle it lies on.
+    /// Index of its triangle.
     pub triangle: u32,
-    /// Weights of the triangle's corners.
+    /// Barycentric coordinates in the triangle.
     pub barycentric: [f64; 3],
-    /// The part of the triangle it lies on.
+    /// Part of the triangle on which it lies.
     pub feature: Feature,
-    /// The feature's unit pseudo-normal: that of the face, the sum of an edge's faces, or the angle-weighted
-    /// sum of a vertex's faces; zero where none of them has an area.
+    /// Unit pseudo-normal of the feature: the normal of a face, the sum of both at an edge, or the
+    /// angle-weighted sum at a vertex. Zero if no adjacent face has an area.
     pub normal: [f64; 3],
-    /// Whether the feature is on an open border of the mesh. A point beyond the border has its foot there.
+    /// True if the feature is on an open border of the mesh, as for points beyond the border.
     pub on_boundary: bool,
 }
 
-/// A mesh prepared for closest points and rays. It keeps its own copy, about 180 bytes a triangle.
+/// A mesh prepared for closest points and rays. It holds its own copy, about 180 bytes per triangle.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{MeshSearch, icosphere};
+/// let search = MeshSearch::try_new(&icosphere(10.0, 4))?;
+/// let inside = search.closest([0.0, 0.0, 9.0]).expect("the point is finite");
+/// assert!((inside.signed_distance + 1.0).abs() < 0.05);
+/// // A limit saves time if only near points matter.
+/// assert!(search.closest_within([0.0, 0.0, 9.0], 0.5).is_none());
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Bærentzen and Aanæs, *Signed Distance Computation Using the Angle Weighted Pseudonormal*, IEEE TVCG 2005.
 #[derive(Debug, Clone)]
 pub struct MeshSearch {
     pub(crate) bvh: Bvh,
-    /// The place of each triangle in the leaf order.
+    /// For each triangle, its position in leaf order.
     slots: Vec<u32>,
-    /// Vertices of each triangle, those at equal positions taken as one.
+    /// Vertices of each triangle; vertices at equal positions have the same number.
     pub(crate) vertices: Vec<[u32; 3]>,
     edges: Vec<[u32; 3]>,
     vertex_normals: Vec<[f64; 3]>,
@@ -62,17 +77,18 @@ pub struct MeshSearch {
 }
 
 impl MeshSearch {
-    /// Prepares a mesh. Vertices at equal positions count as one, so that triangle soups get the right sides.
-    /// Cost O(n log n).
+    /// Prepares a mesh. Cost O(n log n).
+    ///
+    /// Vertices at equal positions count as one, so that signs are right for triangle soups, too.
     ///
     /// # Errors
-    /// `Undetermined` for a mesh without triangles, `Input` for one that fails
+    /// `Undetermined` for a mesh without triangles; `Input` for a mesh that fails
     /// [`TriangleMesh::sanity_check`].
     pub fn try_new(mesh: &TriangleMesh) -> Result<Self> {
         mesh.sanity_check()?;
         if mesh.triangles.is_empty() {
             return Err(Error::undetermined(
-                "a mesh without triangles has no closest points: give one with faces",
+                "expected a mesh with triangles, found none: there are no closest points",
             ));
         }
         let bvh = Bvh::new(mesh.triangles.len(), |t| mesh.corners(t));
@@ -115,23 +131,23 @@ impl MeshSearch {
         self.slots.len()
     }
 
-    /// The closest point of the mesh; `None` only where `point` is not finite.
+    /// The closest point of the mesh; `None` only if `point` is not finite.
     #[must_use]
     pub fn closest(&self, point: [f64; 3]) -> Option<ClosestPoint> {
         self.closest_within(point, f64::INFINITY)
     }
 
-    /// The closest point no farther than `max_distance`, in less time the smaller that is.
+    /// The closest point within `max_distance`. A smaller distance takes less time.
     #[must_use]
     pub fn closest_within(&self, point: [f64; 3], max_distance: f64) -> Option<ClosestPoint> {
         let slot = self.nearest_slot(point, squared_bound(max_distance), None, |_| true)?;
         self.describe(point, slot)
     }
 
-    /// The closest point, started at triangle `hint`: the answer of a previous iteration or a neighbour.
+    /// The closest point, with the triangle `hint` of a previous or neighbouring search as start.
     ///
-    /// The answer does not depend on the hint; one that does not exist is passed over. It saves little, for
-    /// the tree finds a near triangle first in any case: at most a fifth of the time where it was measured.
+    /// The answer does not depend on the hint, and an invalid one is ignored. It saves at most a fifth of the
+    /// time where it was measured, because the tree finds a near triangle early in any case.
     #[must_use]
     pub fn closest_hinted(&self, point: [f64; 3], hint: u32) -> Option<ClosestPoint> {
         let slot =
@@ -139,9 +155,10 @@ impl MeshSearch {
         self.describe(point, slot)
     }
 
-    /// The closest point on the triangles whose normal is within `max_angle_rad` of `normal`.
+    /// The closest point on triangles whose normal is within `max_angle_rad` of `normal`.
     ///
-    /// Triangles without area are left out. `None` where nothing agrees, or `normal` is zero or not finite.
+    /// Triangles without area are ignored. `None` if no triangle qualifies, or if `normal` is zero or not
+    /// finite.
     #[must_use]
     pub fn closest_compatible(
         &self,
@@ -152,7 +169,7 @@ impl MeshSearch {
         self.closest_compatible_within(point, normal, max_angle_rad, f64::INFINITY)
     }
 
-    /// As [`MeshSearch::closest_compatible`], no farther than `max_distance`.
+    /// As [`MeshSearch::closest_compatible`], within `max_distance`.
     #[must_use]
     pub fn closest_compatible_within(
         &self,
@@ -162,23 +179,24 @@ impl MeshSearch {
         max_distance: f64,
     ) -> Option<ClosestPoint> {
         let normal = unit(normal)?;
-        let least_cosine = max_angle_rad.clamp(0.0, std::f64::consts::PI).cos();
+        let min_cosine = max_angle_rad.clamp(0.0, std::f64::consts::PI).cos();
         let agrees = |corners: &[[f64; 3]; 3]| {
             let n = area_vector(corners);
-            n != [0.0; 3] && dot(n, normal) >= least_cosine * norm(n)
+            n != [0.0; 3] && dot(n, normal) >= min_cosine * norm(n)
         };
         let slot = self.nearest_slot(point, squared_bound(max_distance), None, agrees)?;
         self.describe(point, slot)
     }
 
-    /// [`MeshSearch::closest`] for many points, in parallel; the same answers at any number of threads.
-    /// Points that follow their neighbours are found faster.
+    /// [`MeshSearch::closest`] for many points, in parallel, with the same answers for any number of threads.
+    ///
+    /// Points are found faster if each is near the previous one.
     #[must_use]
     pub fn closest_all(&self, points: &[[f64; 3]]) -> Vec<Option<ClosestPoint>> {
         self.closest_all_within(points, f64::INFINITY)
     }
 
-    /// [`MeshSearch::closest_within`] for many points, in parallel; the same answers at any number of
+    /// [`MeshSearch::closest_within`] for many points, in parallel, with the same answers for any number of
     /// threads.
     #[must_use]
     pub fn closest_all_within(&self, points: &[[f64; 3]], max_distance: f64) -> Vec<Option<ClosestPoint>> {
@@ -195,7 +213,7 @@ impl MeshSearch {
         feet
     }
 
-    /// The place of the nearest accepted triangle no farther than the bound.
+    /// The position in leaf order of the nearest accepted triangle within the bound.
     fn nearest_slot(
         &self,
         p: [f64; 3],
@@ -216,6 +234,7 @@ impl MeshSearch {
             let d = foot.squared_distance;
             let nearer = d < *best
                 || d == *best && found.is_none_or(|f| triangles[slot as usize] < triangles[f as usize]);
+            // The test of acceptance is expensive and comes last.
             if nearer && accept(&corners[slot as usize]) {
                 *best = d;
                 found = Some(slot);
@@ -266,6 +285,7 @@ impl MeshSearch {
         }
     }
 
+    /// The closest point on the triangle at a position in leaf order, with its feature and sign.
     fn describe(&self, p: [f64; 3], slot: u32) -> Option<ClosestPoint> {
         let corners = &self.bvh.corners[slot as usize];
         let Foot { squared_distance, point, barycentric, feature } =
@@ -298,7 +318,7 @@ impl MeshSearch {
     }
 }
 
-/// The square of a distance, below zero for a negative one: nothing is that near.
+/// The square of a distance, negative for a negative distance, within which no point lies.
 fn squared_bound(max_distance: f64) -> f64 {
     max_distance * max_distance.abs()
 }

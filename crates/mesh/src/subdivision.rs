@@ -1,7 +1,8 @@
 //! Smooth subdivision of triangle meshes.
 //!
-//! Comes in: a mesh. Goes out: one with four times as many triangles, closer to a smooth surface. Not
-//! guaranteed: that corners stay; only open borders keep their curves. Vertices at equal positions are one.
+//! In: a mesh. Out: a mesh with four times as many triangles that is closer to a smooth surface. Vertices at
+//! equal positions are merged. Not guaranteed: sharp edges and corners become round; only open borders keep
+//! their curves.
 //!
 //! # References
 //! - Loop, *Smooth subdivision surfaces based on triangles*, 1987; borders as in Hoppe et al., *Piecewise
@@ -16,12 +17,20 @@ use crate::mesh::TriangleMesh;
 impl TriangleMesh {
     /// One step of Loop's subdivision.
     ///
-    /// A vertex of valence n becomes `(1 − nβ) p + β Σ qᵢ`, `β = (5/8 − (3/8 + cos(2π/n)/4)²)/n`, the middle
-    /// of an edge `3/8 (a + b) + 1/8 (c + d)`; on borders and where more than two triangles meet,
-    /// `3/4 p + 1/8 (q₁ + q₂)` and the middle of both ends.
+    /// A vertex of valence n becomes `(1 − nβ) p + β Σ qᵢ` with `β = (5/8 − (3/8 + cos(2π/n)/4)²)/n`. The new
+    /// vertex of an edge is `3/8 (a + b) + 1/8 (c + d)`. On borders and non-manifold edges, these are
+    /// `3/4 p + 1/8 (q₁ + q₂)` and the midpoint.
     ///
     /// # Errors
     /// As [`TriangleMesh::try_new`].
+    ///
+    /// # Examples
+    /// ```
+    /// let coarse = planish_mesh::icosphere(1.0, 1);
+    /// let fine = coarse.subdivided()?;
+    /// assert_eq!(fine.triangles.len(), 4 * coarse.triangles.len());
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     pub fn subdivided(&self) -> Result<Self> {
         self.sanity_check()?;
         let welded = self.welded();
@@ -46,6 +55,7 @@ impl TriangleMesh {
             .map(|((p, (n, sum)), (on_border, neighbours))| match (n, on_border) {
                 (0, _) => *p,
                 (_, 2) => add_scaled(scale(0.75, *p), 0.125, *neighbours),
+                // Several borders meet here, and no curve passes through: the vertex is a corner and stays.
                 (_, 1 | 3..) => *p,
                 (n, _) => {
                     let n = *n as f64;
@@ -60,7 +70,7 @@ impl TriangleMesh {
             let [a, b] = ends.map(|v| old[v as usize]);
             let middle = match table.half_edges(edge) {
                 [s, t] => {
-                    // Half-edges are numbered 3 t + k: the corner after next is opposite.
+                    // Half-edges are numbered 3 t + k, so the opposite corner is that after the next.
                     let apex =
                         |half: u32| old[triangles[half as usize / 3][(half as usize % 3 + 2) % 3] as usize];
                     add_scaled(scale(0.375, add(a, b)), 0.125, add(apex(*s), apex(*t)))
@@ -90,19 +100,19 @@ mod tests {
         assert_eq!(fine.triangles.len(), 16 * coarse.triangles.len());
         assert!(fine.check().watertight);
         let radii: Vec<f64> = fine.positions.iter().map(|p| planish_estimate::vector3::norm(*p)).collect();
-        let (least, most) = radii.iter().fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
-        // Facets of the coarse ball lie 6 % nearer to its middle than its corners; no limit surface of few
-        // facets is quite a sphere.
-        assert!(most / least < 1.02, "{least} {most}");
+        let (smallest, largest) = radii.iter().fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
+        // Facets of the coarse ball are 6 % nearer to the centre than its corners. The limit surface of few
+        // facets is not exactly a sphere.
+        assert!(largest / smallest < 1.02, "{smallest} {largest}");
     }
 
     #[test]
-    fn a_plane_stays_a_plane_with_its_border() {
+    fn a_flat_sheet_stays_flat_and_keeps_its_border() {
         let sheet = grid_sheet(4.0, 2.0, 4, 2);
         let fine = sheet.subdivided().unwrap();
         assert!(fine.positions.iter().all(|p| p[2] == sheet.positions[0][2]));
         let (a, b) = (sheet.bounding_box().unwrap(), fine.bounding_box().unwrap());
-        // Corners of the border are rounded, its straight parts stay.
+        // Corners of the border become round, its straight parts stay.
         assert!((a.diagonal() - b.diagonal()).abs() < 0.5);
         assert!((fine.area() / sheet.area() - 1.0).abs() < 0.05);
     }

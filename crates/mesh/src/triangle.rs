@@ -105,7 +105,8 @@ pub(crate) fn smallest_angle(corners: &[[f64; 3]; 3]) -> f64 {
         let edge = sub(corners[(k + 2) % 3], corners[(k + 1) % 3]);
         dot(edge, edge)
     });
-    let at = (1..3).fold(0, |least, k| if across[k] < across[least] { k } else { least });
+    // atan2 of the cross and dot product is accurate for small angles, unlike the arc cosine.
+    let at = (1..3).fold(0, |shortest, k| if across[k] < across[shortest] { k } else { shortest });
     let [u, v] = [1, 2].map(|k| sub(corners[(at + k) % 3], corners[at]));
     norm(cross(u, v)).atan2(dot(u, v))
 }
@@ -199,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_smallest_angle_is_the_least_of_three() {
+    fn the_smallest_angle_is_the_minimum_of_three() {
         let triangles = [
             [[0.0; 3], [3.0, 0.0, 0.0], [0.4, 1.7, 0.2]],
             [[1.0, 2.0, 3.0], [1.1, 2.0, 3.5], [9.0, -4.0, 2.0]],

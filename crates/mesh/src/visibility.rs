@@ -8,8 +8,9 @@
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Number of rows in one parallel task.
+/// Number of rows in one parallel task; every task visits all triangles, so small bands would waste time.
 const BAND: usize = 64;
+/// Index of the triangle of an empty pixel.
 const NOTHING: u32 = u32::MAX;
 
 /// A corner, projected into the image.
@@ -114,6 +115,7 @@ fn draw_triangle(
     corners: &[Projected; 3],
     name: u32,
 ) {
+    // A triangle that reaches behind the camera would have to be clipped before projection.
     let usable = |c: &Projected| c.depth > 0.0 && c.at.iter().all(|x| x.is_finite());
     if !corners.iter().all(usable) {
         return;
@@ -143,6 +145,7 @@ fn draw_triangle(
             }
             let near = in_first * nearness[0] + in_second * nearness[1] + in_third * nearness[2];
             let place = &mut places[row * columns + column];
+            // Strictly nearer: of equal depths the first triangle stays, whatever the number of threads.
             if near > place.nearness {
                 *place = Place {
                     nearness: near,

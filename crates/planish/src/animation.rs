@@ -11,12 +11,13 @@
 //! Not guaranteed: chord errors of snapshots may exceed those of the final model. Many viewers of GLB files
 //! do not animate colours.
 
+use crate::view::Camera;
 use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
-use planish_exchange::{FolderInWork, Unit, extension};
+use planish_exchange::{PendingFolder, Unit, extension};
 use planish_mesh::{BoundingBox, DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
@@ -82,7 +83,7 @@ impl AnimationOutput {
         match extension(path).as_str() {
             "glb" => Ok(Self::Mesh(path.to_path_buf())),
             "" => {
-                FolderInWork::check(path)?;
+                PendingFolder::check(path)?;
                 Ok(Self::Pictures(path.to_path_buf()))
             }
             other => Err(Error::unsupported(format!(
@@ -125,14 +126,14 @@ pub fn write_forming(
             path
         }
         AnimationOutput::Pictures(path) => {
-            let folder = FolderInWork::beside(path)?;
+            let folder = PendingFolder::create(path)?;
             let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
-            let camera = Camera::new(first, last, &frames.triangles)?;
+            let painter = FramePainter::new(first, last, &frames.triangles)?;
             for (k, frame) in frames.frames.iter().enumerate() {
                 progress.check("drawing", k as f64 / frames.frames.len() as f64)?;
                 progress.items(k, "pictures");
                 let places = &forming.places[..frames.readings[k].min(forming.places.len())];
-                let pixels = camera.draw(frame, &frames.triangles, places);
+                let pixels = painter.draw(frame, &frames.triangles, places);
                 write_colour_png(&folder.path().join(format!("frame_{:04}.png", k + 1)), PICTURE, &pixels)?;
             }
             folder.finish()?;
@@ -206,16 +207,13 @@ impl ColourScale {
     }
 }
 
-/// A camera at four times the size of the object from its centre: perspective without visible distortion.
-struct Camera {
-    at: [f64; 3],
-    /// To the right, up, and towards the object.
-    axes: [[f64; 3]; 3],
-    /// Pixels over tangents.
-    focal: f64,
+/// Draws frames with a camera at four times the size of the object from its centre: perspective without
+/// visible distortion.
+struct FramePainter {
+    camera: Camera,
 }
 
-impl Camera {
+impl FramePainter {
     fn new(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
         let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
         let (mut facing, mut area) = ([0.0; 3], 0.0);
@@ -233,15 +231,17 @@ impl Camera {
             None => unit(FROM),
         };
         let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
+        // From four sizes away the projection is nearly parallel, so that nothing is distorted.
         let at = add_scaled(bounds.center(), 4.0 * bounds.diagonal(), from);
         let forward = scale(-1.0, from);
         let up = if from[2].abs() < 0.95 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let right = unit(cross(forward, up)).unwrap_or([1.0, 0.0, 0.0]);
         let up = cross(right, forward);
-        let mut camera = Self { at, axes: [right, up, forward], focal: 1.0 };
+        let diagonal = bounds.diagonal();
+        let mut camera = Camera { at, axes: [right, up, from], focal: 1.0, middle: [0.0; 2], diagonal };
         let room = |points: &[[f64; 3]]| {
             let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
-                let [x, y, _] = camera.project(*p);
+                let [x, y] = camera.project(*p).at;
                 [most[0].max(x.abs()), most[1].max(y.abs())]
             });
             let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
@@ -250,22 +250,8 @@ impl Camera {
         // What few readings make may be large: the last frame is not to be small for it.
         let last = room(points);
         camera.focal = last.min(room(first).max(SMALLEST * last));
-        Ok(camera)
-    }
-
-    /// Pixels from the middle, right and up, and the distance along the camera's axis.
-    fn project(&self, p: [f64; 3]) -> [f64; 3] {
-        let off = sub(p, self.at);
-        let depth = dot(off, self.axes[2]);
-        let on_screen = |k: usize| self.focal * dot(off, self.axes[k]) / depth;
-        [on_screen(0), on_screen(1), depth]
-    }
-
-    /// A place of the world in pixels from the upper left corner.
-    fn on_picture(&self, p: [f64; 3]) -> Projected {
-        let [x, y, depth] = self.project(p);
-        let [columns, rows] = PICTURE.map(|n| n as f64);
-        Projected { at: [0.5 * columns + x, 0.5 * rows - y], depth }
+        camera.middle = PICTURE.map(|n| 0.5 * n as f64);
+        Ok(Self { camera })
     }
 
     /// Draws a frame with its readings: red, green and blue of every pixel, row by row.
@@ -273,7 +259,7 @@ impl Camera {
         let [columns, rows] = PICTURE;
         let corners: Vec<Projected> = (frame.points.iter())
             .map(|p| {
-                let Projected { at, depth } = self.on_picture(*p);
+                let Projected { at, depth } = self.camera.project(*p);
                 Projected { at: at.map(|x| SAMPLES as f64 * x), depth }
             })
             .collect();
@@ -284,7 +270,7 @@ impl Camera {
             .collect();
         let size = BoundingBox::from_points(&frame.points).map_or(0.0, |b| b.diagonal());
         for place in places.iter().step_by(places.len().div_ceil(MOST_DOTS).max(1)) {
-            let Projected { at: [x, y], depth } = self.on_picture(*place);
+            let Projected { at: [x, y], depth } = self.camera.project(*place);
             let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
             let middle = |x: f64| (SAMPLES as f64 * x) as usize;
             if !inside
@@ -335,7 +321,7 @@ impl Camera {
         let mix = |of: &[[f64; 3]]| {
             (corners.iter().zip(seen.barycentric)).fold([0.0; 3], |sum, (&c, w)| add_scaled(sum, w, of[c]))
         };
-        let direction = sub(mix(&frame.points), self.at);
+        let direction = sub(mix(&frame.points), self.camera.at);
         let cosine = unit(mix(&frame.normals)).map_or(1.0, |normal| dot(normal, direction) / norm(direction));
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
         scale(light, mix(&frame.colours))

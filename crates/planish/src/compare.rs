@@ -13,10 +13,13 @@
 //! not be the globally nearest ones. They start at the sample whose position and normal agree best, which
 //! keeps the two sides of a thin part apart.
 
+mod findings;
 mod inputs;
 pub(crate) mod page;
 
 pub use inputs::{Compared, ComparedMesh, Reference};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode};
 
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
@@ -89,8 +92,9 @@ pub struct ComparisonReport {
     pub coverage95: Option<f64>,
     /// Numbers of skipped points.
     pub skipped: Skipped,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 /// How to compare.
@@ -180,11 +184,12 @@ pub(crate) fn compared(
         backward: None,
         coverage95: None,
         skipped: Skipped::default(),
-        warnings: Vec::new(),
+        findings: Vec::new(),
     };
     if of_reference != unit {
-        report.warnings.push(format!(
-            "the reference is in {of_reference}, the model in {unit}: the reference was converted"
+        report.findings.push(Finding::new(
+            FindingCode::UnitConverted,
+            format!("the reference is in {of_reference}, the model in {unit}: the reference was converted"),
         ));
     }
     let reference = reference.scaled(of_reference.millimetres() / unit.millimetres());
@@ -196,9 +201,10 @@ pub(crate) fn compared(
     let mut shown = summarise_backward(&pairs, &reference, &mut report)?;
     progress.check("forward", 0.6)?;
     if reference.triangles.is_empty() {
-        report
-            .warnings
-            .push("the reference has no faces: nothing was measured from the model to it".to_owned());
+        report.findings.push(Finding::new(
+            FindingCode::ReferenceWithoutFaces,
+            "the reference has no faces: nothing was measured from the model to it",
+        ));
     } else {
         let vertices = observed_vertices(model, options, &mut report.skipped)?;
         progress.check("forward", 0.7)?;
@@ -251,7 +257,9 @@ impl Job for CompareJob {
 
     fn execute(&self, progress: &dyn Progress) -> Result<ComparisonReport> {
         let read = Compared::read(&self.model)?;
-        let (report, shown) = compared(&read, Reference::read(&self.reference)?, &self.options, progress)?;
+        let (mut report, shown) =
+            compared(&read, Reference::read(&self.reference)?, &self.options, progress)?;
+        report.findings.splice(0..0, findings::judge(&report));
         if let Some(page) = &self.report {
             let made = compare_page(&read, &report, shown, &self.options, [&self.model, &self.reference])?;
             let inputs = [(&self.model, "the model"), (&self.reference, "the reference")];
@@ -304,11 +312,11 @@ fn summarise_backward(
         }
     }
     if 2 * against > pairs.len() {
-        report.warnings.push(
-            "most of the reference's normals point to the other side than the model's: signs are along the \
-             reference's"
-                .to_owned(),
-        );
+        report.findings.push(Finding::new(
+            FindingCode::ReferenceNormalsOpposed,
+            "most of the reference's normals point to the other side than the model's: signs are along those \
+             of the reference",
+        ));
     }
     report.backward = deviations(&signed)?;
     report.coverage95 = (with_sigma > 0).then(|| covered as f64 / with_sigma as f64);

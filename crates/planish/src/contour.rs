@@ -20,6 +20,7 @@ pub use constrained::{
     ReportedFreedoms, ReportedPoint, ReportedRelation, ReportedSize,
 };
 pub use levels::{LevelRelation, Relation};
+use planish_core::{Finding, FindingCode, Setting};
 pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 
 use crate::graphs::{check_graphs_name, write_graphs};
@@ -124,9 +125,12 @@ impl Job for ContourJob {
         match self.shapes.is_empty() {
             true => find_contours(self, progress),
             false if self.constrain.is_asked_for() => Err(Error::unsupported(
-                "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do \
-                 not go together with shapes in space",
-            )),
+                "constraints, rounded lengths and graphs need contours in a plane, found shapes in space",
+            )
+            .with_setting(Setting::Constrain)
+            .with_setting(Setting::Snap)
+            .with_setting(Setting::Given)
+            .with_setting(Setting::Graphs)),
             false => space::find_shapes(self, progress),
         }
     }
@@ -153,10 +157,16 @@ fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
 /// Finds planar contours and writes the outputs.
 fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     progress.check("reading", 0.0)?;
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     let read = if picture::is_picture(&job.input) {
         if job.pixel.is_none() {
-            warnings.push("lengths are in pixels: give --pixel-size for others".to_owned());
+            findings.push(
+                Finding::new(
+                    FindingCode::LengthsInPixels,
+                    "lengths are in pixels: state the size of a pixel for another unit",
+                )
+                .with_setting(Setting::PixelSize),
+            );
         }
         picture::edges_of(&job.input, job.pixel.unwrap_or(1.0))?
     } else {
@@ -165,9 +175,9 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     unused::refuse_unused(job, readings_of(job, &read))?;
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts =
-        parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
+        parts_of(&read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
     let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();
-    let mut report = report::report(&read, &parts, &seen, unit, warnings);
+    let mut report = report::report(&read, &parts, &seen, unit, findings);
     let mut drawn: Vec<DrawnContour> =
         parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
     let mut graphs = None;
@@ -178,10 +188,11 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
         for (contour, (kind, theta)) in drawn.iter_mut().zip(found.drawn) {
             (contour.kind, contour.theta) = (kind, theta);
         }
-        report.warnings.extend(found.warnings);
+        report.findings.extend(found.findings);
         report.constrained = Some(found.report);
         graphs = Some(found.graphs);
     }
+    report.findings.extend(report::judge(&report));
     progress.check(WRITING_STAGE, 0.95)?;
     for output in &job.outputs {
         write(output, &report, &drawn, &parts, &read)?;
@@ -212,7 +223,7 @@ fn parts_of(
     read: &ContourReadings,
     job: &ContourJob,
     progress: &dyn Progress,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<Vec<Part>> {
     let mut groups: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
     for i in 0..read.sightings.len() {
@@ -237,9 +248,10 @@ fn parts_of(
     }
     if strays > 0 {
         let lie = if strays == 1 { "reading lies" } else { "readings lie" };
-        warnings.push(format!(
-            "{strays} {lie} apart from all others and is not used: raise --gap if they belong together"
-        ));
+        let text = format!(
+            "{strays} {lie} apart from all others and is not used: increase the gap if they belong together"
+        );
+        findings.push(Finding::new(FindingCode::ReadingsIsolated, text).with_setting(Setting::Gap));
     }
     let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
         true => (auto_kinds(), true),
@@ -254,9 +266,10 @@ fn parts_of(
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         match choose(&kinds, chains, &sightings, &job.fit) {
             Ok(choice) => parts.push(Part { level, members, choice }),
-            Err(e) if count > 1 => {
-                warnings.push(format!("a part of {} readings could not be fitted: {e}", members.len()))
-            }
+            Err(e) if count > 1 => findings.push(Finding::new(
+                FindingCode::PartNotFitted,
+                format!("a part of {} readings could not be fitted: {e}", members.len()),
+            )),
             Err(e) => return Err(e),
         }
     }

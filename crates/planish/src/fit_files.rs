@@ -3,6 +3,7 @@
 //! Input: a [`FitJob`]. Output: the files that it names and a [`FitJobReport`]. Outputs are checked
 //! before anything is read, and written when everything else has succeeded.
 
+mod findings;
 mod page;
 mod task;
 
@@ -16,7 +17,7 @@ use crate::output::{
 };
 use crate::report::{ReportOutput, with_page};
 use page::fit_page;
-use planish_core::Length;
+use planish_core::{Finding, FindingCode, Length, Setting};
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};
@@ -64,8 +65,8 @@ pub struct FitJob {
     pub outputs: Vec<PathBuf>,
     /// The unit of files that name none.
     pub unit: Option<Unit>,
-    /// Where the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length in a unit
-    /// of its own, or in that of the scans.
+    /// Distance at which the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length
+    /// in a unit of its own, or in that of the scans.
     pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
@@ -85,7 +86,7 @@ pub struct FitJob {
 /// The figures of a job.
 #[derive(Debug, Clone)]
 pub struct FitJobReport {
-    /// The fit's figures; warnings of the whole job among them.
+    /// The fit's figures; with the findings of the whole job.
     pub fit: FitReport,
     /// Unit of every length.
     pub unit: Unit,
@@ -114,9 +115,10 @@ impl Job for FitJob {
         if let Some(folder) = &self.states {
             if self.task.fit_options().is_none_or(|options| options.strategy != Strategy::Bending) {
                 return Err(Error::input(format!(
-                    "{}: states are those of a sheet that bends: needed --motion bend",
+                    "{}: states are those of a sheet that bends: needed a motion that bends",
                     folder.display()
-                )));
+                ))
+                .with_setting(Setting::Motion));
             }
             make_folder(folder)?;
         }
@@ -171,8 +173,8 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     // The fit has no file names, so errors get them here.
     let fitted = fitted.map_err(|e| match e.kind() {
         ErrorKind::Interrupted => e,
-        // It names the file already.
-        _ if job.inputs.iter().any(|path| begins_with_name(&e, path)) => e,
+        // The message begins with the name of a scan, which is that of its file.
+        _ if e.place().is_some_and(|scan| job.inputs.iter().any(|path| is_scan_of(scan, path))) => e,
         _ => e.in_context(names(&job.inputs)),
     })?;
     if fitted.report.observations == 0 {
@@ -184,16 +186,15 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     progress.check("making outputs", 0.9)?;
     let posterior = fitted.posterior();
     let mut report = fitted.report.clone();
-    report.warnings.extend(warnings(&set, earlier.as_ref()));
-    report.warnings.extend(in_far_places);
+    report.findings.extend(input_findings(&set, earlier.as_ref()));
+    report.findings.extend(in_far_places);
     if unit_of_maps {
-        (report.warnings).push(
-            "no file states its unit of length: metres are assumed, as on maps; use --unit m or ft"
-                .to_owned(),
-        );
+        let text =
+            "no file states its unit of length: metres are assumed, as on maps; state the unit: m or ft";
+        report.findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
-    report.warnings.extend(unclassified(job, &set));
-    report.warnings.extend(unsteady(&report));
+    report.findings.extend(unclassified(job, &set));
+    report.findings.extend(unsteady(&report));
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
     for (state, outputs) in &states {
@@ -214,10 +215,12 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         posterior: &posterior,
         provenance: earlier.map(|earlier| earlier.provenance).unwrap_or_default(),
     };
-    let mut written = write(job, &set, to_write, progress, &mut report.warnings)?;
+    let mut written = write(job, &set, to_write, progress, &mut report.findings)?;
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
+    let judged = findings::judge(&fitted, &report);
+    report.findings.extend(judged);
     if let Some(output) = &job.report {
         let verb = if job.task.model().is_some() { "Updated" } else { "Fitted" };
         let page = fit_page(&fitted, &report, &Job::inputs(job)?, job.mesh_tolerance, verb)?;
@@ -299,7 +302,7 @@ fn write(
     set: &ScanSet,
     ToWrite { outputs, model, posterior, mut provenance }: ToWrite<'_>,
     progress: &dyn Progress,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<Vec<WrittenFile>> {
     let options = OutputOptions {
         mesh_tolerance: job.mesh_tolerance,
@@ -307,22 +310,23 @@ fn write(
         georeference: set.georeference.clone(),
     };
     let prepared = prepare(model, posterior, outputs, &options)?;
-    warnings.extend(prepared.warnings.iter().cloned());
+    findings.extend(prepared.findings.iter().cloned());
     provenance.push(session(job, set));
     progress.check(WRITING_STAGE, 0.95)?;
     prepared.write(&provenance)
 }
 
 /// Scans of a moving object that do not go on as those before them.
-fn unsteady(report: &FitReport) -> Vec<String> {
+fn unsteady(report: &FitReport) -> Vec<Finding> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MOST_INNOVATION);
     off.map(|pose| {
-        format!(
-            "{}: at {} s the thing is {:.0} σ from where a steady motion would have it: is the time of the \
-             scan right, and does the thing turn steadily?",
+        let text = format!(
+            "{}: at {} s the object is {:.0} σ from where a steady motion would have it: is the time of the \
+             scan right, and does the object turn steadily?",
             pose.scan, pose.time_s, pose.innovation
-        )
+        );
+        Finding::new(FindingCode::MotionUnsteady, text)
     })
     .collect()
 }
@@ -357,9 +361,9 @@ fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) ->
     )))
 }
 
-/// Whether a message begins with the name of a file, as scans are called.
-fn begins_with_name(e: &Error, path: &std::path::Path) -> bool {
-    path.file_name().is_some_and(|name| e.to_string().starts_with(&*name.to_string_lossy()))
+/// Whether a scan has the name of a file. Scans of a file with several have its name with a number behind it.
+fn is_scan_of(scan: &str, path: &std::path::Path) -> bool {
+    path.file_name().is_some_and(|name| scan.starts_with(&*name.to_string_lossy()))
 }
 
 /// The first few of many paths.
@@ -382,22 +386,28 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
     }
 }
 
-fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
-    let mut warnings = Vec::new();
+fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
+    let mut findings = Vec::new();
     if set.unit.is_none() && earlier.is_none() {
-        warnings.push(
-            "no file states its unit of length: millimetres are assumed; use --unit mm, m, in or ft"
-                .to_owned(),
+        findings.push(
+            Finding::new(
+                FindingCode::UnitAssumed,
+                "no file states its unit of length: millimetres are assumed; state the unit: mm, m, in or ft",
+            )
+            .with_setting(Setting::Unit),
         );
     }
     for posed in &set.scans {
         let sensor = &set.sensors[posed.sensor];
         let stated = posed.scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
         if posed.scan.curvatures.is_some() && !stated && sensor.kind != SensorKind::Curvature {
-            warnings.push(format!(
-                "{}: k1 k2 are not used: nothing says how well they are known; needed the column `sigma_k`, \
+            findings.push(Finding::new(
+                FindingCode::CurvaturesUnused,
+                format!(
+                    "{}: k1 k2 are not used, because their σ is unknown; needed the column `sigma_k`, \
                  or `sigma_k` of the sensor in a job",
-                posed.scan.name
+                    posed.scan.name
+                ),
             ));
         }
     }
@@ -408,14 +418,17 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
         .collect();
     for input in set.inputs.iter().filter(|input| input.points > 0) {
         if before.contains(&(input.path.file_name(), input.points)) {
-            warnings.push(format!(
-                "{}: a scan of this name and size went into the model before: if it is the same, its \
-                 readings now count twice",
-                input.path.display()
+            findings.push(Finding::new(
+                FindingCode::ScanAddedTwice,
+                format!(
+                    "{}: a scan of this name and size was added to the model before: if it is the same, its \
+                 readings count twice",
+                    input.path.display()
+                ),
             ));
         }
     }
-    warnings
+    findings
 }
 
 /// Refuses a height raster of a shape other than a sheet, before the work if the shape is given.
@@ -424,35 +437,32 @@ fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
         job.task.fit_options().and_then(|options| options.shape).filter(|shape| *shape != Shape::Sheet);
     if let Some(shape) = shape {
         if job.task.ground().is_some() {
-            return Err(Error::input(format!(
-                "the ground is a sheet: needed --shape sheet, found {}",
-                shape.name()
-            )));
+            return Err(Error::input(format!("the ground is a sheet: found the shape {}", shape.name()))
+                .with_setting(Setting::Shape));
         }
         if let Some(raster) = outputs.iter().find(|output| output.format == OutputFormat::Tiff) {
             return Err(Error::input(format!(
-                "{}: a raster of heights: needed --shape sheet, found {}",
+                "{}: a raster of heights needs a sheet, found the shape {}",
                 raster.path.display(),
                 shape.name()
-            )));
+            ))
+            .with_setting(Setting::Shape));
         }
     }
     Ok(())
 }
 
 /// Warns if a sheet is fitted to lidar without classes: it follows roofs and trees, which may be intended.
-fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
+fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<Finding> {
     let of_lidar = |path: &std::path::Path| ["las", "laz"].contains(&extension(path).as_str());
     let lidar = set.inputs.iter().any(|input| of_lidar(&input.path));
     let classified = set.scans.iter().any(|posed| posed.scan.classes.is_some());
     let is_sheet = |options: &FitOptions| options.shape == Some(Shape::Sheet) && options.ground().is_none();
     let wanted = job.task.fit_options().is_some_and(is_sheet);
     if wanted && lidar && !classified {
-        vec![
-            "the points of the lidar are not classified: buildings and trees are part of the sheet; \
-            --ground leaves them out"
-                .to_owned(),
-        ]
+        let text = "the points of the lidar are not classified: buildings and trees are part of the sheet; \
+            the ground filter rejects them";
+        vec![Finding::new(FindingCode::PointsUnclassified, text).with_setting(Setting::Ground)]
     } else {
         Vec::new()
     }

@@ -3,6 +3,8 @@
 //! Input: a scan, a list of scans, a mesh, a STEP file or a saved model. Output: a [`FileInfo`]. The whole
 //! file is read, not only the header, so that truncated and malformed files are detected.
 
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
@@ -29,8 +31,9 @@ pub struct FileInfo {
     /// The contents.
     #[serde(flatten)]
     pub contents: Contents,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 /// The contents of a file.
@@ -246,9 +249,12 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
 fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
     let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if dropped > 0 {
-        warnings.push(format!("{dropped} records without finite coordinates are passed over"));
+        findings.push(Finding::new(
+            FindingCode::PointsNotFinite,
+            format!("{dropped} records without finite coordinates are ignored"),
+        ));
     }
     let contents = match &set.scans[..] {
         [one] if !matches!(extension(path).as_str(), "toml" | "conf") => Contents::Scan(scan_info(&one.scan)),
@@ -258,7 +264,7 @@ fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInf
         unit: set.unit,
         files: set.inputs.into_iter().map(|input| input.path).collect(),
         contents,
-        warnings,
+        findings,
     })
 }
 
@@ -353,15 +359,15 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
     let mesh =
         TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
     let check = mesh.check();
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     for (n, what) in [
         (check.nonmanifold_edges, "edges belong to more than two triangles"),
-        (check.misoriented_edges, "edges join triangles of which one is turned over"),
+        (check.misoriented_edges, "edges join triangles of opposite orientation"),
         (check.degenerate_triangles, "triangles have no area"),
         (check.unused_vertices, "vertices belong to no triangle"),
     ] {
         if n > 0 {
-            warnings.push(format!("{n} {what}"));
+            findings.push(Finding::new(FindingCode::MeshDefects, format!("{n} {what}")));
         }
     }
     Ok(FileInfo {
@@ -383,7 +389,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             observed_vertex_fraction: observed
                 .map(|o| o.iter().filter(|seen| **seen).count() as f64 / o.len().max(1) as f64),
         }),
-        warnings,
+        findings,
     })
 }
 
@@ -423,7 +429,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             poses: model.poses.clone(),
             sessions: provenance,
         })),
-        warnings: Vec::new(),
+        findings: Vec::new(),
     })
 }
 

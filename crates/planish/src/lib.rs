@@ -110,8 +110,8 @@ pub mod solid;
 pub mod view;
 
 pub use job::Job;
-pub use planish_core::progress;
-pub use planish_core::{Error, ErrorKind, Length, Result, Unit};
+pub use planish_core::{Error, ErrorKind, Finding, FindingCode, FindingLevel, Length, Result, Setting, Unit};
+pub use planish_core::{finding, progress};
 /// Settings of the sensors' front ends.
 pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};
 pub use planish_spline::{Shape, SymmetryKind};

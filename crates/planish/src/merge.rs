@@ -26,6 +26,7 @@ pub use outcome::{
     CompletionReport, FillReport, MergeReport, Merged, PatchReport, RegionReport, TriangleQuality,
 };
 pub use patches::{NamedPatch, PatchSet, read_patches};
+use planish_core::{Finding, FindingCode};
 use planish_surface::saved::{Session, SessionInput};
 use serde::Serialize;
 use spline::write_spline;
@@ -33,7 +34,7 @@ pub use spline::{MergedSpline, SplineReport, merged_spline};
 
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use common_surface::{Refit, refitted};
-use completion::{completed, facing_in_words};
+use completion::{completed, facing_findings};
 use planish_core::Length;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
@@ -106,7 +107,7 @@ pub struct MergeJob {
 /// The figures of a [`MergeJob`].
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeJobReport {
-    /// The merge; its warnings are those of the whole job.
+    /// What was merged; its findings are those of the whole job.
     #[serde(flatten)]
     pub merge: MergeReport,
     /// The spline through the merged mesh, if one was asked for.
@@ -153,10 +154,10 @@ impl Job for MergeJob {
         if let Some(spline) = &spline {
             write_spline(spline, &splines, &[self.session(&merged.report)], progress)?;
         }
+        merged.report.findings.extend(spline.iter().flat_map(|spline| spline.findings.iter().cloned()));
         if let Some(page) = &self.report {
             page::write_merge_report(&merged, page)?;
         }
-        merged.report.warnings.extend(spline.iter().flat_map(|spline| spline.warnings.iter().cloned()));
         Ok(MergeJobReport { merge: merged.report, spline: spline.map(|spline| spline.report) })
     }
 }
@@ -211,7 +212,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     progress.check("checking", 0.95)?;
     let kept = ready.kept(&sewn, &overlap);
     if ready.crosses {
-        ready.warnings.push(still_crossing(&sewn.mesh)?);
+        ready.findings.push(still_crossing(&sewn.mesh)?);
     }
     let done = Done { method, completed, filled, stitched, kept, inputs };
     let report = ready.report(&sewn, &overlap, done);
@@ -233,17 +234,18 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
 /// Sews in what bounds the object, where no patch is.
 fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
     let completed = completed(sewn, &bound.tidied.patch)?;
-    ready.warnings.extend(facing_in_words(completed.facing, &bound.name));
+    ready.findings.extend(facing_findings(completed.facing, &bound.name));
     *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
 /// What became of crossings that patches had.
-fn still_crossing(mesh: &TriangleMesh) -> Result<String> {
-    Ok(match MeshSearch::try_new(mesh)?.self_crossings().pairs {
-        0 => "the merged mesh does not intersect itself".to_owned(),
-        pairs => format!("the merged mesh intersects itself, too: {pairs} pairs of its triangles"),
-    })
+fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
+    let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
+        0 => "the merged mesh crosses itself nowhere".to_owned(),
+        pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
+    };
+    Ok(Finding::new(FindingCode::SelfCrossing, text))
 }
 
 /// Writes a merged mesh in the format of the path's extension.

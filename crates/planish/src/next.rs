@@ -19,14 +19,15 @@ use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use page::next_page;
-use planish_core::{Length, Progress, Unit};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, Length, Progress, Unit};
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
 use planish_exchange::{extension, write_atomically};
 use planish_spline::{SurfaceSystem, leaf_weights};
-use planish_surface::model::{Knowledge, Posterior, SurfaceModel};
+use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::saved::load;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -34,6 +35,8 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+mod directions;
+mod findings;
 pub(crate) mod page;
 mod random;
 mod sight;
@@ -44,6 +47,7 @@ pub use random::RandomDraws;
 pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
+use directions::directions;
 use random::{Before, at_random};
 
 /// Candidates are as many as this many numbers of their columns of the covariance allow, but within these
@@ -316,28 +320,9 @@ struct Prepared {
 
 impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
-        let measured = match &model.known {
-            Knowledge::AlongNormals { .. } => None,
-            Knowledge::PerCoordinate { measured, .. } => Some(*measured),
-            Knowledge::Patches(_) => {
-                return Err(Error::unsupported(
-                    "the model is one of the patch filter, which does not know how far apart places vary \
-                 together: needed one of `fit --filter global`",
-                ));
-            }
-            Knowledge::Free { .. } => {
-                return Err(Error::unsupported(
-                    "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
-                 one of `fit` without --motion bend",
-                ));
-            }
-        };
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
-        let directions = match measured {
-            None => system.node_normals(&model.surface),
-            Some(measured) => vec![only_coordinate(measured)?; model.surface.space().node_count()],
-        };
+        let directions = directions(model, &system)?;
         let information = model.information_along(&system, &directions)?;
         let places = places(model, &directions, options);
         if places.is_empty() {
@@ -390,6 +375,9 @@ pub struct NextJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 impl Job for NextJob {
@@ -421,14 +409,15 @@ fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport
         ..job.options.clone()
     };
     let next = next_points(&model, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
+    let findings = findings::judge_points(&next, model.unit);
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
     }
     if let Some(page) = &job.report {
-        let made = next_page(&model, &next, &job.model)?;
+        let made = next_page(&model, &next, findings.clone(), &job.model)?;
         page.write(made, &[(job.model.clone(), "the model".to_owned())])?;
     }
-    Ok(NextJobReport { next, unit: model.unit })
+    Ok(NextJobReport { next, unit: model.unit, findings })
 }
 
 fn write_points_of(path: &Path, points: &[NextPoint], unit: Unit) -> Result<()> {
@@ -474,17 +463,6 @@ fn best_sigma(model: &SurfaceModel) -> Option<f64> {
         }
     });
     used.filter(|sigma| *sigma > 0.0).min_by(f64::total_cmp)
-}
-
-/// The axis of the one coordinate that was measured.
-fn only_coordinate(measured: [bool; 3]) -> Result<[f64; 3]> {
-    if measured.iter().filter(|m| **m).count() != 1 {
-        return Err(Error::unsupported(
-            "needed a model along its normals, or one of heights: of this one several coordinates were \
-             measured, each for itself",
-        ));
-    }
-    Ok(measured.map(|m| if m { 1.0 } else { 0.0 }))
 }
 
 /// The leaves whose middles count.

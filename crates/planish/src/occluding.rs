@@ -12,6 +12,8 @@
 
 mod patch;
 
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode, Setting};
 pub use planish_sense::occluding::OccludingOptions;
 
 use crate::job::Job;
@@ -28,7 +30,6 @@ use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_sense::occluding::{
     Contour, ContourView, OccludingContours, OccludingPoint, VisualHull, occluding_contours, outlines,
 };
-use planish_sense::stripes::Pinhole;
 use planish_sense::{SilhouetteOptions, silhouette};
 use planish_shell::intersection_over_union;
 use rayon::prelude::*;
@@ -159,8 +160,9 @@ pub struct OccludingReport {
     /// Points and hull that were written.
     #[serde(serialize_with = "as_texts")]
     pub written: Vec<PathBuf>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 fn as_texts<S: serde::Serializer>(paths: &[PathBuf], serializer: S) -> std::result::Result<S::Ok, S::Error> {
@@ -190,9 +192,10 @@ impl Job for OccludingJob {
     fn outputs(&self) -> Result<Vec<PathBuf>> {
         if let Some(path) = self.outputs.iter().find(|path| extension(path) != "ply") {
             return Err(Error::unsupported(format!(
-                "{}: points of contours are written as .ply; patches are asked for by --patch",
+                "{}: points of contours are written as .ply; patches have files of their own",
                 path.display()
-            )));
+            ))
+            .with_setting(Setting::Patch));
         }
         plan_outputs(&self.patches)?;
         if let Some(path) = &self.hull
@@ -221,10 +224,14 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         refuse_input_as_output(output, &inputs)?;
     }
     let unit = file.unit.or(job.unit);
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if unit.is_none() {
-        warnings.push(
-            "the views state no unit of length: add `unit` to them, or use --unit mm, m, in or ft".to_owned(),
+        findings.push(
+            Finding::new(
+                FindingCode::UnitAssumed,
+                "the views state no unit of length: add `unit` to them, or state the unit: mm, m, in or ft",
+            )
+            .with_setting(Setting::Unit),
         );
     }
     let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
@@ -243,7 +250,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = ProgressPart::new(progress, 0.5, 0.9);
-    let patches = patch::patches(job, &found, unit, &fitting, &mut warnings)?;
+    let patches = patch::patches(job, &found, unit, &fitting, &mut findings)?;
     progress.check(WRITING_STAGE, 0.95)?;
     let mut written = Vec::new();
     for path in &job.outputs {
@@ -284,7 +291,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         unit,
         inputs,
         written,
-        warnings,
+        findings,
     })
 }
 
@@ -311,8 +318,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
         }
         None => Vec::new(),
     };
-    let matrix = |m: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)]));
-    let camera = Pinhole { k: matrix(&view.camera.k), r: matrix(&view.camera.r), t: view.camera.t.into() };
+    let camera = view.camera.pinhole;
     let measured = !view.contours.is_empty();
     if !measured && outline.is_empty() {
         return Err(Error::input("needed a mask, or contours with ordered points, found none"));

@@ -4,6 +4,7 @@
 //! [`plan_outputs`] finds problems with paths before the work. [`prepare`] finds problems with the model
 //! before the first file is written. The remaining failures are those of the disk.
 
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
@@ -222,7 +223,7 @@ pub struct Prepared<'a> {
     dem: Option<Dem>,
     brep: Option<Brep>,
     /// Warnings for the user.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// Prepares the meshes and rasters that the outputs need.
@@ -249,18 +250,18 @@ pub fn prepare<'a>(
     if let Some(brep) = &brep {
         brep.check(step_uncertainty(model.unit))?;
     }
-    let mut warnings: Vec<String> = (mesh.iter().flat_map(|mesh| &mesh.warnings))
-        .chain(dem.iter().flat_map(|dem| &dem.warnings))
+    let mut findings: Vec<Finding> = (mesh.iter().flat_map(|mesh| &mesh.findings))
+        .chain(dem.iter().flat_map(|dem| &dem.findings))
         .cloned()
         .collect();
     if let Some(mesh) = &mesh {
-        warnings.extend(stl_warnings(mesh, outputs));
+        findings.extend(stl_findings(mesh, outputs));
     }
-    Ok(Prepared { model, outputs, warnings, mesh, dem, brep })
+    Ok(Prepared { model, outputs, findings, mesh, dem, brep })
 }
 
 /// STL files whose seven digits are too few for a mesh.
-fn stl_warnings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<String> {
+fn stl_findings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<Finding> {
     let rounding = stl::rounding(&mesh.mesh.positions);
     if rounding <= 0.5 * mesh.tolerance {
         return Vec::new();
@@ -268,12 +269,13 @@ fn stl_warnings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<String> {
     let files = outputs.iter().filter(|output| output.format == OutputFormat::Stl);
     files
         .map(|output| {
-            format!(
+            let text = format!(
                 "{}: STL holds seven digits, so far from the origin it moves points by up to {rounding:.1e} \
                  {}: .ply, .obj and .glb do not",
                 output.path.display(),
                 mesh.unit
-            )
+            );
+            Finding::new(FindingCode::StlPrecision, text)
         })
         .collect()
 }
@@ -381,16 +383,16 @@ mod tests {
             observed: vec![1; 3],
             tolerance: 0.01,
             unit: Unit::Metre,
-            warnings: Vec::new(),
+            findings: Vec::new(),
         };
         let outputs = ["a.ply", "a.stl"].map(|name| PlannedOutput {
             path: name.into(),
             format: OutputFormat::from_path(Path::new(name)).unwrap(),
         });
-        assert!(stl_warnings(&mesh(100.0), &outputs).is_empty());
-        let [warning] = &stl_warnings(&mesh(4e6), &outputs)[..] else { panic!("needed one warning") };
+        assert!(stl_findings(&mesh(100.0), &outputs).is_empty());
+        let [warning] = &stl_findings(&mesh(4e6), &outputs)[..] else { panic!("needed one warning") };
         assert!(
-            warning.starts_with("a.stl: ") && warning.contains("m: .ply, .obj and .glb do not"),
+            warning.text.starts_with("a.stl: ") && warning.text.contains("m: .ply, .obj and .glb do not"),
             "{warning}"
         );
     }

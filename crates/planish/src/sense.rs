@@ -18,13 +18,15 @@ mod front_ends;
 use crate::job::Job;
 use crate::output::{as_text, refuse_input_as_output};
 use front_ends::{depth, grid, normal_map, photometric, stereo};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::{
     LightSource, StereoCalibration, StereoCameras, read_grid_calibration, read_lights,
     read_stereo_calibration,
 };
-use planish_exchange::depth::{calibration_of, read_depth};
+use planish_exchange::depth::{find_calibration, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
 use planish_exchange::raster::write_raster;
@@ -201,8 +203,9 @@ pub struct SenseReport {
     pub inputs: Vec<PathBuf>,
     /// Files that were written.
     pub written: Vec<SensedFile>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 /// Columns, rows, and the bands by their names.
@@ -225,8 +228,8 @@ struct Sensed {
     unit: Option<Unit>,
     /// Files that a calibration named.
     more_inputs: Vec<PathBuf>,
-    /// Warnings for the user.
-    warnings: Vec<String>,
+    /// What a user should know.
+    findings: Vec<Finding>,
 }
 
 impl Job for SenseJob {
@@ -269,22 +272,22 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         refuse_input_as_output(output, &inputs)?;
     }
     let unit = sensed.unit.or(job.unit);
-    let mut warnings = std::mem::take(&mut sensed.warnings);
+    let mut findings = std::mem::take(&mut sensed.findings);
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
-        warnings.push(
-            "the calibration states no unit of length: add `unit` to it, or use --unit mm, m, in or ft"
-                .to_owned(),
-        );
+        let text = "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in \
+            or ft";
+        findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
     if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
-        warnings.push(format!(
+        let text = format!(
             "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin \
              of [stripes], and the projector, those of the picture?",
             sensed.observations,
             sensed.observations + lost
-        ));
+        );
+        findings.push(Finding::new(FindingCode::CrossingsInconsistent, text));
     }
     progress.check(WRITING_STAGE, 0.95)?;
     let written = job.outputs.iter().map(|path| write(path, &sensed, unit)).collect::<Result<_>>()?;
@@ -308,7 +311,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         unit,
         inputs,
         written,
-        warnings,
+        findings,
     })
 }
 
@@ -335,10 +338,11 @@ fn check_formats(job: &SenseJob) -> Result<()> {
             "ply" if !packed => {
                 if let SenseKind::Stereo { calibration: None, .. } = job.kind {
                     return Err(Error::input(format!(
-                        "{}: points need the calibration of the cameras: say --calib, or write disparities \
-                         as .tif",
+                        "{}: points need the calibration of the cameras: state it, or write disparities as \
+                         .tif",
                         path.display()
-                    )));
+                    ))
+                    .with_setting(Setting::Calibration));
                 }
             }
             "tif" | "tiff" | "npy" if images && !packed => {}

@@ -12,6 +12,9 @@ mod page;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode, Setting};
+use planish_report::numbers::significant;
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::job::Job;
@@ -181,8 +184,9 @@ pub struct SolidReport {
     /// Of contours, how they were matched, and the best solid's sizes with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
     /// The unit of all lengths.
     #[serde(skip)]
     pub unit: Unit,
@@ -195,14 +199,14 @@ pub struct SolidReport {
 /// lines that none explains.
 fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     progress.check("reading", 0.0)?;
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     let noisy = match is_contours(job) {
-        true => Some(noisy::read(job, &mut warnings)?),
+        true => Some(noisy::read(job, &mut findings)?),
         false => None,
     };
     let (drawing, unit) = match &noisy {
         Some(noisy) => (noisy.consistent.exact_views()?, noisy.unit),
-        None => drawing::read(job, &mut warnings)?,
+        None => drawing::read(job, &mut findings)?,
     };
     progress.check("searching", 0.1)?;
     let found = solve(&drawing).map_err(|e| match &noisy {
@@ -228,14 +232,15 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         _ => None,
     };
     if !found.complete {
-        warnings.push(format!(
-            "there may be more solids than the {} that were looked at: a further view or hidden lines would \
-             tell them apart",
+        let text = format!(
+            "there may be more solids than the {} that were examined: a further view or hidden lines would \
+             distinguish them",
             found.solutions.len()
-        ));
+        );
+        findings.push(Finding::new(FindingCode::SearchIncomplete, text));
     }
     if accepted.is_empty() && noisy.is_none() {
-        warnings.extend(drawing::misses(&drawing, &job.views));
+        findings.extend(drawing::misses(&drawing, &job.views));
     }
     progress.check(planish_core::WRITING_STAGE, 0.9)?;
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
@@ -265,16 +270,17 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
             .collect(),
         refused,
         dropped: dropped(&found.rejected),
-        warnings,
+        findings,
         unit,
         written,
     };
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
+    report.findings.extend(judge(&report));
     if let Some(noisy) = &noisy {
         for path in &job.graphs {
-            write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.warnings)?.as_ref())?;
+            write_graphs(path, &noisy.graphs()?, noisy.composite(&mut report.findings)?.as_ref())?;
             report.written.push(path.clone());
         }
         for path in job.outputs.iter().filter(|output| extension(output) == "json") {
@@ -291,6 +297,37 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         report.written.push(page.path.clone());
     }
     Ok(report)
+}
+
+/// The findings that follow from the solids and from the agreement of the views.
+fn judge(report: &SolidReport) -> Vec<Finding> {
+    let mut found = Vec::new();
+    match report.solutions.len() {
+        0 => {
+            let text = "no solid explains all lines: those that none explains are listed";
+            found.push(Finding::new(FindingCode::NoSolid, text));
+        }
+        1 if report.complete => {
+            let text = "there is exactly one solid with these views, and it shows the lines of the drawing";
+            found.push(Finding::new(FindingCode::SolidUnique, text));
+        }
+        1 => {}
+        n => {
+            let text = format!("{n} solids have these views: another view would distinguish them");
+            found.push(Finding::new(FindingCode::SolidsAmbiguous, text));
+        }
+    }
+    let disagree = report.findings.iter().any(|finding| finding.code == FindingCode::ViewsInconsistent);
+    if let Some(geometry) = report.geometry.as_ref().filter(|_| !disagree) {
+        let text = format!(
+            "the views agree with χ² {} and {} degrees of freedom (p {})",
+            significant(geometry.chi_square, 3),
+            geometry.degrees,
+            significant(geometry.p_value, 2)
+        );
+        found.push(Finding::new(FindingCode::ViewsConsistent, text));
+    }
+    found
 }
 
 /// Which views the files are.
@@ -376,10 +413,12 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         && let Some(view) = job.views.first().filter(|_| is_contours(job))
     {
         return Err(Error::input(format!(
-            "{}: --tolerance joins coordinates of drawings, and this is a contour, whose covariance says \
-             what is one: leave it out (--level is for contours)",
+            "{}: a tolerance joins coordinates of drawings, and this is a contour, whose covariance decides \
+             which coordinates are equal: omit the tolerance (contours have a significance level)",
             view.display()
-        )));
+        ))
+        .with_setting(Setting::Tolerance)
+        .with_setting(Setting::Level));
     }
     if let Some(tolerance) = job.mesh_tolerance
         && !(tolerance > 0.0 && tolerance.is_finite())

@@ -11,13 +11,16 @@ mod legend;
 mod shading;
 mod viewed_content;
 
+pub(crate) use camera::Camera;
 pub use camera::{CameraAngles, Up};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode, Setting};
 pub use viewed_content::ViewedFile;
 
 use crate::job::Job;
 use crate::report::ReportOutput;
 use crate::report::words::head;
-use camera::{Camera, Frame, axes_at, axes_from};
+use camera::{Frame, axes_at, axes_from};
 use canvas::Canvas;
 use legend::Legend;
 use planish_core::{Progress, WRITING_STAGE};
@@ -103,8 +106,9 @@ pub struct PictureReport {
     pub size: [usize; 2],
     /// Share of the picture that the object covers.
     pub covered: f64,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 /// A file drawn as a PNG.
@@ -174,9 +178,12 @@ fn draw_picture(
     let drawn = drawn(&content, options).map_err(|e| e.in_context(viewed.file.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
     write_colour_png(path, options.size, &drawn.canvas.bytes())?;
-    let mut warnings = content.warnings;
+    let mut findings = content.findings;
     if drawn.covered <= 0.0 {
-        warnings.push("the picture is empty: what is there has no size, or is seen from its edge".to_owned());
+        findings.push(Finding::new(
+            FindingCode::PictureEmpty,
+            "the picture is empty: the object has no size, or is seen from its edge",
+        ));
     }
     Ok(PictureReport {
         unit: content.unit,
@@ -187,7 +194,7 @@ fn draw_picture(
         color_unit: drawn.unit,
         size: options.size,
         covered: drawn.covered,
-        warnings,
+        findings,
     })
 }
 
@@ -205,8 +212,8 @@ pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Prog
         figures: vec![Figure::new("size", content.size(), "of its box")],
         ..Page::default()
     };
-    if !content.warnings.is_empty() {
-        let blocks = content.warnings.iter().cloned().map(Block::Text).collect();
+    if !content.findings.is_empty() {
+        let blocks = content.findings.iter().map(|f| Block::Text(f.text.clone())).collect();
         page.sections.push(Section::new("What to know", blocks));
     }
     page.scene = Some(content.scene);
@@ -216,7 +223,7 @@ pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Prog
         what: content.headline,
         unit: content.unit,
         inputs: content.inputs.into_iter().map(|(path, _)| path).collect(),
-        warnings: content.warnings,
+        findings: content.findings,
     })
 }
 
@@ -231,8 +238,8 @@ pub struct ViewedPage {
     pub unit: Option<Unit>,
     /// Files that were read.
     pub inputs: Vec<PathBuf>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    pub findings: Vec<Finding>,
 }
 
 /// A finished picture.
@@ -316,15 +323,16 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
         Some(ColourBy::Field(key)) => match find(key) {
             Some(field) => Ok(Some(field)),
             None => {
-                let way_out =
-                    if key == "deviation" { ": name what it deviates from with --reference" } else { "" };
+                let needs_reference = key == "deviation";
+                let way_out = if needs_reference { ": that needs a reference" } else { "" };
                 let mut known: Vec<String> = fields(content).map(|f| f.key.replace('_', "-")).collect();
                 known.push("plain".to_owned());
-                Err(Error::input(format!(
+                let error = Error::input(format!(
                     "holds no {} to colour by{way_out}; it has {}",
                     key.replace('_', " "),
                     known.join(", ")
-                )))
+                ));
+                Err(if needs_reference { error.with_setting(Setting::Reference) } else { error })
             }
         },
     }

@@ -31,10 +31,15 @@ pub type Colour = [f64; 3];
 /// Colour of values that are not finite or have no category.
 pub const UNKNOWN: Colour = [0.6; 3];
 /// Fraction of the values at each end that lie beyond the scale, so that outliers do not use up its range.
+///
+/// A larger fraction shows more contrast in the middle and hides more of the largest values.
 const BEYOND: f64 = 0.01;
-/// The same for signed values.
+/// The same for signed values, whose scale is symmetric: only the end with the larger values is cut.
 const BEYOND_SIGNED: f64 = 0.02;
 /// Ratio of the ends of a positive range above which the scale is logarithmic.
+///
+/// σ often varies by powers of ten, where a linear scale shows one colour. Below this ratio, a linear scale
+/// is easier to read.
 const LOGARITHMIC: f64 = 4.0;
 /// Minimum distance of ticks, as a fraction of the legend, so that labels do not overlap.
 const MIN_TICK_DISTANCE: f64 = 0.14;
@@ -77,11 +82,18 @@ impl Map {
     }
 
     /// Interpolated colour at a position; positions below 0 and above 1 have the colours of the ends.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_report::colour::{Map, hex};
+    /// assert_eq!(hex(Map::Viridis.at(0.0)), "440154");
+    /// assert_eq!(Map::Viridis.at(2.0), Map::Viridis.at(1.0));
+    /// ```
     #[must_use]
     pub fn at(self, place: f64) -> Colour {
         let at = if place.is_nan() { 0.0 } else { 16.0 * place.clamp(0.0, 1.0) };
         let k = (at as usize).min(15);
-        let [from, to] = [k, k + 1].map(|k| of_hex(self.colours()[k]));
+        let [from, to] = [k, k + 1].map(|k| from_hex(self.colours()[k]));
         std::array::from_fn(|c| from[c] + (at - k as f64) * (to[c] - from[c]))
     }
 }
@@ -92,7 +104,8 @@ const KINDS: [u32; 9] =
 /// Colours of the values 0, 1 and 2 of `observed`: inferred from smoothness, measured, and completed.
 pub const KNOWN_BY: [u32; 3] = [0x9e9ea3, KINDS[0], KINDS[1]];
 
-fn of_hex(hex: u32) -> Colour {
+/// A colour from a hexadecimal number, as in CSS.
+fn from_hex(hex: u32) -> Colour {
     [16, 8, 0].map(|shift| f64::from((hex >> shift) & 0xff) / 255.0)
 }
 
@@ -183,15 +196,16 @@ impl Scale {
                     "observed" => KNOWN_BY.get(usize::from(value)).copied().unwrap_or(KINDS[7]),
                     _ => KINDS[usize::from(value) % KINDS.len()],
                 };
-                Self::Kinds(kinds_of(kinds, |value| of_hex(colour(value))))
+                Self::Kinds(legend_entries(kinds, |value| from_hex(colour(value))))
             }
             (FieldKind::Steps(kinds), _) => {
                 let top = kinds.iter().map(|(value, _)| *value).max().unwrap_or(0).max(1);
-                Self::Kinds(kinds_of(kinds, |value| Map::Viridis.at(f64::from(value) / f64::from(top))))
+                Self::Kinds(legend_entries(kinds, |value| Map::Viridis.at(f64::from(value) / f64::from(top))))
             }
             (FieldKind::Signed(limit), Values::Numbers(values)) => {
                 let [low, high] = quantiles(values, [BEYOND_SIGNED, 1.0 - BEYOND_SIGNED]);
                 let reach = limit.unwrap_or(low.abs().max(high.abs()));
+                // All values are zero, or there is none: any symmetric scale will do.
                 let reach = if reach > 0.0 { reach } else { 1.0 };
                 Self::Range(Range {
                     map: Map::RedBlue,
@@ -204,6 +218,7 @@ impl Scale {
             (FieldKind::Sequential, Values::Numbers(values)) => {
                 let [low, high] = quantiles(values, [BEYOND, 1.0 - BEYOND]);
                 let is_constant = high <= low;
+                // A scale needs a positive range, or every value would be 0/0.
                 let high =
                     if is_constant { low + 1e-6 * if low == 0.0 { 1.0 } else { low.abs() } } else { high };
                 let logarithmic = low > 0.0 && high / low > LOGARITHMIC;
@@ -230,7 +245,8 @@ impl Scale {
     }
 }
 
-fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<ColourKind> {
+/// The categories with their colours.
+fn legend_entries(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<ColourKind> {
     let made = kinds.iter().map(|(value, label)| ColourKind {
         value: *value,
         label: label.clone(),
@@ -239,6 +255,7 @@ fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<Colo
     made.collect()
 }
 
+/// Quantiles of the finite values; zero without values.
 fn quantiles(values: &[f64], shares: [f64; 2]) -> [f64; 2] {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -255,6 +272,8 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let rough = (to - from) / 4.0;
     let power = 10_f64.powf(rough.log10().floor());
     let step = power * [1.0, 2.0, 5.0].into_iter().rfind(|m| m * power <= rough * 1.001).unwrap_or(1.0);
+    // The tolerances include ticks at the ends, which rounding could place just outside. At most 13 ticks are
+    // made, in case a range is degenerate.
     let first = (from / step - 1e-9).ceil() as i64;
     let last = (to / step + 1e-9).floor() as i64;
     let ticks = (first..=last.min(first + 12)).map(|k| {
@@ -284,8 +303,9 @@ fn even_ratio_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
 
 /// Every n-th tick, so that labels do not overlap.
 fn apart(ticks: Vec<Tick>) -> Vec<Tick> {
-    let least = ticks.windows(2).map(|pair| pair[1].place - pair[0].place).fold(f64::INFINITY, f64::min);
-    let step = if least < MIN_TICK_DISTANCE { (MIN_TICK_DISTANCE / least).ceil() as usize } else { 1 };
+    // Distances are equal on linear scales only; on logarithmic ones the smallest decides.
+    let smallest = ticks.windows(2).map(|pair| pair[1].place - pair[0].place).fold(f64::INFINITY, f64::min);
+    let step = if smallest < MIN_TICK_DISTANCE { (MIN_TICK_DISTANCE / smallest).ceil() as usize } else { 1 };
     ticks.into_iter().step_by(step).collect()
 }
 
@@ -335,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_rise_in_lightness_and_fall_from_their_middle() {
+    fn lightness_is_monotonic_along_sequential_maps_and_peaks_in_the_middle_of_signed_ones() {
         let lightness = |map: Map, place: f64| {
             let [r, g, b] = map.at(place).map(linear_light);
             0.2126 * r + 0.7152 * g + 0.0722 * b

@@ -9,7 +9,8 @@
 //!
 //! # Examples
 //! ```
-//! use planish_report::{Block, Finding, FindingLevel, Page, Section, Table};
+//! use planish_core::{Finding, FindingCode, FindingLevel};
+//! use planish_report::{Block, Page, Section, Table};
 //!
 //! let mut table = Table::new(["sensor", "σ / mm"]);
 //! table.row(["laser".to_owned(), "0.050".to_owned()], false);
@@ -17,16 +18,16 @@
 //!     job: "fit".to_owned(),
 //!     title: "scan.ply".to_owned(),
 //!     findings: vec![
-//!         Finding::new(FindingLevel::Good, "The fit has converged."),
-//!         Finding::new(FindingLevel::Look, "12 readings were rejected."),
+//!         Finding::new(FindingCode::Converged, "the fit converged"),
+//!         Finding::new(FindingCode::ManyRejected, "12 of 100 readings were rejected"),
 //!     ],
 //!     sections: vec![Section::new("Sensors", vec![Block::Table(table)])],
 //!     ..Page::default()
 //! };
-//! assert_eq!(page.level(), FindingLevel::Look);
+//! assert_eq!(page.level(), FindingLevel::Warning);
 //! let html = page.html()?;
 //! // The most serious finding comes first.
-//! assert!(html.find("12 readings") < html.find("The fit has"));
+//! assert!(html.find("12 of 100") < html.find("The fit converged."));
 //! # Ok::<(), askama::Error>(())
 //! ```
 
@@ -38,5 +39,5 @@ pub mod plot;
 mod scene;
 
 pub use field::{Field, FieldKind, Values};
-pub use page::{Block, Figure, Finding, FindingLevel, Page, Section, Table};
+pub use page::{Block, Figure, Page, Section, Table};
 pub use scene::{Cloud, LineSet, Mark, Scene, SeenBy, SurfaceShown};

@@ -19,6 +19,8 @@ pub fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
+    // Rounding can carry into another digit (9.996 gives "10.00"), which costs a digit too many but no
+    // accuracy.
     let exponent = value.abs().log10().floor() as i32;
     if !(-4..6).contains(&exponent) {
         return format!("{value:.*e}", digits - 1);
@@ -71,13 +73,13 @@ pub fn percent(share: f64) -> String {
 /// ```
 #[must_use]
 pub fn counted(n: usize, what: &str) -> String {
-    let many = match what.strip_suffix("ex") {
+    let noun = match what.strip_suffix("ex") {
         _ if n == 1 => what.to_owned(),
         Some(stem) => format!("{stem}ices"),
         None if what.ends_with("ch") => format!("{what}es"),
         None => format!("{what}s"),
     };
-    format!("{} {many}", count(n))
+    format!("{} {noun}", count(n))
 }
 
 #[cfg(test)]

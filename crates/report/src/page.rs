@@ -2,53 +2,34 @@
 
 use crate::scene::Scene;
 use askama::Template;
+use planish_core::{Finding, FindingLevel};
 
-/// Severity of a finding; the larger, the more serious.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub enum FindingLevel {
-    /// As expected.
-    #[default]
-    Good,
-    /// Needs attention.
-    Look,
-    /// The result cannot be trusted until this is resolved.
-    Bad,
-}
-
-impl FindingLevel {
-    /// The CSS class of the finding.
-    fn class(self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::Look => "look",
-            Self::Bad => "bad",
-        }
-    }
-
-    /// A symbol before the text, so that the severity does not depend on colour alone.
-    fn sign(self) -> &'static str {
-        match self {
-            Self::Good => "✓",
-            Self::Look => "!",
-            Self::Bad => "✕",
-        }
+/// The CSS class of a level.
+pub(crate) fn class(level: &FindingLevel) -> &'static str {
+    match level {
+        FindingLevel::Info => "good",
+        FindingLevel::Warning => "look",
+        FindingLevel::Error => "bad",
     }
 }
 
-/// One statement of the verdict.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Finding {
-    /// Its severity.
-    pub level: FindingLevel,
-    /// The statement, in one or two sentences.
-    pub text: String,
+/// A symbol before the text, so that the level does not depend on colour alone.
+pub(crate) fn sign(level: &FindingLevel) -> &'static str {
+    match level {
+        FindingLevel::Info => "✓",
+        FindingLevel::Warning => "!",
+        FindingLevel::Error => "✕",
+    }
 }
 
-impl Finding {
-    /// Creates a finding.
-    #[must_use]
-    pub fn new(level: FindingLevel, text: impl Into<String>) -> Self {
-        Self { level, text: text.into() }
+/// A finding as a sentence: with a capital and a full stop. Names of files and symbols stay as they are.
+pub(crate) fn sentence(text: &str) -> String {
+    let end = if text.ends_with(['.', '!', '?']) { "" } else { "." };
+    let names_file = text.split([':', ' ']).next().is_some_and(|word| word.contains('.'));
+    let mut letters = text.chars();
+    match letters.next().filter(|first| first.is_ascii_lowercase() && !names_file) {
+        Some(first) => format!("{}{}{end}", first.to_ascii_uppercase(), letters.as_str()),
+        None => format!("{text}{end}"),
     }
 }
 
@@ -102,6 +83,7 @@ impl Table {
         self.marked.push(marked);
     }
 
+    /// True if a row is highlighted. The template passes references.
     fn is_marked(&self, row: &usize) -> bool {
         self.marked.get(*row).copied().unwrap_or(false)
     }
@@ -178,6 +160,7 @@ pub(crate) fn with_unbroken_numbers(text: &str) -> String {
         .collect()
 }
 
+/// The values of the template `page.html`.
 #[derive(Template)]
 #[template(path = "page.html")]
 struct Html<'a> {
@@ -191,7 +174,7 @@ struct Html<'a> {
 }
 
 impl Page {
-    /// Severity of the most serious finding; [`FindingLevel::Good`] without findings.
+    /// Severity of the most serious finding; [`FindingLevel::Info`] without findings.
     #[must_use]
     pub fn level(&self) -> FindingLevel {
         self.findings.iter().map(|f| f.level).max().unwrap_or_default()
@@ -203,6 +186,7 @@ impl Page {
     /// The error of the template engine; rendering fails only without memory.
     pub fn html(&self) -> Result<String, askama::Error> {
         let mut findings: Vec<&Finding> = self.findings.iter().collect();
+        // A stable sort: findings of equal severity keep the order of the job.
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.level));
         // `</script>` in a name would end the script element, so `<` is escaped.
         let scene = self.scene.as_ref().and_then(Scene::packed);
@@ -212,6 +196,7 @@ impl Page {
             level: self.level(),
             findings,
             scene,
+            // Everything is in the file: a report is mailed, archived and opened without a network.
             style: include_str!("../assets/page.css"),
             three: include_str!("../assets/three.min.js"),
             viewer: include_str!("../assets/viewer.js"),
@@ -224,15 +209,16 @@ impl Page {
 mod tests {
     use super::*;
     use crate::scene::{Cloud, LineSet, Mark, SurfaceShown};
+    use planish_core::FindingCode;
 
     fn page() -> Page {
         Page {
             job: "fit".to_owned(),
             title: "<b>&\"'".to_owned(),
             findings: vec![
-                Finding::new(FindingLevel::Good, "good <i>"),
-                Finding::new(FindingLevel::Bad, "bad"),
-                Finding::new(FindingLevel::Look, "look"),
+                Finding::new(FindingCode::Converged, "good <i>"),
+                Finding::new(FindingCode::NoSolid, "bad"),
+                Finding::new(FindingCode::DepthLimit, "look"),
             ],
             ..Page::default()
         }
@@ -251,7 +237,7 @@ mod tests {
             ..Scene::default()
         });
         let html = page.html().unwrap();
-        assert!(!html.contains("<b>&") && !html.contains("good <i>") && !html.contains("<script>alert"));
+        assert!(!html.contains("<b>&") && !html.contains("ood <i>") && !html.contains("<script>alert"));
         assert_eq!(html.matches("<script").count(), html.matches("</script>").count());
     }
 
@@ -259,11 +245,18 @@ mod tests {
     fn the_most_serious_finding_comes_first() {
         let html = page().html().unwrap();
         let at = |text: &str| html.find(&format!("<span>{text}")).unwrap();
-        assert!(at("bad") < at("look") && at("look") < at("good"));
-        assert_eq!(page().level(), FindingLevel::Bad);
+        assert!(at("Bad") < at("Look") && at("Look") < at("Good"));
+        assert_eq!(page().level(), FindingLevel::Error);
         assert!(html.contains("class=\"verdict bad\""));
         // Without a scene, the page has no script.
         assert!(!html.contains("<script"));
+    }
+
+    #[test]
+    fn findings_are_sentences() {
+        assert_eq!(sentence("the mesh is open"), "The mesh is open.");
+        assert_eq!(sentence("a.ply: no unit."), "a.ply: no unit.");
+        assert_eq!(sentence("σ is too small"), "σ is too small.");
     }
 
     #[test]

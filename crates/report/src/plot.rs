@@ -3,10 +3,12 @@
 use crate::numbers::significant;
 use std::fmt::Write;
 
+/// Width of all plots, in units of the drawing; the page scales them.
 const WIDTH: f64 = 560.0;
-/// Colours that are distinguishable with every kind of colour vision (Okabe and Ito, 2008), readable on white
+/// Blue and orange: distinguishable with every kind of colour vision (Okabe and Ito, 2008), readable on white
 /// and on black.
 const FIRST: &str = "#2a7fb8";
+/// See [`FIRST`].
 const SECOND: &str = "#d9822b";
 
 /// Escapes the characters of a text that SVG would interpret as markup.
@@ -17,6 +19,7 @@ fn escaped(text: &str) -> String {
 /// Ticks of a logarithmic axis: 1, 2 and 5 times powers of ten, or powers of ten on long axes.
 fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    // Three labels per decade fit on two and a half decades.
     let steps: &[f64] = if high / low > 300.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
     decades
         .flat_map(|e| steps.iter().map(move |s| s * 10_f64.powi(e)))
@@ -48,6 +51,7 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     else {
         return String::new();
     };
+    // Room beside the extreme values, whose symbols have a width. It also gives a range to a single value.
     let (low, high) = (low / 1.6, high * 1.6);
     let (left, right, line) = (120.0, WIDTH - 16.0, 30.0);
     let bottom = 12.0 + line * rows.len() as f64;
@@ -66,6 +70,7 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     }
     for (k, (name, stated, found)) in rows.iter().enumerate() {
         let y = 6.0 + line * (k as f64 + 0.5);
+        // Names are limited by the margin on the left.
         let short: String = if name.chars().count() > 17 {
             name.chars().take(16).chain(['…']).collect()
         } else {
@@ -114,6 +119,13 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
 /// Histogram of normalised residuals with the standard normal distribution for comparison.
 ///
 /// Values beyond ±5 are counted in the outermost bars. Empty without values.
+///
+/// # Examples
+/// ```
+/// use planish_report::plot::normalised_residuals;
+/// assert!(normalised_residuals(&[-0.5, 0.2, 1.1]).starts_with("<svg"));
+/// assert_eq!(normalised_residuals(&[]), "");
+/// ```
 #[must_use]
 pub fn normalised_residuals(values: &[f64]) -> String {
     const BINS: usize = 50;
@@ -121,6 +133,7 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     let mut counts = [0_usize; BINS];
     let mut n = 0_usize;
     for v in values.iter().filter(|v| v.is_finite()) {
+        // Far outliers stay in the outermost bars: leaving them out would make a poor fit look good.
         let bin = ((v + REACH) / (2.0 * REACH) * BINS as f64).clamp(0.0, BINS as f64 - 1.0) as usize;
         counts[bin] += 1;
         n += 1;
@@ -130,14 +143,16 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     }
     let step = 2.0 * REACH / BINS as f64;
     let normal = |z: f64| (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
+    // Density, not counts: only so can the normal distribution be drawn at the same scale.
     let density = |k: usize| counts[k] as f64 / (n as f64 * step);
-    let most = (0..BINS).map(density).fold(normal(0.0), f64::max) * 1.08;
+    let highest = (0..BINS).map(density).fold(normal(0.0), f64::max) * 1.08;
     let (left, right, top, bottom) = (8.0, WIDTH - 8.0, 8.0, 150.0);
     let x = |z: f64| left + (right - left) * (z + REACH) / (2.0 * REACH);
-    let y = |d: f64| bottom - (bottom - top) * d / most;
+    let y = |d: f64| bottom - (bottom - top) * d / highest;
     let mut svg = format!(r#"<svg viewBox="0 0 {WIDTH} 190" role="img" font-size="12.5">"#);
     for k in (0..BINS).filter(|k| counts[*k] > 0) {
         let (from, to) = (x(-REACH + k as f64 * step) + 0.5, x(-REACH + (k + 1) as f64 * step) - 0.5);
+        // At least a hair line: a single outlier must remain visible among many readings.
         let up = y(density(k)).min(bottom - 0.6);
         let _ = write!(
             svg,
@@ -192,6 +207,7 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
         return String::new();
     }
     let size = [0, 1].map(|k| (high[k] - low[k]).max(f64::MIN_POSITIVE));
+    // One scale for both axes keeps the proportions.
     let scale = [0, 1].map(|k| (ROOM[k] - 2.0 * MARGIN) / size[k]).into_iter().fold(f64::INFINITY, f64::min);
     let height = (scale * (high[1] - low[1])).max(1.0) + 2.0 * MARGIN;
     let left = 0.5 * (ROOM[0] - scale * (high[0] - low[0]));
@@ -237,6 +253,7 @@ pub fn shares(parts: &[(&str, f64, String)]) -> String {
             significant(100.0 * share / whole, 3)
         );
         at += width;
+        // The width of text is estimated: fonts are unknown until the page is displayed.
         text += 28.0 + 7.2 * (name.chars().count() + 8) as f64;
     }
     svg + "</svg>"

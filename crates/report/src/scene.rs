@@ -108,11 +108,13 @@ const OBLIQUE_VIEW: [f64; 3] = [0.55, -0.75, 0.5];
 /// Ratio of |Σ area vectors| to the area above which a surface faces one direction and is shown from the
 /// front.
 ///
-/// It is 0 for a closed surface and 1 for a plane.
+/// It is 0 for a closed surface and 1 for a plane. A hemisphere has 0.5 and is shown obliquely.
 const FACING: f64 = 0.6;
 
 impl Scene {
     /// Bounding box of the surfaces, or of everything if there is no surface. It determines the view.
+    ///
+    /// Points include outliers, which would make the surface a speck.
     fn bounds(&self) -> Option<[[f64; 3]; 2]> {
         let surfaces = self.surfaces.iter().flat_map(|s| &s.positions);
         let others = (self.clouds.iter().flat_map(|c| &c.positions))
@@ -135,11 +137,13 @@ impl Scene {
     pub(crate) fn packed(&self) -> Option<Value> {
         let inner = self.bounds()?;
         let outer = self.outer()?;
+        // 32-bit floats of map coordinates would have steps of up to half a metre.
         let centre: [f64; 3] = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
         let about = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|d| p[d] - centre[d]) };
         let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
+                // Only the page has fewer triangles; files of the job are complete.
                 let fewer = thinned(surface, MAX_TRIANGLES);
                 let thinned = fewer.is_some();
                 let surface = fewer.as_ref().unwrap_or(surface);
@@ -250,10 +254,12 @@ impl Scene {
     }
 }
 
+/// Euclidean length.
 fn length(v: [f64; 3]) -> f64 {
     v.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
+/// Bounding box of the finite points.
 fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2]> {
     points.filter(|p| p.iter().all(|c| c.is_finite())).fold(None, |found: Option<[[f64; 3]; 2]>, p| {
         let [low, high] = found.unwrap_or([*p, *p]);
@@ -261,16 +267,20 @@ fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2
     })
 }
 
-/// A box, divided into 65535 steps along each side.
+/// Quantisation of positions: a box, divided into 65535 steps along each side.
+///
+/// 16 bits halve the size of the file, and no screen resolves the steps.
 struct Steps {
     low: [f64; 3],
     high: [f64; 3],
 }
 
 impl Steps {
+    /// Encodes positions as 16-bit steps.
     fn packed(&self, places: impl Iterator<Item = [f64; 3]>) -> Value {
         let step = |p: [f64; 3]| -> [u16; 3] {
             std::array::from_fn(|d| {
+                // A flat scene has no extent along one axis.
                 let side = self.high[d] - self.low[d];
                 if side > 0.0 {
                     (65535.0 * (p[d] - self.low[d]) / side).round().clamp(0.0, 65535.0) as u16
@@ -284,6 +294,8 @@ impl Steps {
 }
 
 impl Field {
+    /// Encodes the values with their scale. Colours and ticks are computed here, so that pages and images
+    /// agree.
     fn packed(&self) -> Value {
         let mut made = json!({"key": self.key, "label": self.label, "unit": self.unit});
         if let Some(shown) = &self.shown {
@@ -315,10 +327,12 @@ impl Field {
     }
 }
 
+/// Encodes values as 32-bit floats.
 fn floats(values: impl Iterator<Item = f32>) -> Value {
     packed("f32", values.flat_map(f32::to_le_bytes))
 }
 
+/// Encodes little-endian bytes in base64: text that needs no escaping in a script.
 fn packed(kind: &str, bytes: impl Iterator<Item = u8>) -> Value {
     json!({"type": kind, "data": STANDARD.encode(bytes.collect::<Vec<u8>>())})
 }

@@ -78,13 +78,13 @@ mod tests {
     fn a_reading_lies_on_the_ray_of_its_pixel() {
         let p = CAMERA.point(419.5, 135.5, 2000.0).unwrap();
         assert!(p.iter().zip([0.4, -0.4, 2.0]).all(|(a, b)| (a - b).abs() < 1e-15), "{p:?}");
-        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert_eq!(CAMERA.point(0.0, 0.0, nothing), None);
+        for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(CAMERA.point(0.0, 0.0, depth), None);
         }
     }
 
     #[test]
-    fn an_error_of_depth_moves_the_point_along_its_ray() {
+    fn depth_errors_move_points_along_their_rays() {
         let c = CAMERA.covariance(719.5, 239.5, 2.0).unwrap();
         // σ_z is 9 mm, the ray is (0.8, 0, 1).
         let length = 1.64_f64.sqrt();

@@ -34,14 +34,14 @@ pub struct EdgePoint {
 
 /// Minimum gradient of an edge, in σ of the gradient caused by noise. Lower values find fainter edges and
 /// more noise.
-const LEAST_SIGMAS: f64 = 6.0;
+const MIN_SIGMAS: f64 = 6.0;
 /// σ of an edge point without noise, in pixels, measured on discs of radius 12 and 25. It exists because a
 /// square pixel is not a Gaussian.
 const RASTER_PX: f64 = 0.02;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
 const APART: f64 = 3.0;
 /// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
-const LEAST_RADIUS: f64 = 6.0;
+const MIN_RADIUS: f64 = 6.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
 const NEAR: f64 = 6.0;
 
@@ -79,10 +79,11 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     if !(s >= 0.5 && s.is_finite()) {
         return Err(Error::input(format!("needed a smoothing of half a pixel or more, found {s}")));
     }
+    // Within the radius of the kernel, repeated border pixels would bend edges.
     let border = (4.0 * s).ceil() as usize + 2;
     if image.columns <= 2 * border || image.rows <= 2 * border {
         return Err(Error::input(format!(
-            "a picture of {} × {} pixels is too small for edges smoothed by {s}",
+            "an image of {} × {} pixels is too small for edges smoothed by {s}",
             image.columns, image.rows
         )));
     }
@@ -90,9 +91,9 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     // A noise-free image still has the rounding of whole grey levels, of variance 1/12.
     let noise = noise_of(image).max(1.0 / 12f64.sqrt());
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
-    let least = LEAST_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
+    let minimum = MIN_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
     let strongest = field.magnitude.iter().copied().fold(0.0, f64::max);
-    let threshold = least.max(options.least_share * strongest);
+    let threshold = minimum.max(options.least_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
         return Err(Error::undetermined("no edge exceeds the noise of the image"));
@@ -114,7 +115,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
             near.iter().sum::<f64>() / near.len() as f64
         })
         .collect();
-    let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * LEAST_RADIUS * s > 1.0).collect();
+    let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * MIN_RADIUS * s > 1.0).collect();
     let mut kept: Vec<EdgePoint> = Vec::new();
     let mut taken = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
@@ -209,6 +210,7 @@ impl Gradients {
                 let axis = usize::from(gy.abs() > gx.abs());
                 let step = [1, self.columns][axis];
                 let (before, after) = (self.magnitude[at - step], self.magnitude[at + step]);
+                // Greater on one side and not smaller on the other: of two equal pixels exactly one is used.
                 if !(m > before && m >= after && before > 0.0 && after > 0.0) {
                     continue;
                 }
@@ -245,6 +247,8 @@ struct Buckets {
 
 impl Buckets {
     fn new(edges: &[Edge], cell: f64) -> Self {
+        // Points within a cell's side lie in a block of 3 × 3 cells. An ordered map keeps the order of visits
+        // the same in every run.
         let mut at = std::collections::BTreeMap::<_, Vec<usize>>::new();
         for (k, edge) in edges.iter().enumerate() {
             at.entry(edge.position.map(|c| (c / cell).floor() as i64)).or_default().push(k);
@@ -290,7 +294,7 @@ mod tests {
 
     const CENTER: [f64; 2] = [60.3, 55.8];
 
-    /// A bright disc, its share of each pixel by 40 × 40 samples, with noise.
+    /// A bright disc with noise; its share of each pixel is from 40 × 40 samples.
     fn disc(radius: f64, noise: f64, seed: u64) -> Image {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let values = (0..120 * 120).map(|k| {
@@ -326,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_alone_has_no_edges() {
+    fn noise_alone_contains_no_edges() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let values = (0..6400).map(|_| 100.0 + 5.0 * random.sample::<f32, _>(StandardNormal));
         let image = Image::try_new(80, 80, values.collect()).expect("an image");

@@ -71,10 +71,11 @@ impl GroundOptions {
 }
 
 /// Maximum number of cells of a raster; limits the memory.
-const MOST_CELLS: f64 = 4e8;
+const MAX_CELLS: f64 = 4e8;
 /// Minimum side of a cell as a share of the point spacing. At this size a third of the cells hold a point.
 const SPACINGS: f64 = 0.6;
-/// A cell deeper below all of its neighbours than this multiple of its side is an error, not a pit.
+/// A cell deeper below all of its neighbours than this multiple of its side is an error, not a pit: the sides
+/// of the pit would be steeper than 79°.
 const DEEP: f32 = 5.0;
 
 /// Separates the bare earth from objects on it.
@@ -217,9 +218,9 @@ impl Frame {
         let spacing = (width * depth / points.len() as f64).sqrt();
         let cell = cell.max(SPACINGS * spacing);
         let [columns, rows] = [width, depth].map(|side| (side / cell).floor() + 1.0);
-        if columns * rows > MOST_CELLS {
+        if columns * rows > MAX_CELLS {
             return Err(Error::input(format!(
-                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MOST_CELLS:e} cells of \
+                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MAX_CELLS:e} cells of \
                 {cell:.3e}: is the unit right?"
             )));
         }

@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cubics_follow_parabolas_and_their_slopes() {
+    fn cubic_interpolation_is_exact_for_parabolas() {
         let row: Vec<f32> = (0..12).map(|k| 0.5 * (k * k) as f32 - 3.0 * k as f32).collect();
         for place in [2.0_f32, 4.25, 7.9] {
             let (value, slope) = cubic(&row, place).unwrap();
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn between_pixels_a_linear_image_is_exact() {
+    fn linear_interpolation_is_exact_for_linear_images() {
         let values = (0..12).map(|k| (3 * (k % 4) + 10 * (k / 4)) as f32).collect();
         let image = Image::try_new(4, 3, values).unwrap();
         assert_eq!(image.between(1.5, 0.25), Some(7.0));

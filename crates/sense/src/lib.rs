@@ -56,7 +56,7 @@ pub use normals::{
 pub use photometric::{
     NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals,
 };
-pub use planish_core::Pose;
+pub use planish_core::{Pinhole, Pose};
 pub use rectify::{LensCamera, Rectification, StereoRig};
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};
 pub use sensor::{Noise, Sensor, SensorKind};

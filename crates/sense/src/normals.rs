@@ -48,7 +48,7 @@ impl Default for ScanChecks {
 }
 
 /// A reading with fewer grid neighbours is not tested for isolation.
-const LEAST_NEIGHBOURS: u32 = 4;
+const MIN_NEIGHBOURS: u32 = 4;
 
 /// Normals and suspicions of one scan, in its own frame.
 #[derive(Debug, Clone, Default)]
@@ -105,6 +105,7 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
             break;
         };
         let n = &mut geometry.normals[i];
+        // Estimated normals have no sign of their own; stated ones are not changed.
         if scan.normals.is_none() && dot(*n, ray) > 0.0 {
             *n = scale(-1.0, *n);
         }
@@ -150,7 +151,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
                 }
             }
             // One neighbour may agree by chance, for example a second gross error.
-            isolated[own] = neighbours >= LEAST_NEIGHBOURS && jumps + 1 >= neighbours;
+            isolated[own] = neighbours >= MIN_NEIGHBOURS && jumps + 1 >= neighbours;
         }
     }
     let point = |column: usize, row: usize| grid.point(column, row).filter(|&i| !isolated[i]);
@@ -217,6 +218,7 @@ pub struct CloudGeometry {
 }
 
 /// Minimum distance of a suspect point from its neighbours, as a multiple of the median over the cloud.
+/// Smaller values reject sparse parts of surfaces.
 const FAR_SPACINGS: f64 = 6.0;
 /// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `FLAT`) and
 /// its neighbours surround it (offset over their spread at most `SURROUNDED`). This keeps sparse regions of a
@@ -288,6 +290,7 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
     }
     let tree = tree(points).ok()?;
     let k = NonZero::new(k)?;
+    // A sample of the points is sufficient for a median.
     let some: Vec<[f64; 3]> = points.iter().copied().step_by(points.len().div_ceil(ENOUGH)).collect();
     let mut found: Vec<f64> = some
         .par_iter()
@@ -297,6 +300,7 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
             let middle = mean(&own);
             let (normal, _) = flattest_direction(&own);
             let square: f64 = own.iter().map(|q| dot(normal, sub(*q, middle)).powi(2)).sum();
+            // Three degrees of freedom go to the plane.
             (square / (own.len() as f64 - 3.0)).sqrt()
         })
         .collect();
@@ -345,17 +349,19 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     if p <= 1e-12 * trace {
         return ([0.0; 3], 1.0);
     }
+    // The trigonometric solution for the smallest eigenvalue, without iteration: this runs for every point.
+    // It loses accuracy for nearly equal eigenvalues, for which the normal is arbitrary anyway.
     let b: [[f64; 3]; 3] =
         std::array::from_fn(|i| std::array::from_fn(|j| (m[i][j] - if i == j { q } else { 0.0 }) / p));
     let r = (0.5 * dot(b[0], cross(b[1], b[2]))).clamp(-1.0, 1.0);
-    let least = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
+    let smallest = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
     let shifted: [[f64; 3]; 3] =
-        std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { least } else { 0.0 }));
+        std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { smallest } else { 0.0 }));
     // The null vector is the longest of the rows' cross products.
     let candidates =
         [cross(shifted[0], shifted[1]), cross(shifted[1], shifted[2]), cross(shifted[2], shifted[0])];
     let best = candidates.into_iter().max_by(|a, b| norm(*a).total_cmp(&norm(*b))).unwrap_or([0.0; 3]);
-    (unit(best).unwrap_or([0.0; 3]), least / trace)
+    (unit(best).unwrap_or([0.0; 3]), smallest / trace)
 }
 
 /// Flips normals so that neighbours agree. It starts from the fixed ones, or else from the point farthest
@@ -379,6 +385,9 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
         for near in tree.query(&points[i]).nearest_n::<SquaredEuclidean<f64>>(k).execute() {
             let j = near.item as usize;
             if !done[j] {
+                // The most parallel pair first (Hoppe et al. 1992): signs are passed on across sharp edges
+                // only if there is no other way. Ties go to the smaller index, so that the result is the same
+                // in every run.
                 queue.push((agreement(normals[i], normals[j]), u32::MAX - j as u32, i as u32));
             }
         }
@@ -391,6 +400,7 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
     let middle = mean(points);
     let mut outward: Vec<u32> = (0..points.len() as u32).collect();
     let from_middle = |i: u32| norm(sub(points[i as usize], middle));
+    // The point farthest from the centre is on the outer surface, where outwards is away from the centre.
     outward.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));
     let mut seeds = outward.into_iter();
     loop {
@@ -444,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_in_a_range_grid_is_a_depth_edge_and_nothing_else_is() {
+    fn only_steps_of_a_range_grid_are_depth_edges() {
         let (columns, rows) = (20, 10);
         let mut scan = Scan { viewing: Viewing::Direction([0.0, 0.0, -1.0]), ..Scan::default() };
         let mut cells = Vec::new();

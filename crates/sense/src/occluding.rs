@@ -46,9 +46,9 @@ pub use hull::{SilhouetteBound, VisualHull};
 pub use outline::{Contour, outlines};
 
 use crate::Scan;
-use crate::stripes::Pinhole;
 use circle::Eye;
 use curve::{Curve, Local};
+use planish_core::Pinhole;
 use planish_core::SymmetricMatrix3;
 use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};

@@ -34,7 +34,7 @@ use crate::{Image, RangeGrid, Scan, Viewing};
 const CUT: f64 = 2.5;
 /// Rounds of reweighting; the weights of the last one are 0 or 1.
 const ROUNDS: usize = 8;
-/// Gate of the last round, in scales of the residuals.
+/// Gate of the last round, in scales of the residuals: it keeps 99.7 % of normally distributed readings.
 const GATE: f64 = 3.0;
 /// Weight, in readings, with which a pixel's residual variance is shrunk towards that of the image. A pixel
 /// alone has too few redundant readings.
@@ -113,8 +113,8 @@ pub fn photometric_normals(
     let readings = |k: usize| -> Option<Vec<f64>> {
         let inside = mask.zip(half).is_none_or(|(m, half)| m.values[k] > half);
         let all: Vec<f64> = images.iter().map(|i| f64::from(i.values[k])).collect();
-        let most = all.iter().copied().fold(0.0, f64::max);
-        (inside && most > options.darkest * f64::from(brightest)).then_some(all)
+        let maximum = all.iter().copied().fold(0.0, f64::max);
+        (inside && maximum > options.darkest * f64::from(brightest)).then_some(all)
     };
     let pilot: Vec<Vec<f64>> = (0..columns * rows).step_by(PILOT).filter_map(readings).collect();
     let ambient = match options.ambient {
@@ -176,8 +176,10 @@ struct Pixel {
 impl Pixel {
     /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
     fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
-        let most = readings.iter().copied().fold(0.0, f64::max);
-        let lit: Vec<f64> = readings.iter().map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 }).collect();
+        let strongest = readings.iter().copied().fold(0.0, f64::max);
+        // Shadowed readings do not follow the cosine law.
+        let lit: Vec<f64> =
+            readings.iter().map(|i| if *i > SHADOW * strongest { 1.0 } else { 0.0 }).collect();
         let mut weights = lit.clone();
         let mut b = [0.0; 3];
         let mut residuals = vec![0.0; readings.len()];
@@ -204,10 +206,12 @@ impl Pixel {
             // The fit uses three degrees of freedom of the residuals.
             let spread = 1.4826 * median(among) * (count / (count - 3.0)).sqrt();
             // No surface is completely matte, so residuals of this size are never outliers.
-            let scale = spread.max(sigma).max(0.005 * most);
+            let scale = spread.max(sigma).max(0.005 * strongest);
             for ((w, lit), r) in weights.iter_mut().zip(&lit).zip(&residuals) {
                 *w = match round + 1 == ROUNDS {
                     false => lit / (1.0 + (r / (CUT * scale)).powi(2)).powi(2),
+                    // Smooth weights first, so that the selection does not depend on a bad first fit; at the
+                    // end full or zero weight, so that the covariance is that of plain least squares.
                     true if r.abs() < GATE * scale => *lit,
                     true => 0.0,
                 };
@@ -277,8 +281,9 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
                 .par_iter()
                 .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
             let residuals = fits.flat_map_iter(|(fit, readings)| {
-                let most = readings.iter().copied().fold(0.0, f64::max);
-                let lit = fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * most);
+                let strongest = readings.iter().copied().fold(0.0, f64::max);
+                let lit =
+                    fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * strongest);
                 lit.map(|(r, _)| r.abs())
             });
             median(residuals.collect())
@@ -321,6 +326,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
         [sums[0] / sums[2], sums[1] / sums[2]]
     };
     let centre = middle(&mut inside.iter().map(|k| (*k, 1.0)));
+    // From the area: more accurate than from the extreme pixels of the mask.
     let radius = (inside.len() as f64 / std::f64::consts::PI).sqrt();
     let light = |(number, image): (usize, &Image)| {
         if (image.columns, image.rows) != (mask.columns, mask.rows) {
@@ -329,12 +335,13 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
                 mask.columns, mask.rows, image.columns, image.rows
             )));
         }
-        let most = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
-        let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * most);
+        let maximum = inside.iter().map(|k| image.values[*k]).fold(0.0_f32, f32::max);
+        // The centroid of a saturated highlight; its brightest pixel is arbitrary.
+        let bright = inside.iter().copied().filter(|k| image.values[*k] > 0.95 * maximum);
         let spot = middle(&mut bright.map(|k| (k, f64::from(image.values[k]))));
         let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
         let square = x * x + y * y;
-        if !(most > 0.0 && square < 1.0) {
+        if !(maximum > 0.0 && square < 1.0) {
             return Err(Error::undetermined(format!("image {number} of the ball has no highlight")));
         }
         let n = [x, y, -(1.0 - square).sqrt()];
@@ -397,6 +404,8 @@ impl NormalMap {
             return Err(Error::undetermined("no pixel has a normal"));
         }
         let across = pixel_size * pixel_size / 12.0;
+        // Depth is unknown: a σ of the size of the image keeps the covariance finite, and positions have no
+        // influence on heights.
         let deep = (pixel_size * self.columns.max(self.rows) as f64).powi(2);
         let mut cells = vec![RangeGrid::EMPTY; self.normals.len()];
         known.iter().enumerate().for_each(|(i, k)| cells[*k] = i as u32);
@@ -472,6 +481,7 @@ fn inverse(m: &SymmetricMatrix3) -> Option<SymmetricMatrix3> {
     let cofactors =
         [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
     let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
+    // Relative to the trace, so that the unit of the lights does not matter.
     let trace = a + d + f;
     (determinant > 1e-7 * trace.powi(3))
         .then(|| SymmetricMatrix3::from_array(cofactors.map(|c| c / determinant)))

@@ -14,19 +14,22 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
+use planish_core::BoundingBox;
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-use crate::stripes::Pinhole;
 use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
 
-/// Maximum number of fixed-point iterations that invert a distortion.
+/// Maximum number of fixed-point iterations that invert a distortion. Convergence is linear; distortions that
+/// need more are rejected.
 const UNDISTORTIONS: usize = 50;
 /// Points on each side of an image at which its outline is sampled.
 const OUTLINE: usize = 33;
-/// Maximum ratio of the columns and rows of a rectified image to those of the first image.
-const MOST_STRETCH: f64 = 3.0;
+/// Maximum ratio of the columns and rows of a rectified image to those of the first image. It limits the
+/// memory for strongly converging cameras.
+const MAX_STRETCH: f64 = 3.0;
 /// Positions closer than this to a pixel centre are snapped to it, so that rectified images are not
 /// resampled.
 const ROUNDING: f64 = 1e-6;
@@ -69,9 +72,8 @@ impl LensCamera {
     /// there.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        let [first, second, _] = self.pinhole.k;
-        let y = (pixel[1] - second[2]) / second[1];
-        let seen = [(pixel[0] - first[2] - first[1] * y) / first[0], y];
+        let [x, y, _] = self.pinhole.ray_in_camera(pixel);
+        let seen = [x, y];
         let mut straight = seen;
         // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
         // the result is checked below.
@@ -115,7 +117,7 @@ impl Rectification {
     /// `Input` for cameras at one position, cameras that look along the baseline or away from each other, and
     /// distortions that cannot be inverted.
     pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
-        let centres = rig.cameras.map(|c| c.pinhole.centre());
+        let centres = rig.cameras.map(|c| c.pinhole.center());
         let baseline = sub(centres[1], centres[0]);
         let x = unit(baseline)
             .ok_or_else(|| Error::input("needed two cameras at different positions, found both at one"))?;
@@ -145,7 +147,7 @@ impl Rectification {
         let size = [0, 1].map(|k| {
             let pixels = (high[k] - low[k] - ROUNDING).ceil();
             // Rectifying strongly converging cameras stretches a border without limit.
-            pixels.min(MOST_STRETCH * sizes[0][k] as f64) as usize
+            pixels.min(MAX_STRETCH * sizes[0][k] as f64) as usize
         });
         // Pixel centres have integer coordinates, so the corner of an image is at −0.5.
         let first = [-0.5 - low[0], -0.5 - low[1]];
@@ -285,7 +287,7 @@ fn outline(
     rotation: &[[f64; 3]; 3],
     focal: f64,
 ) -> Result<[[f64; 2]; 2]> {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let mut bounds = BoundingBox::EMPTY;
     let ends = [columns as f64, rows as f64];
     for k in 0..OUTLINE {
         let share = k as f64 / (OUTLINE - 1) as f64;
@@ -307,13 +309,10 @@ fn outline(
                     at infinity",
                 ));
             }
-            for (d, c) in [focal * x / z, focal * y / z].into_iter().enumerate() {
-                low[d] = low[d].min(c);
-                high[d] = high[d].max(c);
-            }
+            bounds.include([focal * x / z, focal * y / z]);
         }
     }
-    Ok([low, high])
+    Ok([bounds.min, bounds.max])
 }
 
 #[cfg(test)]

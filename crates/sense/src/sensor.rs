@@ -74,8 +74,12 @@ impl Noise {
         let isotropic = |s: f64| SymmetricMatrix3::isotropic(s * s);
         match (*self, ray) {
             (Self::Isotropic { sigma }, _) => isotropic(sigma),
+            // Without a viewpoint the direction of the ray is unknown. The larger σ, usually that along the
+            // ray, is used everywhere, so that no direction is too certain.
             (Self::Ray { sigma_along, .. }, None) => isotropic(sigma_along),
             (Self::Ray { sigma_along, sigma_across }, Some(r)) => {
+                // A sphere of σ across plus a rank-one term along the ray: no axes perpendicular to the ray
+                // have to be chosen.
                 let extra = sigma_along * sigma_along - sigma_across * sigma_across;
                 let mut c = isotropic(sigma_across);
                 c.add_outer(extra, r);
@@ -116,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ray_noise_has_its_two_sigmas_along_and_across() {
+    fn ray_noise_has_two_sigmas_along_and_across_the_ray() {
         let noise = Noise::Ray { sigma_along: 3.0, sigma_across: 0.5 };
         let c = noise.covariance(Some([0.6, 0.0, 0.8]));
         assert!((c.along([0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);

@@ -105,6 +105,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     let (columns, rows) = (picture.columns, picture.rows);
     let (low, high) = (picture.values.iter())
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    // Halfway between the extremes: correct for masks, which have two grey levels and blurred borders.
     let threshold = options.threshold.unwrap_or(0.5 * (f64::from(low) + f64::from(high)));
     let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
     let object_pixels = mask.iter().filter(|m| **m).count();
@@ -122,7 +123,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let border = thinned(crossings(&smooth, columns, rows), options.apart_px);
     if border.is_empty() {
-        return Err(Error::undetermined("a mask has no border within the picture"));
+        return Err(Error::undetermined("a mask has no border within the image"));
     }
     let (inside, outside) = samples(&mask, columns, rows, options.samples);
     Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })
@@ -274,10 +275,10 @@ mod tests {
         Image::try_new(120, 100, (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect()).unwrap()
     }
 
-    /// The border of a disc is found to a third of a pixel's width, all around; a speck and a hole are
+    /// The border of a disc is accurate to a third of a pixel all around. A speck is removed and a hole is
     /// filled.
     #[test]
-    fn the_border_of_a_disc() {
+    fn the_border_of_a_disc_has_subpixel_accuracy() {
         let mut picture = disc([60.3, 48.8], 30.4);
         picture.values[48 * 120 + 60] = 0.0;
         picture.values[5 * 120 + 5] = 255.0;
@@ -300,8 +301,8 @@ mod tests {
         let found = silhouette(&disc([0.0, 50.0], 30.0), &SilhouetteOptions::default()).unwrap();
         assert!(found.border.iter().all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0));
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
-        let said = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("both sides"));
+        let message = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("both sides"));
         let odd = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
         assert!(
             silhouette(&disc([60.0, 50.0], 30.0), &odd)

@@ -30,9 +30,10 @@ use cost::MatchingCost;
 use paths::Penalties;
 
 /// Maximum number of pixels times disparities, at two bytes each: a memory limit of 12 GB.
-const MOST_CELLS: usize = 6_000_000_000;
+const MAX_CELLS: usize = 6_000_000_000;
 
-/// Largest difference between neighbours of one region of disparities, in pixels.
+/// Largest difference between neighbours of one region of disparities, in pixels: the accuracy before the
+/// refinement.
 const SPECKLE_STEP: f32 = 1.0;
 
 /// Largest σ of a disparity, in pixels. A window without texture adds nothing to the integer disparity.
@@ -153,7 +154,7 @@ pub fn match_stereo(
         let rivals = (k % columns) as i64 - i64::from(options.least_disparity);
         // Uniqueness compares with the other disparities. With few of them a chance match passes that test,
         // so the window must also have texture.
-        let by_chance = || rivals < FEWEST_RIVALS && local_range(left, k) < 0.5 * contrast;
+        let by_chance = || rivals < MIN_RIVALS && local_range(left, k) < 0.5 * contrast;
         // Only the first test that fails is counted, so that the counts add up to the number of rejected
         // pixels.
         match () {
@@ -182,11 +183,12 @@ pub fn match_stereo(
     Ok(DisparityMap { columns, rows: left.rows, disparity, sigma, rejected })
 }
 
-/// Brightness, as a share of the bright pixels, below which texture is not used.
+/// Brightness, as a share of the bright pixels, below which texture is not used: differences there are mostly
+/// noise.
 const DARK: f32 = 0.06;
 /// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
 /// best, so more texture is required there: half the usual contrast.
-const FEWEST_RIVALS: i64 = 32;
+const MIN_RIVALS: i64 = 32;
 
 /// Range of the values of the 5 × 5 pixels around a pixel.
 fn local_range(image: &Image, pixel: usize) -> f32 {
@@ -276,14 +278,14 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
             left.columns, options.least_disparity
         )));
     }
-    if left.values.len().saturating_mul(options.disparities) > MOST_CELLS {
+    if left.values.len().saturating_mul(options.disparities) > MAX_CELLS {
         return Err(Error::unsupported(format!(
             "{} × {} pixels with {} disparities take more than {} GB: search fewer, or make the images \
             smaller",
             left.columns,
             left.rows,
             options.disparities,
-            MOST_CELLS / 500_000_000
+            MAX_CELLS / 500_000_000
         )));
     }
     if let Some(k) = left.values.iter().chain(&right.values).position(|v| !v.is_finite()) {

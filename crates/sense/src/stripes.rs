@@ -23,32 +23,9 @@
 //! - Hu and Stockman, *3-D surface solution using structured light and constraint propagation*, PAMI 1989.
 //! - do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-2, for Meusnier and Euler.
 
-use planish_core::SymmetricMatrix3;
+use planish_core::{Pinhole, SymmetricMatrix3};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
-
-/// A pinhole camera or projector: `x ~ K (R X + t)`; x right, y down, pixel centres at integers.
-///
-/// # Examples
-/// ```
-/// use planish_sense::stripes::Pinhole;
-/// let camera = Pinhole {
-///     k: [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]],
-///     r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-///     t: [0.0, 0.0, 2.0],
-/// };
-/// assert_eq!(camera.project([0.0; 3]), Some([320.0, 240.0]));
-/// assert_eq!(camera.centre(), [0.0, 0.0, -2.0]);
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pinhole {
-    /// Intrinsics: focal lengths, skew and the pixel on the axis, row by row.
-    pub k: [[f64; 3]; 3],
-    /// Rotation from the world, row by row.
-    pub r: [[f64; 3]; 3],
-    /// Translation from the world.
-    pub t: [f64; 3],
-}
 
 mod crossings;
 mod find;
@@ -59,52 +36,6 @@ mod ridges;
 
 pub use find::{GridCamera, GridOptions, GridReading, GridReadings, GridRejected, read_grid};
 pub use pattern::StripePattern;
-
-fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    m.map(|row| dot(row, v))
-}
-
-fn transposed(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|j| (0..3).map(|i| m[i][j] * v[i]).sum())
-}
-
-/// The inverse; `None` for a (nearly) singular matrix.
-fn inverse(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
-    let determinant = dot(m[0], columns[0]);
-    let size = norm(m[0]) * norm(m[1]) * norm(m[2]);
-    (determinant.abs() > 1e-12 * size && size > 0.0)
-        .then(|| [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i] / determinant)))
-}
-
-impl Pinhole {
-    /// The centre, `−Rᵀ t`.
-    #[must_use]
-    pub fn centre(&self) -> [f64; 3] {
-        transposed(&self.r, self.t).map(|c| -c)
-    }
-
-    /// The pixel of a world point; `None` behind the camera.
-    #[must_use]
-    pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
-        let inside = times(&self.r, point);
-        let seen = times(&self.k, std::array::from_fn(|i| inside[i] + self.t[i]));
-        (seen[2] > 0.0).then(|| [seen[0] / seen[2], seen[1] / seen[2]])
-    }
-
-    /// The direction of a pixel's line of sight in the world, `Rᵀ K⁻¹ (x, y, 1)`; `None` if K is singular.
-    #[must_use]
-    pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        Some(transposed(&self.r, times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0])))
-    }
-
-    /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
-    #[must_use]
-    pub fn plane_of_line(&self, at: [f64; 2], direction: [f64; 2]) -> [f64; 3] {
-        let line = cross([at[0], at[1], 1.0], [direction[0], direction[1], 0.0]);
-        transposed(&self.r, transposed(&self.k, line))
-    }
-}
 
 /// Where two stripes cross.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -257,7 +188,7 @@ fn point_and_normal(
     let normal = unit(cross(tangent(0)?, tangent(1)?))?;
     // Four planes through the point: two of the camera's ray, two of the stripes.
     let ray = [[1.0, 0.0], [0.0, 1.0]].map(|d| camera.plane_of_line(junction.image, d));
-    let (from_camera, from_projector) = (camera.centre(), projector.centre());
+    let (from_camera, from_projector) = (camera.center(), projector.center());
     let planes = ray.map(|n| (n, from_camera)).into_iter().chain(lit.map(|n| (n, from_projector)));
     let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
     for (n, through) in planes {

@@ -46,6 +46,7 @@ impl ViewSensor {
     pub fn sanity_check(&self) -> Result<()> {
         let [near, far] = self.range;
         let spans = self.borders.iter().all(|[low, high]| low < high && low.is_finite() && high.is_finite());
+        // Saturating, so that absurd numbers from a file are reported instead of overflowing.
         let rays: usize = self.rays[0].saturating_mul(self.rays[1]);
         let complaint = if !spans {
             format!("a field of view whose borders are apart, found {:?}", self.borders)
@@ -77,6 +78,7 @@ impl ViewSensor {
             range: self.range.map(|r| factor * r),
             sigma_along: factor * self.sigma_along,
             sigma_across: factor * self.sigma_across,
+            // σ per squared range has the unit of an inverse length.
             sigma_per_range2: self.sigma_per_range2 / factor,
             ..*self
         }
@@ -94,6 +96,7 @@ impl ViewSensor {
     pub fn reaches(&self, [x, y, z]: [f64; 3]) -> bool {
         let range = (x * x + y * y + z * z).sqrt();
         let inside = |value: f64, [low, high]: [f64; 2]| value >= low * z && value <= high * z;
+        // Points behind the sensor would satisfy the proportions of the borders with both signs exchanged.
         z > 0.0
             && inside(x, self.borders[0])
             && inside(y, self.borders[1])
@@ -109,6 +112,8 @@ impl ViewSensor {
         let off_axis = z / distance2.sqrt();
         let picture: f64 = self.borders.iter().map(|[low, high]| high - low).product();
         let density = self.rays[0] as f64 * self.rays[1] as f64 / picture;
+        // Rays are evenly spaced on the image plane. Its element of area is larger than that of solid angle
+        // by `1/cos³` of the angle from the axis.
         density * area * incidence_cosine / (distance2 * off_axis.powi(3))
     }
 
@@ -154,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_variance_is_that_of_the_covariance_across_the_surface() {
+    fn variance_equals_the_covariance_along_the_normal() {
         let sensor = sensor();
         for (range, tilt) in [(3.0_f64, 0.0_f64), (5.0, 0.7)] {
             let ray = [0.0, 0.6, 0.8];
@@ -189,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_unit_changes_no_reading() {
+    fn readings_scale_with_the_unit() {
         let (mm, m) = (sensor().scaled(1000.0), sensor());
         let [a, b] = [mm.variance_along_normal(4000.0, 0.8), m.variance_along_normal(4.0, 0.8)];
         assert!((a / b / 1e6 - 1.0).abs() < 1e-12);
@@ -197,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_input_is_named() {
+    fn messages_name_the_invalid_value() {
         let with = |change: fn(&mut ViewSensor)| {
             let mut sensor = sensor();
             change(&mut sensor);

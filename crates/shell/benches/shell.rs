@@ -17,7 +17,7 @@ use std::time::Instant;
 const PLACES: usize = 200_000;
 const ROUNDS: usize = 3;
 
-/// Seconds of processor time of this process; none where the system does not tell.
+/// Seconds of processor time of this process; `None` on systems without `/proc`.
 fn processor_seconds() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/stat").ok()?;
     let mut fields = status.rsplit(')').next()?.split_whitespace().skip(11);
@@ -25,8 +25,8 @@ fn processor_seconds() -> Option<f64> {
     Some(ticks / 100.0)
 }
 
-/// The shortest of some runs in seconds, and what it would take where no other program has the processors:
-/// its processor time over the threads.
+/// The shortest of some runs in seconds, and an estimate of its time on an idle machine: its processor time
+/// divided by the number of threads.
 fn shortest(mut run: impl FnMut()) -> [f64; 2] {
     let threads = rayon::current_num_threads() as f64;
     (0..ROUNDS)
@@ -36,7 +36,7 @@ fn shortest(mut run: impl FnMut()) -> [f64; 2] {
             let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
             [start.elapsed().as_secs_f64(), used / threads]
         })
-        .fold([f64::INFINITY; 2], |least, run| [0, 1].map(|k| run[k].min(least[k])))
+        .fold([f64::INFINITY; 2], |shortest, run| [0, 1].map(|k| run[k].min(shortest[k])))
 }
 
 /// Places a second, as it went and by processor time, in thousands.

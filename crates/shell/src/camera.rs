@@ -3,16 +3,17 @@
 //! In: intrinsics and poses, or projection matrices. Out: pixels of points, lines of sight of pixels, and
 //! their derivatives by the pose.
 //!
-//! `X_camera = R X + t`, `x ~ K X_camera`; x right, y down, pixel centres at integers. A pose changes by
-//! `X_camera ← exp(ω) X_camera + τ`: a rotation `ω` about the camera's centre, then a translation `τ` of the
-//! world, both in the camera's frame.
-//!
-//! Lens distortion is not modelled.
+//! Frames and conventions are those of [`Pinhole`]. A pose changes by `X_camera ← exp(ω) X_camera + τ`: a
+//! rotation `ω` about the camera's centre, then a translation `τ` of the world, both in the camera's frame.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
+use planish_core::Pinhole;
+use planish_core::matrix3::{times, transposed_times};
+use planish_core::vector3::{cross, norm};
 use planish_estimate::{Error, Result};
 
-/// A pinhole camera.
+/// A calibrated camera whose pose can be estimated: a [`Pinhole`] with checked intrinsics and rotation, and
+/// the derivatives of its projection.
 ///
 /// # Examples
 /// ```
@@ -26,12 +27,16 @@ use planish_estimate::{Error, Result};
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
-    /// Intrinsics, upper triangular, the last entry one.
-    pub k: Matrix3<f64>,
-    /// Rotation from the world.
-    pub r: Matrix3<f64>,
-    /// Translation from the world.
-    pub t: Vector3<f64>,
+    /// Intrinsics (upper triangular, the last entry one) and pose.
+    pub pinhole: Pinhole,
+}
+
+fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, j| rows[i][j])
+}
+
+fn rows_of(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]))
 }
 
 /// Formats a matrix row by row, as in a file.
@@ -47,8 +52,7 @@ impl Camera {
     /// `Input` if a number is not finite, `K` is not upper triangular with positive focal lengths, or `R`
     /// differs from a rotation by more than 1e-3. Smaller errors of `R` are removed.
     pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: [f64; 3]) -> Result<Self> {
-        let matrix = |m: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| m[i][j]);
-        let (k, r, t) = (matrix(k), matrix(r), Vector3::from(t));
+        let (k, r) = (matrix(&k), matrix(&r));
         for (name, finite) in [("R", r.iter().all(|x| x.is_finite())), ("t", t.iter().all(|x| x.is_finite()))]
         {
             if !finite {
@@ -73,7 +77,8 @@ impl Camera {
         }
         // Files round their numbers. The nearest rotation keeps poses orthonormal, on which their derivatives
         // rely.
-        Ok(Self { k, r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(), t })
+        let r = rows_of(Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix());
+        Ok(Self { pinhole: Pinhole { k: rows_of(&k), r, t } })
     }
 
     /// A camera from its projection matrix `P ∝ K [R t]`, row by row, signed so that points in front of the
@@ -116,95 +121,93 @@ impl Camera {
         k[(0, 0)] = first.dot(&r1);
         let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
         let inverse = k.try_inverse().ok_or_else(|| Error::input("a projection matrix has no intrinsics"))?;
-        Ok(Self { k: k / k[(2, 2)], r, t: inverse * last })
+        let t = (inverse * last).into();
+        Ok(Self { pinhole: Pinhole { k: rows_of(&(k / k[(2, 2)])), r: rows_of(&r), t } })
     }
 
     /// The centre of the camera in the world, `−Rᵀ t`.
     #[must_use]
     pub fn center(&self) -> [f64; 3] {
-        (-self.r.tr_mul(&self.t)).into()
+        self.pinhole.center()
     }
 
     /// The pixel of a point and its depth; `None` at or behind the camera.
     #[must_use]
     pub fn project(&self, at: [f64; 3]) -> Option<([f64; 2], f64)> {
-        let inside = self.r * Vector3::from(at) + self.t;
-        let seen = self.k * inside;
-        (inside.z > 0.0).then(|| ([seen.x / seen.z, seen.y / seen.z], inside.z))
+        let inside = self.pinhole.in_camera(at);
+        Some((self.pinhole.pixel(inside)?, inside[2]))
     }
 
     /// The unit direction of the line of sight of a pixel, in the world.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> [f64; 3] {
-        self.r.tr_mul(&self.within(pixel)).normalize().into()
+        let direction = transposed_times(&self.pinhole.r, self.pinhole.ray_in_camera(pixel));
+        let length = norm(direction);
+        direction.map(|c| c / length)
     }
 
-    /// `K⁻¹ (x, y, 1)`.
-    pub(crate) fn within(&self, pixel: [f64; 2]) -> Vector3<f64> {
-        let k = &self.k;
-        // Back substitution, because `K` is triangular.
-        let y = (pixel[1] - k[(1, 2)]) / k[(1, 1)];
-        Vector3::new((pixel[0] - k[(0, 2)] - k[(0, 1)] * y) / k[(0, 0)], y, 1.0)
+    /// The rotation from the world.
+    pub(crate) fn rotation(&self) -> Matrix3<f64> {
+        matrix(&self.pinhole.r)
     }
 
     /// `∂x/∂X_camera` at a point in the camera's frame.
-    pub(crate) fn pixel_by_place(&self, inside: &Vector3<f64>) -> nalgebra::Matrix2x3<f64> {
-        let seen = self.k * inside;
-        let pixel = [seen.x / seen.z, seen.y / seen.z];
-        nalgebra::Matrix2x3::from_fn(|i, j| (self.k[(i, j)] - pixel[i] * self.k[(2, j)]) / seen.z)
+    pub(crate) fn pixel_by_place(&self, inside: [f64; 3]) -> Matrix2x3<f64> {
+        let k = &self.pinhole.k;
+        let [x, y, z] = times(k, inside);
+        let pixel = [x / z, y / z];
+        Matrix2x3::from_fn(|i, j| (k[i][j] - pixel[i] * k[2][j]) / z)
     }
 
     /// Derivative of the pixel of a point along an image direction, by the point: `∂(uᵀπ(x))/∂x`.
     pub(crate) fn by_place(&self, at: [f64; 3], along: [f64; 2]) -> [f64; 3] {
-        let inside = self.r * Vector3::from(at) + self.t;
-        let by_inside = self.pixel_by_place(&inside).tr_mul(&nalgebra::Vector2::from(along));
-        self.r.tr_mul(&by_inside).into()
+        let inside = self.pinhole.in_camera(at);
+        let by_inside = self.pixel_by_place(inside).tr_mul(&Vector2::from(along));
+        transposed_times(&self.pinhole.r, by_inside.into())
     }
 
     /// Derivative of `D` by the pixel, where the line of sight touches the shell: `∂D/∂(x, y)`.
     pub(crate) fn by_pixel(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 2] {
-        let inside = self.r * Vector3::from(at) + self.t;
-        let g = self.r * Vector3::from(gradient);
-        let k = &self.k;
-        let by_x = g.x * inside.z / k[(0, 0)];
+        let [_, _, depth] = self.pinhole.in_camera(at);
+        let [x, y, _] = times(&self.pinhole.r, gradient);
+        let k = &self.pinhole.k;
+        let by_x = x * depth / k[0][0];
         // A step of y alone moves x by the skew.
-        let by_y = (g.y - g.x * k[(0, 1)] / k[(0, 0)]) * inside.z / k[(1, 1)];
+        let by_y = (y - x * k[0][1] / k[0][0]) * depth / k[1][1];
         [by_x, by_y]
     }
 
     /// The width of a pixel at a point: the maximum of `∂D/∂(x, y)`, for a distance across the line of sight.
     pub(crate) fn pixel_width(&self, at: [f64; 3]) -> f64 {
-        let depth = (self.r * Vector3::from(at) + self.t).z;
-        depth.abs() / (self.k[(0, 0)] * self.k[(1, 1)]).abs().sqrt()
+        self.pinhole.in_camera(at)[2].abs() / self.pinhole.focal_px()
     }
 
     /// Derivative of `D` at a point on a line of sight by the pose `(ω, τ)`, for a constant pixel:
     /// `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
     pub(crate) fn by_pose(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 6] {
-        let inside = self.r * Vector3::from(at) + self.t;
-        let g = self.r * Vector3::from(gradient);
-        let turn = -inside.cross(&g);
-        [turn.x, turn.y, turn.z, -g.x, -g.y, -g.z]
+        let inside = self.pinhole.in_camera(at);
+        let g = times(&self.pinhole.r, gradient);
+        let turn = cross(inside, g);
+        [-turn[0], -turn[1], -turn[2], -g[0], -g[1], -g[2]]
     }
 
     /// The camera after a change `[ω, τ]` of its pose (radians, then the unit of the mesh).
     #[must_use]
     pub fn moved(&self, by: [f64; 6]) -> Self {
         let turn = Rotation3::new(Vector3::new(by[0], by[1], by[2]));
-        let r = turn.matrix() * self.r;
-        Self {
-            k: self.k,
-            // Products of rotations stay rotations.
-            r: *Rotation3::from_matrix_eps(&r, 1e-15, 10, Rotation3::from_matrix_unchecked(r)).matrix(),
-            t: turn * self.t + Vector3::new(by[3], by[4], by[5]),
-        }
+        let r = turn.matrix() * self.rotation();
+        // Products of rotations stay rotations.
+        let r = Rotation3::from_matrix_eps(&r, 1e-15, 10, Rotation3::from_matrix_unchecked(r));
+        let t = turn * Vector3::from(self.pinhole.t) + Vector3::new(by[3], by[4], by[5]);
+        Self { pinhole: Pinhole { k: self.pinhole.k, r: rows_of(r.matrix()), t: t.into() } }
     }
 
     /// The change `[ω, τ]` of pose that turns `other` into this camera.
     #[must_use]
     pub fn change_from(&self, other: &Self) -> [f64; 6] {
-        let turn = Rotation3::from_matrix_unchecked(self.r * other.r.transpose());
-        let (axis, step) = (turn.scaled_axis(), self.t - turn * other.t);
+        let turn = Rotation3::from_matrix_unchecked(self.rotation() * other.rotation().transpose());
+        let step = Vector3::from(self.pinhole.t) - turn * Vector3::from(other.pinhole.t);
+        let axis = turn.scaled_axis();
         [axis.x, axis.y, axis.z, step.x, step.y, step.z]
     }
 }
@@ -220,26 +223,31 @@ mod tests {
             .unwrap()
     }
 
+    /// `K R` and `K t`.
+    fn projection(camera: &Camera) -> (Matrix3<f64>, Vector3<f64>) {
+        let k = matrix(&camera.pinhole.k);
+        (k * camera.rotation(), k * Vector3::from(camera.pinhole.t))
+    }
+
     #[test]
     fn projection_matrices_decompose_at_any_scale_and_mirrored() {
         let camera = camera();
         for factor in [1.0, 0.03, 50.0] {
             let p: [[f64; 4]; 3] = std::array::from_fn(|i| {
                 std::array::from_fn(|j| {
-                    let m = camera.k * camera.r;
-                    let last = camera.k * camera.t;
+                    let (m, last) = projection(&camera);
                     factor * if j < 3 { m[(i, j)] } else { last[i] }
                 })
             });
             let same = Camera::from_projection(p).unwrap();
-            assert!((same.k - camera.k).amax() < 1e-9 && (same.r - camera.r).amax() < 1e-12);
-            assert!((same.t - camera.t).amax() < 1e-9);
+            assert!((matrix(&same.pinhole.k) - matrix(&camera.pinhole.k)).amax() < 1e-9);
+            assert!((same.rotation() - camera.rotation()).amax() < 1e-12);
+            assert!((Vector3::from(same.pinhole.t) - Vector3::from(camera.pinhole.t)).amax() < 1e-9);
         }
-        // The same with x to the left: places are seen where they were, mirrored.
+        // The same with mirrored images: points project to mirrored pixels.
         let mirrored: [[f64; 4]; 3] = std::array::from_fn(|i| {
             std::array::from_fn(|j| {
-                let m = camera.k * camera.r;
-                let last = camera.k * camera.t;
+                let (m, last) = projection(&camera);
                 let sign = if i == 0 { -1.0 } else { 1.0 };
                 sign * if j < 3 { m[(i, j)] } else { last[i] }
             })
@@ -262,7 +270,7 @@ mod tests {
         let (pixel, depth) = camera.project(at).unwrap();
         let way = Vector3::from(camera.direction(pixel));
         let off = Vector3::from(at) - Vector3::from(camera.center());
-        assert!(off.cross(&way).norm() < 1e-12 && (camera.r * off).z - depth < 1e-12);
+        assert!(off.cross(&way).norm() < 1e-12 && (camera.rotation() * off).z - depth < 1e-12);
         let change = [0.02, -0.01, 0.03, 0.1, -0.2, 0.05];
         let back = camera.moved(change).change_from(&camera);
         assert!(change.iter().zip(back).all(|(a, b)| (a - b).abs() < 1e-12));

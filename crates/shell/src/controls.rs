@@ -313,11 +313,11 @@ mod tests {
                 .fold(f64::INFINITY, f64::min)
         };
         let spread: Vec<f64> = (0..60).map(nearest).collect();
-        let (least, most) = (
+        let (low, high) = (
             spread.iter().copied().fold(f64::INFINITY, f64::min),
             spread.iter().copied().fold(0.0, f64::max),
         );
-        assert!(most < 2.5 * least, "{least} {most}");
+        assert!(high < 2.5 * low, "{low} {high}");
         // A closed triangulation of 60 points has 116 triangles and 174 edges.
         assert!(
             made.triangles.len() > 100 && made.edges.len() > 160,
@@ -325,7 +325,7 @@ mod tests {
             made.triangles.len(),
             made.edges.len()
         );
-        // A displacement that is the same everywhere costs nothing, any other something.
+        // Constant displacements have zero energy, others do not.
         let k = stiffness(&made.points, &made.triangles, &made.edges);
         let ones = nalgebra::DVector::from_element(60, 1.0);
         assert!((&k * &ones).amax() < 1e-9);
@@ -333,8 +333,8 @@ mod tests {
         assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
     }
 
-    /// Loose parts all get controls, seams do not part what is at one place, and there are no more controls
-    /// than vertices.
+    /// Every disconnected part has controls, duplicate vertices at seams are one vertex, and there are at
+    /// most as many controls as vertices.
     #[test]
     fn parts_and_seams() {
         let mut two = icosphere(1.0, 2);
@@ -344,10 +344,10 @@ mod tests {
         two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let made = automatic_controls(&two, 8).unwrap();
         assert!(made.vertices.iter().any(|v| *v < first) && made.vertices.iter().any(|v| *v >= first));
-        // What is the same everywhere costs nothing, and nothing else: the two are joined.
+        // Only constant displacements have zero energy, so both parts are joined.
         let eigen = stiffness(&made.points, &made.triangles, &made.edges).symmetric_eigen().eigenvalues;
         assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
-        // Forty crumbs beside a ball leave most of the controls to the ball.
+        // Forty small parts next to a ball leave most controls to the ball.
         let mut crumbs = icosphere(1.0, 3);
         for k in 0..40 {
             let first = crumbs.positions.len() as u32;
@@ -372,7 +372,7 @@ mod tests {
         };
         let made = automatic_controls(&soup, 50).unwrap();
         assert_eq!(made.points.len(), 4);
-        // Seams of what no triangle uses any more (a part that stays rigid) are no part of the mesh.
+        // Seams of vertices without triangles (of a rigid part) are ignored.
         let mut rest = soup.clone();
         (rest.positions).extend([[5.0; 3], [5.0; 3], [6.0; 3], [6.0; 3]]);
         let of_rest = automatic_controls(&rest, 50).unwrap();

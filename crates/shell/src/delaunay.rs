@@ -167,6 +167,7 @@ impl Delaunay {
         let mut here = start;
         loop {
             let t = &self.tetrahedra[here as usize];
+            // Exact predicates: with rounded ones the walk could cycle.
             let away = (0..4)
                 .find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
             match away {
@@ -220,6 +221,7 @@ impl Delaunay {
 
     fn in_conflict(&self, tetrahedron: u32, at: [f64; 3]) -> bool {
         let [a, b, c, d] = self.corners(tetrahedron).map(|c| coordinates(self.points[c as usize]));
+        // Strictly, so that no new tetrahedron is flat (see the module's description).
         insphere(a, b, c, d, coordinates(at)) > 0.0
     }
 
@@ -313,8 +315,8 @@ mod tests {
         BoundingBox { min: [-1.0; 3], max: [2.0; 3] }
     }
 
-    /// Every tetrahedron has a volume, they fill the box, neighbours know each other, and no circumsphere
-    /// holds a point.
+    /// Every tetrahedron has positive volume, they fill the box, neighbours are mutual, and no circumsphere
+    /// contains a point.
     fn judge(made: &Delaunay) {
         let mut volume = 0.0;
         for (t, tetrahedron) in made.living() {
@@ -350,7 +352,7 @@ mod tests {
             assert_eq!(grid.insert(at).unwrap(), k as u32 + 8);
         }
         judge(&grid);
-        // On the faces, edges and diagonals of what is there already.
+        // Points on faces, edges and diagonals of the triangulation.
         let mut halves = Delaunay::new(&unit_box()).unwrap();
         for at in [[0.5; 3], [0.5, 0.5, 0.0], [0.5, 0.0, 0.0], [-0.25; 3], [0.5, 0.5, 1.25], [1.25, 0.5, 0.5]]
         {

@@ -231,15 +231,18 @@ impl<'a> Shell<'a> {
         };
         // A far sphere with a large radius can contribute more than a near small one, so the range of radii
         // is added.
-        let (least, most) = (skeletons.iter().map(|s| s.radius))
-            .fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
+        let (smallest_radius, largest_radius) = (skeletons.iter().map(|s| s.radius))
+            .fold((f64::INFINITY, 0.0_f64), |(smallest_radius, largest_radius), r| {
+                (smallest_radius.min(r), largest_radius.max(r))
+            });
         let reach = |others: f64| options.reach.unwrap_or_else(|| (others / DEFAULT_TRUNCATION).ln());
         Ok(Self {
             mesh,
             tree,
             options: *options,
             slack: reach(others) / options.sharpness,
-            paper_slack: reach(count as f64) / options.sharpness + (most - least).max(0.0),
+            paper_slack: reach(count as f64) / options.sharpness
+                + (largest_radius - smallest_radius).max(0.0),
             facets,
             skeletons,
         })
@@ -290,6 +293,8 @@ impl<'a> Shell<'a> {
         self.tree.visit_near(at, self.slack, |near| {
             let weight = self.weight(near.facet);
             if near.distance < nearest {
+                // Terms are relative to the nearest facet so far; when a nearer one arrives, the sums are
+                // rescaled.
                 let fading = (-k * (nearest - near.distance)).exp();
                 (sum, heights) = (sum * fading, heights * fading);
                 nearest = near.distance;
@@ -313,13 +318,13 @@ impl<'a> Shell<'a> {
     pub(crate) fn band(&self) -> [f64; 2] {
         let k = self.options.sharpness;
         let radii = || self.skeletons.iter().map(|s| s.radius);
-        let [least, most] = if self.skeletons.is_empty() {
+        let [low, high] = if self.skeletons.is_empty() {
             [self.options.thickness; 2]
         } else {
             [radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max)]
         };
         let inner = -self.options.threshold.ln() / k;
-        [least + inner, most + inner + (self.facets.len() as f64).ln() / k]
+        [low + inner, high + inner + (self.facets.len() as f64).ln() / k]
     }
 
     /// The largest radius of a spherical metaball; zero for triangular ones.
@@ -395,6 +400,8 @@ impl<'a> Shell<'a> {
     /// Height of a point over a facet's plane, and the plane's normal, flipped if it faces away.
     fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
         let normal = Vector3::from(self.facets[near.facet as usize].normal);
+        // Opposite walls of a thin part face away from each other. Without consistent orientation only a
+        // normal that opposes the nearest facet's is flipped.
         let turned =
             if !self.options.oriented && normal.dot(&facing) < FLIPPED_COSINE { -normal } else { normal };
         (turned.dot(&Vector3::from(sub(at, near.point))), turned)

@@ -273,8 +273,10 @@ impl ShellFit {
     /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of the unresolved shape.
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
+        // First order; exact for deformations that are linear in their parameters.
         let row = parameter_row(deformation, vertex, direction);
         let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
+        // Shape that the controls cannot represent is independent of their errors.
         (by_parameters + self.unresolved_shape * self.unresolved_shape).sqrt()
     }
 }

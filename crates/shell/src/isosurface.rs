@@ -193,8 +193,7 @@ mod tests {
         made
     }
 
-    /// Radii of an offset ball are what was asked for; its two sheets are one ball in another, its outer
-    /// sheet is one.
+    /// Offsets of a ball are balls of the requested radii: both sheets, and the outer one alone.
     #[test]
     fn surfaces_of_a_ball_are_balls() {
         let ball = icosphere(1.0, 3);
@@ -211,7 +210,7 @@ mod tests {
         assert_eq!((both.check.components, both.check.euler_characteristic), (2, 4));
         let outer = made(&ball, &shell, IsoLevel::Outer, 0.06);
         assert_eq!((outer.check.components, outer.check.euler_characteristic), (1, 2));
-        // The bulge: fields of several facets add up.
+        // The bulge: the fields of several facets add up.
         for p in &outer.mesh.positions {
             assert!((0.09..0.2).contains(&(norm(*p) - 1.0)), "{}", norm(*p));
         }
@@ -221,9 +220,9 @@ mod tests {
         }
     }
 
-    /// A sheet has no inside, but a shell all around.
+    /// An open mesh has no inside, but a shell all around.
     #[test]
-    fn open_meshes_have_a_closed_shell_and_no_offset() {
+    fn open_meshes_have_a_closed_shell_but_no_offset() {
         let mut sheet = grid_sheet(1.0, 1.0, 8, 8);
         sheet.positions.iter_mut().for_each(|p| p[2] = 0.1 * (3.0 * p[0]).sin());
         let options = ShellOptions { thickness: 0.12, ..ShellOptions::new(Metaball::Triangular, 60.0) };
@@ -234,12 +233,12 @@ mod tests {
         assert!(asked(IsoLevel::Offset(0.1)).contains("open edges"));
         let thin = ShellOptions { threshold: 1e9, ..options };
         let thin = Shell::new(&sheet, &thin).unwrap();
-        let nothing = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });
-        assert!(nothing.unwrap_err().to_string().contains("empty"));
+        let empty = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });
+        assert!(empty.unwrap_err().to_string().contains("empty"));
     }
 
-    /// Facets that face anywhere, one inside of another, and crossing ones: winding numbers of the whole
-    /// decide.
+    /// Facets with inconsistent orientation, nested and intersecting parts: generalised winding numbers
+    /// determine the inside.
     #[test]
     fn crossing_balls_have_one_outer_surface() {
         let mut two = icosphere(1.0, 3);

@@ -100,6 +100,7 @@ impl NaturalNeighbours {
             .ok_or_else(|| Error::input("natural neighbours need at least one point"))?;
         let extent = bounds.longest_side();
         let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
+        // The corners of the box are sites as well, so queries outside of the points' hull also have weights.
         let middle = bounds.center();
         let around = BoundingBox { min: middle.map(|x| x - half), max: middle.map(|x| x + half) };
         let mut delaunay = Delaunay::new(&around)?;
@@ -205,11 +206,12 @@ impl NaturalNeighbours {
     /// Volumes `|R_j|` times twelve.
     fn measure(&self, at: [f64; 3], cavity: &Cavity, query: &mut Query) {
         let points = self.delaunay.points();
+        // Relative to the query: circumcentres are differences of squares, which cancel far from the origin.
         let from_place = |site: u32| sub(points[site as usize], at);
         query.volumes.resize(points.len(), 0.0);
         query.old_centers.clear();
-        let most = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
-        query.place_in_cavity.resize(query.place_in_cavity.len().max(most), u32::MAX);
+        let end = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
+        query.place_in_cavity.resize(query.place_in_cavity.len().max(end), u32::MAX);
         for (place, &t) in cavity.tetrahedra.iter().enumerate() {
             let [a, b, c, d] = self.delaunay.corners(t).map(from_place);
             let center = circumcenter_from([b, c, d].map(|p| sub(p, a)));
@@ -330,8 +332,8 @@ mod tests {
         (0..count).map(|_| std::array::from_fn(|_| random.random_range(0.0..1.0))).collect()
     }
 
-    /// Sibson (1980): no weight is negative, they add up to one, and the weighted mean of the sites is the
-    /// place.
+    /// Sibson (1980): weights are non-negative, add up to one, and reproduce the position as the weighted
+    /// mean of the sites.
     fn judge(points: &[[f64; 3]], places: &[[f64; 3]]) {
         let neighbours = NaturalNeighbours::new(points, places).unwrap();
         let all = neighbours.weights_of_all(places).unwrap();
@@ -371,9 +373,9 @@ mod tests {
         }
     }
 
-    /// Weights are those of volumes: counted by throwing places into a box.
+    /// Weights are ratios of volumes, checked by Monte Carlo sampling in a box.
     #[test]
-    fn weights_are_shares_of_the_stolen_cell() {
+    fn weights_are_ratios_of_volumes() {
         let points = random_points(60, 11);
         let neighbours = NaturalNeighbours::new(&points, &[]).unwrap();
         let at = [0.45, 0.55, 0.5];
@@ -403,20 +405,20 @@ mod tests {
     }
 
     #[test]
-    fn a_site_has_all_the_weight_of_its_own_place() {
+    fn a_site_has_weight_one_at_its_position() {
         let points = random_points(50, 9);
         let neighbours = NaturalNeighbours::new(&points, &[]).unwrap();
         for (k, point) in points.iter().enumerate() {
             let weights = neighbours.weights(*point).unwrap();
             assert_eq!(weights, [Weight { site: k as u32 + 8, weight: 1.0 }]);
         }
-        // And nearly all of a place beside it: weights are continuous there.
-        let beside = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();
-        assert!(beside.iter().any(|w| w.site == 11 && w.weight > 1.0 - 1e-4));
+        // Next to a site its weight is almost one, because weights are continuous.
+        let nearby = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();
+        assert!(nearby.iter().any(|w| w.site == 11 && w.weight > 1.0 - 1e-4));
     }
 
     #[test]
-    fn invalid_input_is_named() {
+    fn messages_name_the_invalid_value() {
         let at = |result: Result<NaturalNeighbours>| result.unwrap_err().to_string();
         assert!(at(NaturalNeighbours::new(&[], &[])).contains("at least one"));
         assert!(at(NaturalNeighbours::new(&[[0.0; 3], [f64::NAN, 0.0, 0.0]], &[])).contains("point 1"));

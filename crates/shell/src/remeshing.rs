@@ -88,6 +88,8 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     }
     let (search, winding) = (MeshSearch::try_new(mesh)?, WindingNumbers::new(mesh));
     let height = |at| {
+        // Distance and sign come from different sources: the sign of the nearest facet would be wrong inside
+        // of self-intersections.
         let far = search.closest(at).map_or(f64::INFINITY, |foot| foot.distance);
         if winding.at(at) > 0.5 { -far } else { far }
     };
@@ -177,6 +179,7 @@ fn vertex_neighbours(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
 fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f64) -> Vec<[f64; 3]> {
     (positions.par_iter().zip(neighbours))
         .map(|(p, near)| {
+            // From the old positions, so that the result depends neither on order nor on threads.
             let each = share / near.len().max(1) as f64;
             (near.iter()).fold(*p, |sum, v| add_scaled(sum, each, sub(positions[*v as usize], *p)))
         })
@@ -185,7 +188,8 @@ fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f6
 
 /// The connected parts of a closed mesh whose volume is at least a share of the largest one's. Unused
 /// vertices are removed.
-fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
+fn large_parts(mesh: &TriangleMesh, min_ratio: f64) -> TriangleMesh {
+    // Intersecting constraint surfaces cut off small fragments.
     let of = mesh.parts();
     let count = of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);
     let mut volumes = vec![0.0; count];
@@ -198,7 +202,7 @@ fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
     let mut kept = TriangleMesh::default();
     for (triangle, part) in mesh.triangles.iter().zip(of) {
         // A negative volume is a cavity, which stays filled.
-        if volumes[part as usize] <= 0.0 || volumes[part as usize] < least * largest {
+        if volumes[part as usize] <= 0.0 || volumes[part as usize] < min_ratio * largest {
             continue;
         }
         kept.triangles.push(triangle.map(|v| {

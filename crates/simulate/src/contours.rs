@@ -176,6 +176,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
                         let e: f64 = StandardNormal.sample(&mut random);
                         x + options.sigma_px * e
                     });
+                    // Rounded far below σ, which keeps files small.
                     text += &format!("{x:.4},{y:.4},{:?},{number}\n", options.sigma_px);
                     made.places += 1;
                 }
@@ -183,8 +184,9 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
             let path = folder.join(&contours);
             write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
             made.files.push(path);
-            let rows = |m: &Matrix3<f64>| {
-                let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+            // `{:?}` writes the shortest number that reads back exactly: cameras have no error of their own.
+            let rows = |m: &[[f64; 3]; 3]| {
+                let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
                 format!("[{}, {}, {}]", row(0), row(1), row(2))
             };
             views += &format!(
@@ -192,11 +194,11 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
                  {}\nt = [{:?}, {:?}, {:?}]\n",
                 m + 1,
                 k + 1,
-                rows(&camera.k),
-                rows(&camera.r),
-                size * camera.t[0],
-                size * camera.t[1],
-                size * camera.t[2]
+                rows(&camera.pinhole.k),
+                rows(&camera.pinhole.r),
+                size * camera.pinhole.t[0],
+                size * camera.pinhole.t[1],
+                size * camera.pinhole.t[2]
             );
         }
         let path = folder.join(format!("motion-{}.toml", m + 1));
@@ -258,6 +260,7 @@ fn visible_contours(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>>
             let seen = cosine.abs() < 1.0 && !is_hidden(shape, from, at);
             camera.project(at).filter(|_| seen)
         };
+        // Visibility is the expensive part and computed in parallel; points are selected in order.
         let places: Vec<_> = (0..=HEIGHT_STEPS).into_par_iter().map(seen_at).collect();
         for place in places {
             match place {
@@ -270,6 +273,7 @@ fn visible_contours(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>>
                         run.push(p);
                     }
                 }
+                // Occlusion ends a contour. The next visible point starts another one.
                 None => {
                     before = None;
                     found.push(std::mem::take(&mut run));
@@ -342,15 +346,14 @@ fn closed_surface(shape: ContoursShape) -> TriangleMesh {
 /// The share of each pixel that the object covers, from 0 to 255.
 fn coverage_mask(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
     let finer = MASK_SAMPLES as f64;
-    let mut k = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.k[(i, j)]));
+    let mut k = camera.pinhole.k;
     for row in k.iter_mut().take(2) {
         *row = row.map(|x| finer * x);
         // Pixel centres have whole coordinates: the first of n samples lies (n − 1)/2 samples before the
         // centre of its pixel.
         row[2] += 0.5 * (finer - 1.0);
     }
-    let r = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.r[(i, j)]));
-    let fine = Camera::new(k, r, camera.t.into())?;
+    let fine = Camera::new(k, camera.pinhole.r, camera.pinhole.t)?;
     let [columns, rows] = SIZE.map(|n| n * MASK_SAMPLES);
     let seen = covered_pixels(mesh, &fine, columns, rows);
     Ok((0..SIZE[0] * SIZE[1])

@@ -127,6 +127,7 @@ impl Axis {
 fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis; 2]) {
     let (left, right) = (x0 + LEFT, x0 + WIDTH - RIGHT);
     let (top, bottom) = (y0 + TOP, y0 + HEIGHT - BOTTOM);
+    // SVG counts y downwards.
     let place = |p: [f64; 2]| {
         [left + (right - left) * p[0] / scale[0].end, bottom - (bottom - top) * p[1] / scale[1].end]
     };
@@ -229,6 +230,7 @@ fn line(out: &mut String, a: [f64; 2], b: [f64; 2], colour: &str) {
 }
 
 fn text(out: &mut String, [x, y]: [f64; 2], anchor: &str, attributes: &str, content: &str) {
+    // Titles come from the program, but may contain these characters.
     let safe = content.replace('&', "&amp;").replace('<', "&lt;");
     let _ =
         writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" {attributes}>{safe}</text>");

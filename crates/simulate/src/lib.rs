@@ -85,7 +85,7 @@ pub use pictures::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
 };
 pub use readings::{ReadingsOptions, ReadingsSummary, write_readings_scene};
-pub use render::{Exposure, Light, RayTarget, Texture};
+pub use render::{Exposure, Light, RaySurface, Texture};
 pub use scans::{
     ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
     write_scan_scene, write_scans_scene,

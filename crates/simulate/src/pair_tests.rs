@@ -1,9 +1,9 @@
 //! Stereo matching of images from converging cameras, compared with a rectified pair of the same object.
 
 use super::render::{Exposure, Light, Texture};
+use planish_core::Pinhole;
 use planish_estimate::vector3::{cross, norm, sub, unit};
 use planish_mesh::{MeshSearch, icosphere};
-use planish_sense::stripes::Pinhole;
 use planish_sense::{
     Image, LensCamera, Pose, Rectification, Scan, StereoCamera, StereoOptions, StereoPoints, StereoRig,
     match_stereo,
@@ -19,12 +19,7 @@ fn camera(at: [f64; 3], along: [f64; 3]) -> Pinhole {
     let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
     let y = cross(z, x);
     let world_from_camera = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: at };
-    let inverse = world_from_camera.inverse();
-    Pinhole {
-        k: [[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], [0.0, 0.0, 1.0]],
-        r: inverse.rotation,
-        t: inverse.translation,
-    }
+    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], [0.0, 0.0, 1.0]], &world_from_camera)
 }
 
 fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {

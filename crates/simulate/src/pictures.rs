@@ -14,6 +14,7 @@
 
 use super::render::{Exposure, Light, Texture};
 use super::truth::{Truth, positive};
+use planish_core::Pinhole;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::vector3::{add_scaled, cross, scale, unit};
 use planish_estimate::{Error, Result};
@@ -23,7 +24,7 @@ use planish_exchange::ply::{MeshColumns, write_mesh};
 use planish_exchange::{Unit, make_folder, write_atomically};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_sense::Pose;
-use planish_sense::stripes::{Pinhole, StripePattern};
+use planish_sense::stripes::StripePattern;
 use planish_spline::Shape;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -377,12 +378,7 @@ impl Stage {
 
     /// A camera at a pose whose principal point has the column `cx`.
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
-        let inverse = pose.inverse();
-        Pinhole {
-            k: [[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], [0.0, 0.0, 1.0]],
-            r: inverse.rotation,
-            t: inverse.translation,
-        }
+        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], [0.0, 0.0, 1.0]], pose)
     }
 
     fn baseline(&self) -> f64 {
@@ -405,6 +401,7 @@ impl Stage {
 
     /// Stripes that cover the object at its nearest point.
     fn pattern(&self) -> StripePattern {
+        // The object is largest in the image of the projector where it is nearest to it.
         let half = self.focal * 0.5 * self.diagonal / (self.far - 0.5 * self.diagonal);
         let count = (half / self.options.stripe_spacing).ceil() as i32;
         StripePattern {
@@ -439,7 +436,7 @@ impl Stage {
                 pattern: self.pattern(),
                 sigma_px: STRIPE_SIGMA_PX,
             },
-            _ => Light::Lamp(add_scaled(left.centre(), 0.3 * self.far, self.up)),
+            _ => Light::Lamp(add_scaled(left.center(), 0.3 * self.far, self.up)),
         };
         let exposure = Exposure {
             camera: &camera,
@@ -447,6 +444,7 @@ impl Stage {
             light: &light,
             texture: &Texture {
                 contrast: self.options.texture,
+                // A length at the distance of the object, so that spots have the same size in all images.
                 grain: GRAIN_PX * self.far / self.focal,
                 seed: self.options.seed,
             },
@@ -462,7 +460,7 @@ impl Stage {
     /// The text of the calibration file.
     fn calibration(&self, scene: PictureScene) -> String {
         let [cx, cy] = self.axis();
-        let mut text = format!("# Exact: the images are simulated.\nunit = \"{}\"\n", self.unit);
+        let mut text = format!("# Exact: the pictures are simulated.\nunit = \"{}\"\n", self.unit);
         let _ = match scene {
             PictureScene::Stereo => write!(
                 text,

@@ -64,8 +64,8 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
         }
         _ => {
             return Err(Error::unsupported(format!(
-                "needed a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or polygon-6, \
-                 found {kind}"
+                "needed a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or \
+                 polygon-6, found {kind}"
             )));
         }
     })

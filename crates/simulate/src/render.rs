@@ -12,11 +12,12 @@
 //! # References
 //! - Perlin, *An image synthesizer*, 1985, for solid textures.
 
+use planish_core::Pinhole;
 use planish_core::random::{GOLDEN_GAMMA, mix64, signed_unit_interval};
 use planish_estimate::Result;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_mesh::MeshSearch;
-use planish_sense::stripes::{Pinhole, StripePattern};
+use planish_sense::stripes::StripePattern;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -28,7 +29,7 @@ const RAYS: usize = 3;
 const WHITE: f64 = 240.0;
 /// Share of ambient light with a lamp.
 const AMBIENT_OF_LAMP: f64 = 0.25;
-/// Share of ambient light with a projector, which works in a dark room.
+/// Share of ambient light with a projector: small, so that stripes have contrast.
 const AMBIENT_OF_STRIPES: f64 = 0.06;
 /// Mean albedo, the share of light that a surface reflects.
 const ALBEDO: f64 = 0.6;
@@ -39,18 +40,18 @@ const ALBEDO: f64 = 0.6;
 const SHADOW_TOLERANCE: f64 = 1e-4;
 
 /// A surface that rays can meet: a mesh or a closure.
-pub trait RayTarget: Sync {
+pub trait RaySurface: Sync {
     /// The point where a ray first meets the surface, and the unit normal there, with either sign.
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])>;
 }
 
-impl RayTarget for MeshSearch {
+impl RaySurface for MeshSearch {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         MeshSearch::first_hit(self, origin, direction).map(|hit| (hit.point, hit.normal))
     }
 }
 
-impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RayTarget for F {
+impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RaySurface for F {
     fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
         self(origin, direction)
     }
@@ -74,6 +75,7 @@ impl Texture {
             let size = self.grain * f64::from(1 << k);
             noise(at.map(|c| c / size), self.seed.wrapping_add(u64::from(k)))
         };
+        // 1.6 instead of 3: octaves rarely have their extremes at the same point. The clamp limits the rest.
         let sum: f64 = (0..3).map(octave).sum::<f64>() / 1.6;
         ALBEDO * (1.0 + self.contrast * sum.clamp(-1.0, 1.0))
     }
@@ -88,6 +90,7 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
         .map(|corner| {
             let side = |k: usize| (corner >> k) & 1;
             let weight: f64 = (0..3).map(|k| if side(k) == 1 { blend[k] } else { 1.0 - blend[k] }).product();
+            // A hash instead of a table of random numbers: the noise has no period.
             let mut x = seed;
             for k in 0..3 {
                 x = mix64((x ^ (base[k] as i64 + side(k) as i64) as u64).wrapping_add(GOLDEN_GAMMA));
@@ -118,7 +121,7 @@ impl Light {
     fn centre(&self) -> [f64; 3] {
         match self {
             Self::Lamp(at) => *at,
-            Self::Stripes { projector, .. } => projector.centre(),
+            Self::Stripes { projector, .. } => projector.center(),
         }
     }
 
@@ -199,7 +202,11 @@ impl Exposure<'_> {
     /// # Ok(())
     /// # }
     /// ```
-    pub fn take(&self, target: &impl RayTarget, check: &mut dyn FnMut(f64) -> Result<()>) -> Result<Vec<u8>> {
+    pub fn take(
+        &self,
+        target: &impl RaySurface,
+        check: &mut dyn FnMut(f64) -> Result<()>,
+    ) -> Result<Vec<u8>> {
         let [columns, rows] = self.size;
         let mut picture = vec![0; columns * rows];
         // Rows are rendered in bands of 32: `check` cannot be called from several threads.
@@ -221,9 +228,9 @@ impl Exposure<'_> {
     }
 
     /// Brightness of a pixel without noise.
-    fn pixel(&self, target: &impl RayTarget, x: usize, y: usize) -> f64 {
+    fn pixel(&self, target: &impl RaySurface, x: usize, y: usize) -> f64 {
         let offset = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
-        let centre = self.camera.centre();
+        let centre = self.camera.center();
         let mut sum = 0.0;
         for j in 0..RAYS {
             for i in 0..RAYS {
@@ -239,7 +246,7 @@ impl Exposure<'_> {
     }
 
     /// Light that a surface point with this normal receives, from 0 to 1.
-    fn irradiance(&self, target: &impl RayTarget, point: [f64; 3], normal: [f64; 3]) -> f64 {
+    fn irradiance(&self, target: &impl RaySurface, point: [f64; 3], normal: [f64; 3]) -> f64 {
         let from = self.light.centre();
         let ambient = self.light.ambient();
         let way = sub(from, point);
@@ -262,12 +269,12 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole {
         k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
-        r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        r: planish_core::matrix3::IDENTITY,
         t: [0.0, 0.0, 50.0],
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };
 
-    fn take(target: &impl RayTarget, light: &Light, sigma: f64) -> Vec<u8> {
+    fn take(target: &impl RaySurface, light: &Light, sigma: f64) -> Vec<u8> {
         let exposure = Exposure {
             camera: &CAMERA,
             size: [41, 41],

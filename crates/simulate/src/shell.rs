@@ -137,6 +137,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
         .into_iter()
         .map(|place| place.position)
         .collect();
+    // All positions are drawn before all errors, so that another σ leaves the positions unchanged.
     let points: Vec<[f64; 3]> = (points.into_iter())
         .map(|place| match random.random::<f64>() < options.outliers {
             true => std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])),
@@ -197,17 +198,17 @@ fn write_masks(
         let path = folder.join(&name);
         write_grey_png(&path, SIZE[0], SIZE[1], &mask(truth, &camera))?;
         files.push(path);
-        let rows = |m: &Matrix3<f64>| {
-            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+        let rows = |m: &[[f64; 3]; 3]| {
+            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
             format!("[{}, {}, {}]", row(0), row(1), row(2))
         };
         views += &format!(
             "\n[[view]]\nmask = \"{name}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
-            rows(&camera.k),
-            rows(&camera.r),
-            camera.t[0],
-            camera.t[1],
-            camera.t[2]
+            rows(&camera.pinhole.k),
+            rows(&camera.pinhole.r),
+            camera.pinhole.t[0],
+            camera.pinhole.t[1],
+            camera.pinhole.t[2]
         );
     }
     Ok(views)
@@ -225,6 +226,7 @@ fn gaussian_vector(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
 fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let size = bounds.diagonal();
     let angle = std::f64::consts::TAU * view as f64 / views as f64;
+    // Outlines from a single elevation leave the top and bottom of the object undetermined.
     let height = if view.is_multiple_of(2) { 0.35 } else { -0.35 };
     let from = unit([angle.cos(), angle.sin(), height]).unwrap_or([1.0, 0.0, 0.0]);
     let center = add_scaled(bounds.center(), DISTANCE * size, from);

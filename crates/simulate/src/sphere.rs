@@ -353,6 +353,7 @@ impl SharedModel {
             let [a, b] = [u, v].map(|x| (2.0 * x / CELLS as f64 - 1.0) * HALF_OPENING);
             [a.sin(), b, a.cos()]
         })?;
+        // Subdivided everywhere, because the weight is needed before the filter decides where to split.
         let mut finest = Hierarchy::clone(&space);
         for _ in 0..depth.min(WEIGHT_DEPTH) {
             finest = finest.refine_all();
@@ -484,6 +485,8 @@ impl SharedModel {
             data.add_element(nodes, &matrix, &vector)?;
         }
         let nodes = space.node_count();
+        // The hold makes the prior regular, so its rank is the number of unknowns. Its determinant is a
+        // constant factor of the likelihood and left out.
         let model = SmoothnessModel {
             rank: 3 * nodes,
             unknowns: 3 * nodes,
@@ -500,6 +503,7 @@ impl SharedModel {
             let fitted: f64 = x.iter().zip(data.vector()).map(|(a, b)| a * b).sum();
             Ok(SmoothnessEvaluation {
                 log_determinant: 3.0 * factor.log_determinant(),
+                // |A x − b|² by its three terms: the readings need no second pass.
                 residual: squares + data.quadratic_form(&x)? - 2.0 * fitted,
                 roughness: unit.quadratic_form(&x)?,
                 trace: None,
@@ -529,6 +533,7 @@ fn probes() -> impl Iterator<Item = ([f64; 2], f64)> {
     let place = |k: usize| CELLS as f64 * (k as f64 + 0.5) / PROBES as f64;
     (0..PROBES * PROBES).map(move |k| {
         let [u, v] = [place(k % PROBES), place(k / PROBES)];
+        // Differences suffice for weights of a mean.
         let h = 1e-4;
         let [a, b] = [[h, 0.0], [0.0, h]].map(|[du, dv]| {
             let (p, q) = (on_sphere(u + du, v + dv), on_sphere(u - du, v - dv));

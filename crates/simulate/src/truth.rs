@@ -20,7 +20,7 @@ use std::sync::{Arc, OnceLock};
 /// Number of triangles of the dense mesh from which searches and rays start.
 ///
 /// With more, start values are better and rays near silhouettes are missed less often, but every truth takes
-/// longer to prepare. The results themselves do not depend on it, because Newton's method refines them.
+/// longer to prepare. The results hardly depend on it, because Newton's method refines them.
 const SEARCH_TRIANGLES: usize = 80_000;
 
 /// A surface that is known exactly, over parameters `(u, v)` in `[0, 1]²`.
@@ -134,6 +134,7 @@ impl Truth {
         };
         let smooth = smooth.refined(Arc::clone(space))?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        // The freeform uses stream 0 of the same seed; the displacements must not repeat its numbers.
         rng.set_stream(1);
         let moved = (space.node_anchors().iter().zip(smooth.vertices())).map(|(anchor, vertex)| {
             let [u, v] = space.wrap(anchor[0], anchor[1]);
@@ -296,6 +297,7 @@ impl Truth {
                 (surface.space().shape(), columns / rows)
             }
         };
+        // Two triangles per cell, and cells that are about square.
         let columns = ((0.5 * triangles as f64 * ratio).sqrt() as usize).max(8);
         let rows = (triangles / (2 * columns)).max(4);
         let (around, along) = (shape.periodic_u(), shape.periodic_v());
@@ -415,6 +417,7 @@ impl Truth {
     pub fn foot(&self, z: [f64; 3]) -> Option<TruthFoot> {
         let dense = self.dense();
         let near = dense.search.closest(z)?;
+        // The nearest corner, because parameters cannot be interpolated across a seam or a pole.
         let start = dense.parameters[self.nearest_vertex(near.triangle, near.barycentric)];
         let (point, at_border) = match &self.form {
             Form::Closed(form) => nearest_point(form, z, start),
@@ -455,6 +458,7 @@ impl Truth {
             // One Newton step of S(u, v) = o + λ d: S_u s + S_v t − d λ = r, solved by Cramer's rule.
             let normal = cross(jet.du, jet.dv);
             let determinant = -dot(normal, direction);
+            // The ray is parallel to the surface within rounding errors.
             if determinant.abs() <= 1e-9 * norm(normal) {
                 return None;
             }
@@ -521,6 +525,7 @@ fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint
         }
         let [e, f, g] = jet.first_form();
         let full = [e + dot(jet.duu, r), f + dot(jet.duv, r), g + dot(jet.dvv, r)];
+        // The margin keeps a nearly singular Hessian from giving very long steps.
         let definite = full[0] > 0.0 && full[0] * full[2] - full[1] * full[1] > 0.05 * (e * g - f * f);
         let [a, b, c] = if definite { full } else { [e, f, g] };
         let step = match held {

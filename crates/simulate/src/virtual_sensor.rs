@@ -223,6 +223,7 @@ impl VirtualScanner {
             }
             Some((z, ray, TrueReading { point, outlier, noise_factor }))
         };
+        // Collected in the order of the cells. A single ray is too short for a parallel task.
         let readings: Vec<_> = (0..cells).into_par_iter().with_min_len(256).map(read).collect();
 
         let viewing = self.viewing();
@@ -252,6 +253,7 @@ impl VirtualScanner {
             scan.points.push(z);
             seen.push(reading);
         }
+        // With even σ, the value of the sensor in the job suffices.
         if self.unevenness > 0.0 {
             scan.sigma = Some(sigma).filter(|s| !s.is_empty());
             scan.covariance = Some(covariance).filter(|c| !c.is_empty());

@@ -38,20 +38,20 @@ pub(crate) use trimmed::met_by_distance;
 pub struct Edge {
     /// Curve that carries the edge.
     pub curve: EdgeCurve,
-    /// The curve's parameters at its ends, ascending.
+    /// Parameters of the curve at the ends, ascending.
     pub range: [f64; 2],
-    /// The vertex at the first parameter.
+    /// Index of the vertex at the first parameter.
     pub start: usize,
-    /// The vertex at the second.
+    /// Index of the vertex at the second parameter.
     pub end: usize,
 }
 
 /// An oriented use of an edge by a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Coedge {
-    /// The edge's index.
+    /// Index of the edge.
     pub edge: usize,
-    /// Whether the loop runs along the curve.
+    /// True if the loop runs in the direction of the curve.
     pub forward: bool,
 }
 
@@ -60,7 +60,7 @@ pub struct Coedge {
 pub struct Face {
     /// Surface that carries the face.
     pub surface: FaceSurface,
-    /// Whether the surface's normal points out of the solid.
+    /// True if the normal of the surface points out of the solid.
     pub outward: bool,
     /// Boundary loops. Seen from outside, the face lies to their left. Loops around a cylinder come in pairs;
     /// on other surfaces the first loop is the outer one.
@@ -72,6 +72,7 @@ impl Face {
     /// uses twice.
     #[must_use]
     pub fn is_whole(&self) -> bool {
+        // A sphere or torus without loops counts as whole, too.
         let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
         let is_closed = matches!(self.surface, FaceSurface::Sphere { .. } | FaceSurface::Torus { .. });
         is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
@@ -90,7 +91,7 @@ pub struct Solid {
 }
 
 impl Solid {
-    /// The vertices from which and to which a coedge runs.
+    /// Indices of the start and end vertex of a coedge.
     #[must_use]
     pub fn ends(&self, coedge: Coedge) -> [usize; 2] {
         let edge = &self.edges[coedge.edge];
@@ -100,7 +101,7 @@ impl Solid {
         }
     }
 
-    /// The solid with all lengths times a factor > 0.
+    /// The solid with all lengths multiplied by a factor > 0.
     #[must_use]
     pub(crate) fn scaled(&self, factor: f64) -> Self {
         let mut solid = self.clone();
@@ -109,6 +110,8 @@ impl Solid {
         for edge in &mut solid.edges {
             match &mut edge.curve {
                 EdgeCurve::Line { origin, .. } => {
+                    // The direction stays a unit vector, so the parameter is a length. Other parameters are
+                    // angles or counts.
                     at(origin);
                     edge.range = edge.range.map(|t| factor * t);
                 }
@@ -139,7 +142,7 @@ impl Solid {
         solid
     }
 
-    /// Faces by the kind of their surface: planes, cylinders, cones, spheres, tori.
+    /// Number of faces on planes, cylinders, cones, spheres and tori.
     #[must_use]
     pub fn faces_by_kind(&self) -> [usize; 5] {
         let mut count = [0; 5];
@@ -155,7 +158,7 @@ impl Solid {
         count
     }
 
-    /// Connected sets of faces, as indices.
+    /// Sets of faces that are connected by edges, as ascending indices.
     #[must_use]
     pub fn shells(&self) -> Vec<Vec<usize>> {
         let mut faces_of: Vec<Vec<usize>> = vec![Vec::new(); self.edges.len()];
@@ -164,6 +167,7 @@ impl Solid {
                 faces_of[coedge.edge].push(index);
             }
         }
+        // Connected by edges only: parts that share just a vertex are separate shells.
         let mut shell_of = vec![usize::MAX; self.faces.len()];
         let mut shells: Vec<Vec<usize>> = Vec::new();
         for first in 0..self.faces.len() {
@@ -190,8 +194,10 @@ impl Solid {
         shells
     }
 
-    /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a
-    /// sphere, both circles of a torus.
+    /// Adds a whole sphere or torus as a face, with seams where its parameters begin: a meridian of a sphere,
+    /// both circles of a torus.
+    ///
+    /// A face needs a loop in STEP and in Euler's formula; seams make one.
     pub(crate) fn add_whole(&mut self, surface: FaceSurface, outward: bool) {
         use std::f64::consts::{FRAC_PI_2, TAU};
         let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
@@ -217,7 +223,7 @@ impl Solid {
                 let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));
                 let ends = [first, first];
                 let (u, v) = (add(around, [0.0, TAU], ends), add(tube, [0.0, TAU], ends));
-                // Left of it as the surface's normal has it; the other way round where that points inwards.
+                // The face is left of the loop, seen from outside. A normal that points inwards reverses it.
                 match outward {
                     true => vec![(u, true), (v, true), (u, false), (v, false)],
                     false => vec![(v, true), (u, true), (v, false), (u, false)],
@@ -247,7 +253,8 @@ impl Solid {
     ///
     /// Parts of the boundary that only touch then share no vertex, which keeps the topology manifold.
     pub(crate) fn part_vertices(&mut self) {
-        // Each edge has two ends; a loop's corner joins two of them.
+        // Sets of the ends of edges (2 for each edge). Each corner of a loop joins two of them; those that
+        // stay apart although they are at one vertex belong to different fans.
         let mut fans = DisjointSets::new(2 * self.edges.len());
         for ring in self.faces.iter().flat_map(|f| &f.loops) {
             for (k, coedge) in ring.iter().enumerate() {
@@ -257,6 +264,8 @@ impl Solid {
                 fans.join(end as u32, start as u32);
             }
         }
+        // New vertices are numbered in the order of edges, so the result does not depend on the union's
+        // order.
         let mut vertices = Vec::new();
         let mut vertex_of = std::collections::BTreeMap::new();
         for index in 0..self.edges.len() {

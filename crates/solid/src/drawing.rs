@@ -173,6 +173,7 @@ pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 pub fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let d = [b[0] - a[0], b[1] - a[1]];
     let square = d[0] * d[0] + d[1] * d[1];
+    // A segment without length is a point; the quotient would be NaN.
     let share = match square > 0.0 {
         true => (((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square).clamp(0.0, 1.0),
         false => 0.0,
@@ -248,6 +249,7 @@ impl Drawing {
     /// Minimum and maximum drawn coordinate along each axis.
     pub(crate) fn bounds(&self) -> [[f64; 2]; 3] {
         let mut bounds = [[f64::MAX, f64::MIN]; 3];
+        // Each axis is shown by two views, and both contribute.
         for view in &self.views {
             let axes = view.kind.axes();
             for p in view.curves.iter().flat_map(|c| c.curve.points()) {

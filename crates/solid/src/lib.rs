@@ -33,6 +33,31 @@
 //! # Ok::<(), planish_estimate::Error>(())
 //! ```
 //!
+//! A file that holds all views on one sheet is separated by [`views::views_of_sheet`]; coordinates that
+//! nearly agree are joined by [`views::joined`]. Measured views with errors are adjusted by
+//! [`noisy_views::match_views`] first, which also gives σ of each dimension.
+//!
+//! Faces of CAD files have surfaces of more kinds. [`parametric`] represents and triangulates these:
+//!
+//! ```
+//! use planish_solid::brep::FaceSurface;
+//! use planish_solid::parametric::{Fineness, ParametricFace, ParametricShape, ParametricSurface};
+//!
+//! let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
+//! let sphere = FaceSurface::Sphere { center: [0.0; 3], axis, x, radius: 2.0 };
+//! let ball = ParametricFace {
+//!     name: "ball".to_owned(),
+//!     surface: ParametricSurface::Elementary(sphere),
+//!     is_outward: true,
+//!     loops: Vec::new(),
+//! };
+//! let shape = ParametricShape { faces: vec![ball], ..ParametricShape::default() };
+//! let meshed = shape.triangles(&Fineness { chord: 0.01, longest: f64::INFINITY })?;
+//! let distance = |p: &[f64; 3]| (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
+//! assert!(meshed.parts[0].positions.iter().all(|p| (distance(p) - 2.0).abs() < 1e-12));
+//! # Ok::<(), planish_estimate::Error>(())
+//! ```
+//!
 //! | module | purpose |
 //! |---|---|
 //! | [`views`] | all solids that match two or three orthographic views, best first |

@@ -1,10 +1,12 @@
 //! Adjustment of noisy views of one object: contours with covariance are matched by χ² tests.
 //!
-//! Input: two or three [`NoisyView`]s in one frame, each a sketch with what holds in it. Output: a
-//! [`ConsistentViews`]: which coordinates of different views are one, with their p-values, and the most
-//! likely geometry in which they are, with the covariance that all views give it; and from it exact views,
-//! and sizes in space with σ. Not guaranteed: that coordinates which the errors hide are one; the p-value and
-//! the share of the range that would pass are reported.
+//! Input: two or three [`NoisyView`]s in one frame, each a sketch with its constraints. Output:
+//! [`ConsistentViews`]: the coordinates of different views that are equal, with p-values, and the most likely
+//! geometry in which they are, with the joint covariance. From this follow exact views, and dimensions in
+//! space with σ.
+//!
+//! Not guaranteed: coordinates that differ by less than their errors may be treated as equal. The p-value and
+//! the share of the range that would pass the test are reported.
 //!
 //! ```text
 //! NoisyView ─┐
@@ -36,9 +38,9 @@ use planish_estimate::{Error, Result};
 /// The contours of one view of an object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoisyView {
-    /// From where it is seen; the first coordinate of its contours runs right, the second up.
+    /// Viewing direction. The first coordinate of the contours runs right, the second up.
     pub kind: ViewKind,
-    /// Its contours.
+    /// Contours with their covariance.
     pub sketch: Sketch,
     /// Constraints between the contours, in addition to [`Sketch::given`].
     pub constraints: Vec<Constraint>,
@@ -64,26 +66,26 @@ impl Default for MatchOptions {
 /// Views adjusted to one consistent geometry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConsistentViews {
-    /// The views' kinds, in their order.
+    /// Viewing directions, in the order of the input.
     pub kinds: Vec<ViewKind>,
-    /// All views' drawings one after the other, consistent.
+    /// The adjusted drawings of all views, one after the other.
     pub drawing: ParametricDrawing,
-    /// The covariance of its parameters.
+    /// Covariance of the parameters of `drawing`.
     pub covariance: DMatrix<f64>,
     /// All constraints: first within each view, then between views.
     pub constraints: Vec<Constraint>,
     /// Tested pairs of coordinates.
     pub matches: Vec<SpaceMatch>,
-    /// The coordinates that are known along each axis of space, ascending.
+    /// Coordinates along each axis of space, ascending.
     pub levels: [Vec<AxisCoordinate>; 3],
-    /// χ² of the matches alone.
+    /// χ² of the matches, without that of the constraints within views.
     pub chi_square: f64,
-    /// The degrees of freedom of that χ².
+    /// Degrees of freedom of `chi_square`.
     pub degrees: usize,
-    /// The probability of a χ² at least as large.
+    /// Probability of a χ² at least as large.
     pub p_value: f64,
     sketches: Vec<Sketch>,
-    /// Where each view's parameters begin.
+    /// Index of the first parameter of each view.
     first: Vec<usize>,
 }
 
@@ -94,17 +96,24 @@ const FOREIGN: f64 = 0.01;
 
 /// Matches the coordinates of noisy views and adjusts them to one geometry.
 ///
-/// What holds in each view is imposed on all views together, block by block, and that views which share an
-/// axis end together. Coordinates along an axis of space that then are not one already are candidates, in one
-/// view or in two; [`constrain_among`] tests and imposes them, the strongest evidence first, with the range
-/// of a coordinate the object's extent. What comes out is the maximum of the joint likelihood of all views
-/// under everything imposed, with its covariance. Cost: that of `constrain_among` with the squares of the
-/// numbers of coordinates.
+/// The constraints of each view are imposed on all views together. Views that share an axis must also have
+/// the same ends along it. Pairs of coordinates along an axis that are not equal already are candidates,
+/// within a view or between two. [`constrain_among`] tests and imposes them, strongest evidence first; the
+/// range of a coordinate is the extent of the object. The result is the maximum of the joint likelihood of
+/// all views under all imposed constraints, with its covariance. The cost is that of `constrain_among` with a
+/// number of candidates that grows with the square of the number of coordinates.
+///
+/// ```
+/// use planish_solid::noisy_views::{MatchOptions, match_views};
+///
+/// // At least two views are needed.
+/// assert!(match_views(&[], &MatchOptions::default()).is_err());
+/// ```
 ///
 /// # Errors
-/// `Input` when there are fewer than two views or two of one kind, a view has no corner or circle to match,
-/// or views that share an axis do not end together (which and by how much is named); as [`constrain_among`]
-/// otherwise.
+/// `Input` if there are fewer than two views or two of one kind, if a view has no corner or circle to match,
+/// or if views that share an axis have different ends (the message names them and their difference).
+/// Otherwise as [`constrain_among`].
 pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<ConsistentViews> {
     check(views)?;
     let mut drawing = ParametricDrawing::default();
@@ -114,6 +123,8 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
     for view in views {
         first.push(drawing.parameters());
         let offset = drawing.append(&view.sketch.drawing, Some(&format!("{} ", view.kind.name())));
+        // Identifiers of points and circles are numbered within a view; in the common drawing they are
+        // shifted.
         let own = view.sketch.given.iter().chain(&view.constraints);
         given.extend(own.map(|constraint| constraint.shifted(offset)));
         offsets.push(offset);
@@ -126,9 +137,12 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
         given: given.clone(),
         ..ConstrainOptions::default()
     };
+    // Three adjustments: with the constraints of the views alone, with common ends, and with all matches. The
+    // differences of their χ² test what each step added.
     let alone = constrain_among(&drawing, &covariance, &[], &base)?;
     let places = levels::places(views, &offsets, &alone.drawing)?;
-    // Views of one object end together: this is no finding, but it is tested.
+    // Views of one object have common ends. This is an assumption and imposed without evidence, so it is
+    // tested at a stricter level than a match.
     let ends = levels::ends(&places, &alone, views.len());
     given.extend(ends.iter().map(|end| end.constraint()));
     let base = ConstrainOptions { given, ..base };
@@ -138,11 +152,13 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
         ended.degrees.saturating_sub(alone.degrees),
     );
     if p_value < FOREIGN * options.level {
-        return Err(levels::not_one_thing(&ends, &alone, views));
+        return Err(levels::different_objects(&ends, &alone, views));
     }
     let candidates: Vec<Candidate> = levels::candidates(&places, &ended);
     let found = constrain_among(&drawing, &covariance, &candidates, &base)?;
     let levels = levels::levels(&places, &found);
+    // Without the share of the constraints within views, which says nothing about their agreement. Rounding
+    // can make the difference slightly negative.
     let degrees = found.degrees - alone.degrees;
     let chi_square = (found.chi_square - alone.chi_square).max(0.0);
     Ok(ConsistentViews {
@@ -160,6 +176,7 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
     })
 }
 
+/// Rejects a wrong number of views, and two views of one kind.
 fn check(views: &[NoisyView]) -> Result<()> {
     if !(2..=3).contains(&views.len()) {
         return Err(Error::input(format!(
@@ -178,15 +195,15 @@ fn check(views: &[NoisyView]) -> Result<()> {
     Ok(())
 }
 
-/// The ends, then what became of the pairs that say something: all but those that were rejected.
+/// The common ends, then all tested pairs except the rejected ones, which are nearly all pairs.
 fn matches(
     ends: &[levels::End],
     alone: &Constrained,
     found: &Constrained,
     places: &[levels::SpacePlace],
 ) -> Vec<SpaceMatch> {
-    let said = found.proposals.iter().filter(|p| p.outcome != ProposalOutcome::Rejected);
-    let tested = said.filter_map(|proposal| {
+    let relevant = found.proposals.iter().filter(|p| p.outcome != ProposalOutcome::Rejected);
+    let tested = relevant.filter_map(|proposal| {
         let Constraint::Aligned { a, b } = proposal.constraint else {
             return None;
         };
@@ -207,17 +224,17 @@ fn matches(
             },
         })
     });
-    ends.iter().map(|end| end.said(alone)).chain(tested).collect()
+    ends.iter().map(|end| end.to_match(alone)).chain(tested).collect()
 }
 
 impl ConsistentViews {
-    /// A view's drawing, consistent with the others, and its covariance.
+    /// The adjusted drawing of one view, and its covariance.
     ///
     /// # Errors
-    /// `Input` only where numbers are not finite, which [`match_views`] excludes.
+    /// `Input` if values are not finite, which [`match_views`] excludes.
     ///
     /// # Panics
-    /// When there is no such view.
+    /// If there is no such view.
     pub fn view(&self, view: usize) -> Result<(ParametricDrawing, DMatrix<f64>)> {
         let from = self.first[view];
         let count = self.sketches[view].drawing.parameters();

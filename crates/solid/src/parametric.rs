@@ -2,8 +2,7 @@
 //!
 //! Input: vertices, edges with curves, faces with surfaces and loops, as read from a file. Output: triangles
 //! whose corners lie on the surfaces and edges, and a list of the faces that could not be filled. Each edge
-//! is
-//! divided into chords once, and all of its faces share them, so neighbouring triangles match.
+//! is divided into chords once, and all of its faces share them, so neighbouring triangles match.
 //!
 //! A face is filled in the parameters of its surface. Loops are projected there point by point, starting
 //! from the previous parameters. A loop that winds around a periodic surface is joined by a bridge to the
@@ -97,6 +96,8 @@ impl ParametricShape {
         let mut reach = |p| bounds.get_or_insert(BoundingBox { min: p, max: p }).include(p);
         let share = |k: usize| k as f64 / PROBES as f64;
         for edge in &self.edges {
+            // Ends of an edge bound it roughly; only a closed edge needs samples. Indices are not checked
+            // yet.
             edge.ends.iter().filter_map(|v| self.vertices.get(*v)).for_each(|p| reach(*p));
             if edge.ends[0] == edge.ends[1] && edge.curve.period().is_some() {
                 let [lo, hi] = edge.curve.domain();

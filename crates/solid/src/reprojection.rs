@@ -1,11 +1,13 @@
 //! Independent check of a solid: its projected views are compared with a drawing.
 //!
 //! Input: a boundary representation and a drawing. Output: the lines in which they differ, none if they agree
-//! within [`ReprojectionOptions`]. The check shares no code with the search in `views` (no cells, no grid, no
-//! cleaned curves), so an error of the search cannot hide itself.
+//! within [`ReprojectionOptions`]. With the search in `views`, the check shares only the data model and the
+//! geometry in [`brep`](crate::brep): no cells, no grid, no cleaned curves. An error of the search therefore
+//! does not hide itself.
 //!
 //! 1. `outlines`: the drawable lines of a view: sharp edges, smooth edges where the boundary turns away
-//!    from the viewer, and silhouettes within curved faces (`n · e = 0`).
+//!    from the viewer, and outlines within curved faces (`n · e = 0` for the normal n and the direction e to
+//!    the viewer).
 //! 2. `brep/trimmed`: intersections of a ray with a face, limited to the loops of the face.
 //! 3. `scene`: a point is visible where the ray from the eye that passes it on one side or the other meets
 //!    no face before it.

@@ -29,27 +29,31 @@ use planish_mesh::TriangleMesh;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-/// Maximum angle of a chord of a curved edge, in radians.
+/// Maximum angle of a chord of a circle, in radians.
 ///
-/// It keeps the outline recognisable when the tolerance is larger than the radius.
+/// A circle then has at least 12 chords. The chord error alone would allow a chord over half of the circle as
+/// soon as the tolerance reaches the radius, and small holes would lose their shape. A smaller angle makes
+/// more triangles at coarse tolerances.
 const WIDEST_CHORD: f64 = PI / 6.0;
 /// Maximum number of tolerances that are tried; each is a quarter of the previous one.
 ///
-/// Chords of two neighbouring edges can cross at a coarse tolerance.
+/// Chords of two neighbouring edges can cross at a coarse tolerance. Finer ones then make more triangles than
+/// needed, but a mesh instead of an error.
 const TRIES: usize = 4;
 
 /// Points of the mesh under construction: first those of the edges, each created once, then those in faces.
 struct Points {
     positions: Vec<[f64; 3]>,
-    /// Points along each edge in the direction of its curve, its vertices included.
+    /// Points along each edge in the direction of its curve, including its vertices.
     of_edge: Vec<Vec<u32>>,
 }
 
 impl Points {
+    /// Divides all edges into chords.
     fn new(solid: &Solid, tolerance: f64) -> Self {
         let mut positions = solid.vertices.clone();
-        // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to
-        // be told apart.
+        // Two straight edges between the same vertices occur where a hole touches a wall. Each needs a point
+        // of its own; otherwise both would be the same edge of the mesh, with four triangles.
         let ends = |edge: &Edge| (edge.start.min(edge.end), edge.start.max(edge.end));
         let mut between: HashMap<(usize, usize), usize> = HashMap::new();
         for edge in &solid.edges {
@@ -78,7 +82,8 @@ impl Points {
         (self.positions.len() - 1) as u32
     }
 
-    /// The points of a coedge as its loop runs, without the last.
+    /// The points of a coedge in the direction of its loop, without the last one, which begins the next
+    /// coedge.
     fn along(&self, coedge: Coedge) -> Vec<u32> {
         let mut points = self.of_edge[coedge.edge].clone();
         if !coedge.forward {
@@ -89,15 +94,17 @@ impl Points {
     }
 }
 
-/// Chords in which an edge is cut.
+/// Number of chords of an edge.
 fn chords(edge: &Edge, tolerance: f64) -> usize {
     let [from, to] = edge.range;
     match &edge.curve {
         EdgeCurve::Line { .. } => 1,
         EdgeCurve::Ellipse { a, .. } => {
-            // A chord over an angle θ misses a circle by r (1 − cos θ/2).
+            // The error of a chord over the angle θ is r (1 − cos θ/2). For an ellipse, `a` is the longer
+            // semi-axis, which is on the safe side.
             let widest = 2.0 * (1.0 - (tolerance / norm(*a)).min(1.0)).acos();
             let n = ((to - from) / widest.clamp(1e-5, WIDEST_CHORD)).ceil() as usize;
+            // A closed edge needs three chords to enclose an area, and an arc two to differ from its chord.
             n.max(if edge.start == edge.end { 3 } else { 2 })
         }
         EdgeCurve::Spline { points, .. } => {
@@ -111,22 +118,31 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
                     norm(sub(m, [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)))
                 })
                 .fold(0.0, f64::max);
-            // A chord's miss falls with the square of its length.
+            // The chord error falls with the square of the length. The bound of 64 limits the number of
+            // points for tolerances near rounding.
             pieces * ((miss / tolerance).sqrt().ceil() as usize).clamp(1, 64)
         }
     }
 }
 
-/// Cuts a solid's boundary into triangles that miss it by `tolerance` at most, in the unit of its
+/// Triangulates the boundary of a solid with a chord error of at most `tolerance`, in the unit of its
 /// coordinates.
 ///
-/// The volume differs from the exact one by less than twice the tolerance times the area; that and
+/// The volume differs from the exact one by less than twice the tolerance times the area. This bound and
 /// watertightness are checked.
 ///
+/// ```
+/// use planish_solid::brep::Solid;
+/// use planish_solid::tessellation::tessellate;
+///
+/// // The tolerance must be positive.
+/// assert!(tessellate(&Solid::default(), 0.0).is_err());
+/// ```
+///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive, or needs more than
-/// [`MAX_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a
-/// face cannot be filled.
+/// [`Input`](planish_estimate::ErrorKind::Input) if the tolerance is not positive, or needs more than
+/// [`MAX_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, if a face
+/// cannot be filled.
 pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
         return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
@@ -134,9 +150,9 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     let needed = triangles_needed(solid, tolerance);
     if needed > MAX_TRIANGLES {
         return Err(Error::input(format!(
-            "a mesh that misses the solid by {tolerance:e} at most needs about {needed:.1e} triangles: \
-             needed at most {MAX_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
-            // Rounded up, so that it works.
+            "a mesh with a chord error of {tolerance:e} needs about {needed:.1e} triangles: needed at most \
+             {MAX_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
+            // Printed with two digits: rounding down could give a tolerance that is rejected again.
             1.06 * min_tolerance(solid)
         )));
     }
@@ -146,12 +162,14 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
         if made.is_ok() {
             break;
         }
+        // A quarter of the tolerance halves the chords.
         finer /= 4.0;
         made = once(solid, finer);
     }
     checked(solid, made?, tolerance)
 }
 
+/// Triangulates all faces at one tolerance.
 fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     let mut points = Points::new(solid, tolerance);
     let mut triangles = Vec::new();
@@ -180,10 +198,11 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
 
 /// Returns the mesh if it is closed and its volume agrees with that of the solid.
 fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<TriangleMesh> {
+    // The volume is an independent test: a mesh can be closed although a face was filled on the wrong side.
     let found = mesh.check();
     if !(found.watertight && found.oriented && found.manifold) {
         return Err(Error::unsupported(format!(
-            "its triangles do not close: {} open, {} shared and {} turned edges",
+            "its triangles do not close: {} boundary, {} non-manifold and {} misoriented edges",
             found.boundary_edges, found.nonmanifold_edges, found.misoriented_edges
         )));
     }
@@ -193,13 +212,13 @@ fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<Triangle
     match (volume - exact.volume).abs() <= allowed {
         true => Ok(mesh),
         false => Err(Error::unsupported(format!(
-            "its triangles hold {volume}, and the solid {}: needed a difference below {allowed}",
+            "the mesh has the volume {volume}, and the solid {}: needed a difference below {allowed}",
             exact.volume
         ))),
     }
 }
 
-/// The lengths of a surface's steps along its two parameters, at parameters.
+/// Lengths of the derivatives of a surface along its two parameters, by differences.
 fn steps(surface: &crate::brep::FaceSurface, [u, v]: [f64; 2]) -> [f64; 2] {
     let h = 1e-6;
     let p = surface.point([u, v]);

@@ -35,6 +35,7 @@ mod cells;
 mod circles;
 mod column;
 mod drawing_grid;
+mod edge_splines;
 mod joined;
 mod oblique;
 mod oblique_sight;
@@ -231,6 +232,7 @@ impl Solutions {
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
+    // A drawing without a size cannot be scaled; the search reports what is wrong with it.
     if !(size > 0.0 && size.is_finite()) || (USUAL_SIZE[0]..USUAL_SIZE[1]).contains(&size) {
         return solve_scaled(drawing, 1.0);
     }
@@ -240,6 +242,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
         let in_what = format!("in units of {scale:e}");
         e.in_context(in_what)
     })?;
+    // Measures are computed again instead of scaled by three powers of the factor.
     for solution in &mut found.solutions {
         solution.solid = solution.solid.scaled(scale);
         solution.measures = solution.solid.measures();
@@ -298,6 +301,7 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
             .into_iter()
             .map(candidate_surface::CandidateSurface::Turned)
             .collect();
+        // The same candidates as in the strict pass would give the same result again.
         if walls == tried || walls.len() > MAX_WALLS {
             continue;
         }
@@ -395,6 +399,7 @@ fn unexplained(
     found: &[(Option<LineStyle>, sight::SightTestPlace)],
     scale: f64,
 ) -> Vec<Unexplained> {
+    // One line of the drawing may fail hundreds of tests; a list of all would hide the other lines.
     let mut places: Vec<(Option<LineStyle>, &sight::SightTestPlace, usize)> = Vec::new();
     for (style, place) in found {
         let same =
@@ -449,6 +454,8 @@ fn solution(
     let solid = boundary::boundary(cells, assignment)
         .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
         .map_err(|e| does_not_close(e.to_string()))?;
+    // The check accepts a boundary that touches itself, since each part closes; contacts are found
+    // separately.
     let contacts = solid.contacts(TOUCHING * cells.plan.size);
     let touches = contacts.first().map(|contact| {
         let what = match (contact.is_between_bodies, contact.is_line) {
@@ -472,6 +479,7 @@ fn solution(
         )));
     }
     Ok(Solution {
+        // Any solid of one body is preferred to two bodies, whatever its number of faces.
         cost: solid.faces.len() as f64 + 1000.0 * solid.bodies().len().saturating_sub(1) as f64,
         solid,
         measures,

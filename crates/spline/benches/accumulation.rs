@@ -23,14 +23,14 @@ fn seconds(since: Instant) -> f64 {
 
 fn rate(runs: usize, mut work: impl FnMut()) -> f64 {
     let since = Instant::now();
-    let least = (0..runs)
+    let shortest = (0..runs)
         .map(|_| {
             let start = seconds(since);
             work();
             seconds(since) - start
         })
         .fold(f64::INFINITY, f64::min);
-    POSITIONS as f64 / least / 1e6
+    POSITIONS as f64 / shortest / 1e6
 }
 
 fn main() {

@@ -128,8 +128,9 @@ impl BaseShape {
             Shape::Torus => [TAU * self.size[0], TAU * self.size[2]],
         };
         let side = (lengths[0] * lengths[1] / cells as f64).sqrt();
-        let round =
-            |length: f64, least: usize| ((length / side).round() as usize).clamp(least, cells.max(least));
+        let round = |length: f64, minimum: usize| {
+            ((length / side).round() as usize).clamp(minimum, cells.max(minimum))
+        };
         match self.shape {
             Shape::Sheet => [round(lengths[0], 2), round(lengths[1], 2)],
             Shape::Tube => [round(lengths[0], 6), round(lengths[1], 2)],

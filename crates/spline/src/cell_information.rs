@@ -80,6 +80,7 @@ impl CellInformation {
         self.add_block(c, information);
         let [xx, xy, xz, yy, yz, zz] = *information;
         let [x, y, z] = value;
+        // Once per reading, not once per coefficient.
         let weighted = [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z];
         for k in 0..16 {
             for d in 0..3 {
@@ -235,6 +236,7 @@ pub fn variance_along(
 ) -> f64 {
     let (nodes, weights) = space.extraction(leaf);
     let n = nodes.len();
+    // Weights of the nodes first: the double sum then has n² terms instead of 256 n².
     let row: Vec<f64> = weights.iter().map(|w| (0..16).map(|k| w[k] * c[k]).sum()).collect();
     let mut variance = 0.0;
     for a in 0..n {

@@ -41,6 +41,7 @@ impl DirectedMoments {
         let s4 = s2 * s2;
         let powers = [1.0, s, s2, s2 * s, s4, s4 * s, s4 * s2, 0.0];
         let [x, y, z] = a.map(|c| w * c);
+        // The six products of a symmetric `a aᵀ`.
         let products = [x * a[0], x * a[1], x * a[2], y * a[1], y * a[2], z * a[2]];
         let mut row_power = 1.0;
         for j in 0..7 {
@@ -116,6 +117,7 @@ impl DirectedSums {
         if system.space().leaves() != self.space.leaves() {
             return Err(Error::input("the system belongs to another hierarchy"));
         }
+        // Moments are converted once per leaf, not once per reading.
         system.accumulate(|leaf, cell| {
             let moments = &self.leaves[leaf];
             // For any direction at least one of the entries xx, yy and zz is positive.

@@ -14,6 +14,7 @@
 //! Not guaranteed: values outside the bounding box of the points; cells that are small enough for the shape.
 
 use crate::basis::cubic;
+use planish_core::BoundingBox;
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse,
     SymbolicFactor,
@@ -118,14 +119,8 @@ impl HeightField {
                 readings[at]
             )));
         }
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for r in readings {
-            for k in 0..2 {
-                low[k] = low[k].min(r.place[k]);
-                high[k] = high[k].max(r.place[k]);
-            }
-        }
-        let sides: [f64; 2] = std::array::from_fn(|k| ((high[k] - low[k]) / cell).ceil().max(1.0));
+        let bounds: BoundingBox<2> = readings.iter().map(|r| r.place).collect();
+        let sides: [f64; 2] = std::array::from_fn(|k| (bounds.extent()[k] / cell).ceil().max(1.0));
         // In floating point: for a tiny cell the product does not fit an integer.
         if sides[0] * sides[1] > MAX_CELLS as f64 {
             return Err(Error::input(format!(
@@ -134,10 +129,10 @@ impl HeightField {
             )));
         }
         let cells = sides.map(|s| s as usize);
-        let mut field = Grid { origin: low, cell, cells };
+        let mut field = Grid { origin: bounds.min, cell, cells };
         // Centre the grid, so that the points at both ends are inside.
         for k in 0..2 {
-            field.origin[k] -= 0.5 * (cells[k] as f64 * cell - (high[k] - low[k]));
+            field.origin[k] -= 0.5 * (cells[k] as f64 * cell - bounds.extent()[k]);
         }
         field.solve(readings, dispersion)
     }
@@ -158,6 +153,8 @@ impl HeightField {
     pub fn at_all(&self, places: &[[f64; 2]]) -> Vec<Option<Height>> {
         let located: Vec<([usize; 2], [f64; 2])> = places.iter().map(|p| self.grid.locate(*p)).collect();
         let mut order: Vec<usize> = (0..places.len()).filter(|k| inside(located[*k].1)).collect();
+        // Sorted by cell: the covariance of its sixteen nodes is the expensive part. The sort is stable, so
+        // results do not depend on it.
         order.sort_by_key(|k| located[*k].0);
         let mut all = vec![None; places.len()];
         let mut covariance = Vec::new();
@@ -229,6 +226,7 @@ impl Grid {
         let places: Vec<[f64; 2]> = (0..unknowns)
             .map(|k| [(k % (self.cells[0] + 3)) as f64, (k / (self.cells[0] + 3)) as f64])
             .collect();
+        // Few fill entries on a grid, and independent subtrees for the threads.
         let ordering = NodeOrdering::nested_dissection(&pattern, &places)?;
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
 
@@ -297,10 +295,13 @@ impl Grid {
         // Start where data and prior have equal traces.
         let total = |of: &BlockInformation| of.diagonal().iter().sum::<f64>();
         let search = SmoothnessSearch {
+            // The likelihood is flat at its maximum, so a finer weight hardly changes heights or variances.
             tolerance: 0.05,
             ..SmoothnessSearch::from_start(total(&data) / total(&energy))
         };
         let found = maximize_restricted_likelihood(&model, &search, evaluate)?;
+        // Factorised again: storing the factor of every weight would need more memory than one factorisation
+        // costs time.
         let (factor, coefficients) = at_weight(found.weight)?;
         Ok(HeightField {
             grid: *self,
@@ -329,6 +330,8 @@ fn energy_of_cell() -> [f64; 256] {
     let product = |x: usize, y: usize, i: usize, j: usize| gram[x][i % 4][j % 4] * gram[y][i / 4][j / 4];
     std::array::from_fn(|k| {
         let (i, j) = (k / 16, k % 16);
+        // The null space of the sixth-order term contains all sums of functions whose third derivative
+        // vanishes in one direction. The small second-order term leaves only planes.
         product(3, 3, i, j)
             + SECOND_ORDER * (product(2, 0, i, j) + 2.0 * product(1, 1, i, j) + product(0, 2, i, j))
     })

@@ -112,6 +112,7 @@ impl Hierarchy {
                     base[1]
                 )));
             }
+            // With the maximum level, indices of cells still fit 32 bits.
             if base[d] > 1 << 14 {
                 return Err(Error::input(format!(
                     "a base grid of {} × {} cells is too large",
@@ -147,6 +148,7 @@ impl Hierarchy {
             }
             let (mut i, mut j) = (cell.i as usize, cell.j as usize);
             for level in (0..usize::from(cell.level)).rev() {
+                // A leaf requires that all its ancestors are split, and only these.
                 (i, j) = (i / 2, j / 2);
                 while split.len() <= level {
                     split.push(vec![false; grid(base, split.len()).iter().product()]);
@@ -208,6 +210,7 @@ impl Hierarchy {
         for &leaf in marked {
             let cell = self.leaves[leaf];
             let level = usize::from(cell.level);
+            // Not an error: refinement by a criterion marks the same cell again in every round.
             if level >= MAX_LEVEL {
                 continue;
             }
@@ -310,6 +313,8 @@ impl Hierarchy {
     /// that level is not a leaf.
     #[inline(always)]
     fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
+        // A table per level instead of a tree of pointers: most points lie in cells of few levels, and a step
+        // is one look-up.
         let [columns, rows] = grid(self.base, level);
         let scale = (1_u64 << level) as f64;
         // The upper end of the domain belongs to the last cell.
@@ -400,6 +405,7 @@ impl Hierarchy {
         let mut of_function: Vec<Option<[f64; 3]>> = vec![None; self.functions.len()];
         let index: HashMap<Cell, usize> = self.functions.iter().enumerate().map(|(n, &f)| (f, n)).collect();
         for &cell in &self.leaves {
+            // Only leaves that are needed are evaluated, and each once.
             let mut local = None;
             let level = usize::from(cell.level);
             for k in 0..16 {

@@ -77,6 +77,8 @@ impl Surface {
         if let Some(at) = vertices.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
             return Err(Error::input(format!("control vertex {at} is not finite")));
         }
+        // The mixture of levels is resolved once per leaf. An evaluation then has the cost of a plain bicubic
+        // patch.
         let local = space.leaf_coefficients(&vertices);
         Ok(Self { space, vertices, local })
     }
@@ -116,6 +118,7 @@ impl Surface {
     /// The point at `(u, v)`.
     #[must_use]
     pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+        // One search for the leaf; callers that know it use the functions of leaves.
         let (leaf, [s, t]) = self.space.locate(u, v);
         self.leaf_point(leaf, s, t)
     }

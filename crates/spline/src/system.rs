@@ -268,6 +268,7 @@ impl SurfaceSystem {
         if self.space.levels() > 1 {
             return Err(Error::input("the hierarchy is not uniform: its leaves differ in size"));
         }
+        // Over a plane all leaves of one size have the same form.
         let form = reference.leaf_thin_plate(0);
         self.assemble_forms(|_| form)
     }
@@ -314,8 +315,8 @@ impl SurfaceSystem {
             &mut matrix,
             || (),
             |(), leaf| {
-                let nothing = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
-                Some((scalar_element(&self.space, leaf, &form(leaf)), nothing))
+                let zeros = vec![0.0; 3 * self.space.extraction(leaf).0.len()];
+                Some((scalar_element(&self.space, leaf, &form(leaf)), zeros))
             },
         )?;
         Ok(matrix)
@@ -342,6 +343,7 @@ impl SurfaceSystem {
                 let size2 = (e.min(g)).max(0.01 * e.max(g)) * side * side;
                 let w = q.weight / (share * share * size2);
                 let information = [
+                    // `w (I − n nᵀ)`: only tangential motion is held, so the shape is free.
                     w * (1.0 - n[0] * n[0]),
                     -w * n[0] * n[1],
                     -w * n[0] * n[2],
@@ -395,6 +397,7 @@ impl SurfaceSystem {
         earlier: Option<CholeskyFactor>,
         matrix: &BlockInformation,
     ) -> Result<CholeskyFactor> {
+        // Memory and symbolic analysis are reused.
         match earlier {
             Some(factor) => factor.refactorize(matrix),
             None => self.factorize_scalar(matrix),

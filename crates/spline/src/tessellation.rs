@@ -107,6 +107,8 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
         (0..count).into_par_iter().with_min_len(CHUNK).map(|leaf| lattice.plan(leaf)).collect();
     let total = number_vertices(&mut plans)?;
 
+    // Vertices and triangles are collected chunk by chunk in the order of the leaves, so the mesh does not
+    // depend on the number of threads.
     let vertices: Vec<Vec<Vertex>> = (0..count.div_ceil(CHUNK))
         .into_par_iter()
         .map(|chunk| {
@@ -115,6 +117,7 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
         })
         .collect();
     let mut mesh = Tessellation { limited_leaves, ..Tessellation::default() };
+    // The number of vertices is known, so arrays are allocated once.
     mesh.positions.reserve_exact(total);
     mesh.normals.reserve_exact(total);
     mesh.parameters.reserve_exact(total);
@@ -253,6 +256,8 @@ impl<'a> Lattice<'a> {
         let levels = || space.leaves().iter().map(|cell| u32::from(cell.level)).zip(&divisions);
         let total = levels().map(|(level, n)| level + n[0].max(n[1])).max().unwrap_or(0);
         let total = total.max(finest);
+        // Numbers of divisions are powers of two: vertices of adjacent leaves then lie on one integer
+        // lattice.
         let steps = levels().map(|(level, n)| n.map(|n| 1 << (total - level - n))).collect();
         Self { surface, finest, depth: total - finest, steps }
     }
@@ -343,6 +348,8 @@ impl<'a> Lattice<'a> {
                     let s = self.finest - u32::from(space.leaves()[neighbour].level);
                     // A side can have several finer neighbours, each with its own steps.
                     end = end.min(((at >> s) + 1) << s);
+                    // The finer of both leaves determines the vertices on a common side, which leaves no
+                    // gaps.
                     step = step.min(self.steps[neighbour][direction]);
                 }
             }

@@ -10,9 +10,9 @@
 //! | refine | `refine` (`misfit`, `division`) | a `ConvergedFit`: surface, feet, noise, smoothness weight |
 //! | finish | `finish` | a [`Fit`]: information, covariance, report |
 //!
-//! Large clouds pass these stages with a first batch; `batches` adds the others. Other kinds of fit replace
-//! stages: `known_parameters` all of them, `patch` filters readings one at a time, `motion` and `bending`
-//! follow an object through time, `update` adds readings to a saved model.
+//! Large clouds pass these stages with a first batch; `batches` adds the others. Other strategies replace
+//! stages (see [`Strategy`]): `known_parameters` all of them, `patch` filters readings one at a time,
+//! `motion` and `bending` follow an object through time. `update` adds readings to a saved model.
 
 mod batches;
 mod bending;
@@ -53,6 +53,7 @@ pub(crate) use leaves::with_neighbours;
 pub use motion::{MotionPose, MotionReport};
 pub use options::{Filter, FitOptions, GlobalOptions, GroundWidth, PatchOptions, Strategy, UpdateOptions};
 pub(crate) use patch::{FirstFit, first_fit_of};
+use planish_core::Setting;
 pub use propagation::PropagationReport;
 pub use report::{FitReport, FitTermination, HeldOut};
 pub use residual_sample::{ResidualSample, ScanSummary};
@@ -122,14 +123,21 @@ impl Fit {
 ///
 /// // A scan of a wavy sheet, with an error of up to 0.02 mm.
 /// let points = (0..2000_u32).map(|k| {
-///     let [x, y] = [8.0 * f64::from(k * 7919 % 2003) / 2003.0, 6.0 * f64::from(k * 104_729 % 1999) /
-///     1999.0]; [x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin()] }); let scan = Scan { name:
-///     "sheet".to_owned(), points: points.collect(), ..Scan::default() }; let sensor = Sensor { noise:
-///     Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() }; let set = ScanSet { unit:
-///     Some(Unit::Millimetre), sensors: vec![sensor], scans: vec![PosedScan { scan, sensor: 0,
-///     sigma_translation: None, sigma_rotation_deg: None }], ..ScanSet::default() }; let fitted = fit(&set,
-///     &FitOptions::default(), &Silent)?; assert_eq!(fitted.report.shape, "sheet"); assert!(fitted.report.rms
-///     < 0.02 && fitted.report.sigma.median < 0.01);
+///     let x = 8.0 * f64::from(k * 7919 % 2003) / 2003.0;
+///     let y = 6.0 * f64::from(k * 104_729 % 1999) / 1999.0;
+///     [x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin()]
+/// });
+/// let scan = Scan { name: "sheet".to_owned(), points: points.collect(), ..Scan::default() };
+/// let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() };
+/// let set = ScanSet {
+///     unit: Some(Unit::Millimetre),
+///     sensors: vec![sensor],
+///     scans: vec![PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None }],
+///     ..ScanSet::default()
+/// };
+/// let fitted = fit(&set, &FitOptions::default(), &Silent)?;
+/// assert_eq!(fitted.report.shape, "sheet");
+/// assert!(fitted.report.rms < 0.02 && fitted.report.sigma.median < 0.01);
 /// # Ok::<(), planish_core::Error>(())
 /// ```
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
@@ -279,9 +287,10 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
     }
     if matches!(model.known, Knowledge::Free { .. }) {
         return Err(Error::unsupported(
-            "the model is a state of a sheet that bends, and later scans are of other states: needed `fit \
-             --motion bend` of all scans together",
-        ));
+            "the model is a state of a sheet that bends, and later scans are of other states: needed one fit \
+             of all scans together",
+        )
+        .with_setting(Setting::Motion));
     }
     let own = if model.known.filter().is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
@@ -290,11 +299,12 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
             Filter::Patch => "patch",
         };
         return Err(Error::input(format!(
-            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found \
+            "the model was made by the {} filter and is updated by it: needed no filter, or that one, found \
              {}",
             name(own),
             name(asked)
-        )));
+        ))
+        .with_setting(Setting::Filter));
     }
     Ok(())
 }

@@ -18,6 +18,7 @@ use crate::observe::{ObservationOptions, Observations, RejectionCause};
 use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::saved::{Session, load_with_provenance, save};
 use crate::subdivision::{LevelRefinement, RefineBy};
+use planish_core::Setting;
 use planish_core::Silent;
 use planish_core::SymmetricMatrix3;
 use planish_estimate::{Error, Result};
@@ -326,10 +327,10 @@ impl SurfaceStream {
         let model = saved.model;
         let Some(filter) = model.known.filter() else {
             return Err(Error::unsupported(format!(
-                "{}: the model is one of the global filter: needed one of `fit --filter patch` or of a \
-                 stream",
+                "{}: the model is one of the global filter: needed one of the patch filter or of a stream",
                 path.display()
-            )));
+            ))
+            .with_setting(Setting::Filter));
         };
         let rules = PatchRules {
             gate: options.gate,

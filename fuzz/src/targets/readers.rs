@@ -86,6 +86,7 @@ pub(super) fn depth_image(path: &Path) -> Result<()> {
     scans(&sibling(path, "a.png"))
 }
 
+/// Reads a file of any kind as the input of a fit, as users do.
 pub(super) fn scans(path: &Path) -> Result<()> {
     read_inputs(&[path], None).map(drop)
 }
@@ -95,10 +96,12 @@ fn sibling(path: &Path, name: &str) -> std::path::PathBuf {
     path.with_file_name(name)
 }
 
+/// The bytes of a file; none if it does not exist.
 fn bytes_of(path: &Path) -> Vec<u8> {
     std::fs::read(path).unwrap_or_default()
 }
 
+/// Reads a scan, writes it, reads it and writes it again: both files must be equal.
 pub(super) fn scan_round_trip(path: &Path) -> Result<()> {
     scans(path)?;
     let contents = read_contents(path)?;
@@ -121,6 +124,7 @@ pub(super) fn materials(path: &Path) -> Result<()> {
     read_materials(path).map(|_| ())
 }
 
+/// Reads a mesh, and writes and reads it three times: the second and third file must be equal.
 pub(super) fn mesh_round_trip(path: &Path) -> Result<()> {
     // Mesh files are also read as point sets, and by `info`.
     let as_points = scans(path);
@@ -138,6 +142,7 @@ pub(super) fn mesh_round_trip(path: &Path) -> Result<()> {
     as_points.and(described.map(drop))
 }
 
+/// Writes a mesh with all its columns.
 fn write(mesh: &PolygonMesh, path: &Path) -> Result<()> {
     write_mesh(
         path,
@@ -151,6 +156,7 @@ fn write(mesh: &PolygonMesh, path: &Path) -> Result<()> {
     )
 }
 
+/// Reads a saved model, and writes and reads it twice: both files must be equal.
 pub(super) fn model_round_trip(path: &Path) -> Result<()> {
     let saved = load_with_provenance(path)?;
     let (first, second) = (sibling(path, "first.planish"), sibling(path, "second.planish"));

@@ -35,6 +35,7 @@ pub(super) fn repair_safetensors_length(bytes: &mut Vec<u8>, random: &mut ChaCha
 
 /// Damages compressed bytes in one to three places.
 fn damage_packed(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    // Few changes: a decompressor stops at the first error.
     for _ in 0..random.random_range(1..4) {
         if bytes.is_empty() {
             return;
@@ -53,6 +54,7 @@ pub(super) fn repair_stl_count(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     if bytes.len() < 84 || bytes.starts_with(b"solid ") || random.random() {
         return;
     }
+    // A header of 80 bytes, the count, and 50 bytes for each triangle.
     let count = (bytes.len() - 84) / 50;
     bytes.truncate(84 + 50 * count);
     bytes[80..84].copy_from_slice(&(count as u32).to_le_bytes());
@@ -102,6 +104,8 @@ pub(super) fn repair_png_checksums(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng)
         return;
     }
     let mut rest = bytes.get_mut(8..).unwrap_or_default();
+    // A chunk is length, type, data and checksum; the checksum covers type and data. The walk ends at the
+    // first length that damage has made too long.
     while let Some((&length, _)) = rest.split_first_chunk::<4>() {
         let end = (u32::from_be_bytes(length) as usize).saturating_add(8);
         let Some((chunk, after)) = rest.split_at_mut_checked(end) else {

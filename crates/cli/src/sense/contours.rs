@@ -105,7 +105,7 @@ fn work(args: &ContoursArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: done.unit,
         inputs: done.inputs.clone(),
         outputs: done.written.iter().cloned().chain(patches).collect(),
-        warnings: done.warnings.clone(),
+        findings: done.findings.clone(),
         body: Body { report: done, termination: "converged" },
     })
 }

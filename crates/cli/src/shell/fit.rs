@@ -180,7 +180,7 @@ fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFit
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
         outputs: report.written.iter().chain(&args.page.report).cloned().collect(),
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: report,
     })
 }

@@ -102,7 +102,7 @@ fn work(args: &ShellMeshArgs, progress: &dyn Progress) -> Result<Summary<ShellMe
         unit: report.unit,
         inputs: vec![args.mesh.clone()],
         outputs: report.written.clone(),
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: report,
     })
 }

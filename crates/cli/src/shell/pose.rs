@@ -81,7 +81,7 @@ fn work(args: &ShellPoseArgs, progress: &dyn Progress) -> Result<Summary<ShellPo
         unit: report.unit,
         inputs: report.inputs.clone(),
         outputs: report.written.clone(),
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: report,
     })
 }

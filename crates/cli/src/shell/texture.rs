@@ -88,7 +88,7 @@ fn work(args: &ShellTextureArgs, progress: &dyn Progress) -> Result<Summary<Shel
         unit: report.unit,
         inputs: report.inputs.clone(),
         outputs: report.written.clone(),
-        warnings: report.warnings.clone(),
+        findings: report.findings.clone(),
         body: report,
     })
 }

@@ -6,6 +6,8 @@ use crate::numbers::count;
 use crate::summary::{self, Summary};
 use crate::values::{self, positive};
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Finding;
+use planish::finding::with_warnings;
 use planish::simulate::{ContoursOptions, ContoursShape, write_contours_scene};
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -57,7 +59,8 @@ pub struct ContoursSceneArgs {
 struct SceneBody {
     rows: usize,
     columns: [&'static str; 4],
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -103,11 +106,11 @@ fn work(args: &ContoursSceneArgs) -> Result<Summary<SceneBody>> {
         unit: Some(options.unit),
         inputs: Vec::new(),
         outputs: made.files,
-        warnings: Vec::new(),
+        findings: Vec::new(),
         body: SceneBody {
             rows: made.places,
             columns: ["x", "y", "sigma_px", "contour"],
-            warnings: [],
+            findings: Vec::new(),
             termination: "converged",
         },
     })

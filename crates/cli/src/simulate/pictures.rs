@@ -7,6 +7,8 @@ use crate::numbers::{count, significant};
 use crate::summary::Summary;
 use crate::values::{self, not_negative, pixels, positive};
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Finding;
+use planish::finding::with_warnings;
 use planish::progress::Progress;
 use planish::simulate::{
     PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, write_picture_scene,
@@ -93,7 +95,8 @@ enum AxisArg {
 #[derive(Serialize)]
 pub struct PictureBody {
     truth: PictureTruth,
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -123,8 +126,8 @@ pub fn work(
         unit: made.truth.unit.parse().ok(),
         inputs: args.mesh.iter().cloned().collect(),
         outputs: made.files.clone(),
-        warnings: Vec::new(),
-        body: PictureBody { truth: made.truth, warnings: [], termination: "converged" },
+        findings: Vec::new(),
+        body: PictureBody { truth: made.truth, findings: Vec::new(), termination: "converged" },
     })
 }
 

@@ -7,6 +7,8 @@ use crate::numbers::count;
 use crate::summary::{self, Summary};
 use crate::values::{self, numbers, positive, share};
 use clap::{Args, ValueHint};
+use planish::Finding;
+use planish::finding::with_warnings;
 use planish::simulate::{ReadingsOptions, ReadingsSummary, write_readings_scene};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
@@ -68,7 +70,8 @@ fn velocity(text: &str) -> Result<[f64; 3], String> {
 pub struct ReadingsBody {
     rows: usize,
     columns: Vec<&'static str>,
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -79,8 +82,13 @@ pub fn readings_summary(made: ReadingsSummary, unit: Unit, lines: Lines) -> Summ
         unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files,
-        warnings: Vec::new(),
-        body: ReadingsBody { rows: made.rows, columns: made.columns, warnings: [], termination: "converged" },
+        findings: Vec::new(),
+        body: ReadingsBody {
+            rows: made.rows,
+            columns: made.columns,
+            findings: Vec::new(),
+            termination: "converged",
+        },
     }
 }
 

@@ -6,6 +6,8 @@ use crate::numbers::count;
 use crate::summary::{self, Summary};
 use crate::values::{self, positive, share};
 use clap::{Args, ValueHint};
+use planish::Finding;
+use planish::finding::with_warnings;
 use planish::simulate::{ShellSceneOptions, write_shell_scene};
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -64,7 +66,8 @@ struct Body {
     rows: usize,
     columns: [&'static str; 4],
     controls: usize,
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -102,12 +105,12 @@ fn work(args: &ShellSceneArgs) -> Result<Summary<Body>> {
         unit: Some(made.unit),
         inputs: args.mesh.clone().into_iter().collect(),
         outputs: made.files,
-        warnings: Vec::new(),
+        findings: Vec::new(),
         body: Body {
             rows: made.points,
             columns: ["x", "y", "z", "sigma"],
             controls: made.controls,
-            warnings: [],
+            findings: Vec::new(),
             termination: "converged",
         },
     })

@@ -6,6 +6,8 @@ use crate::numbers::{count, significant};
 use crate::summary::Summary;
 use crate::values::{self, not_negative};
 use clap::{Args, ValueHint};
+use planish::Finding;
+use planish::finding::with_warnings;
 use planish::progress::Progress;
 use planish::simulate::{SPHERE_COLUMNS, SphereJob, SphereOptions, SphereRow};
 use planish::{Job, Result};
@@ -70,7 +72,8 @@ pub struct SphereArgs {
 pub struct SphereBody {
     rows: Vec<SphereRow>,
     columns: [&'static str; SPHERE_COLUMNS.len()],
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -98,8 +101,8 @@ pub fn work(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<Sphere
         unit: None,
         inputs: Vec::new(),
         outputs: (args.out.iter()).chain(&args.animate).chain(&args.page.report).cloned().collect(),
-        warnings: Vec::new(),
-        body: SphereBody { rows, columns: SPHERE_COLUMNS, warnings: [], termination: "converged" },
+        findings: Vec::new(),
+        body: SphereBody { rows, columns: SPHERE_COLUMNS, findings: Vec::new(), termination: "converged" },
     })
 }
 

@@ -3,7 +3,9 @@
 use crate::lines::{Align, Lines};
 use crate::numbers::{count, significant};
 use crate::summary::Summary;
+use planish::Finding;
 use planish::Unit;
+use planish::finding::with_warnings;
 use planish::simulate::{ScanSceneSummary, TruthSummary};
 use serde::Serialize;
 use std::path::Path;
@@ -14,7 +16,8 @@ pub struct ScanSceneBody {
     rows: usize,
     columns: Vec<String>,
     truth: TruthSummary,
-    warnings: [String; 0],
+    #[serde(flatten, serialize_with = "with_warnings")]
+    findings: Vec<Finding>,
     termination: &'static str,
 }
 
@@ -30,12 +33,12 @@ pub fn summary(
         unit: Some(unit),
         inputs: Vec::new(),
         outputs: made.files.clone(),
-        warnings: Vec::new(),
+        findings: Vec::new(),
         body: ScanSceneBody {
             rows: made.rows,
             columns: made.columns,
             truth: made.truth,
-            warnings: [],
+            findings: Vec::new(),
             termination: "converged",
         },
     }

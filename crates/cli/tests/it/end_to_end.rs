@@ -242,7 +242,7 @@ fn bending_sheet_is_followed_and_animated() {
     // A model of a bending sheet cannot be updated without its states.
     let refused = planish(folder.path(), &["fit", "b/laser-1.ply", "--update", "b.planish"]);
     assert_eq!(refused.code, 2);
-    assert!(refused.stderr.contains("--motion bend"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("(option --motion)"), "{}", refused.stderr);
 
     run(&["fit", "b/laser-3.ply", "--animate", "forming.glb"]);
     let told = run(&["info", "forming.glb"]).stdout;

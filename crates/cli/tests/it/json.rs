@@ -3,7 +3,7 @@
 use crate::support::{part_of_pebble, pebble, planish, repository};
 use serde_json::Value;
 
-const COMMON: [&str; 10] = [
+const COMMON: [&str; 11] = [
     "command",
     "version",
     "seconds",
@@ -13,6 +13,7 @@ const COMMON: [&str; 10] = [
     "inputs",
     "outputs",
     "warnings",
+    "findings",
     "termination",
 ];
 
@@ -31,6 +32,9 @@ fn has_common(object: &Value, command: &str) {
     assert!(object["seconds"].as_f64().is_some_and(|s| s > 0.0));
     for list in ["inputs", "outputs", "warnings"] {
         assert!(object[list].as_array().is_some_and(|l| l.iter().all(Value::is_string)), "{list}");
+    }
+    for finding in object["findings"].as_array().expect("a list") {
+        has(finding, &["code", "level", "text"]);
     }
     let endings = ["converged", "reached_tolerance", "limit", "undetermined"];
     assert!(endings.contains(&object["termination"].as_str().unwrap_or_default()));

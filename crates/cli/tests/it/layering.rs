@@ -9,7 +9,7 @@ use std::process::Command;
 /// For each crate its layer. A crate may use those of lower layers, never its peers or what lies above.
 const LAYERS: [(&str, u8); 15] = [
     ("planish-core", 0),
-    ("planish-report", 0),
+    ("planish-report", 1),
     ("planish-estimate", 1),
     ("planish-spline", 2),
     ("planish-mesh", 2),

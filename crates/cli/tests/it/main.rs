@@ -9,6 +9,7 @@ mod constraints;
 mod drawings;
 mod end_to_end;
 mod errors;
+mod findings;
 mod help;
 mod hostile;
 mod json;

@@ -44,7 +44,7 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
     assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
-    assert!(said.stderr.contains("turned over"), "{}", said.stderr);
+    assert!(said.stderr.contains("it was reversed"), "{}", said.stderr);
     let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
     assert_eq!((&read["manifold"], &read["components"]), (&true.into(), &1.into()), "{read:#}");
     let area = read["area"].as_f64().expect("a number");
@@ -162,7 +162,7 @@ fn inputs_that_cannot_be_merged_are_named() {
         ("merge a.obj line.obj -o w.ply", 1, "overlap"),
         ("merge a.obj zero.ply -o w.ply", 2, "zero.ply: vertex 1 has σ = 0"),
         ("merge a.obj part.step -o w.ply", 2, "part.step: line 1: the file ends before `END-ISO-10303-21;`"),
-        ("merge a.obj part.iges -o w.ply", 2, "found IGES, which is not read: write it as STEP"),
+        ("merge a.obj part.iges -o w.ply", 2, "found IGES, which is not supported: convert it to STEP"),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
         ("merge a.obj copy.obj -o w.ply", 2, "copy.obj has the same vertices as a.obj"),
         ("merge a.obj copy.obj --align -o w.ply", 2, "counts once"),

@@ -125,7 +125,10 @@ fn inconsistent_views_are_named() {
     std::fs::write(at.join("a.dxf"), "0\nEOF\n").expect("a file");
     for (args, says) in [
         (&["front.json"][..], "found 1"),
-        (&["front.json", "top.json", "scaled.json"], "needed views of one thing, at one scale, in one frame"),
+        (
+            &["front.json", "top.json", "scaled.json"],
+            "needed views of one object, at one scale, in one frame",
+        ),
         (&["front.json", "top.json", "inches.json"], "inches.json: is in in"),
         (&["front.json", "broken.json"], "broken.json: expected contours as"),
         (&["front.json", "a.dxf"], "a.dxf: is no contour"),

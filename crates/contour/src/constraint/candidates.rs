@@ -52,6 +52,7 @@ pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
         for &b in &bars[i + 1..] {
             add(Constraint::Parallel { a, b }, PI);
             add(Constraint::Perpendicular { a, b }, PI);
+            // The ends of an axis are arbitrary: its length means nothing.
             if !drawing.is_axis(a) && !drawing.is_axis(b) {
                 add(Constraint::EqualLength { a, b }, length.max(drawing.length(b)));
             }
@@ -63,6 +64,7 @@ pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
     }
     for (circle, start, end) in drawing.arcs() {
         for (bar, point) in bars_at(drawing, [start, end]) {
+            // The residual is the radius times a sine, as for horizontal bars.
             let range = PI * drawing.radius(circle);
             add(Constraint::TangentAt { bar, circle, point }, range);
         }
@@ -71,6 +73,7 @@ pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
         for &b in &circles[i + 1..] {
             let larger = drawing.radius(a).max(drawing.radius(b));
             add(Constraint::EqualRadius { a, b }, larger);
+            // Circles drawn about one point are concentric by construction, and can never touch.
             if drawing.centre(a) != drawing.centre(b) {
                 add(Constraint::Concentric { a, b }, extent);
                 let inside = is_inside(drawing, a, b);

@@ -38,6 +38,8 @@ impl Linearised {
         covariance: &DMatrix<f64>,
         constraints: &[Constraint],
     ) -> Self {
+        // Linearised where the constraints nearly hold, but the misclosure refers to the estimate: χ² is the
+        // distance from there.
         let x = at.values();
         let back = estimate.values() - &x;
         let rows = constraints.iter().map(|constraint| {

@@ -50,12 +50,14 @@ impl Incidence {
             equation_of[parameter] = Some(equation);
             parameter_of[equation] = Some(parameter);
         }
+        // The same search serves both sides, so it needs the transposed lists as well.
         let mut users = vec![Vec::new(); self.parameters.len()];
         for (equation, list) in of.iter().enumerate() {
             list.iter().for_each(|&parameter| users[parameter].push(equation));
         }
         let over = reached(&of, &parameter_of, &equation_of);
         let under = reached(&users, &equation_of, &parameter_of);
+        // No node is reached from both sides: such a path would augment the matching, which is maximum.
         let side = |count: usize, a: &[bool], b: &[bool]| -> [Vec<usize>; 3] {
             let pick = |wanted: (bool, bool)| (0..count).filter(|&i| (a[i], b[i]) == wanted).collect();
             [pick((true, false)), pick((false, false)), pick((false, true))]
@@ -112,6 +114,7 @@ fn blocks(
     }
     for &equation in &well.equations {
         for &parameter in &of[equation] {
+            // An equation needs the parameters of others to be solved first: an arc to the equation of each.
             let needed = equation_of[parameter].and_then(|other| node_of[other]);
             if let (Some(from), Some(to)) = (node_of[equation], needed) {
                 graph.add_edge(from, to, ());

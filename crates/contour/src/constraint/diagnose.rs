@@ -181,9 +181,12 @@ pub fn implications(
             row.fill(0.0);
         }
     }
+    // Constraints come before relations, so every relation is expressed by constraints where that is
+    // possible.
     let owners = equations.owners();
     let numbers: Vec<usize> = (0..all.len()).collect();
     let mut found = redundancies(&ranked(&jacobian), &owners, &numbers);
+    // Keep relations of which all equations follow, and from constraints alone.
     found.retain(|dependence| {
         dependence.constraint >= constraints.len()
             && dependence.equations == all[dependence.constraint].equation_count()
@@ -234,6 +237,7 @@ fn without_conflicts(
             let chosen: Vec<Constraint> = chosen.iter().map(|&i| constraints[kept[i]]).collect();
             satisfy(drawing, &chosen).holds
         });
+        // The last member is the least preferred one.
         let Some((&last, others)) = found.split_last() else {
             break;
         };
@@ -272,6 +276,7 @@ fn ranked(jacobian: &DMatrix<f64>) -> RowRank {
 /// Number of independent combinations of motions that change no equation.
 fn free_motions(jacobian: &DMatrix<f64>, motions: &DMatrix<f64>) -> usize {
     let changes = (jacobian * motions).transpose();
+    // Changes by a motion are compared with the size of the Jacobian: those of free motions are rounding.
     let size = jacobian.norm() * motions.amax();
     motions.ncols() - row_rank(&changes, &[size; 3], ROW_TOLERANCE).independent.len()
 }
@@ -306,6 +311,7 @@ fn rigid_motions(drawing: &ParametricDrawing, x: &DVector<f64>) -> DMatrix<f64> 
         let [i, j] = drawing.coordinates(point);
         motions[(i, 0)] = 1.0;
         motions[(j, 1)] = 1.0;
+        // Divided by the extent, a rotation changes parameters as much as a translation does.
         motions[(i, 2)] = -x[j] / size;
         motions[(j, 2)] = x[i] / size;
     }

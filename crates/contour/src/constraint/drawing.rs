@@ -6,6 +6,7 @@
 
 use crate::constraint::Constraint;
 use nalgebra::DVector;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -131,6 +132,7 @@ impl ParametricDrawing {
         // Work on a copy: an error in a later bar must not leave half of the polygon behind.
         let mut larger = self.clone();
         let points: Vec<PointId> = vertices.iter().map(|&vertex| larger.point(vertex)).collect();
+        // The last bar returns to the first point.
         let next = points.iter().cycle().skip(1);
         let bars =
             points.iter().zip(next).map(|(&start, &end)| larger.bar(start, end)).collect::<Result<_>>()?;
@@ -162,6 +164,7 @@ impl ParametricDrawing {
                 self.point_name(end)
             )));
         }
+        // Bars have no parameters of their own: two bars that share a point move together.
         self.bars.push(Bar { start, end, axis: false });
         Ok(BarId(self.bars.len() as u32 - 1))
     }
@@ -188,6 +191,8 @@ impl ParametricDrawing {
             return Err(Error::input(format!("the radius of a circle must be positive, found {radius}")));
         }
         let number = self.circles.len() + 1;
+        // The centre is a point of the drawing, which other parts may share; only the radius is a new
+        // parameter.
         self.circles.push(Circle { centre, radius: self.values.len() });
         self.circle_names.push(format!("circle {number}"));
         self.values.push(radius);
@@ -198,6 +203,8 @@ impl ParametricDrawing {
     /// Adds an arc of a circle, counter-clockwise from `start` to `end`. [`Self::arc_constraints`] put these
     /// points on the circle.
     pub fn arc(&mut self, circle: CircleId, start: PointId, end: PointId) -> ArcId {
+        // The end points are independent parameters. Angles on the circle instead would prevent sharing them
+        // with bars.
         self.arcs.push(Arc { circle, start, end });
         ArcId(self.arcs.len() as u32 - 1)
     }
@@ -220,6 +227,7 @@ impl ParametricDrawing {
         let offset = self.counts();
         let first = self.values.len();
         self.values.extend(&other.values);
+        // Parts refer to parameters and to other parts by index; only these indices change.
         self.points.extend(other.points.iter().map(|x| first + x));
         let (mut names, mut point_names, mut circle_names) =
             (other.names.clone(), other.point_names.clone(), other.circle_names.clone());
@@ -228,6 +236,7 @@ impl ParametricDrawing {
                 name.insert_str(0, prefix);
             }
         } else {
+            // Same names as if the parts had been added to this drawing one by one.
             for (i, &x) in other.points.iter().enumerate() {
                 let number = offset.points as usize + i + 1;
                 point_names[i] = format!("P{number}");
@@ -292,6 +301,7 @@ impl ParametricDrawing {
                 values.len()
             )));
         }
+        // Bars without length are allowed here, unlike in `bar`: a solver may pass through them.
         let mut moved = self.clone();
         moved.values.copy_from_slice(values.as_slice());
         Ok(moved)
@@ -448,6 +458,7 @@ impl ParametricDrawing {
     pub fn pair_name(&self, a: PointId, b: PointId) -> String {
         let [a, b] = [a, b].map(|point| self.point_name(point));
         // Write a common prefix only once.
+        // The number follows the last P: a prefix may contain that letter, too.
         let number = b.rfind('P').unwrap_or(0);
         if a.get(..number) == b.get(..number) { format!("{a}{}", &b[number..]) } else { format!("{a} {b}") }
     }
@@ -457,17 +468,14 @@ impl ParametricDrawing {
     /// Tolerances are relative to it; 1 avoids a division by zero.
     #[must_use]
     pub fn extent(&self) -> f64 {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        let mut cover = |p: [f64; 2], reach: f64| {
-            for axis in 0..2 {
-                low[axis] = low[axis].min(p[axis] - reach);
-                high[axis] = high[axis].max(p[axis] + reach);
-            }
-        };
-        self.points().for_each(|point| cover(self.position(point), 0.0));
-        self.circles()
-            .for_each(|circle| cover(self.position(self.centre(circle)), self.radius(circle).abs()));
-        let diagonal = (high[0] - low[0]).hypot(high[1] - low[1]);
+        let mut bounds: BoundingBox<2> = self.points().map(|point| self.position(point)).collect();
+        // The absolute value of a radius, as it may become negative while a solver runs.
+        for circle in self.circles() {
+            let center = self.position(self.centre(circle));
+            bounds.include_box(&BoundingBox { min: center, max: center }.grown(self.radius(circle).abs()));
+        }
+        let [width, height] = bounds.extent();
+        let diagonal = width.hypot(height);
         if diagonal > 0.0 && diagonal.is_finite() { diagonal } else { 1.0 }
     }
 }

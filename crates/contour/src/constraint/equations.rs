@@ -98,6 +98,7 @@ impl<'a> ConstraintEquations<'a> {
     /// The equations at `x`, unscaled.
     #[must_use]
     pub fn at(&self, x: &[f64]) -> Vec<Equation> {
+        // The equations of a compound constraint share their geometry: evaluate all, then select.
         let all: Vec<Equation> =
             self.constraints.iter().flat_map(|constraint| constraint.equations(self.drawing, x)).collect();
         self.rows.iter().map(|&row| all[row].clone()).collect()
@@ -106,6 +107,7 @@ impl<'a> ConstraintEquations<'a> {
     /// The scaled residuals, without the Jacobian.
     #[must_use]
     pub(crate) fn residuals(&self, x: &DVector<f64>) -> DVector<f64> {
+        // No Jacobian: the search for drawings near an estimate needs residuals far more often.
         let equations = self.at(x.as_slice());
         let scaled = equations.iter().map(|equation| {
             let factor = if equation.is_length { 1.0 / self.scale } else { 1.0 };
@@ -120,6 +122,7 @@ impl<'a> ConstraintEquations<'a> {
         let mut residuals = DVector::zeros(self.len());
         let mut jacobian = DMatrix::zeros(self.len(), x.len());
         for (row, equation) in self.at(x.as_slice()).iter().enumerate() {
+            // One scale for lengths and angles, so that a single tolerance suits both.
             let factor = if equation.is_length { 1.0 / self.scale } else { 1.0 };
             residuals[row] = factor * equation.residual;
             for &(parameter, slope) in &equation.gradient {

@@ -150,6 +150,7 @@ impl Level {
 
 /// Tests a relation at a state; `reference` is the covariance before anything was imposed.
 pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64>, level: Level) -> Test {
+    // Without copying the parameters: this runs for every candidate in every step of the search.
     let equations = candidate.constraint.equations(&state.drawing, state.drawing.raw_values());
     if !equations.iter().all(Equation::is_finite) {
         return Test::undefined(equations.len());
@@ -174,6 +175,8 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
             variance -= slope * slope * of_first;
             residual -= slope * first.residual;
         }
+        // An equation with no variance left is known: its residual is rounding, and dividing by its variance
+        // would make noise of it.
         if variance > known * known {
             chi_square += residual * residual / variance;
             determinant *= variance;
@@ -193,6 +196,7 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
             is_defined: true,
         };
     }
+    // The window is a ball of the radius `reach` in whitened residuals; `volume` maps it into the range.
     let volume = determinant.sqrt() / candidate.range.powi(degrees as i32);
     let reach = level.bounds[degrees - 1].sqrt();
     // Volume of the unit ball: the window is an interval or an ellipse.
@@ -225,6 +229,7 @@ pub(super) fn is_linear(candidate: &Candidate, state: &State, reference: &DMatri
     let mut linear = vec![0.0; equations.len()];
     let mut rest = vec![0.0; equations.len()];
     for (step, values) in &state.samples {
+        // The step is the linear prediction; the sample after restoring the constraints is the truth.
         let there = candidate.constraint.equations(&state.drawing, values.as_slice());
         for (row, (here, there)) in equations.iter().zip(&there).enumerate() {
             let predicted: f64 = here.gradient.iter().map(|&(i, slope)| slope * step[i]).sum();

@@ -107,6 +107,8 @@ pub(super) fn impose_from(
     constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     // Only for its checks of the covariance: size, symmetry, finite values.
     KalmanFilter::new(drawing.values(), covariance.clone())?;
+    // A drawing that satisfies most constraints already is a better start than the estimate: it keeps the
+    // branch, and the search takes fewer steps.
     let near = start.near.map(|near| solve(near, constraints)).filter(|solution| solution.holds);
     let solution = near.unwrap_or_else(|| satisfy(drawing, constraints));
     if !solution.holds {
@@ -120,6 +122,7 @@ pub(super) fn impose_from(
     let rank = row_rank(&spreads, &row_sigmas(&jacobian, covariance), KNOWN_SIGMA);
     let independent = all.clone().with_rows(&rank.independent);
     let degrees = independent.len();
+    // Dependent rows would make the innovation covariance singular, so only independent ones are imposed.
     let updated = if degrees == 0 {
         Updated { mean: drawing.values(), covariance: covariance.clone(), chi_square: 0.0 }
     } else if sigma > 0.0 {
@@ -127,6 +130,7 @@ pub(super) fn impose_from(
     } else {
         exactly(drawing, covariance, start.root, &independent, &solution.values)?
     };
+    // The dependent rows were left out: check that they hold as well.
     let left = all.residuals(&updated.mean);
     if sigma == 0.0 && !left.is_empty() && left.amax() > RESIDUAL_TOLERANCE {
         return Err(Error::undetermined(format!(
@@ -206,6 +210,7 @@ fn exactly(
         }
         // Nearly dependent equations amplify rounding, so that steps stop shrinking above the tolerance.
         if moved <= STEP_TOLERANCE || (moved >= previous && moved <= STALL_TOLERANCE) {
+            // Symmetrised below: rounding would otherwise accumulate over many steps of a search.
             let reduced = covariance - &across * across.transpose();
             return Ok(Updated {
                 mean: x,
@@ -243,6 +248,7 @@ pub(super) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let eigen = SymmetricEigen::new(scaled);
     let mut root = eigen.eigenvectors;
     for (j, value) in eigen.eigenvalues.iter().enumerate() {
+        // Eigenvalues of a singular matrix can be slightly negative by rounding.
         root.column_mut(j).scale_mut(value.max(0.0).sqrt());
     }
     for (i, factor) in scale.iter().enumerate() {

@@ -36,6 +36,7 @@ impl Incidence {
         let equations = ConstraintEquations::new(drawing, constraints);
         let mut entries = Vec::new();
         for (equation, at) in equations.at(drawing.values().as_slice()).iter().enumerate() {
+            // Relative to the equation, because slopes of lengths and of angles have different units.
             let largest = at.gradient.iter().map(|(_, slope)| slope.abs()).fold(0.0, f64::max);
             entries.extend(at.gradient.iter().map(|&(parameter, slope)| Entry {
                 equation,
@@ -93,6 +94,7 @@ impl Incidence {
     #[must_use]
     pub fn is_matching(&self, pairs: &[(usize, usize)]) -> bool {
         let of = self.parameters_of_equations();
+        // Both sides need a check: a list of pairs can repeat either.
         let mut seen = (vec![false; self.parameters.len()], vec![false; of.len()]);
         pairs.iter().all(|&(parameter, equation)| {
             let is_entry = of.get(equation).is_some_and(|list| list.contains(&parameter));
@@ -127,6 +129,7 @@ impl Incidence {
 ///
 /// `matched` holds the partner of each left node.
 fn augment(neighbours: &[Vec<usize>], right: usize, matched: &mut [Option<usize>]) {
+    // Start from the given matching instead of an empty one: it is kept as far as possible.
     let mut partner = vec![None; right];
     for (left, found) in matched.iter().enumerate() {
         if let Some(found) = found {
@@ -152,6 +155,7 @@ fn layers(
     let mut layers: Vec<usize> =
         matched.iter().map(|found| if found.is_none() { 0 } else { usize::MAX }).collect();
     let mut queue: VecDeque<usize> = (0..matched.len()).filter(|&left| matched[left].is_none()).collect();
+    // The search does not stop at the first free right node: the whole layer is needed for disjoint paths.
     let mut ends = false;
     while let Some(left) = queue.pop_front() {
         for &right in &neighbours[left] {
@@ -190,6 +194,7 @@ fn extend(
             }
             continue;
         };
+        // The edge is used up for this phase, whether it leads on or not.
         next[left] += 1;
         match partner[right] {
             None => {
@@ -200,6 +205,7 @@ fn extend(
                 }
                 return;
             }
+            // Only along the layers: this makes all paths of a phase shortest ones.
             Some(deeper) if layers[deeper] == layers[left] + 1 => {
                 path.push((left, right));
                 left = deeper;

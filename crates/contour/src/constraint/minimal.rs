@@ -27,6 +27,7 @@ pub fn deletion_filter(count: usize, mut holds: impl FnMut(&[usize]) -> bool) ->
     if holds(&kept) {
         return Vec::new();
     }
+    // From the end, so that earlier, preferred demands stay in the set if there is a choice.
     for candidate in (0..count).rev() {
         let without: Vec<usize> = kept.iter().copied().filter(|&i| i != candidate).collect();
         if !holds(&without) {
@@ -79,6 +80,8 @@ fn explain(
     if among.len() <= 1 {
         return among.to_vec();
     }
+    // The second half is explained with the whole first half in the background, and the first half then only
+    // with the members found: this prefers early members.
     let (first, second) = among.split_at(among.len() / 2);
     let of_second = explain(&joined(background, first), true, second, holds);
     let of_first = explain(&joined(background, &of_second), !of_second.is_empty(), first, holds);

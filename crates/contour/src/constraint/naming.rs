@@ -11,6 +11,7 @@ impl Constraint {
     /// # Errors
     /// `Input` if not.
     pub fn require_parts(&self, drawing: &ParametricDrawing) -> Result<()> {
+        // Lists of its own for `Aligned`, whose parts depend on its value; all other arms borrow from `self`.
         let aligned;
         let (points, bars, circles, value): (&[PointId], &[BarId], &[CircleId], f64) = match self {
             Self::Distance { a, b, value } => (&[*a, *b], &[], &[], *value),
@@ -38,12 +39,14 @@ impl Constraint {
             }
             Self::Horizontal { bar } | Self::Vertical { bar } => (&[], &[*bar], &[], 0.0),
             Self::Coordinate { point, value, .. } => (&[*point], &[], &[], *value),
+            // The sum is finite only if both coordinates are.
             Self::Anchor { point, at } => (&[*point], &[], &[], at[0] + at[1]),
             Self::Coincident { a, b } => (&[*a, *b], &[], &[], 0.0),
             Self::PointOnCircle { point, circle } => (&[*point], &[], &[*circle], 0.0),
             Self::Radius { circle, value } => (&[], &[], &[*circle], *value),
         };
         let count = [drawing.points().count(), drawing.bars().count(), drawing.circles().count()];
+        // Counted from 1 in the message, as names of parts are.
         let missing = (points.iter().map(|p| ("point", p.0, count[0])))
             .chain(bars.iter().map(|b| ("bar", b.0, count[1])))
             .chain(circles.iter().map(|c| ("circle", c.0, count[2])))
@@ -123,6 +126,7 @@ impl Constraint {
 
     /// Indices of the parameters that it depends on, in ascending order.
     pub(crate) fn parameters(&self, drawing: &ParametricDrawing) -> Vec<usize> {
+        // Gradients list every parameter, even with a zero slope, so any values of the drawing serve.
         let equations = self.equations(drawing, drawing.raw_values());
         let mut found: Vec<usize> = equations
             .iter()
@@ -136,6 +140,7 @@ impl Constraint {
     /// The same constraint after its drawing was appended to another.
     #[must_use]
     pub fn shifted(&self, offset: Offset) -> Self {
+        // Collect mutable references to all indices first, then shift them in one place.
         let mut moved = *self;
         let (mut points, mut bars, mut circles): (Vec<&mut PointId>, Vec<&mut BarId>, Vec<&mut CircleId>) =
             Default::default();
@@ -189,6 +194,7 @@ impl Constraint {
 fn rounded(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 || (1e-6..1e12).contains(&size) {
+        // The shortest decimal text of the rounded value; fixed precision would print trailing zeros.
         let scale = 10_f64.powi(7 - size.max(f64::MIN_POSITIVE).log10().floor() as i32);
         return match value == 0.0 {
             true => "0".to_owned(),

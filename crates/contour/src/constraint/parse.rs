@@ -46,8 +46,8 @@ struct Words<'a> {
 }
 
 impl Words<'_> {
-    /// Tries the phrases in turn. Order matters where one phrase can occur in a sentence of another: `
-    /// tangent to ` precedes ` at `.
+    /// Tries the phrases in turn. The order matters if a phrase occurs in a sentence of another: `tangent to`
+    /// has to precede `at`.
     fn constraint(&self, text: &str) -> Result<Constraint> {
         let split = |word: &str| text.split_once(word).map(|(a, b)| (a.trim(), b.trim()));
         if let Some(bar) = text.strip_suffix(" horizontal") {
@@ -90,6 +90,7 @@ impl Words<'_> {
         if let Some((a, b)) = split(" tangent to ") {
             return self.tangent(a, b);
         }
+        // One phrase for lengths, distances and angles: the text after it decides.
         if let Some((parts, value)) = split(" is ") {
             return self.size(parts, value);
         }
@@ -103,6 +104,7 @@ impl Words<'_> {
         }
         if let Some((point, on)) = split(" on ") {
             let a = self.point(point)?;
+            // Names of circles and points differ in form, so that at most one of both lookups succeeds.
             return Ok(match self.circle(on) {
                 Ok(circle) => Constraint::PointOnCircle { point: a, circle },
                 Err(_) => Constraint::Coincident { a, b: self.point(on)? },
@@ -116,6 +118,7 @@ impl Words<'_> {
 
     /// `a tangent to b`.
     fn tangent(&self, a: &str, b: &str) -> Result<Constraint> {
+        // The first part decides between two circles, and a bar with a circle.
         if let Ok(first) = self.circle(a) {
             let b = self.circle(b)?;
             let inside = is_inside(self.drawing, first, b);
@@ -126,6 +129,7 @@ impl Words<'_> {
             let (circle, point) = (self.circle(circle)?, self.point(point)?);
             return Ok(Constraint::TangentAt { bar, circle, point });
         }
+        // The text does not state the side; the drawn one is meant.
         let circle = self.circle(b)?;
         let left = is_left(self.drawing, circle, bar);
         Ok(Constraint::Tangent { bar, circle, left })
@@ -141,6 +145,7 @@ impl Words<'_> {
             let (point, bar, value) = (self.point(parts)?, self.bar(bar)?, number(value)?);
             return Ok(Constraint::PointLineDistance { point, bar, value });
         }
+        // `deg` for keyboards without a degree sign.
         let degrees = value.strip_suffix('°').or_else(|| value.strip_suffix("deg"));
         match (parts.split_once(" to "), degrees) {
             (Some((from, to)), Some(degrees)) => Ok(Constraint::Angle {
@@ -186,6 +191,7 @@ impl Words<'_> {
     /// Two points, with or without a bar between them.
     fn pair(&self, name: &str) -> Result<[PointId; 2]> {
         let name = name.trim();
+        // Split at the last P: the first name may have a prefix that contains the letter.
         let cut = name.rfind('P').filter(|&cut| cut > 0);
         let Some(cut) = cut else {
             return Err(missing("pair of points", name, "P1P2", self.drawing.points().count()));
@@ -207,6 +213,7 @@ impl Words<'_> {
 
 fn number(text: &str) -> Result<f64> {
     let found: Option<f64> = text.trim().parse().ok();
+    // `parse` accepts `nan` and `inf`.
     found
         .filter(|value| value.is_finite())
         .ok_or_else(|| Error::input(format!("expected a number, found `{}`", text.trim())))

@@ -35,6 +35,7 @@ impl Place {
     pub fn terms(self, drawing: &ParametricDrawing) -> Vec<(usize, f64)> {
         match self {
             Self::Point { point, axis } => vec![(drawing.coordinates(point)[axis as usize], 1.0)],
+            // Linear in centre and radius, so that equal extremes of two views are linear constraints.
             Self::Extreme { circle, axis, upper } => vec![
                 (drawing.coordinates(drawing.centre(circle))[axis as usize], 1.0),
                 (drawing.radius_parameter(circle), if upper { 1.0 } else { -1.0 }),

@@ -221,6 +221,7 @@ pub fn constrain_among(
     };
     // Before anything is accepted: afterwards, the windows are narrower and correlated.
     let mut proposals = search.single_tests(candidates, &given)?;
+    // Over all relations that are sharp enough to be accepted, whether they hold or not.
     let expected_by_chance =
         proposals.iter().filter(|p| p.degrees > 0 && p.chance <= options.max_chance).map(|p| p.chance).sum();
     let state = search.accept(candidates, &mut proposals, given)?;
@@ -332,12 +333,15 @@ impl Search {
             if proposals[i].outcome != ProposalOutcome::Unclear {
                 continue;
             }
+            // Tested anew in each step, because accepted relations change the estimate and sharpen its
+            // covariance.
             let test = self.test(&candidates[i], now);
             proposals[i].chance = test.chance;
             if test.degrees > 0 {
                 if test.chance <= self.options.max_chance && test.is_defined {
                     tests.push((i, test));
                 }
+            // No variance left: implied, or in conflict. If only the linear part vanishes, it has to wait.
             } else if is_linear(&candidates[i], now, &self.covariance) {
                 proposals[i].outcome = match test.holds {
                     true => ProposalOutcome::Implied,
@@ -357,6 +361,8 @@ impl Search {
             }
             let parameters = candidates[i].constraint.parameters(&self.estimate);
             let is_apart = parameters.iter().all(|&parameter| !used[parameter]);
+            // The best candidate may fail its test: it is then refused with the conflicting set. Others must
+            // pass here.
             let passes = best.is_empty() || test.p_value >= self.options.level / self.tests as f64;
             if is_apart && passes && is_linear(&candidates[i], now, &self.covariance) {
                 if best.is_empty() {
@@ -415,6 +421,7 @@ impl Search {
         let mut all = self.options.given.clone();
         all.extend(accepted.iter().map(|&i| proposals[i].constraint));
         all.push(proposals[candidate].constraint);
+        // Given constraints are part of every subset and never blamed.
         let linear = Linearised::new(&self.estimate, at, &self.root, &self.covariance, &all);
         let first_order = quick_xplain(accepted.len(), |chosen| {
             let known = || (0..given).chain(chosen.iter().map(|&i| given + i));

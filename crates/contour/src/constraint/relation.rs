@@ -247,6 +247,7 @@ impl<'a> Builder<'a> {
     }
 
     fn line_between(&self, a: PointId, b: PointId) -> Line {
+        // A length of zero gives NaN, which `Equation::is_finite` detects.
         let d = self.between(a, b);
         let length = d[0].hypot(d[1]);
         let along = [d[0] / length, d[1] / length];
@@ -260,6 +261,7 @@ impl<'a> Builder<'a> {
 
     /// Adds a slope to the gradient. Parameters of a gradient are unique, as parts may share points.
     fn parameter(&mut self, parameter: usize, slope: f64) {
+        // A linear search: an equation has at most eight parameters.
         match self.equation.gradient.iter_mut().find(|(known, _)| *known == parameter) {
             Some((_, sum)) => *sum += slope,
             None => self.equation.gradient.push((parameter, slope)),
@@ -304,6 +306,8 @@ impl<'a> Builder<'a> {
             let p = self.at(point);
             from_start = [from_start[0] + weight * p[0], from_start[1] + weight * p[1]];
         }
+        // Rotating the bar about its start moves the foot of the point across by its distance along the bar:
+        // the last term of the gradient.
         self.equation.residual += factor * dot(line.left, from_start);
         for &(point, weight) in points {
             self.point(point, scaled(factor * weight, line.left));
@@ -364,10 +368,13 @@ impl Constraint {
                 new.add_offset(&[(point, 1.0)], bar, 1.0);
                 new.plus(-value)
             }
+            // The wrapped difference is continuous near its zero, wherever the cut of atan2 lies.
             Self::Angle { from, to, radians } => new.turn(from, to, |angle| (wrapped(angle - radians), 1.0)),
+            // Zero for parallel and for antiparallel bars: the direction of a bar has no meaning.
             Self::Parallel { a, b } => new.turn(a, b, |angle| (angle.sin(), angle.cos())),
             Self::Perpendicular { a, b } => new.turn(a, b, |angle| (angle.cos(), -angle.sin())),
             Self::Tangent { bar, circle, left } => {
+                // A signed distance: the absolute value would have a kink where the bar passes the centre.
                 let side = if left { 1.0 } else { -1.0 };
                 new.add_offset(&[(drawing.centre(circle), 1.0)], bar, side);
                 new.add_radius(circle, -1.0);
@@ -386,6 +393,7 @@ impl Constraint {
                 new.add_radius(b, of_b);
                 new.plus(0.0)
             }
+            // A difference, not a ratio: σ is a length for short and long bars alike.
             Self::EqualLength { a, b } => {
                 let ([a0, a1], [b0, b1]) = (drawing.ends(a), drawing.ends(b));
                 new.add_distance(a0, a1, 1.0);
@@ -397,6 +405,7 @@ impl Constraint {
                 new.add_radius(b, -1.0);
                 new.plus(0.0)
             }
+            // Differences of coordinates instead of angles: linear equations are imposed exactly in one step.
             Self::Horizontal { bar } => return vec![difference(drawing, x, drawing.ends(bar), 1)],
             Self::Vertical { bar } => return vec![difference(drawing, x, drawing.ends(bar), 0)],
             Self::Coordinate { point, axis, value } => {
@@ -412,10 +421,12 @@ impl Constraint {
             Self::Coincident { a, b } => {
                 return (0..2).map(|axis| difference(drawing, x, [a, b], axis)).collect();
             }
+            // The midpoint lies on the axis, and the line through both points is perpendicular to it.
             Self::Symmetric { a, b, about } => {
                 new.add_offset(&[(a, 0.5), (b, 0.5)], about, 1.0);
                 return vec![new.plus(0.0), along(drawing, x, [a, b], about)];
             }
+            // A distance minus a radius: a length, unlike a difference of squares.
             Self::PointOnCircle { point, circle } => {
                 new.add_distance(drawing.centre(circle), point, 1.0);
                 new.add_radius(circle, -1.0);
@@ -447,12 +458,14 @@ impl Constraint {
     /// Distances of zero and multiples of a right angle are relations, because they express no size.
     #[must_use]
     pub fn measured(&self, drawing: &ParametricDrawing, x: &[f64]) -> Option<Self> {
+        // The residual is the measured dimension minus the stated one; adding it gives the measured one.
         let mut read = *self;
         let found = self.equations(drawing, x)[0].residual;
         match &mut read {
             Self::Distance { value, .. } | Self::PointLineDistance { value, .. } if *value == 0.0 => {
                 return None;
             }
+            // Exact comparison: these values are stated, not computed.
             Self::Angle { radians, .. } if (*radians / FRAC_PI_2).fract() == 0.0 => return None,
             Self::Angle { radians, .. } => *radians = wrapped(*radians + found),
             Self::Distance { value, .. }

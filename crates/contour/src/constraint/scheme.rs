@@ -64,6 +64,7 @@ pub fn dimension_scheme(
             equations.iter().all(super::equations::Equation::is_finite)
         })
         .collect();
+    // Constraints first: `row_rank` keeps earlier rows, so a dimension that they imply is not added.
     let mut all = constraints.to_vec();
     all.extend(&candidates);
     let equations = ConstraintEquations::new(drawing, &all);
@@ -123,6 +124,7 @@ fn dimensions(drawing: &ParametricDrawing) -> Vec<Constraint> {
     }
     found.extend(drawing.circles().map(|circle| Constraint::Radius { circle, value: 1.0 }));
     for &point in &points {
+        // A few bars per point are enough to fix it; all of them would make the table much larger.
         for bar in drawing.bars().filter(|&bar| !drawing.ends(bar).contains(&point)).take(4) {
             found.push(Constraint::PointLineDistance { point, bar, value: 1.0 });
         }

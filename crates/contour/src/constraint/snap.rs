@@ -148,9 +148,12 @@ pub fn snap(
         p_value: constrained.p_value,
         implied: Vec::new(),
     };
+    // Snapped dimensions are imposed together with everything before, from the unconstrained estimate.
     let mut constraints = constrained.constraints.clone();
     let mut report: Vec<Option<Snap>> = vec![None; dimensions.len()];
+    // Bonferroni: the level is for all dimensions together.
     let level = search.options.level / dimensions.len().max(1) as f64;
+    // Each round tests all remaining dimensions anew: a snapped one reduces the σ of others, or fixes them.
     for _ in 0..dimensions.len() {
         let mut best: Option<(usize, Snap)> = None;
         let now = State::unconstrained(&state.drawing, &state.covariance);
@@ -164,6 +167,7 @@ pub fn snap(
             break;
         };
         if found.outcome == SnapOutcome::Snapped {
+            // The pair of tests concerns this dimension alone; the joint test may still fail.
             constraints.push(found.dimension.constraint(&state.drawing, found.nearest));
             match search.impose_if_accepted(&constraints, &state) {
                 Some(next) => state = next,
@@ -203,6 +207,7 @@ fn test_dimension(
     let rounded = (value / grid).round() * grid;
     // Zero is no length; use the first grid value instead.
     let nearest = if rounded == 0.0 { grid.copysign(value) } else { rounded };
+    // Unrelated dimensions would be evenly distributed between two multiples.
     let candidate = Candidate { constraint: dimension.constraint(drawing, nearest), range: grid };
     let test = constrained.search.test(&candidate, now);
     let away = (value - nearest).abs();
@@ -215,6 +220,7 @@ fn test_dimension(
         (0, true) => SnapOutcome::Implied,
         (0, false) => SnapOutcome::FixedOffGrid,
         _ if test.p_value < level => SnapOutcome::OffGrid,
+        // The second nearest multiple is `grid − away` from the value.
         _ if chi_square_tail(((grid - away) / sigma).powi(2), 1) >= level => SnapOutcome::Ambiguous,
         _ => SnapOutcome::Snapped,
     };

@@ -68,6 +68,7 @@ pub fn solve(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Constra
             // Progress this small means a local minimum with positive residuals: the constraints conflict.
             let stalled = new_residuals.norm() > (1.0 - 1e-9) * residuals.norm();
             (x, residuals, jacobian) = (moved, new_residuals, new_jacobian);
+            // Less damping after success, down to a bound: λ also shrinks with the residuals.
             damping = (0.3 * damping).max(1e-3);
             if stalled {
                 break;
@@ -93,6 +94,7 @@ fn damped_step(
     // Residuals are dimensionless. Slopes per extent of the drawing are, too, so that λ suits any unit.
     let slopes = jacobian * size;
     let mut normal = &slopes * slopes.transpose();
+    // The floor keeps redundant constraints from making the normal matrix singular.
     let lambda = (damping * residuals.norm_squared()).min(damping * 1e-3).max(1e-14);
     for i in 0..normal.nrows() {
         normal[(i, i)] += lambda;

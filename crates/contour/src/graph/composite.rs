@@ -112,6 +112,7 @@ const MAX_COMBINATIONS: usize = 100_000;
 /// Weiss-Cohen, Bondarenko and Halevi 2009, section 5.
 pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Composite> {
     check(views, tolerance, gate)?;
+    // All vertices that the coordinates allow; the search below keeps those connected to the first one.
     let candidates = agreeing(views, tolerance, gate)?;
     if candidates.is_empty() {
         return Err(Error::undetermined(
@@ -131,12 +132,14 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
             .filter(|&there| there != here)
             .filter_map(|there| Some((step(views, &candidates[here], &candidates[there])?, there)))
             .collect();
+        // Dimensioned edges first, as in the paper.
         steps.sort_by_key(|&(has_distance, there)| (!has_distance, there));
         for (has_distance, there) in steps {
             if !std::mem::replace(&mut seen[there], true) {
                 order.push(there);
                 queue.push_back(there);
             }
+            // Every edge is found from both of its ends.
             if !edges.iter().any(|edge| (edge.a, edge.b) == (there, here)) {
                 edges.push(CompositeEdge { a: here, b: there, has_distance });
             }
@@ -233,6 +236,7 @@ type Known = Option<(f64, f64)>;
 /// Combinations of one point per view that agree, in the order of the points.
 fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<CompositeVertex>> {
     let mut partial: Vec<(Vec<PointId>, [Known; 3])> = vec![(Vec::new(), [None; 3])];
+    // View by view, so that combinations which disagree in two views are never extended to a third.
     for view in views {
         let mut grown = Vec::new();
         for (points, known) in &partial {
@@ -252,6 +256,7 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
         }
         partial = grown;
     }
+    // Two views with different axes cover all three coordinates, so that none is unknown.
     let coordinate = |known: Known| known.unwrap_or((f64::NAN, f64::NAN));
     Ok(partial
         .into_iter()
@@ -279,6 +284,7 @@ fn fused(
             None => Some((position[k], variance)),
             Some((mean, of_mean)) => {
                 let sum = of_mean + variance;
+                // Exact drawings have no σ; the tolerance then absorbs rounding.
                 if (position[k] - mean).abs() > tolerance.max(gate * sum.sqrt()) {
                     return None;
                 }
@@ -296,6 +302,7 @@ fn fused(
 fn step(views: &[SketchView<'_>], from: &CompositeVertex, to: &CompositeVertex) -> Option<bool> {
     let mut has_distance = false;
     for (view, (&p, &q)) in views.iter().zip(from.points.iter().zip(&to.points)) {
+        // An edge parallel to the line of sight appears as a point.
         if p == q {
             continue;
         }
@@ -340,6 +347,7 @@ fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledG
     }
     for (i, vertex) in vertices.iter().enumerate() {
         let label = if i == 0 { "initial".to_owned() } else { format!("V{}", i + 1) };
+        // Links between successive views suffice: with three views, the chain joins all of them.
         for view in 1..views.len() {
             graph.arcs.push(LabelledArc {
                 from: first[view - 1] + vertex.points[view - 1].0 as usize,

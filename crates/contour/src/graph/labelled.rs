@@ -69,6 +69,7 @@ impl LabelledGraph {
         // Writing to a string does not fail.
         let mut dot = format!("{keyword} {} {{\n", self.name);
         for (i, node) in self.nodes.iter().enumerate() {
+            // Shapes are assigned in the order in which groups first appear.
             let known = groups.iter().position(|group| *group == node.group);
             let group = known.unwrap_or_else(|| {
                 groups.push(&node.group);

@@ -94,6 +94,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     for (i, j) in pairs {
         repeated.extend(path_back(edges, &from[i], odd[i], odd[j])?);
     }
+    // With the repeated edges as copies, all degrees are even; their indices are mapped back afterwards.
     let mut all = edges.to_vec();
     all.extend(repeated.iter().map(|&i| edges[i]));
     let mut tour = euler_tour(&all, start)?;
@@ -169,6 +170,8 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
                 reached.push(there);
                 here = there;
             }
+            // Stuck at the start of this walk, as all degrees are even: continue from the next visited
+            // vertex.
             None if waiting < reached.len() => {
                 here = reached[waiting];
                 waiting += 1;
@@ -209,6 +212,7 @@ fn shortest_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(
     let mut best = vec![f64::INFINITY; full + 1];
     let mut last = vec![(0, 0); full + 1];
     best[0] = 0.0;
+    // Subsets in increasing order: a pair only adds bits, so every predecessor is final.
     for set in 0..full {
         if best[set].is_infinite() {
             continue;

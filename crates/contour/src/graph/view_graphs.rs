@@ -100,6 +100,7 @@ fn full(incidence: &Incidence) -> LabelledGraph {
     for (equation, parameters) in incidence.parameters_of_equations().iter().enumerate() {
         for (k, &a) in parameters.iter().enumerate() {
             for &b in &parameters[k + 1..] {
+                // Undirected: one arc for both orders.
                 labels.entry((a.min(b), a.max(b))).or_default().push(label(equation));
             }
         }
@@ -115,6 +116,7 @@ fn full(incidence: &Incidence) -> LabelledGraph {
 /// The bipartite graph.
 fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
     let mut nodes = parameter_nodes(incidence);
+    // Equations follow the parameters in one list of nodes.
     let first = nodes.len();
     nodes.extend((0..incidence.equations()).map(|equation| node(&label(equation), "constraint")));
     let arcs = incidence
@@ -134,6 +136,7 @@ fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGrap
 fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
     let of = incidence.parameters_of_equations();
     let mut labels: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
+    // An unmatched parameter gets no arc that enters: nothing determines it.
     for &(parameter, equation) in matching {
         for &other in of[equation].iter().filter(|&&other| other != parameter) {
             labels.entry((other, parameter)).or_default().push(label(equation));
@@ -166,6 +169,7 @@ fn pair(drawing: &ParametricDrawing, minimal: &LabelledGraph) -> LabelledGraph {
     for arc in &minimal.arcs {
         let (from, to) = (node_of[arc.from], node_of[arc.to]);
         if from != to {
+            // Several parameters of two points can depend on each other by one equation: list it once.
             let known = labels.entry((from, to)).or_default();
             known.extend(arc.labels.iter().cloned());
             known.sort_unstable();

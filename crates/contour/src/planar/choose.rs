@@ -4,10 +4,12 @@
 //! others. Among kinds with practically equal BIC, the one with the fewest unknowns is chosen (decision
 //! record 0053).
 
-use super::fit::{ContourFit, ContourFitOptions, RoughFit, finish, fit, polish, reading_count, rough};
+use super::fit::{ContourFit, RoughFit, finish, fit, polish, reading_count, rough};
 use super::kind::ContourKind;
+use super::options::ContourFitOptions;
 use super::reading::ContourReading;
 use super::start::chain_starts;
+use planish_core::BoundingBox;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -54,7 +56,7 @@ pub struct Choice {
     pub alternatives: Vec<Alternative>,
 }
 
-/// The kinds that `--kind auto` tries.
+/// The kinds of an automatic choice: all except chains, with polygons of up to eight corners.
 #[must_use]
 pub fn auto_kinds() -> Vec<ContourKind> {
     let mut kinds = vec![
@@ -65,6 +67,7 @@ pub fn auto_kinds() -> Vec<ContourKind> {
         ContourKind::Slot,
         ContourKind::RoundedRectangle,
     ];
+    // A regular polygon of four sides is a rectangle.
     kinds.extend([3, 5, 6, 8].map(ContourKind::RegularPolygon));
     kinds.extend((3..=MAX_SIDES).map(ContourKind::Polygon));
     kinds
@@ -100,12 +103,14 @@ pub fn auto_kinds() -> Vec<ContourKind> {
 pub fn choose(
     kinds: &[ContourKind],
     chains: bool,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<Choice> {
     let mut tried: Vec<(ContourKind, ContourFitOptions)> =
         kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
-    for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
+    // A pattern of lines and arcs comes with its own start; other kinds derive their starts from the
+    // readings.
+    for (kind, mut start) in chains.then(|| chain_starts(readings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
         let options = ContourFitOptions { start: Some(start), ..options.clone() };
         tried.push((kind, options));
@@ -116,23 +121,24 @@ pub fn choose(
         ));
     }
     let unknowns = |kind: &ContourKind| kind.parameters() + options.motion.unknowns();
+    // One message about all kinds is clearer than that of whichever kind fails last.
     if let Some((simplest, _)) = tried.iter().min_by_key(|(kind, _)| unknowns(kind))
         && tried.len() > 1
-        && sightings.len() < unknowns(simplest)
+        && readings.len() < unknowns(simplest)
     {
         return Err(Error::undetermined(format!(
             "{} cannot determine any of these kinds: the simplest, a {simplest}, needs at least {}",
-            reading_count(sightings.len()),
+            reading_count(readings.len()),
             unknowns(simplest)
         )));
     }
-    refuse_one_place(sightings)?;
+    reject_coincident_readings(readings)?;
     if let [(kind, options)] = &tried[..] {
-        let fit = fit(kind, sightings, options)?;
+        let fit = fit(kind, readings, options)?;
         return Ok(Choice { fit, bic_margin: None, alternatives: Vec::new() });
     }
     // Stage 1: rough fits of all kinds, ranked.
-    let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, sightings, o)).collect();
+    let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, readings, o)).collect();
     let mut last = None;
     let mut order: Vec<(&ContourKind, RoughFit)> = Vec::new();
     for ((kind, _), one) in tried.iter().zip(begun) {
@@ -142,36 +148,16 @@ pub fn choose(
         }
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
-    let finish_one = |(kind, rough): &(&ContourKind, RoughFit)| {
-        let options = ContourFitOptions { start: Some(rough.state.clone()), ..options.clone() };
-        finish(kind, sightings, &options)
-    };
-    let mut found: Vec<ContourFit> = Vec::new();
-    let mut done = 0;
-    // Stage 2: complete fits of the kinds near the best. A rough fit may promise more than the complete one
-    // keeps, or the complete one may fail. The limit is then recomputed and more kinds are fitted.
-    while done < order.len() {
-        let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
-        let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
-        let near = order.partition_point(|o| o.1.bic <= limit);
-        if near <= done {
-            break;
-        }
-        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish_one).collect();
-        done = near;
-        for one in finished {
-            match one {
-                Ok(one) => found.push(one),
-                Err(e) => last = Some(e),
-            }
-        }
-    }
+    // Stage 2: complete fits of the kinds near the best.
+    let Finished { mut found, done, error } = finish_near_best(&order, readings, options);
+    last = error.or(last);
     // Stage 3: the simplest of the kinds with practically the best BIC.
     let rest = &order[done..];
     if found.iter().any(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE) {
         found.retain(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE);
     }
     let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
+    // Equal numbers of unknowns are decided by BIC.
     let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NEGLIGIBLE_BIC).min_by(|&a, &b| {
         let unknowns = |k: usize| found[k].state.len();
         (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
@@ -189,9 +175,54 @@ pub fn choose(
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(Choice {
         bic_margin: alternatives.first().map(|a| a.bic - chosen.bic()),
-        fit: polish(chosen, sightings, options)?,
+        fit: polish(chosen, readings, options)?,
         alternatives,
     })
+}
+
+/// Complete fits of the kinds near the best.
+struct Finished {
+    found: Vec<ContourFit>,
+    /// Number of ranked kinds that were fitted.
+    done: usize,
+    /// The last error, if a fit failed.
+    error: Option<Error>,
+}
+
+/// Fits ranked kinds to convergence as long as they are within [`FINISH_WITHIN_BIC`] of the best.
+fn finish_near_best(
+    order: &[(&ContourKind, RoughFit)],
+    readings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Finished {
+    let mut error = None;
+    // The rough state is a better start than those from the readings: only one fit is needed.
+    let finish_one = |(kind, rough): &(&ContourKind, RoughFit)| {
+        let options = ContourFitOptions { start: Some(rough.state.clone()), ..options.clone() };
+        finish(kind, readings, &options)
+    };
+    let mut found: Vec<ContourFit> = Vec::new();
+    let mut done = 0;
+    // A rough fit may promise more than the complete one keeps, or the complete one may fail. The limit is
+    // then recomputed and more kinds are fitted.
+    while done < order.len() {
+        let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
+        let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
+        let near = order.partition_point(|o| o.1.bic <= limit);
+        if near <= done {
+            break;
+        }
+        // Results keep the order of the kinds, whatever the number of threads.
+        let finished: Vec<Result<ContourFit>> = order[done..near].par_iter().map(finish_one).collect();
+        done = near;
+        for one in finished {
+            match one {
+                Ok(one) => found.push(one),
+                Err(e) => error = Some(e),
+            }
+        }
+    }
+    Finished { found, done, error }
 }
 
 /// Error if no kind could be fitted. The message concerns all kinds; that of the last one is only its source.
@@ -205,24 +236,21 @@ fn none_fits(last: Option<Error>) -> Error {
 }
 
 /// Rejects readings whose extent is not larger than their noise: every kind would fit them.
-fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+fn reject_coincident_readings(readings: &[ContourReading]) -> Result<()> {
+    let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
-    for sighting in sightings {
-        let p = sighting.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-        let [xx, _, yy] = sighting.covariance();
+    for reading in readings {
+        bounds.include(reading.point());
+        let [xx, _, yy] = reading.covariance();
         variance += 0.5 * (xx + yy);
     }
-    let sigma = (variance / sightings.len().max(1) as f64).sqrt();
-    let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
-    if sightings.len() > 1 && extent <= sigma {
+    let sigma = (variance / readings.len().max(1) as f64).sqrt();
+    let [width, height] = bounds.extent();
+    let extent = width.hypot(height);
+    if readings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
             "all {} readings lie closer together than their σ, so they show no outline",
-            sightings.len()
+            readings.len()
         )));
     }
     Ok(())

@@ -5,9 +5,10 @@
 //! result is biased and its covariance too small. The likelihood with the places integrated out has neither
 //! problem ([`most_likely`]), but it must start near its maximum.
 
-use super::fit::{ContourFit, ContourFitOptions, GatedResiduals, equations, outlier_gate};
+use super::fit::{ContourFit, GatedResiduals, equations};
 use super::kind::ContourKind;
 use super::marginal::most_likely;
+use super::options::{ContourFitOptions, outlier_gate};
 use super::plausible::corners_are_real;
 use super::reading::{ContourModel, ContourReading, Form};
 use planish_estimate::Result;
@@ -30,7 +31,7 @@ const FARTHEST: f64 = 5.0;
 /// As [`fit_implicit`].
 pub(super) fn combined(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     found: ContourFit,
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
@@ -39,11 +40,11 @@ pub(super) fn combined(
         || model.form != Form::ActiveFacet
         || model.shared_poses
         || !options.correct_bias
-        || sightings.len() < READINGS_PER_UNKNOWN * model.unknowns()
+        || readings.len() < READINGS_PER_UNKNOWN * model.unknowns()
     {
         return Ok(found);
     }
-    let Some(better) = most_likely(model, sightings, &found.state, &found.covariance, outlier_gate(options))
+    let Some(better) = most_likely(model, readings, &found.state, &found.covariance, outlier_gate(options))
     else {
         return Ok(found);
     };
@@ -53,6 +54,7 @@ pub(super) fn combined(
         return Ok(found);
     };
     let is_near = off.dot(&solved) < FARTHEST * FARTHEST * off.len() as f64;
+    // The marginal likelihood has no distances; everything else comes from the batch.
     let candidate = ContourFit { state: better.state, covariance: better.covariance, ..found.clone() };
     if !is_near
         || !model.kind.is_valid(&candidate.state.as_slice()[..model.kind.parameters()])
@@ -60,11 +62,13 @@ pub(super) fn combined(
     {
         return Ok(found);
     }
-    let (all, _) = equations(model, sightings);
-    let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
-    let mut distances = fit_implicit(&all, None, &candidate.state, &look)?.distances;
+    // Distances, gate and χ² at the refined state; a reading may have crossed the gate.
+    let (all, _) = equations(model, readings);
+    let evaluate_only =
+        ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
+    let mut distances = fit_implicit(&all, None, &candidate.state, &evaluate_only)?.distances;
     // The equations of soft constraints follow those of the readings.
-    distances.truncate(sightings.len());
+    distances.truncate(readings.len());
     let judged = GatedResiduals::from_distances(&distances, options.gate);
     Ok(ContourFit { used: judged.used, squares: judged.squares, distances, ..candidate })
 }

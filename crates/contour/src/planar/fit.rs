@@ -8,7 +8,8 @@ use super::combined::combined;
 use super::ends::ends;
 use super::joints::joints;
 use super::kind::ContourKind;
-use super::likelihood::placed;
+use super::likelihood::marginal_likelihood;
+use super::options::{ContourFitOptions, Method, corner_margin, gate_cost, outlier_gate};
 use super::plausible::{corners_are_real, stays_near};
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, Form, PlanarMotion};
 use super::recursive::{recursive, split_seed};
@@ -18,82 +19,17 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
 use planish_estimate::{Error, Loss, Result, Termination};
 
-/// With fewer readings per side than this, readings near corners are kept in the last batch fit.
-///
-/// Leaving them out removes the bias of assigning a reading to the nearer side (decision record 0052), but
-/// loses information. With few readings the scatter of the estimate is larger than that bias.
-const READINGS_PER_SIDE: usize = 25;
-
 /// Largest loss of log-likelihood, over all readings, by leaving out those near corners.
 ///
 /// A fit that loses more has converged to another phase or size, and the fit with all readings is used
 /// instead. Small losses are normal, because the two fits maximise different functions.
 const MAX_MARGIN_LOSS: f64 = 20.0;
 
-/// Gate of the likelihood if the user disables the gate, in σ.
-///
-/// The likelihood always needs a bound: without it, one gross error would decide the kind.
-const DEFAULT_OUTLIER_GATE: f64 = 10.0;
-
 /// Thresholds of Tukey's loss in σ for two successive robust batches.
 ///
 /// The first is wide, because a rough start may be many σ from half of its readings. The second rejects
 /// outliers before the gate is applied.
 pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
-
-/// Method of estimation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// A batch, then the maximum of the marginal likelihood, in which the places of the readings on the
-    /// outline are integrated out. The least biased method and the default.
-    Combined,
-    /// All readings at once (Gauss–Helmert with misclosures at the corrected readings).
-    Batch,
-    /// Extended Kalman filter: one reading after the other, linearised at the prediction.
-    Extended,
-    /// Iterated Kalman filter: relinearised in the state at each reading.
-    Iterated,
-    /// Noise-updated iterated Kalman filter (NUIEKF): relinearised in state and noise (Weiss-Cohen et al.
-    /// 2009, eq. 2.17).
-    NoiseUpdated,
-}
-
-/// Options of a contour fit.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ContourFitOptions {
-    /// Method of estimation.
-    pub method: Method,
-    /// How the pieces of a contour are combined into one equation.
-    pub form: Form,
-    /// Motion of the object during the measurement.
-    pub motion: PlanarMotion,
-    /// Reject readings more than this many σ from the contour (default 4); `None` keeps all.
-    pub gate: Option<f64>,
-    /// Leave readings within this many σ of a corner out of the last batch fit (default 2).
-    ///
-    /// Their side is uncertain, and assigning them to the nearer one is a bias. Applies to rectangles and
-    /// polygons with at least 25 readings per side.
-    pub corner_margin: Option<f64>,
-    /// Correct distances for the curvature of the contour (batch and NUIEKF); see decision record 0049.
-    pub correct_bias: bool,
-    /// Starting values of all parameters, followed by those of the motion; `None` derives them from the
-    /// readings.
-    pub start: Option<Vec<f64>>,
-}
-
-impl Default for ContourFitOptions {
-    fn default() -> Self {
-        Self {
-            method: Method::Combined,
-            form: Form::ActiveFacet,
-            motion: PlanarMotion::Still,
-            gate: Some(4.0),
-            corner_margin: Some(2.0),
-            correct_bias: true,
-            start: None,
-        }
-    }
-}
 
 /// A fitted contour with its covariance.
 #[derive(Debug, Clone, PartialEq)]
@@ -187,11 +123,11 @@ fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihoo
 /// ```
 pub fn fit(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    let found = fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)?;
-    polish(found, sightings, options)
+    let found = fit_within(kind, readings, options, &ROBUST_THRESHOLDS)?;
+    polish(found, readings, options)
 }
 
 /// Final refinement of the chosen kind by the marginal likelihood (only [`Method::Combined`]).
@@ -203,19 +139,19 @@ pub fn fit(
 /// As [`fit`].
 pub(crate) fn polish(
     found: ContourFit,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
     if options.method != Method::Combined {
         return Ok(found);
     }
-    let sightings = &own_poses(sightings)[..];
+    let readings = &own_poses(readings)[..];
     let model = with_soft_constraints(
-        &contour_model(&found.kind, sightings, options)?,
-        sightings,
+        &contour_model(&found.kind, readings, options)?,
+        readings,
         found.state.as_slice(),
     );
-    combined(&model, sightings, found, options)
+    combined(&model, readings, found, options)
 }
 
 /// As [`fit`], but from a start close to the optimum and without the final refinement.
@@ -226,26 +162,27 @@ pub(crate) fn polish(
 /// As [`fit`].
 pub(crate) fn finish(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
+    fit_within(kind, readings, options, &ROBUST_THRESHOLDS[1..])
 }
 
 /// Fits from every start and returns the most likely plausible result.
 fn fit_within(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
-    let sightings = &own_poses(sightings)[..];
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
-    let model = contour_model(kind, sightings, options)?;
+    let readings = &own_poses(readings)[..];
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
+    let model = contour_model(kind, readings, options)?;
     let mut best: Option<ContourFit> = None;
-    for start in candidates(&model, sightings, options)? {
-        let model = with_soft_constraints(&model, sightings, &start);
-        let Ok(found) = fit_from(&model, sightings, &start, options, thresholds) else {
+    for start in candidates(&model, readings, options)? {
+        let model = with_soft_constraints(&model, readings, &start);
+        // A start may diverge or lose its readings; the others can still succeed.
+        let Ok(found) = fit_from(&model, readings, &start, options, thresholds) else {
             continue;
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
@@ -279,17 +216,17 @@ pub(crate) struct RoughFit {
 /// As [`fit`].
 pub(crate) fn rough(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<RoughFit> {
-    let sightings = &own_poses(sightings)[..];
-    let model = contour_model(kind, sightings, options)?;
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    let readings = &own_poses(readings)[..];
+    let model = contour_model(kind, readings, options)?;
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
-    for start in candidates(&model, sightings, options)? {
-        let model = with_soft_constraints(&model, sightings, &start);
-        let (readings, groups) = equations(&model, sightings);
+    for start in candidates(&model, readings, options)? {
+        let model = with_soft_constraints(&model, readings, &start);
+        let (equations, groups) = equations(&model, readings);
         // The bias by curvature and the margin at corners change a BIC by little and cost time.
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
@@ -299,9 +236,10 @@ pub(crate) fn rough(
             step_tolerance: 0.1,
         };
         let mut state = DVector::from_vec(start);
+        // The cost serves as log-likelihood for shared poses, where there is no other.
         let mut cost = f64::INFINITY;
         for threshold in ROBUST_THRESHOLDS {
-            let Ok(found) = fit_implicit(&readings, shared(&model, &groups), &state, &settings(threshold))
+            let Ok(found) = fit_implicit(&equations, shared(&model, &groups), &state, &settings(threshold))
             else {
                 break;
             };
@@ -309,11 +247,14 @@ pub(crate) fn rough(
             let each = |d: &f64| {
                 if d.is_finite() { charge.min(0.5 * d * d) } else { charge }
             };
+            // Errors of shared poses have a prior of unit variance, which counts like their readings.
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let placed = placed(&model, state.as_slice(), sightings, outlier_gate(options));
-        let bic = criterion(kind, state.len(), sightings.len(), placed.log_likelihood.unwrap_or(-cost));
+        let marginal_likelihood =
+            marginal_likelihood(&model, state.as_slice(), readings, outlier_gate(options));
+        let bic =
+            criterion(kind, state.len(), readings.len(), marginal_likelihood.log_likelihood.unwrap_or(-cost));
         if bic.is_finite()
             && stays_near(kind, state.as_slice(), model.pivot, &points)
             && best.as_ref().is_none_or(|b| bic < b.bic)
@@ -328,24 +269,25 @@ pub(crate) fn rough(
 /// Model of the fit without soft constraints; checks that the readings are as many as the unknowns.
 fn contour_model(
     kind: &ContourKind,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<ContourModel> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
-    let times = sightings.iter().map(|s| s.time_s);
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
+    let times = readings.iter().map(|s| s.time_s);
     let model = ContourModel {
         kind: kind.clone(),
         form: options.form,
         motion: options.motion,
         pivot: mean(&points),
+        // The earliest reading, so that the parameters describe the start of the measurement.
         time_s: if options.motion == PlanarMotion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
-        shared_poses: sightings.iter().any(|s| s.pose.is_some()),
+        shared_poses: readings.iter().any(|s| s.pose.is_some()),
         constraints: Vec::new(),
     };
-    if sightings.len() < model.unknowns() {
+    if readings.len() < model.unknowns() {
         return Err(Error::undetermined(format!(
             "{} cannot determine the {} unknowns of a {kind}: provide at least as many",
-            reading_count(sightings.len()),
+            reading_count(readings.len()),
             model.unknowns()
         )));
     }
@@ -361,13 +303,15 @@ pub(super) fn reading_count(readings: usize) -> String {
 }
 
 /// Adds the smooth joints of a chain and the ends of an open one, both judged at `start`.
-fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], start: &[f64]) -> ContourModel {
+fn with_soft_constraints(model: &ContourModel, readings: &[ContourReading], start: &[f64]) -> ContourModel {
     let mut model = model.clone();
     let theta = &start[..model.kind.parameters()];
     model.constraints = joints(&model.kind, theta).into_iter().map(SoftConstraint::Joint).collect();
     if let ContourKind::Chain { closed: false, .. } = model.kind {
-        let at_rest = |sighting: &ContourReading| ContourEquation::new(&model, sighting).seen_at_rest(start);
-        let points: Vec<_> = sightings.iter().map(at_rest).collect();
+        // Ends are judged in the frame of the contour: motion would blur the extent of the readings.
+        let at_reference_time =
+            |reading: &ContourReading| ContourEquation::new(&model, reading).point_at_reference_time(start);
+        let points: Vec<_> = readings.iter().map(at_reference_time).collect();
         let ends = ends(&model.kind, theta, &points);
         model.constraints.extend(ends.into_iter().map(SoftConstraint::End));
     }
@@ -377,7 +321,7 @@ fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], sta
 /// Starting states: the one in the options, or those that the readings suggest.
 fn candidates(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     options: &ContourFitOptions,
 ) -> Result<Vec<Vec<f64>>> {
     if let Some(start) = &options.start {
@@ -385,8 +329,8 @@ fn candidates(
     }
     // A filter may use its seed only: readings used to initialise are not filtered again.
     let first = match options.method {
-        Method::Batch | Method::Combined => sightings.to_vec(),
-        _ => split_seed(sightings, model).0,
+        Method::Batch | Method::Combined => readings.to_vec(),
+        _ => split_seed(readings, model).0,
     };
     Ok(with_motion(starts(&model.kind, &first)?, model, &first))
 }
@@ -419,41 +363,41 @@ pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Res
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
         constraints: Vec::new(),
     };
-    let (readings, groups) = equations(&model, exact);
-    kanatani_cramer_rao(&readings, shared(&model, &groups), &DVector::from_column_slice(truth))
+    let (equations, groups) = equations(&model, exact);
+    kanatani_cramer_rao(&equations, shared(&model, &groups), &DVector::from_column_slice(truth))
 }
 
 /// Removes the pose numbers if no two readings share one.
 ///
 /// The error of a pose with a single reading is ordinary noise of that reading. It then needs no unknown, and
 /// the correction for curvature covers it.
-fn own_poses(sightings: &[ContourReading]) -> Vec<ContourReading> {
-    let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
+fn own_poses(readings: &[ContourReading]) -> Vec<ContourReading> {
+    let mut poses: Vec<usize> = readings.iter().filter_map(|s| s.pose).collect();
     let all = poses.len();
     poses.sort_unstable();
     poses.dedup();
     let shared = poses.len() < all;
     let pose = |s: &ContourReading| s.pose.filter(|_| shared);
-    sightings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
+    readings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
 }
 
 /// Appends starting velocities: zero, and the mean drift of the points.
-fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[ContourReading]) -> Vec<Vec<f64>> {
+fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, readings: &[ContourReading]) -> Vec<Vec<f64>> {
     let extra = model.motion.unknowns();
     if extra == 0 {
         return thetas;
     }
     // The regression of the points on time is the velocity only if all sides are seen at all times. If the
     // sensor goes around the object, it is wrong, and the start without motion is the better one.
-    let mean_time = sightings.iter().map(|s| s.time_s).sum::<f64>() / sightings.len() as f64;
-    let square: f64 = sightings.iter().map(|s| (s.time_s - mean_time).powi(2)).sum();
+    let mean_time = readings.iter().map(|s| s.time_s).sum::<f64>() / readings.len() as f64;
+    let square: f64 = readings.iter().map(|s| (s.time_s - mean_time).powi(2)).sum();
     let drift = [0, 1].map(|k| {
-        let product: f64 = sightings.iter().map(|s| (s.time_s - mean_time) * s.point()[k]).sum();
+        let product: f64 = readings.iter().map(|s| (s.time_s - mean_time) * s.point()[k]).sum();
         if square > 0.0 { product / square } else { 0.0 }
     });
     let still = thetas.iter().map(|t| [&t[..], &vec![0.0; extra]].concat());
     // Undo the drift before searching for the shape, as the moving points may show no outline at all.
-    let back: Vec<ContourReading> = sightings
+    let back: Vec<ContourReading> = readings
         .iter()
         .map(|s| {
             let p = s.point();
@@ -470,6 +414,7 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Contour
     let drifting = starts(&model.kind, &back).unwrap_or_default();
     let moved = drifting.into_iter().map(|t| {
         let mut start = [&t[..], &drift[..]].concat();
+        // No rotation rate: the centroid carries no information about it.
         start.resize(t.len() + extra, 0.0);
         start
     });
@@ -481,13 +426,15 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Contour
 /// Readings without a pose, and soft constraints, form groups of their own.
 pub(super) fn equations<'a>(
     model: &'a ContourModel,
-    sightings: &'a [ContourReading],
+    readings: &'a [ContourReading],
 ) -> (Vec<ContourEquation<'a>>, Vec<usize>) {
+    // Poses get consecutive numbers in their order of appearance. The estimator eliminates them group by
+    // group.
     let mut numbers = std::collections::BTreeMap::new();
-    let mut groups = Vec::with_capacity(sightings.len());
+    let mut groups = Vec::with_capacity(readings.len());
     let mut alone = 0;
-    for sighting in sightings {
-        let key = match sighting.pose {
+    for reading in readings {
+        let key = match reading.pose {
             Some(pose) => (false, pose),
             None => {
                 alone += 1;
@@ -498,45 +445,23 @@ pub(super) fn equations<'a>(
         groups.push(*numbers.entry(key).or_insert(next));
     }
     // Soft constraints come last, so that the first distances of a fit are those of the readings.
-    let mut readings: Vec<ContourEquation<'_>> =
-        (sightings.iter()).map(|sighting| ContourEquation::new(model, sighting)).collect();
-    if let Some(sighting) = sightings.first() {
+    let mut equations: Vec<ContourEquation<'_>> =
+        (readings.iter()).map(|reading| ContourEquation::new(model, reading)).collect();
+    if let Some(reading) = readings.first() {
         for &constraint in &model.constraints {
-            groups.push(numbers.len() + readings.len() - sightings.len());
-            readings.push(ContourEquation {
+            groups.push(numbers.len() + equations.len() - readings.len());
+            equations.push(ContourEquation {
                 constraint: Some(constraint),
-                ..ContourEquation::new(model, sighting)
+                ..ContourEquation::new(model, reading)
             });
         }
     }
-    (readings, groups)
+    (equations, groups)
 }
 
 /// Groups of equations that share the three errors of a pose, if any do.
 pub(super) fn shared<'a>(model: &ContourModel, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
     model.shared_poses.then_some(SharedNoise { size: 3, groups })
-}
-
-/// The margin at corners in σ, or `None` with too few readings per side ([`READINGS_PER_SIDE`]).
-pub(super) fn corner_margin(
-    model: &ContourModel,
-    readings: usize,
-    options: &ContourFitOptions,
-) -> Option<f64> {
-    let enough = readings >= READINGS_PER_SIDE * model.kind.pieces();
-    options.corner_margin.filter(|_| enough)
-}
-
-/// Distance in σ beyond which the likelihood of a reading no longer decreases.
-pub(super) fn outlier_gate(options: &ContourFitOptions) -> f64 {
-    options.gate.unwrap_or(DEFAULT_OUTLIER_GATE)
-}
-
-/// Cost of a rejected reading: that of one exactly at the gate.
-///
-/// Were it free, a kind could improve its BIC by rejecting readings.
-pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
-    gate.map_or(0.0, |g| 0.5 * g * g)
 }
 
 /// Statistics of the distances of all readings after the gate.
@@ -561,14 +486,14 @@ impl GatedResiduals {
 /// Fits from one start by the method of the options, except for the final refinement.
 fn fit_from(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     start: &[f64],
     options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
-        Method::Batch | Method::Combined => batch(model, sightings, start, options, thresholds),
-        _ => recursive(model, sightings, start, options),
+        Method::Batch | Method::Combined => batch(model, readings, start, options, thresholds),
+        _ => recursive(model, readings, start, options),
     }
 }
 
@@ -578,18 +503,18 @@ fn fit_from(
 /// `Undetermined` if too few readings pass the gate, or if they leave a parameter free.
 pub(super) fn batch(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     start: &[f64],
     options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
-    let (all, groups) = equations(model, sightings);
+    let (all, groups) = equations(model, readings);
     let plain = ImplicitOptions {
         correct_bias: options.correct_bias && options.gate.is_none(),
         ..ImplicitOptions::default()
     };
     let mut at = DVector::from_column_slice(start);
-    let mut used = vec![true; sightings.len()];
+    let mut used = vec![true; readings.len()];
     if let Some(gate) = options.gate {
         // The robust loss only brings the contour into place; its covariance is not used. Hence the loose
         // tolerance and the hard gate below, whose effect on the covariance is small and known.
@@ -604,44 +529,48 @@ pub(super) fn batch(
             at = fit_implicit(&all, shared(model, &groups), &at, &robust)?.state;
         }
         // Zero iterations evaluate the distances without moving the contour.
-        let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
-        let seen = fit_implicit(&all, shared(model, &groups), &at, &look)?;
-        for (used, distance) in used.iter_mut().zip(&seen.distances) {
+        let evaluate_only = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
+        let evaluated = fit_implicit(&all, shared(model, &groups), &at, &evaluate_only)?;
+        for (used, distance) in used.iter_mut().zip(&evaluated.distances) {
             *used = distance.abs() <= gate;
         }
     }
+    // A hard gate instead of weights: the covariance of the last batch is then that of the accepted readings.
     let kept: Vec<ContourReading> =
-        sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
+        readings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
     if kept.len() < model.unknowns() {
         return Err(Error::undetermined("too few readings lie near the contour"));
     }
-    let (readings, kept_groups) = equations(model, &kept);
+    let (equations, kept_groups) = equations(model, &kept);
     let options_here = ImplicitOptions {
         correct_bias: options.correct_bias,
-        margin: corner_margin(model, sightings.len(), options),
+        margin: corner_margin(model, readings.len(), options),
         ..plain
     };
-    let mut found = fit_implicit(&readings, shared(model, &kept_groups), &at, &options_here)?;
-    let mut placed_found = placed(model, found.state.as_slice(), sightings, outlier_gate(options));
+    let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &options_here)?;
+    let mut likelihood_found =
+        marginal_likelihood(model, found.state.as_slice(), readings, outlier_gate(options));
     if options_here.margin.is_some() && model.kind.pieces() > 2 {
         // If the margin removes many readings, the remaining ones may agree with another phase or size. Fit
         // all readings as well, and compare both results by the likelihood of all.
         let all_count = ImplicitOptions { margin: None, ..options_here };
-        let other = fit_implicit(&readings, shared(model, &kept_groups), &at, &all_count)?;
-        let placed_other = placed(model, other.state.as_slice(), sightings, outlier_gate(options));
+        let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_count)?;
+        let likelihood_other =
+            marginal_likelihood(model, other.state.as_slice(), readings, outlier_gate(options));
         let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;
         if other.covariance.is_some()
-            && (placed_found.log_likelihood.zip(placed_other.log_likelihood))
+            && (likelihood_found.log_likelihood.zip(likelihood_other.log_likelihood))
                 .is_some_and(|(of, all)| is_lost(of, all))
         {
-            (found, placed_found) = (other, placed_other);
+            (found, likelihood_found) = (other, likelihood_other);
         }
     }
+    // A singular information matrix: a parameter can change without a change of any distance.
     let Some(covariance) = found.covariance else {
         return Err(Error::undetermined("the readings leave a parameter of the contour undetermined"));
     };
     // Distances are per accepted reading; map them back to all readings.
-    let mut distances = vec![f64::NAN; sightings.len()];
+    let mut distances = vec![f64::NAN; readings.len()];
     let mut next = found.distances.iter();
     for (distance, used) in distances.iter_mut().zip(&mut used) {
         if *used {
@@ -657,8 +586,8 @@ pub(super) fn batch(
         distances,
         used,
         squares: 2.0 * found.loss,
-        min_side_coverage: placed_found.min_side_coverage,
-        log_likelihood: (placed_found.log_likelihood)
+        min_side_coverage: likelihood_found.min_side_coverage,
+        log_likelihood: (likelihood_found.log_likelihood)
             .unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: model.pivot,

@@ -48,6 +48,7 @@ impl Joint {
                 by_theta[index] -= 2.0 / (1.0 + bulge * bulge);
             }
         }
+        // Each term has a cut of its own; only the sum modulo a full turn is meaningful.
         turn - TAU * (turn / TAU).round()
     }
 }
@@ -61,6 +62,7 @@ pub(crate) fn joints(kind: &ContourKind, theta: &[f64]) -> Vec<Joint> {
         return Vec::new();
     };
     let count = arcs.len();
+    // A closed chain also has a joint between its last and its first piece.
     let last = if *closed && count > 1 { count } else { count - 1 };
     (0..last)
         .map(|k| Joint { pieces: [k, (k + 1) % count], sigma_rad: SIGMA_RAD })

@@ -266,6 +266,7 @@ impl ContourKind {
                         local[axis] += corner[axis][k] * theta[index];
                     }
                 }
+                // Rotation: the derivative of R p is R J p.
                 out[4] += body[1] * local[0] - body[0] * local[1];
             }
         }
@@ -275,6 +276,7 @@ impl ContourKind {
     pub(crate) fn bulge(&self, theta: &[f64], i: usize) -> (f64, Option<usize>) {
         match self {
             // Only chains have free bulges: those of slots and rounded rectangles follow from the kind.
+            // The ends of a slot are half circles, of bulge tan(π/4) = 1.
             Self::Slot => (if i % 2 == 1 { 1.0 } else { 0.0 }, None),
             Self::RoundedRectangle => (if i % 2 == 1 { QUARTER } else { 0.0 }, None),
             Self::Chain { arcs, closed } if arcs[i] => {
@@ -296,11 +298,14 @@ impl ContourKind {
     }
 
     /// Local coordinates of vertex `i` as multiples of width, height and corner radius.
+    ///
+    /// Vertices are linear in the sizes, so the same table gives positions and derivatives.
     fn corner(&self, i: usize) -> [[f64; 3]; 2] {
         let h = 0.5;
         match self {
             Self::RoundedRectangle => {
-                // The two ends of the straight part of each side, from the bottom's left end.
+                // Ends of the straight part of each side, counter-clockwise from the left end of the bottom
+                // side: even pieces are sides, odd ones are corner arcs.
                 const ENDS: [[[f64; 3]; 2]; 8] = [
                     [[-0.5, 0.0, 1.0], [0.0, -0.5, 0.0]],
                     [[0.5, 0.0, -1.0], [0.0, -0.5, 0.0]],
@@ -314,7 +319,8 @@ impl ContourKind {
                 ENDS[i % 8]
             }
             Self::Slot => {
-                // ±(L − W)/2 along, ±W/2 across.
+                // The straight part: ±(L − W)/2 along the axis, ±W/2 across. The length includes both half
+                // circles.
                 let (x, y) = [(-h, -h), (h, -h), (h, h), (-h, h)][i % 4];
                 [[x, -x, 0.0], [0.0, y, 0.0]]
             }
@@ -342,6 +348,7 @@ impl ContourKind {
     #[must_use]
     pub fn outline(&self, theta: &[f64]) -> Option<Outline> {
         let around = |point: &dyn Fn(f64) -> [f64; 2]| {
+            // The chord error is 1 − cos(π/256), or 7.5e-5 of the radius.
             let count = 256;
             let vertices = (0..count).map(|k| point(std::f64::consts::TAU * f64::from(k) / f64::from(count)));
             Outline { vertices: vertices.collect(), bulges: vec![0.0; count as usize], closed: true }
@@ -405,6 +412,7 @@ impl ContourKind {
             Self::Circle => {}
             Self::Ellipse | Self::Rectangle | Self::RoundedRectangle | Self::Slot => {
                 if value[2] < value[3] {
+                    // Exchanging both axes is a quarter turn. All four kinds are symmetric under half a turn.
                     value.swap(2, 3);
                     from.swap(2, 3);
                     value[4] += std::f64::consts::FRAC_PI_2;
@@ -412,9 +420,11 @@ impl ContourKind {
                 value[4] = turn(value[4], std::f64::consts::PI);
             }
             Self::RegularPolygon(sides) => {
+                // Any vertex can be the first one.
                 value[3] = turn(value[3], std::f64::consts::TAU / *sides as f64);
             }
             Self::Polygon(count) => {
+                // The start of the list of vertices is arbitrary; the lowest vertex makes it comparable.
                 let lowest = (0..*count).min_by(|&a, &b| {
                     let key = |i: usize| (theta[2 * i + 1], theta[2 * i]);
                     key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)

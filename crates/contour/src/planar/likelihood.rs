@@ -9,6 +9,7 @@ use super::curve::arc_circle;
 use super::kind::ContourKind;
 use super::parts::usual_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading};
+use planish_core::BoundingBox;
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -28,13 +29,13 @@ const MIN_STEP: f64 = 1e-4;
 const MAX_COMPARED: usize = 1000;
 
 /// A measured point in the frame of the object.
-pub(super) struct Spot {
+pub(super) struct MeasuredPoint {
     pub(super) point: [f64; 2],
     /// Its covariance `[xx, xy, yy]`.
     pub(super) covariance: [f64; 3],
 }
 
-impl Spot {
+impl MeasuredPoint {
     /// Trace of the covariance.
     pub(super) fn variance(&self) -> f64 {
         self.covariance[0] + self.covariance[2]
@@ -79,29 +80,29 @@ pub(super) struct LikelihoodAndCoverage {
 /// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional
 /// relations, and the incidental parameters of the latter); Neyman and Scott 1948, *Consistent estimates
 /// based on partially consistent observations*.
-pub(super) fn placed(
+pub(super) fn marginal_likelihood(
     model: &ContourModel,
     state: &[f64],
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     gate: f64,
 ) -> LikelihoodAndCoverage {
-    let spots: Vec<Spot> = sightings
+    let measured_points: Vec<MeasuredPoint> = readings
         .iter()
-        .map(|sighting| {
-            let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
-            Spot { point, covariance }
+        .map(|reading| {
+            let (point, covariance) = ContourEquation::new(model, reading).point_at_reference_time(state);
+            MeasuredPoint { point, covariance }
         })
         .collect();
-    let gap = usual_gap(sightings);
-    let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &spots, gap);
-    let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
-    let (low, high) = extent(&spots);
-    let size = [high[0] - low[0], high[1] - low[1]];
+    let gap = usual_gap(readings);
+    let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &measured_points, gap);
+    let observed = observed_lengths(&strokes, &measured_points, 0.5 * gap);
+    let bounds: BoundingBox<2> = measured_points.iter().map(|measured| measured.point).collect();
+    let size = bounds.extent();
     // The steps along an outline far larger than the readings can miss the observed part. Its length is at
     // least the extent of the readings.
-    let length = (seen.iter().sum::<f64>()).max(size[0]).max(size[1]).max(f64::MIN_POSITIVE);
-    let straight = strokes.iter().zip(&seen).filter_map(|(stroke, seen)| match stroke {
-        Stroke::Straight(_) => Some(seen / stroke.speed()),
+    let length = (observed.iter().sum::<f64>()).max(size[0]).max(size[1]).max(f64::MIN_POSITIVE);
+    let straight = strokes.iter().zip(&observed).filter_map(|(stroke, observed)| match stroke {
+        Stroke::Straight(_) => Some(observed / stroke.speed()),
         Stroke::Round { .. } => None,
     });
     let min_side_coverage = match model.kind {
@@ -113,36 +114,30 @@ pub(super) fn placed(
     }
     // A common factor of all kinds, so that the value has no unit and kinds remain comparable.
     let around = 2.0 * (size[0] + size[1]);
-    let wild = (-0.5 * gate * gate).exp();
+    let outlier_density = (-0.5 * gate * gate).exp();
     let share = TAU.sqrt() * around / length;
-    let each = spots.iter().map(|spot| {
-        let density: f64 = strokes.iter().map(|stroke| stroke.density(spot)).sum();
-        let sigma = spot.variance().sqrt();
-        (share * sigma * density + wild).ln()
+    let each = measured_points.iter().map(|measured| {
+        let density: f64 = strokes.iter().map(|stroke| stroke.density(measured)).sum();
+        let sigma = measured.variance().sqrt();
+        (share * sigma * density + outlier_density).ln()
     });
     LikelihoodAndCoverage { log_likelihood: Some(each.sum()), min_side_coverage }
-}
-
-/// Corners of the bounding box of the points.
-fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
-    let mut bounds = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for spot in spots {
-        for k in 0..2 {
-            bounds.0[k] = bounds.0[k].min(spot.point[k]);
-            bounds.1[k] = bounds.1[k].max(spot.point[k]);
-        }
-    }
-    bounds
 }
 
 /// The pieces of an outline.
 ///
 /// A line, and a circle or ellipse with a part wider than `gap` without readings, extend from the first
 /// reading to the last.
-pub(super) fn strokes(kind: &ContourKind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
+pub(super) fn strokes(
+    kind: &ContourKind,
+    theta: &[f64],
+    measured_points: &[MeasuredPoint],
+    gap: f64,
+) -> Vec<Stroke> {
     let round = |semi: [f64; 2], turn: [f64; 2]| {
         let center = [theta[0], theta[1]];
-        let mut angles: Vec<f64> = spots.iter().map(|spot| foot(spot.point, center, semi, turn)).collect();
+        let mut angles: Vec<f64> =
+            measured_points.iter().map(|measured| foot(measured.point, center, semi, turn)).collect();
         angles.sort_by(f64::total_cmp);
         // The largest gap between the directions of successive readings, across ±π included.
         let (mut from, mut free) = (0.0, 0.0);
@@ -158,7 +153,7 @@ pub(super) fn strokes(kind: &ContourKind, theta: &[f64], spots: &[Spot], gap: f6
     match kind {
         ContourKind::Line => {
             let (sin, cos) = theta[0].sin_cos();
-            let along = spots.iter().map(|s| cos * s.point[0] + sin * s.point[1]);
+            let along = measured_points.iter().map(|s| cos * s.point[0] + sin * s.point[1]);
             let (low, high) =
                 along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
             let at = |t: f64| [t * cos - theta[1] * sin, t * sin + theta[1] * cos];
@@ -186,18 +181,20 @@ fn foot(p: [f64; 2], center: [f64; 2], semi: [f64; 2], turn: [f64; 2]) -> f64 {
 }
 
 /// Length of the part of each piece that lies within `reach` of a reading.
-fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
-    let stride = spots.len().div_ceil(MAX_COMPARED);
+fn observed_lengths(strokes: &[Stroke], measured_points: &[MeasuredPoint], reach: f64) -> Vec<f64> {
+    let stride = measured_points.len().div_ceil(MAX_COMPARED);
     // A subset of the readings has larger gaps.
     let reach = reach * stride as f64;
     let step = 0.25 * reach;
     let nearest = |p: [f64; 2]| {
-        let squared = |spot: &Spot| (spot.point[0] - p[0]).powi(2) + (spot.point[1] - p[1]).powi(2);
-        let least = spots.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
+        let squared = |measured: &MeasuredPoint| {
+            (measured.point[0] - p[0]).powi(2) + (measured.point[1] - p[1]).powi(2)
+        };
+        let least = measured_points.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
         least.sqrt()
     };
     let seen_length = |stroke: &Stroke| {
-        let mut seen = 0.0;
+        let mut observed = 0.0;
         let speed = stroke.speed();
         let step = (step / speed).max(MIN_STEP);
         let (mut share, mut from) = (0.0, stroke.at(0.0));
@@ -206,7 +203,7 @@ fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
             let to = stroke.at(next);
             let away = nearest([0.5 * (from[0] + to[0]), 0.5 * (from[1] + to[1])]);
             if away <= reach {
-                seen += (to[0] - from[0]).hypot(to[1] - from[1]);
+                observed += (to[0] - from[0]).hypot(to[1] - from[1]);
                 (share, from) = (next, to);
             } else {
                 // The distance to the nearest reading changes at most as fast as the arc length (sphere
@@ -215,7 +212,7 @@ fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
                 from = stroke.at(share);
             }
         }
-        seen
+        observed
     };
     strokes.iter().map(seen_length).collect()
 }
@@ -334,12 +331,12 @@ impl Stroke {
     }
 
     /// `∫ N(z; p(s), C) ds` along the piece.
-    pub(super) fn density(&self, spot: &Spot) -> f64 {
+    pub(super) fn density(&self, measured: &MeasuredPoint) -> f64 {
         match self {
-            Self::Straight(ends) => chord(ends, spot),
+            Self::Straight(ends) => chord(ends, measured),
             Self::Round { center, semi, turn, from, sweep } => {
-                let [xx, xy, yy] = spot.covariance;
-                let foot = foot(spot.point, *center, *semi, *turn);
+                let [xx, xy, yy] = measured.covariance;
+                let foot = foot(measured.point, *center, *semi, *turn);
                 let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
                 let largest = (0.5 * (xx + yy) + spread).sqrt();
                 // Very elongated covariances would ask for far too many chords; the floor bounds them.
@@ -366,7 +363,7 @@ impl Stroke {
                     let mut last = at(0.0);
                     for k in 1..=count as usize {
                         let next = at(k as f64);
-                        total += chord(&[last, next], spot);
+                        total += chord(&[last, next], measured);
                         last = next;
                     }
                     middle += TAU;
@@ -381,7 +378,7 @@ impl Stroke {
 ///
 /// The normal density splits into that of the distance across the segment and, given this, that of the place
 /// along it; the latter integrates to a difference of error functions.
-fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
+fn chord([a, b]: &[[f64; 2]; 2], measured: &MeasuredPoint) -> f64 {
     let e = [b[0] - a[0], b[1] - a[1]];
     let length = e[0].hypot(e[1]);
     if length <= 0.0 {
@@ -389,8 +386,8 @@ fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
     }
     let t = [e[0] / length, e[1] / length];
     let n = [t[1], -t[0]];
-    let [xx, xy, yy] = spot.covariance;
-    let d = [spot.point[0] - a[0], spot.point[1] - a[1]];
+    let [xx, xy, yy] = measured.covariance;
+    let d = [measured.point[0] - a[0], measured.point[1] - a[1]];
     let off = n[0] * d[0] + n[1] * d[1];
     let pull = [xx * n[0] + xy * n[1], xy * n[0] + yy * n[1]];
     let across = (n[0] * pull[0] + n[1] * pull[1]).max(f64::MIN_POSITIVE);
@@ -412,8 +409,8 @@ fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
 mod tests {
     use super::*;
 
-    fn spot(point: [f64; 2]) -> Spot {
-        Spot { point, covariance: [0.04, 0.01, 0.02] }
+    fn measured(point: [f64; 2]) -> MeasuredPoint {
+        MeasuredPoint { point, covariance: [0.04, 0.01, 0.02] }
     }
 
     #[test]
@@ -443,15 +440,15 @@ mod tests {
     }
 
     /// Reference: the density summed over the piece in steps much shorter than σ.
-    fn summed(stroke: &Stroke, spot: &Spot) -> f64 {
-        let [xx, xy, yy] = spot.covariance;
+    fn summed(stroke: &Stroke, measured: &MeasuredPoint) -> f64 {
+        let [xx, xy, yy] = measured.covariance;
         let determinant = xx * yy - xy * xy;
         let count = 200_000;
         // For lines and circles the speed equals the length.
         let ds = stroke.speed() / f64::from(count);
         let each = (0..count).map(|k| {
             let p = stroke.at((f64::from(k) + 0.5) / f64::from(count));
-            let d = [spot.point[0] - p[0], spot.point[1] - p[1]];
+            let d = [measured.point[0] - p[0], measured.point[1] - p[1]];
             let square = (yy * d[0] * d[0] - 2.0 * xy * d[0] * d[1] + xx * d[1] * d[1]) / determinant;
             (-0.5 * square).exp() / (TAU * determinant.sqrt())
         });
@@ -468,7 +465,7 @@ mod tests {
         ];
         for (i, stroke) in strokes.iter().enumerate() {
             for point in [[0.9, 0.4], [0.0, 0.0], [1.2, -0.2], [0.5, 0.9], [0.1, 1.1]] {
-                let (found, wanted) = (stroke.density(&spot(point)), summed(stroke, &spot(point)));
+                let (found, wanted) = (stroke.density(&measured(point)), summed(stroke, &measured(point)));
                 assert!((found - wanted).abs() < 0.01 * wanted + 1e-6, "{i} {point:?}: {found} for {wanted}");
             }
         }
@@ -486,7 +483,7 @@ mod tests {
             let mut total = 0.0;
             for i in -60..60 {
                 for j in -60..60 {
-                    let at = spot([f64::from(i) * step, f64::from(j) * step]);
+                    let at = measured([f64::from(i) * step, f64::from(j) * step]);
                     total += outline.iter().map(|s| s.density(&at)).sum::<f64>() * step * step;
                 }
             }
@@ -500,8 +497,9 @@ mod tests {
         let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
         let strokes: Vec<Stroke> =
             (0..4).map(|i| Stroke::Straight([square[i], square[(i + 1) % 4]])).collect();
-        let spots: Vec<Spot> = (0..41).map(|k| spot([0.1 * f64::from(k), 0.0])).collect();
-        let seen = seen_lengths(&strokes, &spots, 0.2);
-        assert!((seen[0] - 4.0).abs() < 0.1 && seen[1] < 0.3 && seen[2] == 0.0, "{seen:?}");
+        let measured_points: Vec<MeasuredPoint> =
+            (0..41).map(|k| measured([0.1 * f64::from(k), 0.0])).collect();
+        let observed = observed_lengths(&strokes, &measured_points, 0.2);
+        assert!((observed[0] - 4.0).abs() < 0.1 && observed[1] < 0.3 && observed[2] == 0.0, "{observed:?}");
     }
 }

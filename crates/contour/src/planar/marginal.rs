@@ -18,7 +18,7 @@
 //! structural models* (steps from the squares of scores).
 
 use super::kind::ContourKind;
-use super::likelihood::{Spot, Stroke, strokes};
+use super::likelihood::{MeasuredPoint, Stroke, strokes};
 use super::parts::usual_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, PlanarMotion};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -76,12 +76,12 @@ pub(super) struct MostLikely {
 /// Returns `None` if the likelihood has no maximum nearby.
 pub(super) fn most_likely(
     model: &ContourModel,
-    sightings: &[ContourReading],
+    readings: &[ContourReading],
     start: &DVector<f64>,
     covariance: &DMatrix<f64>,
     gate: f64,
 ) -> Option<MostLikely> {
-    PlaceLikelihood::new(model, sightings, start, covariance, gate)?.climb()
+    PlaceLikelihood::new(model, readings, start, covariance, gate)?.climb()
 }
 
 /// A part of a piece of the outline, from one fraction of its length to another, with an even density of
@@ -96,7 +96,7 @@ struct Cell {
 /// The likelihood as a function of the whitened parameters `u` and of the shares of the cells.
 struct PlaceLikelihood<'a> {
     model: &'a ContourModel,
-    sightings: &'a [ContourReading],
+    readings: &'a [ContourReading],
     start: &'a DVector<f64>,
     /// Cholesky factor of the initial covariance: the state is `start + scale u`. In `u`, one step length
     /// suits all parameters, whatever their units and correlations.
@@ -108,7 +108,7 @@ struct PlaceLikelihood<'a> {
     whole: Option<(f64, f64)>,
     gap: f64,
     /// Density of outliers times the variance of a reading.
-    wild: f64,
+    outlier_density: f64,
 }
 
 /// Point at which the likelihood is evaluated: whitened parameters and unnormalised log-shares.
@@ -128,18 +128,20 @@ struct Terms {
 impl<'a> PlaceLikelihood<'a> {
     fn new(
         model: &'a ContourModel,
-        sightings: &'a [ContourReading],
+        readings: &'a [ContourReading],
         start: &'a DVector<f64>,
         covariance: &DMatrix<f64>,
         gate: f64,
     ) -> Option<Self> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
-        let gap = usual_gap(sightings);
-        let spots = spots(model, sightings, start.as_slice());
-        let pieces = strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &spots, gap);
+        let gap = usual_gap(readings);
+        let measured_points = measured_points(model, readings, start.as_slice());
+        let pieces =
+            strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &measured_points, gap);
+        // Cells in proportion to length, but at least one per piece.
         let lengths: Vec<f64> = pieces.iter().map(|piece| piece.length(0.0, 1.0)).collect();
         let perimeter = lengths.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let many = sightings.len() as f64 / READINGS_PER_CELL;
+        let many = readings.len() as f64 / READINGS_PER_CELL;
         let mut cells = Vec::new();
         for (piece, length) in lengths.iter().enumerate() {
             let count = (many * length / perimeter).round().clamp(1.0, MAX_CELLS);
@@ -153,10 +155,12 @@ impl<'a> PlaceLikelihood<'a> {
             [Stroke::Round { from, sweep, .. }] if sweep >= MIN_WHOLE_SWEEP => Some((from, TAU)),
             _ => None,
         };
-        let sigma = (spots.iter().map(Spot::variance).sum::<f64>() / spots.len() as f64).sqrt();
+        let sigma = (measured_points.iter().map(MeasuredPoint::variance).sum::<f64>()
+            / measured_points.len() as f64)
+            .sqrt();
         // The density of an evenly read outline at the distance of the gate.
-        let wild = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self { model, sightings, start, scale, cells, whole, gap, wild })
+        let outlier_density = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
+        Some(Self { model, readings, start, scale, cells, whole, gap, outlier_density })
     }
 
     /// State of the whitened parameters.
@@ -173,25 +177,27 @@ impl<'a> PlaceLikelihood<'a> {
     /// order.
     fn terms(&self, at: &At) -> Terms {
         let state = self.state(&at.u);
-        let spots = spots(self.model, self.sightings, state.as_slice());
-        let mut pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
+        let measured_points = measured_points(self.model, self.readings, state.as_slice());
+        let mut pieces = strokes(&self.model.kind, self.theta(&state), &measured_points, self.gap);
+        // `strokes` would end the arc at its last readings, which change with θ.
         if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
             (*from, *sweep) = whole;
         }
         let parts: Vec<Part> = (self.cells.iter().zip(&shares(&at.weights)))
             .map(|(cell, share)| Part::new(&pieces[cell.piece], cell, *share))
             .collect();
-        let mut chances = DMatrix::zeros(parts.len(), spots.len());
-        let one = |(spot, chances): (&Spot, &mut [f64])| {
-            let mut total = self.wild / spot.variance().max(f64::MIN_POSITIVE);
+        let mut chances = DMatrix::zeros(parts.len(), measured_points.len());
+        let one = |(measured, chances): (&MeasuredPoint, &mut [f64])| {
+            let mut total = self.outlier_density / measured.variance().max(f64::MIN_POSITIVE);
             for (chance, part) in chances.iter_mut().zip(&parts) {
-                *chance = part.density(spot);
+                *chance = part.density(measured);
                 total += *chance;
             }
+            // The probability of an outlier is the rest to one.
             chances.iter_mut().for_each(|chance| *chance /= total);
             total.ln()
         };
-        let logs = (spots.par_iter())
+        let logs = (measured_points.par_iter())
             .zip(chances.as_mut_slice().par_chunks_mut(parts.len()))
             .with_min_len(READINGS_PER_THREAD)
             .map(one)
@@ -230,12 +236,14 @@ impl<'a> PlaceLikelihood<'a> {
             if !size.is_finite() {
                 return None;
             }
+            // The quadratic model of the likelihood holds over a few σ only.
             let mut share = (MAX_STEP_SIGMAS / size).min(1.0);
             let better = loop {
                 let next = At {
                     u: &at.u + share * step.rows(0, p),
                     weights: &at.weights + share * step.rows(p, self.cells.len()),
                 };
+                // Invalid sizes have no likelihood; the step is halved until they are valid.
                 if self.model.kind.is_valid(self.theta(&self.state(&next.u))) {
                     let total = self.total(&next);
                     if total > best {
@@ -259,6 +267,7 @@ impl<'a> PlaceLikelihood<'a> {
         let inverse = information.inverse();
         let of_u = inverse.view((0, 0), (p, p));
         if !self.has_corners() && self.model.motion == PlanarMotion::Still {
+            // A correction larger than the bound is not a bias: the expansion has failed.
             let bias = information.solve(&self.expected_scores(&at));
             if bias.rows(0, p).amax() < MAX_STEP_SIGMAS {
                 at.u -= bias.rows(0, p);
@@ -271,7 +280,7 @@ impl<'a> PlaceLikelihood<'a> {
     /// or the readings are many.
     fn information(&self, at: &At) -> Option<Cholesky<f64, Dyn>> {
         let by_curvature = || Cholesky::new(self.curvature(at));
-        let few = self.sightings.len() <= MAX_FOR_CURVATURE;
+        let few = self.readings.len() <= MAX_FOR_CURVATURE;
         let curvature = if few { by_curvature() } else { None };
         curvature.or_else(|| Cholesky::new(self.scores(at).1))
     }
@@ -290,7 +299,7 @@ impl<'a> PlaceLikelihood<'a> {
 
     /// Sum of the scores (the gradient) and of their outer products, which estimates the information.
     fn scores(&self, at: &At) -> (DVector<f64>, DMatrix<f64>) {
-        let (p, k, n) = (at.u.len(), self.cells.len(), self.sightings.len());
+        let (p, k, n) = (at.u.len(), self.cells.len(), self.readings.len());
         let shares = shares(&at.weights);
         let mut scores = DMatrix::zeros(p + k, n);
         for j in 0..p {
@@ -339,10 +348,11 @@ impl<'a> PlaceLikelihood<'a> {
 
     /// Negative second derivatives of the log-posterior: by differences in θ, analytic in the shares.
     fn curvature(&self, at: &At) -> DMatrix<f64> {
-        let (p, k, n) = (at.u.len(), self.cells.len(), self.sightings.len() as f64);
+        let (p, k, n) = (at.u.len(), self.cells.len(), self.readings.len() as f64);
         let shares = shares(&at.weights);
         let here = self.terms(at);
         let sum = |terms: &Terms| terms.logs.iter().sum::<f64>();
+        // Second differences divide by h² and need a larger spacing than first ones.
         let h = 2.0 * STEP;
         let corner = |i: usize, a: f64, j: usize, b: f64| sum(&self.terms(&at.moved(i, a).moved(j, b)));
         let mut out = DMatrix::zeros(p + k, p + k);
@@ -361,6 +371,7 @@ impl<'a> PlaceLikelihood<'a> {
                 out[(j, i)] = out[(i, j)];
             }
         }
+        // For log-shares, the Hessian is that of a softmax mixture: probabilities and shares suffice.
         let squares = &here.chances * here.chances.transpose();
         let sums = here.chances.column_sum();
         for a in 0..k {
@@ -386,19 +397,19 @@ impl<'a> PlaceLikelihood<'a> {
     /// would add noise to the estimate.
     fn expected_scores(&self, at: &At) -> DVector<f64> {
         let state = self.state(&at.u);
-        let spots = spots(self.model, self.sightings, state.as_slice());
-        let pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
-        let exact: Vec<ContourReading> = (self.sightings.iter().zip(&spots))
-            .map(|(sighting, spot)| sighting.moved_to(nearest(&pieces, spot.point)))
+        let measured_points = measured_points(self.model, self.readings, state.as_slice());
+        let pieces = strokes(&self.model.kind, self.theta(&state), &measured_points, self.gap);
+        let exact: Vec<ContourReading> = (self.readings.iter().zip(&measured_points))
+            .map(|(reading, measured)| reading.moved_to(nearest(&pieces, measured.point)))
             .collect();
         let mut sum = DVector::zeros(at.u.len() + self.cells.len());
         for axis in 0..MEASURED {
             for side in [-1.0, 1.0] {
                 let sigmas = side * (MEASURED as f64).sqrt();
                 let made: Vec<ContourReading> =
-                    exact.iter().map(|sighting| sighting.with_error(axis, sigmas)).collect();
+                    exact.iter().map(|reading| reading.with_error(axis, sigmas)).collect();
                 let model = PlaceLikelihood {
-                    sightings: &made,
+                    readings: &made,
                     scale: self.scale.clone(),
                     cells: self.cells.clone(),
                     ..*self
@@ -443,12 +454,14 @@ impl Part {
     }
 
     /// Density of a reading from this cell; 0 if it is too far to matter.
-    fn density(&self, spot: &Spot) -> f64 {
-        let away = (spot.point[0] - self.middle[0]).hypot(spot.point[1] - self.middle[1]) - self.reach;
-        if away > 0.0 && away * away > FARTHEST * FARTHEST * spot.variance() {
+    fn density(&self, measured: &MeasuredPoint) -> f64 {
+        // A bounding circle, since most cells are far from a reading and exponentials are costly.
+        let away =
+            (measured.point[0] - self.middle[0]).hypot(measured.point[1] - self.middle[1]) - self.reach;
+        if away > 0.0 && away * away > FARTHEST * FARTHEST * measured.variance() {
             return 0.0;
         }
-        self.rate * self.stroke.density(spot)
+        self.rate * self.stroke.density(measured)
     }
 }
 
@@ -464,10 +477,10 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
 ///
 /// Points of rays are moved outwards by `½ r σ_h²`: for a heading error of σ_h, the mean of `r cos` is
 /// shorter than `r` by that amount.
-fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
-    let one = |sighting: &ContourReading| {
-        let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
-        let away = match sighting.target {
+fn measured_points(model: &ContourModel, readings: &[ContourReading], state: &[f64]) -> Vec<MeasuredPoint> {
+    let one = |reading: &ContourReading| {
+        let (point, covariance) = ContourEquation::new(model, reading).point_at_reference_time(state);
+        let away = match reading.target {
             ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 // A rotation of the object also rotates the ray. The effect on this second-order term is
                 // negligible.
@@ -476,9 +489,9 @@ fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> V
             }
             ContourTarget::Point { .. } => [0.0; 2],
         };
-        Spot { point: [point[0] + away[0], point[1] + away[1]], covariance }
+        MeasuredPoint { point: [point[0] + away[0], point[1] + away[1]], covariance }
     };
-    sightings.iter().map(one).collect()
+    readings.iter().map(one).collect()
 }
 
 /// The point of an outline that is nearest to `p`.

@@ -2,11 +2,12 @@
 
 use super::kind::Outline;
 use super::reading::ContourReading;
+use planish_core::BoundingBox;
 use std::collections::BTreeMap;
 
 /// Groups readings whose points are connected by gaps of at most `gap` (single linkage); largest group first.
 ///
-/// Each group holds indices of `sightings` in increasing order. The cost is about linear in their number: a
+/// Each group holds indices of `readings` in increasing order. The cost is about linear in their number: a
 /// grid of cells of size `gap` limits the search, and grouped points leave it.
 ///
 /// # Examples
@@ -19,8 +20,8 @@ use std::collections::BTreeMap;
 /// assert_eq!(groups.iter().map(Vec::len).collect::<Vec<_>>(), [200, 100]);
 /// ```
 #[must_use]
-pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+pub fn separate(readings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
     let cell = |p: [f64; 2]| p.map(|c| (c / gap).floor() as i64);
     let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
     for (i, &p) in points.iter().enumerate() {
@@ -37,6 +38,7 @@ pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
         while next < members.len() {
             let p = points[members[next]];
             next += 1;
+            // Cells are as wide as the gap: partners are in the 3 × 3 neighbourhood.
             let [cx, cy] = cell(p);
             for place in
                 (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
@@ -67,20 +69,18 @@ pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
 /// The largest of `n` is about `ln n` times the mean; a margin of four means and at least 6 σ of noise are
 /// allowed for.
 #[must_use]
-pub fn usual_gap(sightings: &[ContourReading]) -> f64 {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+pub fn usual_gap(readings: &[ContourReading]) -> f64 {
+    let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
-    for sighting in sightings {
-        let p = sighting.point();
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-        let [xx, _, yy] = sighting.covariance();
+    for reading in readings {
+        bounds.include(reading.point());
+        let [xx, _, yy] = reading.covariance();
         variance += 0.5 * (xx + yy);
     }
-    let n = sightings.len() as f64;
-    let extent = (high[0] - low[0]) + (high[1] - low[1]);
+    let n = readings.len() as f64;
+    let [width, height] = bounds.extent();
+    let extent = width + height;
+    // The perimeter of the bounding box stands for the length of the outline.
     let spacing = 2.0 * extent / n;
     (spacing * (n.ln() + 4.0)).max(6.0 * (variance / n).sqrt())
 }
@@ -91,6 +91,7 @@ pub fn contains(outline: &Outline, p: [f64; 2]) -> bool {
     let count = outline.vertices.len();
     let crossings = (0..count).filter(|&i| {
         let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % count]);
+        // Half-open in y: a ray through a vertex counts once.
         (a[1] > p[1]) != (b[1] > p[1]) && p[0] < a[0] + (p[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
     });
     outline.closed && crossings.count() % 2 == 1

@@ -197,7 +197,7 @@ impl ContourModel {
 /// The equation of one reading, or of one soft constraint in its place.
 pub(crate) struct ContourEquation<'a> {
     pub(crate) model: &'a ContourModel,
-    pub(crate) sighting: &'a ContourReading,
+    pub(crate) reading: &'a ContourReading,
     pub(crate) constraint: Option<SoftConstraint>,
 }
 
@@ -212,8 +212,8 @@ struct Place {
 
 impl<'a> ContourEquation<'a> {
     /// The equation of a reading.
-    pub(crate) fn new(model: &'a ContourModel, sighting: &'a ContourReading) -> Self {
-        Self { model, sighting, constraint: None }
+    pub(crate) fn new(model: &'a ContourModel, reading: &'a ContourReading) -> Self {
+        Self { model, reading, constraint: None }
     }
 
     /// The point `z − v` of whitened noise `u`, in the world at the time of the reading.
@@ -224,7 +224,7 @@ impl<'a> ContourEquation<'a> {
             by_pose: [[0.0; 2]; 3],
             by_heading: [[0.0; 2]; 2],
         };
-        match self.sighting.target {
+        match self.reading.target {
             ContourTarget::Point { position, sigma } => {
                 place.point = [position[0] - sigma * u[0], position[1] - sigma * u[1]];
                 place.by_noise[0] = [-sigma, 0.0];
@@ -265,8 +265,9 @@ impl<'a> ContourEquation<'a> {
     fn carried_back(&self, x: &[f64], p: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
         let k = self.model.kind.parameters();
         let pivot = self.model.pivot;
-        let time = self.sighting.time_s - self.model.time_s;
+        let time = self.reading.time_s - self.model.time_s;
         let moved = match self.model.motion {
+            // Time zero: the derivatives by the motion then vanish without a case of their own.
             PlanarMotion::Still => return (p, [1.0, 0.0], 0.0),
             _ => [p[0] - pivot[0] - time * x[k], p[1] - pivot[1] - time * x[k + 1]],
         };
@@ -282,9 +283,10 @@ impl<'a> ContourEquation<'a> {
     }
 
     /// The measured point and its covariance `[xx, xy, yy]`, carried back to the reference time.
-    pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
-        let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
-        let [xx, xy, yy] = self.sighting.covariance();
+    pub(crate) fn point_at_reference_time(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
+        let (p, [cos, sin], _) = self.carried_back(x, self.reading.point());
+        let [xx, xy, yy] = self.reading.covariance();
+        // R C Rᵀ, written out.
         let (square, both, product) = (cos * cos, sin * cos, sin * sin);
         let turned = [
             square * xx - 2.0 * both * xy + product * yy,
@@ -296,7 +298,7 @@ impl<'a> ContourEquation<'a> {
 
     /// σ of the corrected point along a piece: `√(det C / nᵀCn)`, the covariance conditioned on lying on it.
     fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
-        let [xx, xy, yy] = self.sighting.covariance();
+        let [xx, xy, yy] = self.reading.covariance();
         let mut by_theta = [0.0; MAX_STATE];
         let n = distance(&self.model.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
         let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
@@ -348,7 +350,7 @@ impl ImplicitReading for ContourEquation<'_> {
         if self.constraint.is_some() {
             return 1;
         }
-        match self.sighting.target {
+        match self.reading.target {
             ContourTarget::Point { .. } => 2,
             ContourTarget::Range { .. } if self.model.shared_poses => 1,
             ContourTarget::Range { .. } => 4,
@@ -377,9 +379,11 @@ impl ImplicitReading for ContourEquation<'_> {
         by_state.fill(0.0);
         if let Some(constraint) = self.constraint {
             let violation = constraint.violation(&self.model.kind, &x[..k], &mut by_state[..k]);
+            // g = violation + σ u, so that the whitened noise of the constraint has unit variance as well.
             by_noise[0] = constraint.sigma();
             return violation + constraint.sigma() * u[0];
         }
+        // Chain rule: noise → point in the world → point in the frame of the contour → distance.
         let place = self.place(x, u);
         let (p, [cos, sin], time) = self.carried_back(x, place.point);
         let (value, by_body) = self.contour(branch, &x[..k], p, &mut by_state[..k]);
@@ -471,7 +475,7 @@ impl ImplicitReading for ContourEquation<'_> {
             return None;
         }
         let k = self.model.kind.parameters();
-        let (p, covariance) = self.seen_at_rest(x);
+        let (p, covariance) = self.point_at_reference_time(x);
         nearest_piece(&self.model.kind, &x[..k], p, covariance)
     }
 
@@ -481,6 +485,8 @@ impl ImplicitReading for ContourEquation<'_> {
         }
         let k = self.model.kind.parameters();
         let (p, turn, _) = self.carried_back(x, self.place(x, u).point);
+        // In σ along the piece: this is independent of the distance across it, so selecting readings by it
+        // causes no bias.
         let length = within(&self.model.kind, &x[..k], branch, p);
         if length.is_infinite() {
             return length;

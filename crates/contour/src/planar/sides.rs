@@ -53,6 +53,7 @@ impl ContourKind {
             .filter_map(|piece| {
                 let side = self.side(theta, covariance, piece)?;
                 let ends_in_nothing = !self.is_closed() && (piece == 0 || piece == last);
+                // The radius of an arc at an open end is determined by its readings; its length is not.
                 (side.is_arc || !ends_in_nothing).then_some(side)
             })
             .collect()
@@ -72,6 +73,7 @@ impl ContourKind {
         let is_arc = bulge != 0.0;
         let factor = if is_arc { (1.0 + bulge * bulge) / (4.0 * bulge.abs()) } else { 1.0 };
         let mut gradient = DVector::zeros(covariance.nrows());
+        // The chord enters through both of its ends, with opposite signs.
         for (end, sign) in ends.into_iter().zip([-1.0, 1.0]) {
             let along = chord.map(|c| sign * factor * c / length);
             self.add_vertex_derivative(theta, end, along, gradient.as_mut_slice());

@@ -69,6 +69,7 @@ pub fn ranges(
         return SimulatedReadings::default();
     };
     let places = along(kind, theta, &outline.vertices);
+    // Only used for sweeps; single readings have poses of their own anyway.
     let mut made = SimulatedReadings::default();
     let mut pose = 0;
     while made.exact.len() < count {
@@ -76,8 +77,10 @@ pub fn ranges(
         let towards = (aim[1] - middle[1]).atan2(aim[0] - middle[0]) + random.random_range(-0.44..0.44);
         let origin =
             [middle[0] + options.standoff * towards.cos(), middle[1] + options.standoff * towards.sin()];
+        // Errors of the pose are drawn once per sweep: its readings share them.
         let errors: [f64; 3] = [0; 3].map(|_: i32| random.sample(StandardNormal));
         let heading = (aim[1] - origin[1]).atan2(aim[0] - origin[0]);
+        // The last sweep may be cut to reach exactly the requested number.
         let beams = options.sweep.max(1).min(count - made.exact.len());
         for beam in 0..beams {
             let fan = if beams > 1 { 0.35 * (beam as f64 / (beams - 1) as f64 - 0.5) } else { 0.0 };
@@ -88,6 +91,7 @@ pub fn ranges(
             let (sin, cos) = turn.sin_cos();
             let shifted = [origin[0] - time * options.velocity[0], origin[1] - time * options.velocity[1]];
             let from = [cos * shifted[0] - sin * shifted[1], sin * shifted[0] + cos * shifted[1]];
+            // Beams of a fan can miss the contour; the next pose makes up for them.
             let Some(range) = first_hit(kind, theta, from, heading + turn) else {
                 continue;
             };
@@ -99,9 +103,10 @@ pub fn ranges(
                 time_s: time,
                 line: made.exact.len() + 2,
             };
-            let wild = random.random::<f64>() < options.outlier_share;
+            let is_outlier = random.random::<f64>() < options.outlier_share;
             let error: f64 = random.sample(StandardNormal);
-            let read = if wild { range * random.random_range(0.5..2.0) } else { range + sigma[3] * error };
+            let read =
+                if is_outlier { range * random.random_range(0.5..2.0) } else { range + sigma[3] * error };
             made.noisy.push(ContourReading {
                 target: ContourTarget::Range {
                     origin: [origin[0] + sigma[0] * errors[0], origin[1] + sigma[1] * errors[1]],
@@ -130,15 +135,15 @@ pub fn points(kind: &ContourKind, theta: &[f64], count: usize, sigma: f64, seed:
     let mut made = SimulatedReadings::default();
     for line in 0..count {
         let position = places[random.random_range(0..places.len())];
-        let sighting = |position| ContourReading {
+        let reading = |position| ContourReading {
             target: ContourTarget::Point { position, sigma },
             pose: None,
             time_s: 0.0,
             line: line + 2,
         };
-        made.exact.push(sighting(position));
+        made.exact.push(reading(position));
         let noise = [0; 2].map(|_: i32| sigma * random.sample::<f64, _>(StandardNormal));
-        made.noisy.push(sighting([position[0] + noise[0], position[1] + noise[1]]));
+        made.noisy.push(reading([position[0] + noise[0], position[1] + noise[1]]));
     }
     made
 }
@@ -165,6 +170,7 @@ fn along(kind: &ContourKind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 
     let mut places = Vec::new();
     for i in 0..last {
         let (a, b) = (vertices[i], vertices[(i + 1) % count]);
+        // Midpoints of equal steps: no place lies on a vertex.
         let steps = (4000.0 * lengths[i] / total).ceil() as usize;
         for k in 0..steps {
             let t = (k as f64 + 0.5) / steps as f64;
@@ -195,6 +201,7 @@ pub(crate) fn first_hit(kind: &ContourKind, theta: &[f64], from: [f64; 2], headi
         ContourKind::Ellipse => {
             let (s, c) = theta[4].sin_cos();
             let local = |v: [f64; 2]| [(c * v[0] + s * v[1]) / theta[2], (c * v[1] - s * v[0]) / theta[3]];
+            // An affine map turns the ellipse into the unit circle and keeps the parameter of the ray.
             let (d, e) = (local([from[0] - theta[0], from[1] - theta[1]]), local([cos, sin]));
             quadratic(e[0] * e[0] + e[1] * e[1], d[0] * e[0] + d[1] * e[1], d[0] * d[0] + d[1] * d[1] - 1.0)
         }
@@ -215,11 +222,13 @@ pub(crate) fn first_hit(kind: &ContourKind, theta: &[f64], from: [f64; 2], headi
                 let size = (b[0] - a[0]).hypot(b[1] - a[1]);
                 found.into_iter().filter(move |t| {
                     let p = [from[0] + t * cos, from[1] + t * sin];
+                    // With a tolerance: a ray through a vertex must not slip between two pieces.
                     beyond(kind, theta, i, p) <= 1e-9 * size
                 })
             })
             .collect(),
     };
+    // Intersections behind the sensor do not count.
     hits.into_iter().filter(|t| *t > 0.0).min_by(f64::total_cmp)
 }
 

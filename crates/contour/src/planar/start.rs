@@ -49,8 +49,8 @@ use sequence::Sequence;
 /// Taubin 1991, *Estimation of planar curves*; Halíř and Flusser 1998, *Numerically stable direct least
 /// squares fitting of ellipses*; Bellman 1961, *On the approximation of curves by line segments using dynamic
 /// programming*.
-pub fn starts(kind: &ContourKind, sightings: &[ContourReading]) -> Result<Vec<Vec<f64>>> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+pub fn starts(kind: &ContourKind, readings: &[ContourReading]) -> Result<Vec<Vec<f64>>> {
+    let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
     if points.len() < kind.parameters() {
         return Err(planish_estimate::Error::undetermined(format!(
             "{} cannot determine the {} parameters of a {kind}",
@@ -87,8 +87,7 @@ pub fn starts(kind: &ContourKind, sightings: &[ContourReading]) -> Result<Vec<Ve
         ContourKind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
         ContourKind::RegularPolygon(sides) => regular(&points, *sides),
         ContourKind::Polygon(count) => {
-            let mut found: Vec<Vec<f64>> =
-                polygon(&Sequence::closed(sightings), *count).into_iter().collect();
+            let mut found: Vec<Vec<f64>> = polygon(&Sequence::closed(readings), *count).into_iter().collect();
             // Segments easily miss a sharp corner with few readings; the hull contains it. Only polygons of
             // few corners have sharp ones, if they are convex.
             if *count <= 4 {
@@ -124,9 +123,9 @@ fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
 
 /// Closed and open chains of lines and arcs that may explain the readings: their kinds with parameters.
 #[must_use]
-pub(crate) fn chain_starts(sightings: &[ContourReading]) -> Vec<(ContourKind, Vec<f64>)> {
-    let mut found = chains(&Sequence::closed(sightings));
-    found.extend(Sequence::open(sightings).iter().flat_map(chains));
+pub(crate) fn chain_starts(readings: &[ContourReading]) -> Vec<(ContourKind, Vec<f64>)> {
+    let mut found = chains(&Sequence::closed(readings));
+    found.extend(Sequence::open(readings).iter().flat_map(chains));
     found
 }
 

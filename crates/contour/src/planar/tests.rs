@@ -34,7 +34,7 @@ fn examples() -> Vec<(ContourKind, Vec<f64>)> {
 
 #[test]
 fn derivatives_match_differences() {
-    let sighting = ContourReading {
+    let reading = ContourReading {
         target: ContourTarget::Range {
             origin: [3.0, 1.0],
             heading_rad: 3.3,
@@ -58,23 +58,23 @@ fn derivatives_match_differences() {
                 shared_poses,
                 constraints: Vec::new(),
             };
-            let reading = ContourEquation::new(&model, &sighting);
+            let equation = ContourEquation::new(&model, &reading);
             let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();
             if shared_poses {
                 x.extend([0.5, -0.3, 0.2]);
             }
-            let u = vec![0.3; reading.noise()];
-            for branch in 0..reading.branches() {
-                check(&reading, branch, &x, &u, &format!("{kind} {form:?} {branch}"));
+            let u = vec![0.3; equation.noise()];
+            for branch in 0..equation.branches() {
+                check(&equation, branch, &x, &u, &format!("{kind} {form:?} {branch}"));
             }
         }
     }
 }
 
-fn check(reading: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
+fn check(equation: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
     let value = |x: &[f64], u: &[f64]| {
         let (mut h, mut d) = (vec![0.0; x.len()], vec![0.0; u.len()]);
-        let g = reading.gradient(branch, x, u, &mut h, &mut d);
+        let g = equation.gradient(branch, x, u, &mut h, &mut d);
         (g, h, d)
     };
     let (_, by_state, by_noise) = value(x, u);
@@ -97,7 +97,7 @@ fn check(reading: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], nam
         );
     }
     let mut hessian = [[0.0; MAX_NOISE]; MAX_NOISE];
-    if !reading.noise_hessian(branch, x, u, &mut hessian) {
+    if !equation.noise_hessian(branch, x, u, &mut hessian) {
         return;
     }
     for j in 0..u.len() {

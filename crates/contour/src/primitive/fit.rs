@@ -106,6 +106,7 @@ pub fn choose(
             Err(e) => last = Some(e),
         }
     }
+    // Four kinds only: all are fitted completely, unlike contours.
     found.sort_by(|a: &PrimitiveFit, b| a.bic().total_cmp(&b.bic()));
     let mut found = found.into_iter();
     let Some(best) = found.next() else {
@@ -146,9 +147,12 @@ fn fit_from(
         at = fit_implicit(&all, None, &at, &robust)?.state;
     }
     // Stage 2: the gate. Zero iterations evaluate the distances only.
-    let look = ImplicitOptions { max_iterations: 0, ..settings };
-    let near =
-        GatedResiduals::from_distances(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
+    let evaluate_only = ImplicitOptions { max_iterations: 0, ..settings };
+    let near = GatedResiduals::from_distances(
+        &fit_implicit(&all, None, &at, &evaluate_only)?.distances,
+        options.gate,
+    )
+    .used;
     let kept = readings(shape, chart, rays.iter().zip(&near).filter(|(_, u)| **u).map(|(ray, _)| ray));
     if kept.len() < shape.unknowns() {
         return Err(Error::undetermined("too few readings lie near the shape"));
@@ -195,7 +199,7 @@ fn fit_from(
             "the box is too thin: the noise hides which of two sides a reading belongs to",
         ));
     }
-    let distances = fit_implicit(&all, None, &state, &look)?.distances;
+    let distances = fit_implicit(&all, None, &state, &evaluate_only)?.distances;
     let GatedResiduals { used, squares, log_likelihood } =
         GatedResiduals::from_distances(&distances, options.gate);
     Ok(PrimitiveFit {
@@ -226,6 +230,7 @@ fn reported_covariance(
 ) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = (0..state.len())
         .map(|k| {
+            // Steps in σ suit lengths and angles alike.
             let step = SPACING * covariance[(k, k)].sqrt();
             let moved = |sign: f64| {
                 let mut x = state.clone();

@@ -31,7 +31,7 @@ pub enum RayTarget {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// The measured values.
-    pub seen: RayTarget,
+    pub target: RayTarget,
     /// Line in the file of origin, or index of the reading.
     pub line: usize,
 }
@@ -45,7 +45,7 @@ impl Ray {
 
     /// Number of measured values.
     fn noises(&self) -> usize {
-        match self.seen {
+        match self.target {
             RayTarget::Range { .. } => 6,
             RayTarget::Point { .. } => 3,
         }
@@ -54,7 +54,7 @@ impl Ray {
     /// The point corrected by the whitened noise `u`, and its derivatives by `u`.
     fn place(&self, u: &[f64]) -> (Vector3<f64>, [Vector3<f64>; 6]) {
         let mut by_noise = [Vector3::zeros(); 6];
-        match self.seen {
+        match self.target {
             RayTarget::Point { position, sigma } => {
                 for (k, column) in by_noise.iter_mut().enumerate().take(3) {
                     column[k] = -sigma;
@@ -65,6 +65,7 @@ impl Ray {
                 let (sa, ca) = (direction_rad[0] - sigma[3] * u[3]).sin_cos();
                 let (se, ce) = (direction_rad[1] - sigma[4] * u[4]).sin_cos();
                 let length = range - sigma[5] * u[5];
+                // Each error is subtracted from its measured value, hence the signs of the derivatives below.
                 let towards = Vector3::new(ce * ca, ce * sa, se);
                 for k in 0..3 {
                     by_noise[k][k] = -sigma[k];

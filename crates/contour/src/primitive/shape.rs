@@ -107,6 +107,7 @@ impl Chart {
     /// Unit vector along `third + a first + b second`, and its derivatives by `a` and `b`.
     fn direction(&self, a: f64, b: f64) -> (Vector3<f64>, [Vector3<f64>; 2]) {
         let [first, second, third] = [0, 1, 2].map(|k| self.frame.column(k).into_owned());
+        // Two unknowns instead of three components with a constraint: the covariance is regular.
         let long = third + first * a + second * b;
         let length = long.norm();
         let n = long / length;
@@ -215,6 +216,7 @@ pub(crate) fn distance(
             for k in 0..3 {
                 by_state[3 + k] = sign * q.cross(&jacobian.column(k))[axis];
             }
+            // A size moves its two opposite sides by half each.
             by_state[6 + axis] = -0.5;
             (sign * q[axis] - 0.5 * x[6 + axis], n)
         }
@@ -229,6 +231,7 @@ pub(crate) fn within(shape: PrimitiveKind, chart: &Chart, x: &[f64], piece: usiz
     }
     let q = local(chart, x, p);
     let (axis, _) = side(piece);
+    // The edges of a side are where the other two coordinates reach half their sizes.
     let others = (0..3).filter(|&k| k != axis);
     others.map(|k| 0.5 * x[6 + k] - q[k].abs()).fold(f64::INFINITY, f64::min)
 }

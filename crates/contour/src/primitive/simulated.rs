@@ -51,6 +51,7 @@ impl SimulatedPrimitive {
         let r = self.rotation();
         let axis = |k: usize| {
             let n = r.matrix().column(k).into_owned();
+            // The sign convention of the fit, so that both can be compared.
             if n[n.iamax()] < 0.0 { -n } else { n }
         };
         let mut values = self.center.to_vec();
@@ -100,6 +101,7 @@ impl SimulatedPrimitive {
             }
             PrimitiveKind::Box => {
                 let [a, b, c] = self.size;
+                // A side in proportion to its area.
                 let at = random.random_range(0.0..b * c + a * c + a * b);
                 let axis = usize::from(at > b * c) + usize::from(at > b * c + a * c);
                 let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
@@ -122,15 +124,17 @@ pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed
     let (rotation, center) = (solid.rotation(), Vector3::from(solid.center));
     for line in 0..count {
         let (place, normal) = solid.draw(&mut random);
+        // The square root spreads directions evenly over the cone.
         let tilt = (0.61 * random.random::<f64>().sqrt(), std::f64::consts::TAU * random.random::<f64>());
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let second = normal.cross(&first);
         let back = normal * tilt.0.cos() + (first * tilt.1.cos() + second * tilt.1.sin()) * tilt.0.sin();
         let place = center + rotation * place;
+        // The standoff is measured from the centre, but the sensor must stay outside of the shape.
         let range = sensor.standoff - (place - center).norm().min(0.9 * sensor.standoff);
         let origin = place + rotation * back * range;
-        let look = place - origin;
-        let direction_rad = [look.y.atan2(look.x), look.z.atan2(look.x.hypot(look.y))];
+        let towards = place - origin;
+        let direction_rad = [towards.y.atan2(towards.x), towards.z.atan2(towards.x.hypot(towards.y))];
         let sigma_range = sensor.sigma_range_share * range;
         let [position, angle] = [sensor.sigma_position, sensor.sigma_angle_rad];
         let sigma = [position, position, position, angle, angle, sigma_range];
@@ -142,8 +146,8 @@ pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed
             sigma,
         };
         let exact = RayTarget::Range { origin: origin.into(), direction_rad, range, sigma };
-        made.noisy.push(Ray { seen: noisy, line: line + 2 });
-        made.exact.push(Ray { seen: exact, line: line + 2 });
+        made.noisy.push(Ray { target: noisy, line: line + 2 });
+        made.exact.push(Ray { target: exact, line: line + 2 });
     }
     made
 }

@@ -20,6 +20,7 @@ const ROTATIONS: usize = 500;
 /// Kåsa 1976, *A circle fitting procedure and its error analysis*; Taubin 1991.
 pub(crate) fn starts(shape: PrimitiveKind, points: &[[f64; 3]]) -> Vec<(Chart, Vec<f64>)> {
     let points: Vec<Vector3<f64>> = points.iter().map(|&p| Vector3::from(p)).collect();
+    // Charts are centred on the points, so that lever arms of the rotations are short.
     let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     match shape {
         PrimitiveKind::Plane => {
@@ -83,6 +84,7 @@ fn cylinders(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Several starts, because noise and uneven readings can make a wrong direction the best one.
     found.into_iter().take(3).map(|(_, chart, start)| (chart, start)).collect()
 }
 

@@ -25,7 +25,7 @@ fn solids() -> Vec<SimulatedPrimitive> {
 #[test]
 fn derivatives_match_differences() {
     let ray = Ray {
-        seen: RayTarget::Range {
+        target: RayTarget::Range {
             origin: [2.0, 1.0, 0.4],
             direction_rad: [3.5, -0.2],
             range: 1.3,

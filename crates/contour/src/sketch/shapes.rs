@@ -12,18 +12,23 @@ pub(super) struct Drawn {
 }
 
 /// Draws a contour. The order of parts is the one that [`parameters`] reads.
-pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> Result<Drawn> {
+pub(super) fn drawn(
+    kind: &ContourKind,
+    theta: &[f64],
+    observed_ends: Option<[[f64; 2]; 2]>,
+) -> Result<Drawn> {
     let mut drawing = ParametricDrawing::default();
     let mut given = Vec::new();
     match kind {
         ContourKind::Line => {
-            let Some(seen) = seen else {
+            let Some(observed_ends) = observed_ends else {
                 return Err(Error::input(
                     "a line without ends cannot be drawn: expected the ends of its observed part",
                 ));
             };
             let (sin, cos) = theta[0].sin_cos();
-            let [a, b] = seen.map(|p| {
+            // The ends of the observed part lie near the line, not on it: project them.
+            let [a, b] = observed_ends.map(|p| {
                 let along = cos * p[0] + sin * p[1];
                 drawing.point([along * cos - theta[1] * sin, along * sin + theta[1] * cos])
             });
@@ -53,6 +58,7 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
                     theta[1] + sin * local[0] + cos * local[1],
                 ]);
                 let circle = drawing.circle(centre, theta[5])?;
+                // One circle stands for all four corners, which have the same radius by definition.
                 given.extend([bars[3], bars[0]].map(|bar| Constraint::Tangent { bar, circle, left: true }));
             }
         }
@@ -149,6 +155,8 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
             vec![x[0], x[1], length(major), length(minor), angle(major)]
         }
         ContourKind::Rectangle | ContourKind::RoundedRectangle => {
+            // The centroid of the corners uses all of them alike; at an exact rectangle any choice is the
+            // same.
             let center = middle(4);
             let (width, height) = (between(at(0), at(1)), between(at(1), at(2)));
             let mut theta = vec![center[0], center[1], length(width), length(height), angle(width)];
@@ -160,6 +168,7 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
         ContourKind::Slot => {
             let (a, b) = (at(0), at(1));
             let along = between(a, b);
+            // Both radii are equal under the constraint of the kind; the mean serves before it is imposed.
             let radius = 0.5 * (x[4] + x[5]);
             vec![
                 0.5 * (a[0] + b[0]),
@@ -171,6 +180,7 @@ pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f
         }
         ContourKind::RegularPolygon(sides) => {
             let center = middle(*sides);
+            // All corners are equivalent under the constraints; the first one defines size and angle.
             let first = between(center, at(0));
             vec![center[0], center[1], length(first), angle(first)]
         }

@@ -24,7 +24,7 @@ fn with_covariance(kind: ContourKind, theta: Vec<f64>) -> EstimatedContour {
     let root = DMatrix::from_fn(n, n, |i, j| {
         0.01 * (if i == j { 2.0 } else { 0.3 * ((3 * i + 5 * j) as f64).sin() })
     });
-    EstimatedContour { kind, theta, covariance: &root * root.transpose(), seen: None }
+    EstimatedContour { kind, theta, covariance: &root * root.transpose(), observed_ends: None }
 }
 
 #[test]
@@ -50,7 +50,7 @@ fn lines_need_their_ends_and_keep_them() {
     let mut line = with_covariance(ContourKind::Line, vec![0.3, 2.0]);
     let refused = Sketch::new(std::slice::from_ref(&line)).unwrap_err().to_string();
     assert!(refused.contains("contour 1 (line)") && refused.contains("ends"), "{refused}");
-    line.seen = Some([[0.0, 2.1], [10.0, 5.2]]);
+    line.observed_ends = Some([[0.0, 2.1], [10.0, 5.2]]);
     let sketch = Sketch::new(std::slice::from_ref(&line)).unwrap();
     let (theta, covariance) = sketch.contour(0, &sketch.drawing, &sketch.covariance).unwrap();
     assert!((theta[0] - 0.3).abs() < 1e-12 && (theta[1] - 2.0).abs() < 1e-12);

@@ -93,13 +93,13 @@ fn corrected_readings_lie_on_the_fitted_circle_and_the_objective_is_minimal() {
             })
             .sum()
     };
-    let least = objective(&fit.state);
-    assert!((fit.loss - least).abs() < 1e-9, "{} {least}", fit.loss);
+    let minimum = objective(&fit.state);
+    assert!((fit.loss - minimum).abs() < 1e-9, "{} {minimum}", fit.loss);
     for direction in 0..3 {
         for sign in [-1.0, 1.0] {
             let mut moved = fit.state.clone();
             moved[direction] += sign * 1e-3;
-            assert!(objective(&moved) > least);
+            assert!(objective(&moved) > minimum);
         }
     }
 }

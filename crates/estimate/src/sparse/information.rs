@@ -44,6 +44,7 @@ impl ElementScatter {
         for (a, &row) in nodes.iter().enumerate() {
             for (c, &column) in nodes[..=a].iter().enumerate() {
                 let position = pattern.position(row, column).ok_or_else(|| not_coupled(row, column))? as u32;
+                // A surface that is closed with few columns uses a node more than once per element.
                 let repeated = a != c && row == column;
                 repeats |= repeated;
                 slots.push(
@@ -112,6 +113,7 @@ impl BlockInformation {
         if block == 0 {
             return Err(Error::input("a block needs at least one unknown per node"));
         }
+        // One allocation for all blocks: they are added and factorised in the order of memory.
         let values = vec![0.0; pattern.entries() * block * block];
         let vector = vec![0.0; pattern.nodes() * block * columns];
         Ok(Self { pattern, block, columns, values, vector })
@@ -225,6 +227,8 @@ impl BlockInformation {
             for a in 0..k {
                 for (c, &slot) in (0..=a).zip(&mut slots) {
                     let at = (slot & POSITION) as usize * b * b;
+                    // Only blocks with `c ≤ a` are read. The matrix is symmetric, so the others contain the
+                    // same values.
                     let target = &mut self.values[at..at + b * b];
                     let source = &matrix[a * b * stride + c * b..];
                     if slot & TRANSPOSED == 0 {
@@ -293,6 +297,7 @@ impl BlockInformation {
             return Ok(Self { pattern: Arc::clone(wider), ..self.clone() });
         }
         expect_length("a wider pattern", self.pattern.nodes(), wider.nodes())?;
+        // Copied entry by entry, because a wider column has further rows between those of this one.
         let mut spread = Self::zeros(Arc::clone(wider), self.block, self.columns)?;
         let size = self.block * self.block;
         for node in 0..self.pattern.nodes() {
@@ -310,6 +315,7 @@ impl BlockInformation {
     pub fn add_diagonal(&mut self, weight: f64) {
         let b = self.block;
         for node in 0..self.pattern.nodes() {
+            // The diagonal block is the first of its column.
             let at = self.pattern.column_range(node).start * b * b;
             for k in 0..b {
                 self.values[at + k * b + k] += weight;
@@ -358,6 +364,7 @@ impl BlockInformation {
         let columns = columns_of("a vector", self.dimension(), x.len())?;
         expect_length("the product", x.len(), y.len())?;
         y.fill(0.0);
+        // The case of iterative solvers and quadratic forms, which multiply many times.
         if b == 1 && columns == 1 {
             self.multiply_scalars(x, y);
             return Ok(());

@@ -74,7 +74,9 @@ impl SelectedInverse {
     pub fn refresh(self, factor: &CholeskyFactor) -> Self {
         let symbolic = factor.symbolic();
         let mut values = self.values;
+        // Every value is overwritten below, so old values need no clearing.
         values.resize(symbolic.stored_values(), 0.0);
+        // About twice the operations of the factorisation, for the balance between threads.
         let work = |s: usize| 2.0 * symbolic.tree_flops(s);
         Walk::new(symbolic, &symbolic.value_start, &work).descend(&mut values, &|s, panel, z_rows, spare| {
             let (columns, height) = (symbolic.columns(s), symbolic.height(s));
@@ -139,6 +141,7 @@ impl SelectedInverse {
         let b = symbolic.block_size();
         for r in 0..b {
             for s in 0..b {
+                // The ordering may exchange the nodes of a pair; the stored block is then the transposed one.
                 let (down, across) = if row >= column { (r, s) } else { (s, r) };
                 target[r * stride + s] = self.values[slot.offset + across * slot.stride + down];
             }
@@ -236,6 +239,7 @@ impl SelectedInverse {
             return Err(Error::input("pattern or block size of the matrix differ from the covariance"));
         }
         let pattern = symbolic.pattern();
+        // Marked once, instead of a comparison of nodes per entry.
         let mut is_diagonal = vec![false; pattern.entries()];
         for node in 0..pattern.nodes() {
             is_diagonal[pattern.column_range(node).start] = true;
@@ -352,6 +356,7 @@ fn gather(
             };
             let target = &mut part[(from + k) * size..(from + k + 1) * size];
             target[from + k..from + length].copy_from_slice(&source[to + k - shift..to + length - shift]);
+            // Only the lower triangle is copied here. Runs are contiguous, so each is one copy.
             for below in &runs[at + 1..] {
                 let (from, to, length) = (below.from as usize, below.to as usize, below.length as usize);
                 target[from..from + length].copy_from_slice(&source[to - shift..to + length - shift]);
@@ -364,6 +369,8 @@ fn gather(
 /// `C ← −A B`, in parallel over blocks of columns.
 fn minus_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, c: MatMut<'_, f64>) {
     if c.ncols() > TOGETHER {
+        // Halves of a fixed size, whatever the number of threads, so that the result has the same bytes.
+        // Multiples of four columns fill the registers of the kernel.
         let half = (c.ncols() / 2).next_multiple_of(4);
         let (left, right) = c.split_at_col_mut(half);
         let (b_left, b_right) = b.split_at_col(half);

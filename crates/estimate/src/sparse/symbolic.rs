@@ -69,6 +69,8 @@ impl Run {
     /// length). `to` counts from the first column or row.
     pub(super) fn split(self, columns: usize) -> [(usize, usize, usize); 2] {
         let (from, to, length) = (self.from as usize, self.to as usize, self.length as usize);
+        // A run may begin in the columns of the parent and end in its rows, because both are contiguous in
+        // the front.
         let own = columns.saturating_sub(to).min(length);
         [(from, to.min(columns - own), own), (from + own, (to + own).saturating_sub(columns), length - own)]
     }
@@ -129,6 +131,8 @@ impl SymbolicFactor {
         let given_from_old = inverse(given);
         let graph = Graph::renamed(pattern, |node| given_from_old[node as usize]);
         // The tree needs the given order. Supernodes renumber the nodes, so the graph is built again below.
+        // Without this renumbering, the columns of a supernode would not be contiguous and could not be one
+        // dense panel.
         let (tree, counts) = elimination_tree(&graph, nodes);
         let groups = relaxed_supernodes(&tree, &counts, block);
 
@@ -173,6 +177,7 @@ impl SymbolicFactor {
         for s in 0..supernodes {
             start[s + 1] += start[s];
         }
+        // A counting sort: linear, and stable, so that children are in ascending order.
         let mut fill = start.clone();
         self.children = vec![0; start[supernodes]];
         for (s, &parent) in self.parent.iter().enumerate() {
@@ -202,6 +207,7 @@ impl SymbolicFactor {
     /// below its columns.
     fn find_rows(&mut self, graph: &Graph) {
         let mut seen_by = vec![NONE; self.old_from_new.len()];
+        // Supernodes are in postorder, so the sums of all children are complete.
         for s in 0..self.supernodes() {
             let (begin, end) = (self.supernode_start[s], self.supernode_start[s + 1]);
             self.supernode_of[begin as usize..end as usize].fill(s as u32);
@@ -230,6 +236,8 @@ impl SymbolicFactor {
             self.rows[first..].sort_unstable();
             self.row_start.push(self.rows.len());
             let columns = (end - begin) as usize * self.block;
+            // Diagonal block and rows are one panel with one stride, so that a factorisation handles both
+            // with the same dense kernels.
             let height = columns + (self.rows.len() - first) * self.block;
             self.value_start.push(self.value_start[s] + height * columns);
         }
@@ -256,6 +264,8 @@ impl SymbolicFactor {
                         (at - self.row_start[parent]) as u32 + end - begin
                     };
                     match self.runs[first..].last_mut() {
+                        // Contiguous rows are merged to one run, which is copied or added at once. Most rows
+                        // are in few runs, because the front of the parent contains almost the same nodes.
                         Some(run) if run.to + run.length == to * b => run.length += b,
                         _ => self.runs.push(Run { from: from * b, to: to * b, length: b }),
                     }
@@ -286,6 +296,7 @@ impl SymbolicFactor {
             for (entry, &row) in self.pattern.column_range(node).zip(self.pattern.column(node)) {
                 let i = self.new_from_old[row as usize];
                 let Some(slot) = self.locate(i.max(j), i.min(j)) else {
+                    // The factor contains the pattern; fill only adds entries.
                     unreachable!("the factor holds every entry of the pattern")
                 };
                 let place = &mut fill[self.supernode_of[i.min(j) as usize] as usize];

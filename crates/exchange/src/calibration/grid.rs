@@ -23,9 +23,11 @@
 
 use std::path::Path;
 
+use planish_core::Pinhole;
+use planish_core::matrix3::IDENTITY;
 use planish_estimate::vector3::{cross, dot};
 use planish_estimate::{Error, Result};
-use planish_sense::stripes::{GridCamera, Pinhole, StripePattern};
+use planish_sense::stripes::{GridCamera, StripePattern};
 use serde::Deserialize;
 
 use super::{check_numbers, table};
@@ -115,6 +117,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
     )?;
     let sigma_px = t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX);
     check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
+    // Bounds the number of crossings.
     if t.stripes.range.iter().flatten().any(|k| k.unsigned_abs() > 1 << 10) {
         return Err(Error::input(format!(
             "expected stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
@@ -137,11 +140,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
 }
 
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
-    let made = Pinhole {
-        k: view.k,
-        r: view.r.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-        t: view.t.unwrap_or([0.0; 3]),
-    };
+    let made = Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: view.t.unwrap_or([0.0; 3]) };
     let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
@@ -151,6 +150,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
             made.k
         )));
     }
+    // Orthonormal rows and a third row that is the cross product: a mirror is rejected.
     let [a, b, c] = made.r;
     let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
     match off.iter().find(|o| o.abs() > ROTATION_TOLERANCE) {
@@ -181,7 +181,7 @@ range = [[-20, 20], [-15, 15]]
     fn missing_keys_have_defaults() {
         let found = parse(GOOD).unwrap();
         assert_eq!((found.unit, found.grid.sigma_px), (Some(Unit::Millimetre), 0.02));
-        assert_eq!(found.grid.camera.centre(), [0.0; 3]);
+        assert_eq!(found.grid.camera.center(), [0.0; 3]);
         assert_eq!(found.grid.projector.t, [-150.0, 0.0, 20.0]);
         assert!((found.grid.pattern.directions()[1][0] + 0.5).abs() < 1e-12);
     }

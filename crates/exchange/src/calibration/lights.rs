@@ -148,6 +148,7 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
 }
 
 fn check_count(found: usize, what: &str) -> Result<()> {
+    // Each pixel has three unknowns: the direction of its normal and its albedo.
     match found < 3 {
         true => Err(Error::input(format!("expected at least three {what}, found {found}"))),
         false => Ok(()),
@@ -160,6 +161,7 @@ fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
         planish_estimate::vector3::unit(*light)
             .map(|[x, y, z]| match frame {
                 Frame::Camera => [x, y, z],
+                // Half a turn about x.
                 Frame::Viewer => [x, -y, -z],
             })
             .ok_or_else(|| {

@@ -96,6 +96,7 @@ impl LensView {
         let view = View { k: self.k, r: self.r, t: self.t };
         let mut distortion = [0.0; 5];
         if let Some(stated) = &self.distortion {
+            // Calibration programs write four coefficients if k3 is not estimated.
             if !(4..=5).contains(&stated.len()) || stated.iter().any(|k| !k.is_finite()) {
                 return Err(Error::input(format!(
                     "expected {name}.distortion = [k1, k2, p1, p2, k3] (k3 is optional), found {stated:?}"
@@ -128,6 +129,7 @@ pub fn read_stereo_calibration(path: &Path) -> Result<StereoCalibration> {
 }
 
 fn parse(text: &str) -> Result<StereoCalibration> {
+    // Decided before parsing, so that an error lists the keys of the right kind of calibration.
     let views = text.parse::<toml::Table>().is_ok_and(|t| t.contains_key("view"));
     if views { parse_views(text) } else { parse_rectified(text) }
 }
@@ -218,7 +220,7 @@ mod tests {
         };
         assert_eq!(rig.cameras[0].distortion, [-0.2, 0.1, 0.001, 0.002, 0.0]);
         assert_eq!((rig.cameras[1].distortion, rig.sigma_disparity), ([0.0; 5], 0.2));
-        assert_eq!(rig.cameras[1].pinhole.centre(), [150.0, 0.0, 0.0]);
+        assert_eq!(rig.cameras[1].pinhole.center(), [150.0, 0.0, 0.0]);
         let e = |text: &str| parse(text).unwrap_err().to_string();
         assert!(e(view).contains("two [[view]], found 1"));
         assert!(e(&text.replace(", 0.002]", "]")).contains("the first view.distortion"));

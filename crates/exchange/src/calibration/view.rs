@@ -67,7 +67,8 @@ struct Table {
 /// ```
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sensor.toml");
-/// std::fs::write(&path, "fov_deg = [90, 60]\nrays = [64, 48]\nnear = 200\nfar = 800\nsigma_along = 0.05\n")?;
+/// let text = "fov_deg = [90, 60]\nrays = [64, 48]\nnear = 200\nfar = 800\nsigma_along = 0.05\n";
+/// std::fs::write(&path, text)?;
 /// let sensor = planish_exchange::calibration::read_view_sensor(&path)?.sensor;
 /// assert_eq!((sensor.rays, sensor.range), ([64, 48], [200.0, 800.0]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -100,6 +101,7 @@ fn parse(text: &str) -> Result<ViewCalibration> {
 }
 
 fn borders(t: &Table) -> Result<[[f64; 2]; 2]> {
+    // Both forms together could conflict.
     match (t.fov_deg, t.fx, t.fy, t.cx, t.cy, t.size) {
         (Some(angles), None, None, None, None, None) => {
             let good = |angle: f64| angle > 0.0 && angle < 180.0;

@@ -1,21 +1,29 @@
-//! CARMEN logs: `FLASER n r1 … rn x y θ odom_x odom_y odom_θ time host time`, in metres and radians.
+//! Reads CARMEN logs: lines `FLASER n r1 … rn x y θ odom_x odom_y odom_θ time host time`, in metres and
+//! radians.
 
 use super::readings::{ContourReadings, SigmaDefaults};
-use crate::source::{Source, parse_number};
+use crate::source::{Source, parse_number, shown};
 use planish_contour::planar::{ContourReading, ContourTarget};
 use planish_estimate::{Error, Result};
 use std::io::Read;
 
-/// Which scans of a log, and which of their ranges.
+/// Selection of the scans of a log and of their ranges.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::contours::CarmenOptions;
+/// let options = CarmenOptions { first: 10, count: 5, ..CarmenOptions::default() };
+/// assert_eq!(options.range, [0.05, 20.0]);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarmenOptions {
-    /// The first scan, counted from 0.
+    /// Index of the first scan, from 0.
     pub first: usize,
-    /// How many scans.
+    /// Number of scans.
     pub count: usize,
-    /// Ranges below and above these are left out.
+    /// Minimum and maximum range in metres; other readings are ignored.
     pub range: [f64; 2],
-    /// Only what lies in this box `x0 y0 x1 y1` of the map.
+    /// Box `x0 y0 x1 y1` of the map, in metres; readings outside are ignored.
     pub region: Option<[f64; 4]>,
 }
 
@@ -25,11 +33,11 @@ impl Default for CarmenOptions {
     }
 }
 
-/// σ of a range where none is stated, in metres: what makers of these scanners state.
+/// Default σ of a range in metres, as manufacturers of these scanners state it. The log itself states none.
 const DEFAULT_SIGMA_RANGE: f64 = 0.03;
 
-/// Reads the scans that the options ask for, of which the first line may be one; beam `i` of `n` looks at
-/// `θ − 90° + i·180°/n`. Beams of a scan share a pose.
+/// Reads the selected scans; `first` is the first line of the file, which was read to detect the format. Beam
+/// `i` of `n` points to `θ − 90° + i·180°/n`. Beams of a scan share a pose.
 pub(crate) fn read_carmen<R: Read>(
     source: &mut Source<R>,
     first: &[u8],
@@ -58,6 +66,7 @@ pub(crate) fn read_carmen<R: Read>(
         let wrong = |what: String| Error::input(format!("line {number}: {what}"));
         let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).collect();
         let beams = words.get(1).and_then(|w| parse_number(w)).unwrap_or(0.0) as usize;
+        // Saturating, because the file may state any number of beams.
         if beams == 0 || words.len() < beams.saturating_add(5) {
             return Err(wrong(format!(
                 "expected `FLASER n` with n ranges and a pose, found {} words",
@@ -65,9 +74,9 @@ pub(crate) fn read_carmen<R: Read>(
             )));
         }
         let value = |k: usize| {
-            parse_number(words[k])
-                .filter(|v| v.is_finite())
-                .ok_or_else(|| wrong(format!("word {} is no number", k + 1)))
+            parse_number(words[k]).filter(|v| v.is_finite()).ok_or_else(|| {
+                wrong(format!("expected a finite number as word {}, found {}", k + 1, shown(words[k])))
+            })
         };
         let origin = [value(beams + 2)?, value(beams + 3)?];
         let heading = value(beams + 4)?;
@@ -91,7 +100,7 @@ pub(crate) fn read_carmen<R: Read>(
                         defaults.range.unwrap_or(DEFAULT_SIGMA_RANGE),
                     ],
                 },
-                // A pose without σ is known: nothing to share.
+                // An exact pose has no error that the readings could share.
                 pose: (defaults.position.is_some() || defaults.heading_deg.is_some()).then_some(scans),
                 time_s,
                 line: number as usize,
@@ -105,9 +114,9 @@ pub(crate) fn read_carmen<R: Read>(
     }
     if read.sightings.is_empty() {
         return Err(Error::input(format!(
-            "a log of {scans} scans, of which none of those asked for (from {}, {} of them) has a range \
-             within {} to {} m",
-            options.first, options.count, options.range[0], options.range[1]
+            "expected ranges from {} to {} m in the selected scans ({} from scan {} on), found none in a log \
+             of {scans} scans",
+            options.range[0], options.range[1], options.count, options.first
         )));
     }
     Ok(read)

@@ -1,4 +1,4 @@
-//! Contours as DXF (AutoCAD 2000 entities without tables: what readers of drawings take).
+//! Writes contours as DXF: AutoCAD 2000 entities without tables, which common readers of drawings accept.
 
 use super::DrawnContour;
 use crate::atomic::write_atomically;
@@ -14,12 +14,25 @@ use std::path::Path;
 ///
 /// # Errors
 /// `Io` when the file cannot be written.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::ContourKind;
+/// use planish_exchange::contours::{DrawnContour, write_contours_dxf};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("hole.dxf");
+/// let hole = DrawnContour { kind: ContourKind::Circle, theta: vec![10.0, 20.0, 5.0], seen: None };
+/// write_contours_dxf(&path, &[hole], None)?;
+/// assert_eq!(planish_exchange::dxf::read_dxf(&path)?.curves.len(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_contours_dxf(path: &Path, contours: &[DrawnContour], unit: Option<Unit>) -> Result<()> {
     let text = drawing(contours, unit);
     write_atomically(path, |out| out.write_all(text.as_bytes()))
 }
 
 fn drawing(contours: &[DrawnContour], unit: Option<Unit>) -> String {
+    // Values of `$INSUNITS`.
     let code = match unit {
         None => 0,
         Some(Unit::Inch) => 1,
@@ -56,6 +69,7 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
     };
     match &contour.kind {
         ContourKind::Line => {
+            // An infinite line without observed ends cannot be drawn.
             let Some([a, b]) = contour.seen else { return };
             begin("LINE", "AcDbLine");
             numbers(put, &[(10, a[0]), (20, a[1]), (30, 0.0), (11, b[0]), (21, b[1]), (31, 0.0)]);

@@ -1,11 +1,11 @@
-//! `contour.json`: contours with their covariance, and what holds between them, in.
+//! Reads `contour.json`: contours with their covariance and constraints.
 //!
 //! **Input.** The output of `planish contour -o contour.json`, or `kind`, `parameters`, `order` and
 //! `covariance` alone.
 //!
 //! **Output.** Kinds, parameters (radians and the unit of the file), covariances and constraints.
 //!
-//! **Limits.** Estimators check that a covariance is positive definite, not this module.
+//! **Limits.** This module does not check that covariances are positive definite; estimators do.
 
 use crate::source::read_text;
 use nalgebra::DMatrix;
@@ -18,23 +18,25 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// More contours than this are not one view.
+/// Maximum number of contours of a view; bounds the size of the joint covariance, which grows with its
+/// square.
 const MAX_CONTOURS: usize = 200;
-/// More corners than this are not measured.
+/// Maximum number of corners of a contour, which bounds the memory that a name such as `polygon-99999`
+/// requests.
 const MAX_CORNERS: usize = 500;
 
-/// What a file of contours holds.
+/// Content of a file of contours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourFile {
-    /// The contours as they were estimated.
+    /// The estimated contours.
     pub contours: Vec<EstimatedContour>,
-    /// The contour, by its place, in which each one lies.
+    /// For each hole, the index of the contour that contains it.
     pub hole_of: Vec<Option<usize>>,
-    /// The level of each.
+    /// Level (height of the cut) of each contour.
     pub levels: Vec<Option<f64>>,
-    /// What was imposed on them beside their kinds, where `--constrain` or `--given` had been asked for.
+    /// Constraints imposed on the contours beyond their kinds; none if no constraints were requested.
     pub constraints: Option<Vec<Constraint>>,
-    /// The unit of lengths, where it is named.
+    /// The unit of lengths, if stated.
     pub unit: Option<Unit>,
 }
 
@@ -55,7 +57,7 @@ struct WrittenContour {
     covariance: Vec<Vec<f64>>,
     level: Option<f64>,
     hole_of: Option<usize>,
-    /// Of a chain; without it, it is closed.
+    /// Whether a chain is closed (default).
     closed: Option<bool>,
     ends: Option<[[f64; 2]; 2]>,
 }
@@ -80,8 +82,20 @@ struct WrittenConstraint {
 /// Reads contours with their covariance.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON that holds none, a kind that is
-/// not known, and parameters or a covariance that do not fit it.
+/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON without contours, an unknown
+/// kind, and parameters or a covariance that do not match it.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("contour.json");
+/// std::fs::write(&path, r#"{ "kind": "circle", "order": ["center_x", "center_y", "radius"],
+///     "parameters": { "center_x": { "value": 1 }, "center_y": { "value": 2 }, "radius": { "value": 3 } },
+///     "covariance": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.04]] }"#)?;
+/// let file = planish_exchange::contours::read_contour_json(&path)?;
+/// assert_eq!(file.contours[0].theta, [1.0, 2.0, 3.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_contour_json(path: &Path) -> Result<ContourFile> {
     read_text(path).and_then(|text| parse(&text)).map_err(|e| e.in_context(path.display()))
 }
@@ -98,7 +112,7 @@ fn parse(text: &str) -> Result<ContourFile> {
     };
     if contours.len() > MAX_CONTOURS {
         return Err(Error::unsupported(format!(
-            "holds {} contours: {MAX_CONTOURS} at most are taken as one view",
+            "expected at most {MAX_CONTOURS} contours, which form one view, found {}",
             contours.len()
         )));
     }
@@ -111,6 +125,7 @@ fn parse(text: &str) -> Result<ContourFile> {
         hole_of: contours.iter().map(|contour| contour.hole_of).collect(),
         levels: contours.iter().map(|contour| contour.level).collect(),
         constraints: written.constrained.map(|constrained| {
+            // Constraints that follow from the kinds are implied by them.
             let own = constrained.constraints.into_iter().filter(|written| written.from != "kind");
             own.map(|written| written.constraint).collect()
         }),
@@ -122,12 +137,12 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     let kind = kind_of(&contour.kind, &contour.order, contour.closed.unwrap_or(true))?;
     let names = kind.names();
     let count = names.len();
-    // A moving contour has its velocity behind the contour itself.
+    // A moving contour has further parameters, its velocity, after those of its kind.
     if contour.order.len() < count || contour.order.iter().zip(&names).any(|(order, (name, _))| order != name)
     {
         let wanted: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
         return Err(Error::input(format!(
-            "expected an order of {}, found {}",
+            "expected the order {}, found {}",
             wanted.join(" "),
             contour.order.join(" ")
         )));
@@ -147,15 +162,15 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     Ok(EstimatedContour {
         theta: values.collect::<Result<_>>()?,
         covariance: DMatrix::from_fn(count, count, |i, j| {
-            // Halves of a rounded matrix differ in the last digit.
+            // The file is rounded to decimals, so symmetric entries may differ in the last digit.
             0.5 * (contour.covariance[i][j] + contour.covariance[j][i]) / (names[i].1 * names[j].1)
         }),
         kind,
-        seen: contour.ends,
+        observed_ends: contour.ends,
     })
 }
 
-/// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
+/// Kind by its name. For a chain, the names of its parameters (`bulgeN`) state which pieces are arcs.
 fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     if name == "chain" {
         let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MAX_CORNERS);
@@ -184,7 +199,7 @@ mod tests {
         "covariance": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.04]] }"#;
 
     #[test]
-    fn a_contour_alone_is_read() {
+    fn a_single_contour_is_read() {
         let file = parse(CIRCLE).unwrap();
         assert_eq!(file.contours[0].theta, [1.0, 2.0, 3.0]);
         assert_eq!((file.contours[0].covariance[(2, 2)], file.unit), (0.04, Some(Unit::Millimetre)));
@@ -192,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn an_open_chain_has_a_piece_less_than_corners() {
+    fn an_open_chain_has_one_piece_less_than_corners() {
         let names = ["x0", "y0", "x1", "y1", "x2", "y2", "bulge1"];
         let order = names.map(|name| format!("\"{name}\"")).join(",");
         let parameters = names.map(|name| format!("\"{name}\": {{ \"value\": 0.5 }}")).join(",");
@@ -205,17 +220,17 @@ mod tests {
         let kind = parse(&text).unwrap().contours[0].kind.clone();
         let arcs = vec![false, true];
         assert_eq!(kind, ContourKind::Chain { arcs, closed: false });
-        // A closed chain has another piece, and the same names.
+        // A closed chain has one more piece, but the same parameters.
         let closed = parse(&text.replace("\"closed\": false,", "")).unwrap();
         assert_eq!(closed.contours[0].kind.pieces(), 3);
     }
 
     #[test]
-    fn what_does_not_fit_is_named() {
+    fn errors_name_the_mismatch() {
         for (from, to, says) in [
             ("\"circle\"", "\"blob\"", "kind `blob`"),
             ("\"circle\"", "\"polygon-2\"", "kind `polygon-2`"),
-            ("\"circle\"", "\"ellipse\"", "expected an order of center_x center_y semi_major"),
+            ("\"circle\"", "\"ellipse\"", "expected the order center_x center_y semi_major"),
             ("[0, 0.01, 0], ", "", "expected a covariance of 3 × 3, found 2 rows"),
             ("\"radius\": {", "\"size\": {", "expected the parameter `radius`"),
             ("\"mm\"", "\"cubit\"", "unit `cubit`"),

@@ -1,12 +1,13 @@
-//! Readings in space from CSV files.
+//! Reads readings in space from CSV files.
 
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
 use planish_contour::primitive::{Ray, RayTarget};
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use std::path::Path;
 
-/// Columns of readings in space that are known.
+/// Names of the columns of readings in space.
 pub const RAY_COLUMNS: [&str; 13] = [
     "x",
     "y",
@@ -23,12 +24,22 @@ pub const RAY_COLUMNS: [&str; 13] = [
     "sigma",
 ];
 
-/// Reads a CSV with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points `x,y,z`
-/// with `sigma`. It may be compressed by gzip. The default σ of a heading is that of both angles.
+/// Reads a CSV file with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points
+/// `x,y,z` with `sigma`. It may be compressed by gzip. The default σ of a heading applies to both angles.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not
-/// positive, a missing column, or a σ that neither file nor `defaults` state.
+/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not
+/// positive, a missing column, or a σ that neither the file nor `defaults` states.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::contours::{SigmaDefaults, read_ray_readings};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("points.csv");
+/// std::fs::write(&path, "x,y,z,sigma\n1,2,3,0.1\n4,5,6,0.1\n")?;
+/// assert_eq!(read_ray_readings(&path, &SigmaDefaults::default())?.len(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ray>> {
     read_file(path, |mut source, _| {
         let mut header = None;
@@ -45,7 +56,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
                 Some(header) => {
                     let row = Row::parse(line, header, number)?;
                     rays.push(Ray {
-                        seen: seen(&row, header.has("range"), number, defaults)?,
+                        target: seen(&row, header.has("range"), number, defaults)?,
                         line: number as usize,
                     });
                 }
@@ -53,8 +64,8 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         }
         if rays.is_empty() {
             return Err(Error::input(
-                "holds no readings in space: expected a header `x,y,z,azimuth_deg,elevation_deg,range` or \
-                 `x,y,z`, and lines",
+                "expected a header `x,y,z,azimuth_deg,elevation_deg,range` or `x,y,z`, and readings, found \
+                 none",
             ));
         }
         Ok(rays)
@@ -63,6 +74,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
 
 fn header_of(line: &[u8], number: u64) -> Result<Header> {
     let header = Header::named(line, number, &RAY_COLUMNS)?;
+    // Any of the three columns shows that ranges are meant, so that a missing one is reported.
     let is_range = header.has("range") || header.has("azimuth_deg") || header.has("elevation_deg");
     let needed = if is_range { &RAY_COLUMNS[..6] } else { &RAY_COLUMNS[..3] };
     match needed.iter().find(|name| !header.has(name)) {
@@ -80,7 +92,7 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
     if !is_range {
         return Ok(RayTarget::Point {
             position: place,
-            sigma: row.sigma("sigma", defaults.point, "--sigma-point")?,
+            sigma: row.sigma("sigma", defaults.point, Some(Setting::SigmaPoint))?,
         });
     }
     let range = row.required("range")?;
@@ -95,12 +107,12 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
         ],
         range,
         sigma: [
-            row.sigma("sigma_x", defaults.position, "")?,
-            row.sigma("sigma_y", defaults.position, "")?,
-            row.sigma("sigma_z", defaults.position, "")?,
-            row.sigma("sigma_azimuth_deg", defaults.heading_deg, "")?.to_radians(),
-            row.sigma("sigma_elevation_deg", defaults.heading_deg, "")?.to_radians(),
-            row.sigma("sigma_range", defaults.range, "--sigma-range")?,
+            row.sigma("sigma_x", defaults.position, None)?,
+            row.sigma("sigma_y", defaults.position, None)?,
+            row.sigma("sigma_z", defaults.position, None)?,
+            row.sigma("sigma_azimuth_deg", defaults.heading_deg, None)?.to_radians(),
+            row.sigma("sigma_elevation_deg", defaults.heading_deg, None)?.to_radians(),
+            row.sigma("sigma_range", defaults.range, Some(Setting::SigmaRange))?,
         ],
     })
 }

@@ -1,42 +1,45 @@
-//! Readings of contours from CSV files, and the choice between the formats.
+//! Reads readings of contours from CSV files, and detects the format.
 
 use super::carmen::{CarmenOptions, read_carmen};
 use crate::source::{Source, parse_number, read_file, shown};
 use planish_contour::planar::{ContourReading, ContourTarget};
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-/// σ of what a file has no column for; `None` is no σ at all for poses, and an error for ranges and points.
+/// σ of quantities for which a file has no column. `None` means exact for poses, and is an error for ranges
+/// and points, whose σ cannot be guessed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SigmaDefaults {
-    /// σ of x and y of the sensor.
+    /// σ of the coordinates of the sensor.
     pub position: Option<f64>,
-    /// σ of its heading, in degrees.
+    /// σ of the heading of the sensor, in degrees.
     pub heading_deg: Option<f64>,
-    /// σ of the range.
+    /// σ of ranges.
     pub range: Option<f64>,
-    /// σ of points, in x and in y.
+    /// σ of the coordinates of points.
     pub point: Option<f64>,
 }
 
-/// What a file held.
+/// Content of a file of readings.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ContourReadings {
     /// The readings.
     pub sightings: Vec<ContourReading>,
-    /// The level of each, where the file has levels.
+    /// Level of each reading, if the file has levels.
     pub levels: Option<Vec<f64>>,
-    /// Whether it has times.
+    /// True if the file has times.
     pub has_times: bool,
-    /// Readings that were left out: at the sensor's maximum range, or outside of the range asked for.
+    /// Number of ignored readings: at the maximum range of the sensor, or outside the selected range or
+    /// region.
     pub left_out: usize,
-    /// Whether lengths are in metres by the format.
+    /// True if the format prescribes metres.
     pub in_metres: bool,
 }
 
-/// Columns that are known, those of ranges from poses first.
+/// Names of the columns; those of ranges from poses come first.
 pub const COLUMNS: [&str; 13] = [
     "x",
     "y",
@@ -53,12 +56,25 @@ pub const COLUMNS: [&str; 13] = [
     "sigma_point",
 ];
 
-/// Reads a CSV with a header, or a CARMEN log, by what the first line holds. Either may be compressed by
+/// Reads a CSV file with a header or a CARMEN log; the first line shows which. Either may be compressed by
 /// gzip.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not
-/// positive, a missing column, or a σ that neither file nor `defaults` state.
+/// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not
+/// positive, a missing column, or a σ that neither the file nor `defaults` states.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::contours::{CarmenOptions, SigmaDefaults, read_contour_readings};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("sweep.csv");
+/// std::fs::write(&path, "x,y,heading_deg,range\n0,0,90,2\n0,0,0,3\n")?;
+/// let defaults = SigmaDefaults { range: Some(0.01), ..SigmaDefaults::default() };
+/// let readings = read_contour_readings(&path, &defaults, &CarmenOptions::default())?.sightings;
+/// // Two metres straight ahead along +y.
+/// assert!((readings[0].point()[1] - 2.0).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_contour_readings(
     path: &Path,
     defaults: &SigmaDefaults,
@@ -68,10 +84,11 @@ pub fn read_contour_readings(
         let first = loop {
             let Some(line) = source.line()? else {
                 return Err(Error::input(
-                    "holds no readings: expected a header `x,y,heading_deg,range` or `x,y`",
+                    "expected a header `x,y,heading_deg,range` or `x,y`, found no readings",
                 ));
             };
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
+            // CARMEN logs begin with comments, parameters or scans.
             if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {
                 let first = line.to_vec();
                 return read_carmen(&mut source, &first, defaults, carmen);
@@ -84,16 +101,17 @@ pub fn read_contour_readings(
     })
 }
 
-/// Which column holds what.
+/// Index of each known column.
 pub(super) struct Header {
     index: BTreeMap<&'static str, usize>,
     width: usize,
 }
 
 impl Header {
-    /// Those of `columns` that a header names.
+    /// Finds the columns of a header; unknown ones are ignored.
     pub(super) fn named(line: &[u8], number: u64, columns: &[&'static str]) -> Result<Self> {
         let mut index = BTreeMap::new();
+        // Programs differ in the case of column names.
         let text = String::from_utf8_lossy(line).to_ascii_lowercase();
         let fields: Vec<&str> = text.split(',').map(|f| f.trim().trim_matches('"')).collect();
         for (k, field) in fields.iter().enumerate() {
@@ -110,16 +128,19 @@ impl Header {
         self.index.contains_key(name)
     }
 
-    /// Parses the header line and checks that its columns describe readings.
+    /// Parses the header and checks that its columns describe readings.
     fn parse(line: &[u8], number: u64) -> Result<Self> {
         let header = Self::named(line, number, &COLUMNS)?;
         let has = |name: &str| header.has(name);
+        // Reading only x and y of points in space would silently project them.
         if Self::named(line, number, &["z"])?.has("z") {
             return Err(Error::input(format!(
-                "line {number}: a column `z` is of readings in space: name what was seen, --kind plane3, \
-                 sphere, cylinder or box"
-            )));
+                "line {number}: the column `z` belongs to readings in space: state their kind of shape \
+                 (plane3, sphere, cylinder or box)"
+            ))
+            .with_setting(Setting::Kind));
         }
+        // A heading without a range, or a range without a heading, is a mistake and not a point.
         let missing = match (has("x") && has("y"), has("heading_deg"), has("range")) {
             (false, _, _) => Some("x,y"),
             (true, true, false) => Some("range"),
@@ -155,6 +176,7 @@ fn table<R: Read>(
             continue;
         }
         let row = Row::parse(line, &header, number)?;
+        // Identifiers need not be consecutive, so they are numbered by first occurrence.
         let pose = match row.optional("pose_id")? {
             Some(id) => {
                 let next = poses.len();
@@ -173,13 +195,13 @@ fn table<R: Read>(
         }
     }
     if read.sightings.is_empty() {
-        return Err(Error::input("holds a header and no readings"));
+        return Err(Error::input("expected readings after the header, found none"));
     }
     read.levels = levels;
     Ok(read)
 }
 
-/// A line with its columns.
+/// A line with its fields.
 pub(super) struct Row<'a> {
     header: &'a Header,
     fields: Vec<&'a [u8]>,
@@ -187,7 +209,7 @@ pub(super) struct Row<'a> {
 }
 
 impl<'a> Row<'a> {
-    /// Splits a line into as many fields as the header has.
+    /// Splits a line into fields; their number must be that of the header.
     pub(super) fn parse(line: &'a [u8], header: &'a Header, number: u64) -> Result<Self> {
         let fields: Vec<&[u8]> = line.split(|&b| b == b',').map(<[u8]>::trim_ascii).collect();
         if fields.len() != header.width {
@@ -219,20 +241,27 @@ impl<'a> Row<'a> {
             .ok_or_else(|| Error::input(format!("line {}: expected column `{name}`", self.number)))
     }
 
-    /// A σ by column or default; where no option states it, zero is one.
-    pub(super) fn sigma(&self, name: &'static str, default: Option<f64>, option: &str) -> Result<f64> {
-        let may_be_zero = option.is_empty();
+    /// A σ by column or default. It may be zero or missing if no setting states a default for it.
+    pub(super) fn sigma(
+        &self,
+        name: &'static str,
+        default: Option<f64>,
+        setting: Option<Setting>,
+    ) -> Result<f64> {
         match self.optional(name)?.or(default) {
-            Some(value) if value > 0.0 || (may_be_zero && value == 0.0) => Ok(value),
+            Some(value) if value > 0.0 || (setting.is_none() && value == 0.0) => Ok(value),
             Some(value) => Err(Error::input(format!(
                 "line {}: expected a positive σ in column `{name}`, found {value}",
                 self.number
             ))),
-            None if may_be_zero => Ok(0.0),
-            None => Err(Error::input(format!(
-                "line {}: how uncertain readings are is not known: needed a column `{name}` or {option}",
-                self.number
-            ))),
+            None => match setting {
+                None => Ok(0.0),
+                Some(setting) => Err(Error::input(format!(
+                    "line {}: σ of the readings is unknown: needed a column `{name}`, or a default",
+                    self.number
+                ))
+                .with_setting(setting)),
+            },
         }
     }
 
@@ -241,7 +270,7 @@ impl<'a> Row<'a> {
         let Some(range) = self.optional("range")? else {
             return Ok(ContourTarget::Point {
                 position: origin,
-                sigma: self.sigma("sigma", defaults.point, "--sigma-point")?,
+                sigma: self.sigma("sigma", defaults.point, Some(Setting::SigmaPoint))?,
             });
         };
         if range <= 0.0 {
@@ -255,10 +284,10 @@ impl<'a> Row<'a> {
             heading_rad: self.required("heading_deg")?.to_radians(),
             range,
             sigma: [
-                self.sigma("sigma_x", defaults.position, "")?,
-                self.sigma("sigma_y", defaults.position, "")?,
-                self.sigma("sigma_heading_deg", defaults.heading_deg, "")?.to_radians(),
-                self.sigma("sigma_range", defaults.range, "--sigma-range")?,
+                self.sigma("sigma_x", defaults.position, None)?,
+                self.sigma("sigma_y", defaults.position, None)?,
+                self.sigma("sigma_heading_deg", defaults.heading_deg, None)?.to_radians(),
+                self.sigma("sigma_range", defaults.range, Some(Setting::SigmaRange))?,
             ],
         })
     }

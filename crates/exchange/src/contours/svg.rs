@@ -1,32 +1,34 @@
-//! Contours with their readings as a picture.
+//! Draws contours with their readings as an SVG picture.
 
 use super::DrawnContour;
 use crate::atomic::write_atomically;
+use planish_core::BoundingBox;
 use planish_estimate::Result;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 
-/// Width of the picture in pixels; its height follows.
+/// Width of the picture in pixels; the height follows from the drawing.
 const WIDTH: f64 = 720.0;
 const MARGIN: f64 = 24.0;
-/// What labels take beside that, at the sides and above.
+/// Additional margin for labels, at the sides and above.
 const LABEL_ROOM: [f64; 2] = [96.0, 16.0];
-/// From a line to its label, in pixels.
+/// Distance of a label from its line, in pixels.
 const LABEL_DISTANCE: f64 = 9.0;
 
-/// A size that is written beside its line.
+/// A size that is written next to its line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SizeLabel {
-    /// A place on the line.
+    /// Point on the line.
     pub at: [f64; 2],
-    /// The side of the line where there is room: a unit vector.
+    /// Unit vector to the side of the line on which the label is placed.
     pub outwards: [f64; 2],
-    /// The size.
+    /// Text of the label.
     pub text: String,
 }
 
-/// Draws contours over the points of their readings, y upwards; points that did not count are hollow.
+/// Draws contours over the points of their readings, with y upwards. Each point states whether it was used;
+/// rejected points are hollow.
 ///
 /// # Errors
 /// `Io` when the file cannot be written.
@@ -35,7 +37,16 @@ pub fn write_contours_svg(path: &Path, contours: &[DrawnContour], points: &[([f6
     write_atomically(path, |out| out.write_all(text.as_bytes()))
 }
 
-/// The drawing that [`write_contours_svg`] writes, as text, with sizes beside the lines.
+/// Returns the drawing of [`write_contours_svg`] as text, with labels next to the lines.
+///
+/// # Examples
+/// ```
+/// use planish_contour::planar::ContourKind;
+/// use planish_exchange::contours::{DrawnContour, contours_svg};
+/// let hole = DrawnContour { kind: ContourKind::Circle, theta: vec![0.0, 0.0, 5.0], seen: None };
+/// let text = contours_svg(&[hole], &[([5.1, 0.0], true)], &[]);
+/// assert!(text.starts_with("<svg") && text.contains("<path"));
+/// ```
 #[must_use]
 pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labels: &[SizeLabel]) -> String {
     let outlines: Vec<(Vec<[f64; 2]>, Vec<f64>, bool)> = contours
@@ -47,13 +58,9 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
         })
         .collect();
     let all = outlines.iter().flat_map(|o| o.0.iter()).chain(points.iter().map(|p| &p.0));
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for p in all {
-        for k in 0..2 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
-    }
+    let bounds: BoundingBox<2> = all.copied().collect();
+    let BoundingBox { min: low, max: high } = bounds;
+    // A drawing of a single point has no extent; the minimum avoids a division by zero.
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
     let scale = (WIDTH - 2.0 * MARGIN) / extent;
     let [beside, above] = LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
@@ -87,6 +94,7 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
                 Some(&b) if b != 0.0 => {
                     let chord = (to[0] - vertex[0]).hypot(to[1] - vertex[1]);
                     let radius = scale * chord * (1.0 + b * b) / (4.0 * b.abs());
+                    // Bulges count counter-clockwise with y upwards, sweep flags clockwise with y downwards.
                     let (large, sweep) = (i32::from(b.abs() > 1.0), i32::from(b < 0.0));
                     let _ = write!(text, " A{radius:.2} {radius:.2} 0 {large} {sweep} {x:.2} {y:.2}");
                 }
@@ -105,8 +113,9 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
             r if r < -0.4 => "end",
             _ => "middle",
         };
-        // Letters stand on their row: those above a line end there, those below begin.
+        // The anchor of a text is its base line: a label above the line ends there, one below starts there.
         let (x, y) = (x + LABEL_DISTANCE * right, y - LABEL_DISTANCE * up + 5.0 - 5.0 * up);
+        // Only these two characters have a meaning in the text of an element.
         let words = label.text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
             text,

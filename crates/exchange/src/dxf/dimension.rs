@@ -9,6 +9,7 @@
 //! lengths is accepted if the file contains the measurement beside the text.
 
 use super::groups::Record;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_solid::views::{Curve2, DrawnCurve};
 
@@ -17,7 +18,7 @@ use planish_solid::views::{Curve2, DrawnCurve};
 const ON_LINE_SHARE: f64 = 2e-3;
 
 /// Describes each dimension that conflicts with the drawing.
-pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<String>> {
+pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<Finding>> {
     let points = || curves.iter().flat_map(|c| c.curve.points());
     let extent = |k: usize| {
         let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
@@ -37,7 +38,8 @@ pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result
         if let Some((value, rounding)) = text.or(kept)
             && (value - exact).abs() > rounding + 1e-6 * exact
         {
-            found.push(format!("{name} states {value}, but {} {exact:.6}", measured.what));
+            let text = format!("{name} states {value}, but {} {exact:.6}", measured.what);
+            found.push(Finding::new(FindingCode::DimensionMismatch, text));
             continue;
         }
         let loose = measured
@@ -45,9 +47,11 @@ pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result
             .into_iter()
             .find(|p| !curves.iter().any(|c| distance_to(&c.curve, *p) <= near));
         if let Some([x, y]) = loose {
-            found.push(format!(
-                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably changed later"
-            ));
+            let text = format!(
+                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably \
+                 changed later"
+            );
+            found.push(Finding::new(FindingCode::DimensionMismatch, text));
         }
     }
     Ok(found)
@@ -138,6 +142,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
         return None;
     }
     let decimals = number.split_once('.').map_or(0, |(_, d)| d.len() as i32);
+    // Slightly more than half a digit, so that a length exactly between two roundings is accepted.
     Some((number.parse().ok()?, 0.5 * 10_f64.powi(-decimals) * 1.001))
 }
 

@@ -70,6 +70,7 @@ fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
         let center = point(record, 10)?;
         return Ok(Curve2::Segment(center, center));
     }
+    // Arcs run counter-clockwise and may cross angle 0.
     let sweep = (to - from).rem_euclid(360.0);
     Ok(Curve2::Arc {
         center: point(record, 10)?,
@@ -153,6 +154,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
         return Curve2::Segment(a, b);
     }
     let chord = [b[0] - a[0], b[1] - a[1]];
+    // Distance of the centre from the chord, as a share of the chord; negative beyond half a turn.
     let off = (1.0 - bulge * bulge) / (4.0 * bulge);
     let center = [(a[0] + b[0]) / 2.0 - chord[1] * off, (a[1] + b[1]) / 2.0 + chord[0] * off];
     let begin = if bulge > 0.0 { a } else { b };
@@ -167,6 +169,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
 /// Converts a spline to a chain: through its fit points if it has them, else by de Boor's algorithm.
 fn spline(record: &Record) -> Result<Curve2> {
     let fit = points(record, 11)?;
+    // Fit points are on the curve and need no evaluation.
     if fit.len() >= 2 {
         return Ok(Curve2::Chain(fit));
     }
@@ -181,13 +184,15 @@ fn spline(record: &Record) -> Result<Curve2> {
         || !ascending
     {
         return Err(Error::input(format!(
-            "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} knots",
+            "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} \
+             knots",
             poles.len(),
             knots.len()
         )));
     }
     let mut chain = Vec::new();
     for j in degree..poles.len() {
+        // Repeated knots bound empty spans.
         if knots[j + 1] <= knots[j] {
             continue;
         }
@@ -226,6 +231,7 @@ fn de_boor(
     for r in 1..=degree {
         for i in (r..=degree).rev() {
             let (from, to) = (knots[span - degree + i], knots[span + 1 + i - r]);
+            // Repeated knots would give 0/0.
             let a = if to > from { (t - from) / (to - from) } else { 0.0 };
             d[i] = std::array::from_fn(|c| (1.0 - a) * d[i - 1][c] + a * d[i][c]);
         }

@@ -86,12 +86,14 @@ impl<'a, R: Read> Groups<'a, R> {
         };
         let at = self.line;
         let Ok(code) = code.parse::<i32>() else {
+            // Blank lines at the end of a file are not an error.
             if code.is_empty() {
                 return Ok(None);
             }
             let found: String = code.chars().take(40).collect();
             return Err(Error::input(format!(
-                "line {at}: expected a DXF group code (a whole number), found `{found}`: not an ASCII DXF file?"
+                "line {at}: expected a DXF group code (a whole number), found `{found}`: not an ASCII DXF \
+                 file?"
             )));
         };
         let Some(value) = self.next_line()? else {

@@ -8,6 +8,7 @@ use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
 use super::{DxfDrawing, MAX_ENTITIES, too_many};
 use crate::affine::Affine;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_solid::views::{DrawnCurve, LineStyle};
 use std::collections::{BTreeMap, HashMap};
@@ -80,6 +81,7 @@ impl Place {
         let number = |code: i32, default: f64| Ok::<f64, Error>(record.number(code)?.unwrap_or(default));
         let (sin, cos) = number(50, 0.0)?.to_radians().sin_cos();
         let (sx, sy) = (number(41, 1.0)?, number(42, 1.0)?);
+        // A scale of 0 would collapse the block.
         if sx == 0.0 || sy == 0.0 {
             return Err(Error::input("expected scales other than 0, found 0"));
         }
@@ -142,6 +144,7 @@ impl<'a> Drawer<'a> {
             }
             match record.kind.as_str() {
                 "INSERT" => self.insert(record, place).map_err(|e| e.in_context(record.name()))?,
+                // Dimensions inside blocks measure the block before it is scaled, so they are not compared.
                 "DIMENSION" if place.depth == 0 => self.dimensions.push(record),
                 _ => self.draw_one(record, vertices, place)?,
             }
@@ -165,7 +168,10 @@ impl<'a> Drawer<'a> {
         };
         for curve in curves {
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{name} has no length and is ignored"));
+                self.drawing.findings.push(Finding::new(
+                    FindingCode::EntityWithoutLength,
+                    format!("{name} has no length and is ignored"),
+                ));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve {
@@ -198,6 +204,7 @@ impl<'a> Drawer<'a> {
         let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
         let (columns, rows) = (count(70)?, count(71)?);
         let (dx, dy) = (record.number(44)?.unwrap_or(0.0), record.number(45)?.unwrap_or(0.0));
+        // Checked before drawing, because rows and columns can be any numbers.
         if columns.saturating_mul(rows) > MAX_ENTITIES {
             return Err(too_many());
         }

@@ -20,7 +20,7 @@ const LINE_BLOCK: &str = "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 
     40 2 50 0 51 90 0 ENDBLK";
 
 #[test]
-fn a_block_is_drawn_where_its_insert_places_it() {
+fn a_block_is_drawn_at_its_insert() {
     let found = drawn(LINE_BLOCK, "0 INSERT 5 2A 8 DASHED 2 PART 10 10 20 20 41 2 42 2 50 90").unwrap();
     let Curve2::Segment(a, b) = found.curves[0].curve else { panic!() };
     // The base point is (1, 0); the insert scales by 2 and rotates by 90°.
@@ -84,7 +84,7 @@ fn an_old_polyline_has_lines_and_arcs() {
     let Curve2::Arc { center, radius, sweep, .. } = found.curves[1].curve else { panic!() };
     assert_eq!((center, radius), ([4.0, 1.0], 1.0));
     assert!((sweep - PI).abs() < 1e-12);
-    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+    assert!(found.findings.is_empty(), "{:?}", found.findings);
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn ignored_entities_are_counted_and_the_first_is_named() {
     )
     .unwrap();
     assert_eq!(found.curves.len(), 1);
-    let all = found.warnings.join("\n");
+    let all = found.findings.iter().map(|f| f.text.as_str()).collect::<Vec<_>>().join("\n");
     for wanted in [
         "1 × TEXT, which draws no edges; the first is TEXT A1 (line",
         "2 × HATCH, which draws no edges; the first is HATCH A2 (line",
@@ -109,7 +109,15 @@ fn ignored_entities_are_counted_and_the_first_is_named() {
 #[test]
 fn conflicting_dimensions_are_named() {
     let line = "0 LINE 10 0 20 0 11 40 21 0 0 CIRCLE 10 20 20 10 40 6";
-    let warnings = |dimension: &str| drawn("", &format!("{line} {dimension}")).unwrap().warnings.join("\n");
+    let warnings = |dimension: &str| {
+        drawn("", &format!("{line} {dimension}"))
+            .unwrap()
+            .findings
+            .iter()
+            .map(|f| f.text.as_str())
+            .collect::<Vec<_>>()
+            .join("\n")
+    };
     // Linear along x, between the ends of the line.
     let linear = |text: &str| warnings(&format!("0 DIMENSION 5 D1 70 32 13 0 23 0 14 40 24 0 {text}"));
     assert_eq!(linear("1 40"), "");

@@ -108,6 +108,7 @@ impl Animation {
             last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
             last.colours.iter().map(|c| c.map(|c| c as f32)).collect(),
         ];
+        // Computed in double precision and rounded once.
         let differences = |from: &[[f64; 3]], to: &[[f64; 3]]| -> Column {
             to.iter().zip(from).map(|(to, from)| sub(*to, *from).map(|c| c as f32)).collect()
         };
@@ -121,6 +122,8 @@ impl Animation {
         }
         let targets = earlier.len();
         let times: Vec<f32> = (0..frames.len()).map(|k| (seconds * k as f64) as f32).collect();
+        // At the time of frame k, target k has weight 1; at the end all weights are 0, which is the mesh
+        // itself.
         let weights: Vec<f32> = (0..frames.len())
             .flat_map(|k| (0..targets).map(move |target| if target == k { 1.0 } else { 0.0 }))
             .collect();

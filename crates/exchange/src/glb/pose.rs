@@ -113,6 +113,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     }
     let mut last = f64::NEG_INFINITY;
     for (k, frame) in mesh.keyframes.iter().enumerate() {
+        // glTF requires times that increase strictly.
         let later = frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > last;
         let weights =
             frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
@@ -175,6 +176,8 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
     let center: [f64; 3] = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
     let mut chunk = Chunk::default();
+    // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
+    // origin.
     let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&sub(*p, center))).collect();
     let normals: Vec<[f32; 3]> = mesh.normals.iter().map(single).collect();
     let mut attributes = serde_json::Map::new();
@@ -203,6 +206,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     }
     let mut targets = Vec::new();
     for target in mesh.targets {
+        // glTF morph targets are differences from the mesh at rest.
         let difference = |to: &[[f64; 3]], from: &[[f64; 3]]| -> Vec<[f32; 3]> {
             to.iter().zip(from).map(|(to, from)| single(&sub(*to, *from))).collect()
         };
@@ -241,6 +245,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         document["textures"] = json!([{"source": 0, "sampler": 0}]);
         surface["baseColorTexture"] = json!({"index": 0});
     }
+    // Double-sided, because open surfaces are viewed from both sides.
     document["materials"] = json!([{"pbrMetallicRoughness": surface, "doubleSided": true}]);
     if !mesh.keyframes.is_empty() {
         let times: Vec<[f32; 1]> = mesh.keyframes.iter().map(|frame| [frame.seconds as f32]).collect();

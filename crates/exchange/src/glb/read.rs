@@ -94,6 +94,7 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
     }
     let mut places: BTreeMap<[u64; 3], u32> = BTreeMap::new();
     let (mut kept, mut new) = (Vec::new(), Vec::with_capacity(mesh.points.len()));
+    // The first vertex at a position keeps its columns; copies differ only in texture coordinates.
     for (vertex, point) in mesh.points.iter().enumerate() {
         // Adding zero turns −0 into +0, so that both are one position.
         let place = point.map(|x| (x + 0.0).to_bits());
@@ -127,11 +128,12 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
     let json = chunk(source, JSON_CHUNK)?;
     let document: Value = serde_json::from_slice(&json)
         .map_err(|e| Error::input(format!("the JSON chunk is malformed (line {} of it): {e}", e.line())))?;
+    // The text is as large as the document, so it is freed before the binary chunk is read.
     drop(json);
     if let Some(extension) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
         return Err(Error::unsupported(format!(
-            "the file requires the extension {extension}, which is not supported: export it without compression and \
-             quantisation"
+            "the file requires the extension {extension}, which is not supported: export it without \
+             compression and quantisation"
         )));
     }
     let binary = match source.peek(1)?.is_empty() {
@@ -233,6 +235,8 @@ impl File<'_> {
                 Some(nodes) => nodes.iter().filter_map(index).map(|n| (n, Transform::IDENTITY, 0)).collect(),
                 None => return Err(Error::input(format!("scene {scene}: expected nodes, found none"))),
             };
+        // An explicit stack, because the file determines the depth. It returns the last node first, so nodes
+        // are pushed in reverse order.
         stack.reverse();
         let mut visited = 0;
         while let Some((node, parent, depth)) = stack.pop() {
@@ -357,22 +361,10 @@ impl File<'_> {
             if with_uv && !attributes["TEXCOORD_0"].is_null() {
                 let found = self.accessor_of(&attributes["TEXCOORD_0"], &[FLOAT, BYTE, SHORT], "VEC2")?;
                 same(&found, "TEXCOORD_0")?;
-                // Integers are normalised: the largest value means 1.
-                let white = match found.type_ {
-                    NumberType::U8 => 255.0,
-                    NumberType::U16 => 65535.0,
-                    _ => 1.0,
-                };
+                let largest = found.largest();
                 for (k, name) in UV.iter().enumerate() {
-                    if let Some(vertex) =
-                        (0..found.count).find(|vertex| !found.number(*vertex, k).is_finite())
-                    {
-                        return Err(Error::input(format!(
-                            "TEXCOORD_0: expected finite numbers, found {} at vertex {vertex}",
-                            found.number(vertex, k)
-                        )));
-                    }
-                    column(name, &|vertex| found.number(vertex, k) / white);
+                    found.check_finite(k, "TEXCOORD_0")?;
+                    column(name, &|vertex| found.number(vertex, k) / largest);
                 }
             }
             let before = mesh.triangles.len();
@@ -398,6 +390,7 @@ impl File<'_> {
             true => None,
             false => Some(self.accessor_of(indices, &[BYTE, SHORT, INTEGER], "SCALAR")?),
         };
+        // Without indices, consecutive vertices form the triangles.
         let corners = indices.as_ref().map_or(vertices, |i| i.count);
         if corners % 3 != 0 {
             return Err(Error::input(format!("expected three corners per triangle, found {corners} in all")));
@@ -474,6 +467,7 @@ impl File<'_> {
             true => Some(default),
             false => index(value),
         };
+        // All arithmetic is checked, because offsets, strides and counts come from the file and may overflow.
         let place = || {
             let start = optional(&view["byteOffset"], 0)?;
             let length = index(&view["byteLength"])?;
@@ -510,6 +504,26 @@ impl Accessor<'_> {
         self.type_.decode::<false>(&self.bytes[at..at + self.type_.size()])
     }
 
+    /// Value that means 1: integers are normalised.
+    fn largest(&self) -> f64 {
+        match self.type_ {
+            NumberType::U8 => 255.0,
+            NumberType::U16 => 65535.0,
+            _ => 1.0,
+        }
+    }
+
+    /// Rejects the first number of a component that is not finite.
+    fn check_finite(&self, component: usize, name: &str) -> Result<()> {
+        match (0..self.count).find(|vertex| !self.number(*vertex, component).is_finite()) {
+            Some(vertex) => Err(Error::input(format!(
+                "{name}: expected finite numbers, found {} at vertex {vertex}",
+                self.number(vertex, component)
+            ))),
+            None => Ok(()),
+        }
+    }
+
     fn vector(&self, element: usize) -> [f64; 3] {
         [0, 1, 2].map(|k| self.number(element, k))
     }
@@ -522,10 +536,12 @@ fn node_transform(node: &Value) -> Result<Transform> {
     if stated("matrix") {
         let m: [f64; 16] = numbers(&node["matrix"]).ok_or_else(|| wrong("matrix", 16))?;
         return Ok(Transform {
+            // glTF stores matrices by columns.
             columns: [0, 1, 2].map(|c| [0, 1, 2].map(|r| m[4 * c + r])),
             translation: [m[12], m[13], m[14]],
         });
     }
+    // Scale is applied first, then rotation, then translation.
     let mut made = Transform::IDENTITY;
     if stated("rotation") {
         let q: [f64; 4] = numbers(&node["rotation"]).ok_or_else(|| wrong("rotation", 4))?;

@@ -238,8 +238,10 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Lay
 fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
     let sigma = mesh.column("sigma");
     let observed = mesh.column("observed");
+    // Completed parts (2) count as measured for the colour; only prior-only parts (0) are grey.
     let measured = move |vertex: usize| observed.is_none_or(|o| o.at(vertex) != 0.0);
     let count = if sigma.is_some() { mesh.points.len() } else { 0 };
+    // σ spans decades, so the colours show its logarithm; zero is replaced by the smallest number.
     let log = move |vertex: usize| sigma.map_or(0.0, |s| s.at(vertex).max(f64::MIN_POSITIVE).ln());
     let mut known: Vec<f64> = (0..count).filter(|&v| measured(v)).map(log).collect();
     known.sort_unstable_by(f64::total_cmp);
@@ -250,6 +252,7 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
         if !measured(vertex) {
             return GREY;
         }
+        // Equal σ at all vertices would give 0/0.
         ramp((log(vertex) - low) / (high - low).max(f64::MIN_POSITIVE))
     })
 }

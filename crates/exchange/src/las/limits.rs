@@ -48,6 +48,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         let size = file
             .stream_position()
             .and_then(|here| {
+                // The size of the data is at offset 20 of the header of the record.
                 file.seek(SeekFrom::Start(start.saturating_add(20)))?;
                 let size = u64_from(file)?;
                 file.seek(SeekFrom::Start(here))?;
@@ -92,6 +93,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         )));
     }
     let mut description = None;
+    // The description of the compression is one of the metadata records.
     for _ in 0..header.number_of_variable_length_records {
         let Ok(found) = raw::Vlr::read_from(&mut *file, false) else {
             return Ok(());
@@ -149,7 +151,8 @@ fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     });
     if items.is_empty() || !alike || size != record {
         return Err(Error::input(format!(
-            "the compressed items of a point: expected {record} bytes in all, found {size}: the file is damaged"
+            "the compressed items of a point: expected {record} bytes in all, found {size}: the file is \
+             damaged"
         )));
     }
     Ok(())
@@ -205,6 +208,7 @@ impl Chunks<'_> {
             if chunk.point_count == 0 {
                 return Err(self.damaged(format_args!("chunk {k} is empty")));
             }
+            // Saturating, because a table may state any counts.
             points = points.saturating_add(chunk.point_count);
             byte = self.check_one(file, k, byte)?;
         }

@@ -50,8 +50,10 @@ impl<R: Read + Seek> Sequential<R> {
     pub(super) fn read(&mut self, record: &mut [u8]) -> laz::Result<()> {
         if self.left == 0 {
             self.left = self.chunks.next().ok_or(io::ErrorKind::UnexpectedEof).map_err(io::Error::from)?;
+            // Each chunk starts with new models, so that readers can start at any chunk.
             self.decompressor.reset();
             for item in &self.items {
+                // Only the decoder of GPS times recurses; other items use those of the crate.
                 match (item.item_type(), item.version()) {
                     (LazItemType::GpsTime, 2) => self.decompressor.add_field_decompressor(Times::default()),
                     _ => self.decompressor.set_fields_from(&vec![*item])?,

@@ -86,6 +86,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
             entries.push((number, name.to_owned()));
         }
     }
+    // `numpy.savez` names a single array `arr_0`, so its name is not required.
     if let [(number, array)] = &entries[..] {
         let source = entry(&mut archive, *number);
         return source
@@ -106,6 +107,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
             _ => columns.push(array),
         }
     }
+    // `points` and `x`, for example, give the same column.
     if let Some(twice) = (1..columns.len()).find(|&k| columns[..k].contains(&columns[k])) {
         return Err(Error::input(format!("the column `{}` is named twice", columns[twice])));
     }

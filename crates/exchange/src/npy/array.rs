@@ -136,6 +136,7 @@ impl<R: Read> Array<R> {
             }
         };
         if let Some(all) = &self.loaded {
+            // In Fortran order, the numbers of a record are as many elements apart as there are records.
             let (records, place) = (self.records(), self.place(number));
             for k in 0..width as u64 {
                 let at = (place + k * records) as usize * size;
@@ -158,6 +159,7 @@ impl<R: Read> Array<R> {
 
     /// Index of the first element of a record in Fortran order, where the first axis varies fastest.
     fn place(&self, record: u64) -> u64 {
+        // Records are counted in C order, but stored in Fortran order.
         let (mut rest, mut place) = (record, 0);
         let outer = self.outer();
         let mut stride = self.records();

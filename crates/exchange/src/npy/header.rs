@@ -45,6 +45,7 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         return Err(no_npy());
     }
     let version = start[6];
+    // Length of the field that states the length of the header, in bytes.
     let width = match version {
         1 => 2,
         2 | 3 => 4,
@@ -60,7 +61,8 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         .ok_or_else(|| cut_off(8))?;
     if length > MAX_HEADER_BYTES {
         return Err(Error::input(format!(
-            "byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is damaged"
+            "byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is \
+             damaged"
         )));
     }
     let text = source.bytes(length as usize)?.ok_or_else(|| cut_off(8 + width as u64))?;
@@ -124,7 +126,8 @@ impl Header {
         };
         let Literal::Text(kind) = kind else {
             return Err(Error::unsupported(format!(
-                "the field '{name}': expected a number type, found nested fields: write them as fields of the array"
+                "the field '{name}': expected a number type, found nested fields: write them as fields of \
+                 the array"
             )));
         };
         let count = shape.iter().try_fold(1_u64, |n, &side| n.checked_mul(side));
@@ -156,6 +159,7 @@ impl Header {
                 "expected integers or floating-point numbers, found the type '{kind}'"
             ))
         };
+        // A missing or native byte order is read as little endian.
         let (order, rest) = match kind.as_bytes() {
             [order @ (b'<' | b'>' | b'|' | b'='), rest @ ..] => (*order, rest),
             rest => (b'=', rest),
@@ -165,6 +169,7 @@ impl Header {
         // The unit of dates follows in brackets: `<M8[ns]`.
         let digits = digits.split('[').next().unwrap_or_default();
         let stated: usize = digits.parse().ok().filter(|&n: &usize| n <= 1 << 20).ok_or_else(unknown)?;
+        // Booleans are read as bytes. Half and extended precision have no `NumberType` and are rejected.
         let number = match letter {
             b'b' => NumberType::of_kind("U", "1").filter(|_| stated == 1),
             b'f' => NumberType::of_kind("F", digits),
@@ -247,7 +252,7 @@ impl Parser<'_> {
 
     fn literal(&mut self, depth: usize) -> Result<Literal> {
         if depth > MAX_DEPTH {
-            return Err(self.wrong("fewer lists in lists"));
+            return Err(self.wrong("fewer nested lists"));
         }
         match self.peek() {
             Some(b'\'' | b'"') => self.string().map(Literal::Text),

@@ -152,7 +152,7 @@ fn invalid_headers_are_reported() {
         (b"\x93NUMPY\x09\x00\x04\x00{}\n ".to_vec(), "expected version 1, 2 or 3"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}".to_vec(), "found 4294967295"),
         (b"PK\x03\x04 an archive".to_vec(), "not an NPY file"),
-        ([&b"\x93NUMPY\x01\x00\xe8\x03"[..], &[b'['; 1000]].concat(), "fewer lists in lists"),
+        ([&b"\x93NUMPY\x01\x00\xe8\x03"[..], &[b'['; 1000]].concat(), "fewer nested lists"),
     ] {
         let found = message(&bytes);
         assert!(found.contains(words), "{words}: {found}");

@@ -1,5 +1,6 @@
 //! Reads texture coordinates, parts and materials of OBJ files.
 
+use planish_core::{Finding, FindingCode};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -127,10 +128,9 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
                 pictures.extend(read_materials(&name)?);
                 made.files.push(name);
             } else {
-                made.warnings.push(format!(
-                    "{}: the material file {} does not exist",
-                    path.display(),
-                    name.display()
+                made.findings.push(Finding::new(
+                    FindingCode::MaterialsMissing,
+                    format!("{}: the material file {} does not exist", path.display(), name.display()),
                 ));
             }
         }
@@ -143,8 +143,10 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     made.texture = textured().max_by_key(|(count, _)| *count).map(|(_, picture)| picture.clone());
     if let Some(other) = textured().find(|(_, picture)| Some(*picture) != made.texture.as_ref()) {
         let other = other.1.display().to_string();
-        made.warnings
-            .push(format!("{}: only one of several textures is used; {other} is ignored", path.display()));
+        made.findings.push(Finding::new(
+            FindingCode::TextureIgnored,
+            format!("{}: only one of several textures is used; {other} is ignored", path.display()),
+        ));
     }
     Ok(made)
 }

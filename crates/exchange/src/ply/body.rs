@@ -108,6 +108,7 @@ pub(crate) fn skip_rows<R: Read>(
     }
     check_count(source, element, encoding)?;
     let place = Place { element: &element.name, row: 0, line: None, byte: source.offset() };
+    // Saturating: the count is not limited if the length of the file is unknown.
     match source.skip(element.count.saturating_mul(least_row(element, encoding)))? {
         true => Ok(()),
         false => Err(cut_off(place, element.count)),
@@ -129,6 +130,7 @@ pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
 
 /// Length of a list, if the value is a valid count.
 fn count_of(value: f64) -> Option<u64> {
+    // Types of lengths have at most 32 bits.
     (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u64)
 }
 
@@ -222,6 +224,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                     )));
                 };
                 let size = property.number.size();
+                // Lists that are not requested are skipped without storing them.
                 if wanted_list != Some(k) {
                     if !source.skip(items * size as u64)? {
                         return Err(ends());

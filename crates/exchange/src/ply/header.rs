@@ -65,6 +65,32 @@ impl Header {
     }
 }
 
+/// Adds a property to the last element; `words` follow `property`, and `wrong` makes the error of the line.
+fn add_property(header: &mut Header, words: &[&str], wrong: &dyn Fn(&str) -> Error) -> Result<()> {
+    let (name, length, number) = match *words {
+        ["list", length, item, name] => {
+            let length =
+                NumberType::parse(length).filter(|t| !matches!(t, NumberType::F32 | NumberType::F64));
+            let length = length.ok_or_else(|| wrong("a list length of an integer type"))?;
+            (name, Some(length), NumberType::parse(item))
+        }
+        [number, name] => (name, None, NumberType::parse(number)),
+        _ => return Err(wrong("`property TYPE NAME` or `property list TYPE TYPE NAME`")),
+    };
+    let number = number.ok_or_else(|| wrong("a type among char … double, int8 … float64"))?;
+    let Some(element) = header.elements.last_mut() else {
+        return Err(wrong("an `element` line before its properties"));
+    };
+    if element.properties.len() == MAX_NAMES {
+        return Err(wrong(&format!("at most {MAX_NAMES} properties of an element")));
+    }
+    if element.properties.iter().any(|p| p.name == name) {
+        return Err(wrong("a name that no other property of the element uses"));
+    }
+    element.properties.push(Property { name: name.to_owned(), length, number });
+    Ok(())
+}
+
 /// Reads a header through `end_header`.
 pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     match source.line()? {
@@ -137,29 +163,7 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 }
                 header.elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
             }
-            ["property", ..] => {
-                let (name, length, number) = match words[1..] {
-                    ["list", length, item, name] => {
-                        let length = NumberType::parse(length)
-                            .filter(|t| !matches!(t, NumberType::F32 | NumberType::F64));
-                        let length = length.ok_or_else(|| wrong("a list length of an integer type"))?;
-                        (name, Some(length), NumberType::parse(item))
-                    }
-                    [number, name] => (name, None, NumberType::parse(number)),
-                    _ => return Err(wrong("`property TYPE NAME` or `property list TYPE TYPE NAME`")),
-                };
-                let number = number.ok_or_else(|| wrong("a type among char … double, int8 … float64"))?;
-                let Some(element) = header.elements.last_mut() else {
-                    return Err(wrong("an `element` line before its properties"));
-                };
-                if element.properties.len() == MAX_NAMES {
-                    return Err(wrong(&format!("at most {MAX_NAMES} properties of an element")));
-                }
-                if element.properties.iter().any(|p| p.name == name) {
-                    return Err(wrong("a name that no other property of the element uses"));
-                }
-                element.properties.push(Property { name: name.to_owned(), length, number });
-            }
+            ["property", ref words @ ..] => add_property(&mut header, words, &wrong)?,
             _ => {
                 return Err(wrong("`format`, `comment`, `obj_info`, `element`, `property` or `end_header`"));
             }

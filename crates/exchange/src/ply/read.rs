@@ -199,6 +199,7 @@ fn range_grid<R: Read>(
             "the element `range_grid` requires `obj_info num_cols` and `obj_info num_rows`",
         ));
     };
+    // The sizes come from comments, the count from the element: both must agree.
     if columns.checked_mul(rows) != Some(element.count) {
         return Err(Error::input(format!(
             "expected {columns} x {rows} cells in `range_grid`, found {}",
@@ -233,6 +234,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
     let header = read_header(source)?;
     let (vertex, names) = vertices(&header)?;
     let position = ["x", "y", "z"].map(|axis| names.iter().position(|n| *n == axis));
+    // Properties may come in any order.
     let [Some(x), Some(y), Some(z)] = position else {
         return Err(Error::input(format!(
             "element `vertex`: expected the properties x y z, found {}",
@@ -252,6 +254,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                 mesh.points.reserve(check_count(source, element, header.encoding)?);
                 read_rows(source, element, header.encoding, None, |row| {
                     let point = [row.values[x], row.values[y], row.values[z]];
+                    // A mesh cannot drop a vertex, because faces refer to vertices by index.
                     if !point.iter().all(|c| c.is_finite()) {
                         return Err(Error::input(format!(
                             "{}: expected finite coordinates, found {} {} {}",
@@ -276,6 +279,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                             row.list.len()
                         )));
                     }
+                    // A polygon becomes a fan around its first corner.
                     let first = index_below(row.list[0], vertex.count, row.place)?;
                     let mut last = index_below(row.list[1], vertex.count, row.place)?;
                     for &corner in &row.list[2..] {

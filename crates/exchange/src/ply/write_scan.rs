@@ -68,6 +68,7 @@ fn check(scan: &Scan) -> Result<()> {
                 grid.cells.len()
             )));
         }
+        // The list of indices has the type `int`.
         let limit = count.min(i32::MAX as usize);
         let wrong = |&&cell: &&u32| cell != RangeGrid::EMPTY && cell as usize >= limit;
         if let Some(cell) = grid.cells.iter().find(wrong) {
@@ -130,6 +131,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
         if let Some(sigma) = &scan.sigma_curvature {
             put(&[sigma[i]])?;
         }
+        // Readers reject files with both, so the covariance, which states more, takes precedence.
         if let Some(covariance) = &scan.covariance {
             put(&covariance[i].to_array())?;
         } else if let Some(sigma) = &scan.sigma {

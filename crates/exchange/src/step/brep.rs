@@ -1,16 +1,16 @@
-//! Boundary representations made of B-spline faces: plain data and its invariants.
+//! Boundary representations made of B-spline faces: plain data and their consistency check.
 //!
 //! **Input.** Vertices, edges with curves, faces with surfaces and loops.
 //!
 //! **Output.** [`Brep::check`] reports whether they are consistent.
 //!
-//! **Limits.** It is not checked that curves lie on the surfaces.
+//! **Limits.** It is not checked that curves lie on surfaces.
 
 use std::fmt::Display;
 
 use planish_estimate::{Error, Result};
 
-/// A B-spline curve that is not rational.
+/// A polynomial (not rational) B-spline curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BsplineCurve {
     /// Polynomial degree, at least 1.
@@ -22,7 +22,7 @@ pub struct BsplineCurve {
     pub poles: Vec<[f64; 3]>,
 }
 
-/// A tensor-product B-spline surface that is not rational.
+/// A polynomial (not rational) tensor-product B-spline surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BsplineSurface {
     /// Polynomial degree along u, at least 1.
@@ -41,10 +41,10 @@ pub struct BsplineSurface {
     pub poles: Vec<[f64; 3]>,
 }
 
-/// An edge: a curve from one vertex to another (or back to the same).
+/// An edge: a curve from one vertex to another or back to the same.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrepEdge {
-    /// Its curve, from the start to the end.
+    /// Curve from the start to the end.
     pub curve: BsplineCurve,
     /// Index of the vertex where the curve starts.
     pub start: usize,
@@ -55,12 +55,12 @@ pub struct BrepEdge {
 /// A face: a surface within one loop of edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrepFace {
-    /// Its surface.
+    /// Surface.
     pub surface: BsplineSurface,
-    /// The loop: edges by index, and whether each runs forward; counter-clockwise seen from the face's outer
-    /// side. Sides that collapse to a point are left out.
+    /// The loop: edges by index, and whether each is traversed forward; counter-clockwise seen from the outer
+    /// side of the face. Sides that collapse to a point are omitted.
     pub edges: Vec<(usize, bool)>,
-    /// Whether the face's outer side is the one that `S_u × S_v` points to.
+    /// True if `S_u × S_v` points to the outer side of the face.
     pub same_sense: bool,
 }
 
@@ -73,7 +73,7 @@ pub struct Brep {
     pub edges: Vec<BrepEdge>,
     /// Faces between the edges.
     pub faces: Vec<BrepFace>,
-    /// Whether the faces enclose a solid.
+    /// True if the faces enclose a solid.
     pub closed: bool,
 }
 
@@ -92,16 +92,15 @@ fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()
     let sum: usize = knots.iter().map(|k| k.1).sum();
     if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
         return Err(Error::input(format!(
-            "expected ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found \
-             degree {degree}, \
-             {poles} poles, {} knots with multiplicities that sum to {sum}",
+            "expected ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, \
+             found degree {degree}, {poles} poles, {} knots with multiplicities that sum to {sum}",
             knots.len()
         )));
     }
     Ok(())
 }
 
-/// Whether the ends of the knots make a curve start and end at its first and last pole.
+/// True if the knots are clamped, so that a curve starts and ends at its first and last pole.
 fn is_clamped(degree: usize, knots: &[(f64, usize)]) -> bool {
     let full = |k: Option<&(f64, usize)>| k.is_some_and(|k| k.1 == degree + 1);
     full(knots.first()) && full(knots.last())
@@ -131,14 +130,14 @@ impl BsplineSurface {
 }
 
 impl Brep {
-    /// Checks that everything fits together.
+    /// Checks the consistency of the representation.
     ///
     /// Indices exist; knots fit their poles; numbers are finite; clamped curves end at their vertices within
     /// `uncertainty`; every loop is connected; no edge is used more than twice or twice in the same
     /// direction, and in a closed shell every edge is used twice.
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input), naming the first face or edge that does not fit.
+    /// [`Input`](planish_estimate::ErrorKind::Input), naming the first inconsistent face or edge.
     pub fn check(&self, uncertainty: f64) -> Result<()> {
         fn named<T>(result: Result<T>, what: &str, index: impl Display) -> Result<T> {
             result.map_err(|e| e.in_context(format_args!("{what} {index}")))
@@ -152,13 +151,22 @@ impl Brep {
             let ends = [(edge.start, edge.curve.poles.first()), (edge.end, edge.curve.poles.last())];
             for (vertex, pole) in ends {
                 let Some(vertex_at) = self.vertices.get(vertex) else {
-                    return named(Err(Error::input(format!("there is no vertex {vertex}"))), "edge", index);
+                    return named(
+                        Err(Error::input(format!(
+                            "expected a vertex below {}, found {vertex}",
+                            self.vertices.len()
+                        ))),
+                        "edge",
+                        index,
+                    );
                 };
                 let apart = pole.map_or(0.0, |p| {
                     p.iter().zip(vertex_at).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
                 });
+                // Curves that are not clamped do not end at their first and last pole.
                 if is_clamped(edge.curve.degree, &edge.curve.knots) && apart > uncertainty {
-                    let message = format!("its curve ends {apart} away from vertex {vertex}");
+                    let message =
+                        format!("expected its curve to end at vertex {vertex}, found a distance of {apart}");
                     return named(Err(Error::input(message)), "edge", index);
                 }
             }
@@ -179,8 +187,9 @@ impl Brep {
 
     fn check_loop(&self, face: &BrepFace, used: &mut [[bool; 2]]) -> Result<()> {
         let ends = |&(edge, forward): &(usize, bool)| {
-            let found =
-                self.edges.get(edge).ok_or_else(|| Error::input(format!("there is no edge {edge}")))?;
+            let found = self.edges.get(edge).ok_or_else(|| {
+                Error::input(format!("expected an edge below {}, found {edge}", self.edges.len()))
+            })?;
             Ok(if forward { (found.start, found.end) } else { (found.end, found.start) })
         };
         let Some(last) = face.edges.last() else {
@@ -192,15 +201,17 @@ impl Brep {
             let (edge, forward) = *oriented;
             if start != at {
                 return Err(Error::input(format!(
-                    "the loop arrives at vertex {at}, but edge {edge} sets out from vertex {start}"
+                    "expected edge {edge} to start at vertex {at}, where the previous one ends, found vertex \
+                     {start}"
                 )));
             }
             at = end;
-            // A face whose sense is reversed runs its loop as seen from its own outer side: nothing to turn
-            // here.
+            // Loops are stated as seen from the outer side, also for faces of reversed sense, so the
+            // direction is compared as it is.
             if std::mem::replace(&mut used[edge][usize::from(forward)], true) {
                 return Err(Error::input(format!(
-                    "edge {edge} is used twice in the same direction: neighbours must agree on the outer side"
+                    "expected edge {edge} once in each direction, found it twice in the same: neighbouring \
+                     faces disagree on the outer side"
                 )));
             }
         }

@@ -1,4 +1,7 @@
-//! The encoding of STEP files: numbered instances, reals, strings.
+//! Encoding of STEP files: numbered instances, reals and strings.
+//!
+//! # References
+//! ISO 10303-21:2016, *Clear text encoding of the exchange structure*.
 //!
 //! **Input.** Instances as text.
 //!
@@ -7,17 +10,17 @@
 use std::fmt;
 use std::io::{self, Write};
 
-/// The number of an instance.
+/// Number of an instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Id(u64);
 
 impl Id {
-    /// The instance that many numbers later.
+    /// Instance with a number that is larger by `steps`.
     pub(super) fn after(self, steps: usize) -> Self {
         Self(self.0 + steps as u64)
     }
 
-    /// `#12,#13,…`: consecutive instances.
+    /// Formats consecutive instances: `#12,#13,…`.
     pub(super) fn run(self, length: usize) -> impl fmt::Display {
         fmt::from_fn(move |f| {
             for k in 0..length as u64 {
@@ -34,7 +37,7 @@ impl fmt::Display for Id {
     }
 }
 
-/// A data section that is being written.
+/// Writer of a data section.
 pub(super) struct Part21<'a, W> {
     writer: &'a mut W,
     next: u64,
@@ -45,12 +48,12 @@ impl<'a, W: Write> Part21<'a, W> {
         Self { writer, next: 1 }
     }
 
-    /// The number of the next instance.
+    /// Number of the next instance.
     pub(super) fn next_id(&self) -> Id {
         Id(self.next)
     }
 
-    /// Begins an instance whose text goes to [`Part21::writer`] until [`Part21::end`].
+    /// Starts an instance, whose text goes to [`Part21::writer`] until [`Part21::end`].
     pub(super) fn begin(&mut self) -> io::Result<Id> {
         let id = self.next_id();
         self.next += 1;
@@ -87,9 +90,10 @@ impl<'a, W: Write> Part21<'a, W> {
     }
 }
 
-/// A real in the fewest digits that read back as the same number, with the `.` and `E` that Part 21 asks for.
+/// Formats a real with the fewest digits that read back as the same number, and the `.` and `E` that Part 21
+/// requires.
 pub(super) fn real(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
-    // Signed zeros carry nothing here.
+    // −0 has no meaning in a shape and would change the bytes of equal shapes.
     let value = if value == 0.0 { 0.0 } else { value };
     let shortest = format!("{value:?}");
     match shortest.split_once('e') {
@@ -101,7 +105,7 @@ pub(super) fn real(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
     }
 }
 
-/// Reals with commas between them.
+/// Formats reals separated by commas.
 pub(super) fn reals(values: &[f64]) -> impl fmt::Display {
     fmt::from_fn(move |f| {
         for (k, &value) in values.iter().enumerate() {
@@ -114,7 +118,7 @@ pub(super) fn reals(values: &[f64]) -> impl fmt::Display {
     })
 }
 
-/// Integers with commas between them.
+/// Formats integers separated by commas.
 pub(super) fn integers(values: &[usize]) -> impl fmt::Display {
     fmt::from_fn(move |f| {
         for (k, value) in values.iter().enumerate() {
@@ -124,7 +128,7 @@ pub(super) fn integers(values: &[usize]) -> impl fmt::Display {
     })
 }
 
-/// A quoted string; characters beyond printable ASCII become `\X2\…\X0\` in UTF-16.
+/// Formats a quoted string; characters beyond printable ASCII become `\X2\…\X0\` in UTF-16.
 pub(super) fn text(string: &str) -> String {
     let mut quoted = String::from("'");
     for c in string.chars() {
@@ -134,6 +138,7 @@ pub(super) fn text(string: &str) -> String {
             ' '..='~' => quoted.push(c),
             _ => {
                 quoted.push_str("\\X2\\");
+                // `\X2\` holds UTF-16 code units, so characters beyond the basic plane take two.
                 for unit in c.encode_utf16(&mut [0; 2]) {
                     quoted.push_str(&format!("{unit:04X}"));
                 }

@@ -3,7 +3,7 @@
 //!
 //! **Input.** A file.
 //!
-//! **Output.** One mesh for each set of faces that share edges, and the faces that could not be read or
+//! **Output.** One mesh per set of faces that share edges, and the faces that could not be read or
 //! triangulated, each with the reason.
 //!
 //! **Limits.** Other geometry (wires, tessellations, annotations) is ignored. Parameter curves of edges are
@@ -35,20 +35,23 @@ use product::{Motion, Products, Units};
 use syntax::Index;
 use topology::{Builder, Read as ReadShape};
 
-/// Parts of an assembly beyond this are refused.
+/// Maximum number of parts of an assembly: parts multiply through nested assemblies, so a small file could
+/// request any number.
 const MAX_PARTS: usize = 100_000;
-/// Points nearer than this, of the size, are one where a file says nothing.
+/// Minimum distance at which points are merged, as a share of the size. Used if the file states no
+/// uncertainty or a smaller one; it absorbs the rounding of coordinates.
 const MIN_TOLERANCE_SHARE: f64 = 1e-7;
-/// A file's uncertainty is taken up to this share of its size.
+/// Maximum distance at which points are merged, as a share of the size. A larger stated uncertainty would
+/// merge small features.
 const MAX_TOLERANCE_SHARE: f64 = 1e-4;
 
-/// A shape, and where it stands.
+/// A shape and its placements.
 struct Placed {
     read: ReadShape,
     motions: Vec<Motion>,
 }
 
-/// The faces of a file, exact.
+/// The exact faces of a file.
 pub struct StepFaces {
     shapes: Vec<Placed>,
     unit: Option<Unit>,
@@ -58,45 +61,75 @@ pub struct StepFaces {
 /// The faces of a file as triangles.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StepMesh {
-    /// A mesh for every set of faces that share edges.
+    /// One mesh per set of faces that share edges.
     pub parts: Vec<PolygonMesh>,
-    /// Faces that have triangles; one that an assembly holds several times counts as often.
+    /// Number of triangulated faces; a face that an assembly contains several times counts as often.
     pub faces: usize,
-    /// What could not be read or filled: a face's number in the file and the reason.
+    /// Faces that could not be read or triangulated: number in the file and reason.
     pub left_out: Vec<String>,
 }
 
-/// Reads the faces of a STEP file, maybe behind gzip.
+/// Reads the faces of a STEP file, which may be compressed by gzip.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, for what is no STEP file or
-/// is damaged where a shape is described, and for one without faces; [`Io`](planish_estimate::ErrorKind::Io)
-/// when it cannot be read. A face that is not as it must be is no error: [`StepMesh::left_out`] names it.
+/// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, if it is not a STEP file,
+/// if it is damaged in the description of a shape, or if it has no faces;
+/// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read. An invalid face is not an error, but listed
+/// in [`StepMesh::left_out`].
+///
+/// # Examples
+/// ```
+/// use planish_exchange::step::read_step;
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("triangle.step");
+/// std::fs::write(&path, "ISO-10303-21;
+/// DATA;
+/// #1=CARTESIAN_POINT('',(0.,0.,0.));
+/// #2=CARTESIAN_POINT('',(1.,0.,0.));
+/// #3=CARTESIAN_POINT('',(0.,1.,0.));
+/// #4=DIRECTION('',(0.,0.,1.));
+/// #5=DIRECTION('',(1.,0.,0.));
+/// #6=AXIS2_PLACEMENT_3D('',#1,#4,#5);
+/// #7=PLANE('',#6);
+/// #8=POLY_LOOP('',(#1,#2,#3));
+/// #9=FACE_OUTER_BOUND('',#8,.T.);
+/// #10=FACE_SURFACE('',(#9),#7,.T.);
+/// #11=OPEN_SHELL('',(#10));
+/// ENDSEC;
+/// END-ISO-10303-21;
+/// ")?;
+/// let faces = read_step(&path)?;
+/// let mesh = faces.triangles(&faces.fineness(None))?;
+/// assert_eq!((mesh.faces, mesh.left_out.len()), (1, 0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_step(path: &Path) -> Result<StepFaces> {
     let read = || -> Result<StepFaces> {
         let bytes = open(path)?.rest()?;
-        StepFaces::of_bytes(&bytes)
+        StepFaces::from_bytes(&bytes)
     };
     read().map_err(|e| e.in_context(path.display()))
 }
 
-/// The chord error of triangles, of the size, where nothing else is wanted.
+/// Default chord error of triangles, as a share of the size. A larger one shows facets, a smaller one
+/// multiplies the triangles.
 const DEFAULT_CHORD_SHARE: f64 = 1e-4;
-/// Their longest side.
+/// Default maximum side of triangles, as a share of the size. Planes have no chord error, so it alone limits
+/// their triangles.
 const DEFAULT_SIDE_SHARE: f64 = 1.0 / 64.0;
 
-/// The triangles of all faces as one mesh.
+/// Reads the triangles of all faces as one mesh.
 ///
 /// # Errors
-/// As [`read_step`]; `Unsupported` where a face cannot be read or filled: a mesh that lacks faces would be
-/// taken for the whole.
+/// As [`read_step`]; `Unsupported` if a face cannot be read or triangulated, because a mesh without some
+/// faces would be mistaken for the whole.
 pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     let faces = read_step(path)?;
     let named = |e: Error| e.in_context(path.display());
     let mesh = faces.triangles(&faces.fineness(None)).map_err(named)?;
     if let Some(first) = mesh.left_out.first() {
         return Err(named(Error::unsupported(format!(
-            "{} of its {} faces cannot be read, the first: {first}",
+            "{} of {} faces cannot be read; the first is {first}",
             mesh.left_out.len(),
             mesh.left_out.len() + mesh.faces
         ))));
@@ -110,25 +143,25 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     Ok(whole)
 }
 
-/// What a file holds beside faces.
+/// Items other than faces, with their number by keyword.
 type Ignored = BTreeMap<String, usize>;
 
 impl StepFaces {
-    /// The unit of every length, where the file names one; one that is none of ours is turned into
+    /// Unit of every length, if the file states one. Lengths in units other than [`Unit`] are converted to
     /// millimetres.
     #[must_use]
     pub fn unit(&self) -> Option<Unit> {
         self.unit
     }
 
-    /// The diagonal of a box around everything, in the unit.
+    /// Diagonal of the bounding box of all faces, in the unit.
     #[must_use]
     pub fn size(&self) -> f64 {
         self.size
     }
 
-    /// Triangles that miss the faces by `chord` at most, or a ten thousandth of the size, with sides of a
-    /// sixty-fourth of the size at most.
+    /// Fineness with a maximum chord error of `chord` (default 1/10 000 of the size) and sides of at most
+    /// 1/64 of the size.
     #[must_use]
     pub fn fineness(&self, chord: Option<f64>) -> Fineness {
         Fineness {
@@ -137,9 +170,10 @@ impl StepFaces {
         }
     }
 
-    fn of_bytes(bytes: &[u8]) -> Result<Self> {
+    fn from_bytes(bytes: &[u8]) -> Result<Self> {
         let index = Index::new(bytes)?;
         let products = Products::find(&index)?;
+        // The first stated unit becomes that of the result; other representations are converted.
         let with_unit = products.representations.values().find_map(|r| r.units.length_mm);
         let unit = with_unit.map(named_unit);
         let length = |units: &Units| match (units.length_mm, unit) {
@@ -150,7 +184,8 @@ impl StepFaces {
         let mut shapes = Vec::new();
         let mut ignored = Ignored::new();
         let mut is_taken: HashSet<u64> = HashSet::new();
-        for (id, representation) in products.most_special_first() {
+        for (id, representation) in products.specialised_first() {
+            // Items of several representations are read once.
             let items: Vec<u64> =
                 representation.items.iter().copied().filter(|i| is_taken.insert(*i)).collect();
             let geometry = Geometry {
@@ -166,6 +201,7 @@ impl StepFaces {
             }
         }
         if shapes.is_empty() {
+            // Some files have shells that no representation refers to.
             let geometry = Geometry { index: &index, length: 1.0, angle: 1.0 };
             for read in loose_shells(geometry)? {
                 let motions = vec![Motion::NONE];
@@ -175,19 +211,19 @@ impl StepFaces {
         if shapes.is_empty() {
             let kinds: Vec<String> = ignored.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
             return Err(Error::input(match kinds.is_empty() {
-                true => "it holds no faces".to_owned(),
-                false => format!("it holds no faces, only {}", kinds.join(", ")),
+                true => "expected faces, found none".to_owned(),
+                false => format!("expected faces, found only {}", kinds.join(", ")),
             }));
         }
         let size = size_of(&shapes);
         Ok(Self { shapes, unit, size })
     }
 
-    /// Cuts all faces into triangles.
+    /// Triangulates all faces.
     ///
     /// # Errors
     /// As [`ParametricShape::triangles`](planish_solid::parametric::ParametricShape::triangles);
-    /// `Input` if no face can be filled.
+    /// `Input` if no face can be triangulated.
     pub fn triangles(&self, fineness: &Fineness) -> Result<StepMesh> {
         let mut mesh = StepMesh::default();
         for placed in &self.shapes {
@@ -196,7 +232,7 @@ impl StepFaces {
                 true => Meshed::default(),
                 false => shape.triangles(fineness)?,
             };
-            let failed = made.left_out.iter().map(|l| {
+            let failed = made.skipped.iter().map(|l| {
                 let face = &shape.faces[l.face];
                 format!("face {} ({}): {}", face.name, face.surface.kind(), l.reason)
             });
@@ -206,7 +242,9 @@ impl StepFaces {
             for motion in &placed.motions {
                 for part in &made.parts {
                     mesh.faces += part.faces.len();
+                    // Placements share the triangulation, which is the expensive part.
                     let mut triangles = part.triangles.clone();
+                    // A mirror would turn the triangles inside out.
                     if motion.is_mirror() {
                         triangles.iter_mut().for_each(|t| t.swap(1, 2));
                     }
@@ -221,15 +259,16 @@ impl StepFaces {
         }
         match (mesh.parts.is_empty(), mesh.left_out.first()) {
             (false, _) => Ok(mesh),
-            (true, Some(first)) => {
-                Err(Error::input(format!("none of its {} faces could be read: {first}", mesh.left_out.len())))
-            }
-            (true, None) => Err(Error::input("its assembly places no faces")),
+            (true, Some(first)) => Err(Error::input(format!(
+                "none of the {} faces can be read; the first is {first}",
+                mesh.left_out.len()
+            ))),
+            (true, None) => Err(Error::input("expected faces in the assembly, found none")),
         }
     }
 }
 
-/// The unit that has so many millimetres.
+/// Unit of a given length in millimetres; millimetres for other lengths.
 fn named_unit(mm: f64) -> Unit {
     [Unit::Millimetre, Unit::Metre, Unit::Inch, Unit::Foot]
         .into_iter()
@@ -237,7 +276,9 @@ fn named_unit(mm: f64) -> Unit {
         .unwrap_or(Unit::Millimetre)
 }
 
-/// The shapes of a representation: each body by itself, and all that is no body together.
+/// Shapes of a representation: one per body, and one of all other faces.
+///
+/// Bodies are kept apart, so that vertices of touching bodies are not merged.
 fn shapes_of(
     geometry: Geometry,
     items: &[u64],
@@ -260,6 +301,8 @@ fn shapes_of(
     if !sheets.is_empty() {
         found.push(sheets.finish());
     }
+    // Some files contain a shared edge once per face, so coincident vertices and edges are
+    // merged.
     for read in &mut found {
         let size = extent(read);
         let tolerance =
@@ -269,7 +312,7 @@ fn shapes_of(
     Ok(found)
 }
 
-/// Shells of a file that has no representations.
+/// Shells of a file without representations, or its faces if it has no shells.
 fn loose_shells(geometry: Geometry) -> Result<Vec<ReadShape>> {
     let of = |keyword: &str| geometry.index.of_keyword(keyword).to_vec();
     let mut items = [of("CLOSED_SHELL"), of("OPEN_SHELL")].concat();
@@ -283,6 +326,8 @@ fn extent(read: &ReadShape) -> f64 {
     read.shape.bounds().map_or(0.0, |b| b.diagonal())
 }
 
+/// Diagonal of the bounding box of all placed shapes; their own boxes are enough, because only an order of
+/// size is required.
 fn size_of(shapes: &[Placed]) -> f64 {
     let corners = shapes.iter().flat_map(|placed| {
         let own = placed.read.shape.bounds();

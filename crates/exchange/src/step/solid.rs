@@ -1,5 +1,5 @@
-//! Solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`, `SPHERICAL_SURFACE`,
-//! `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
+//! Writes solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`,
+//! `SPHERICAL_SURFACE`, `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
 
 use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
@@ -52,6 +52,7 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
         EdgeCurve::Line { origin, direction } => {
             let origin = write_point(out, *origin)?;
             let direction = write_direction(out, *direction)?;
+            // A unit vector, so that parameters along the line are lengths.
             let vector = out.add(format_args!("VECTOR('',{direction},1.)"))?;
             out.add(format_args!("LINE('',{origin},{vector})"))
         }
@@ -60,6 +61,7 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
             let x = scale(1.0 / major, *a);
             let normal = cross(x, scale(1.0 / minor, *b));
             let frame = write_frame(out, *center, normal, x)?;
+            // Axes that are equal up to rounding are those of a circle.
             match (major - minor).abs() <= 1e-12 * major {
                 true => out.add(format_args!("CIRCLE('',{frame},{})", reals(&[major]))),
                 false => out.add(format_args!("ELLIPSE('',{frame},{})", reals(&[major, minor]))),
@@ -69,9 +71,11 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
     }
 }
 
-/// Cubic Hermite pieces as one B-spline with double knots.
+/// Joins cubic Hermite pieces to one B-spline. Double inner knots keep the continuity of the first
+/// derivative, which is all that the pieces have.
 fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
     let last = points.len() - 1;
+    // From Hermite to Bézier form: inner poles are a third of the derivative away from the ends.
     let third = |k: usize, sign: f64| [0, 1, 2].map(|c| points[k][c] + sign * derivatives[k][c] / 3.0);
     let mut poles = vec![points[0]];
     for k in 0..last {
@@ -83,14 +87,16 @@ fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
     BsplineCurve { degree: 3, knots: (0..=last).map(|k| (k as f64, multiplicity(k))).collect(), poles }
 }
 
-/// Points of an edge at which it is asked around which angles of a cylinder it runs.
+/// Number of samples per edge by which the angles that it covers on a cylinder are found.
 const EDGE_SAMPLES: usize = 64;
-/// Where no edge runs around this much of a cylinder, the face does not reach (edges are looked at every 6°).
+/// Minimum angular gap without edges that proves that a face does not reach there: larger than the step of
+/// samples, which is at most 360°/64 = 5.6°.
 const MIN_GAP_RAD: f64 = TAU / 24.0;
 
-/// A face's surface, its seam turned to where the face does not reach, if it reaches over the seam and not
-/// all the way around: some readers take the other part of the cylinder for a face of more than half of it
-/// that crosses the seam (Open Cascade 7.9 does).
+/// Surface of a face, with the seam of a cylinder rotated into the part that the face does not cover. The
+/// surface is unchanged if the face does not cross the seam, or covers the whole circumference.
+///
+/// Open Cascade 7.9 reads a face of more than half of a cylinder that crosses the seam as the other part.
 fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
     let FaceSurface::Cylinder { origin, axis, x, radius } = face.surface else {
         return face.surface;
@@ -110,7 +116,7 @@ fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
     let Some(first) = angles.first().copied() else {
         return face.surface;
     };
-    // Where the widest part without edges begins, and how wide it is.
+    // Start and width of the widest part without edges; the first candidate is the part across angle 0.
     let (mut begins, mut width) = (angles[angles.len() - 1], first + TAU - angles[angles.len() - 1]);
     for pair in angles.windows(2) {
         if pair[1] - pair[0] > width {
@@ -125,15 +131,15 @@ fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
     FaceSurface::Cylinder { origin, axis, x: add_scaled(scale(cos, x), sin, cross(axis, x)), radius }
 }
 
-/// The middle of an arc of more than half a turn that is not closed: it is written in two parts, since some
-/// readers take the other arc between its ends (Open Cascade 7.9 does, for one of 184.7°).
+/// Middle of an open arc of more than half a turn, which is written in two parts: Open Cascade 7.9 read such
+/// an arc (of 184.7°) as the other arc between its ends.
 fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
     let [from, to] = edge.range;
     let is_long = matches!(edge.curve, EdgeCurve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);
     (is_long && edge.start != edge.end).then(|| edge.curve.point(0.5 * (from + to)))
 }
 
-/// The shells of every body of a solid: the outer one first, then those of voids.
+/// Writes the shells of each body of a solid: the outer one first, then those of voids.
 pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::Result<Vec<Vec<Id>>> {
     let mut vertices = Vec::with_capacity(solid.vertices.len());
     for vertex in &solid.vertices {
@@ -152,6 +158,7 @@ pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
             None => None,
         };
         let along: Vec<Id> = [Some(start), middle, Some(end)].into_iter().flatten().collect();
+        // Both parts of a split arc share one curve.
         let parts: io::Result<Vec<Id>> = along
             .windows(2)
             .map(|ends| out.add(format_args!("EDGE_CURVE('',{},{},{curve},.T.)", ends[0], ends[1])))
@@ -161,13 +168,14 @@ pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
     let mut written = Vec::new();
     for body in solid.bodies() {
         let shells = std::iter::once(&body.outer).chain(&body.voids);
+        // The outer shell comes first, which is how the caller recognises voids.
         let ids: io::Result<Vec<Id>> = shells.map(|shell| write_shell(out, solid, &edges, shell)).collect();
         written.push(ids?);
     }
     Ok(written)
 }
 
-/// A closed shell, by its faces.
+/// Writes a closed shell.
 fn write_shell<W: Write>(
     out: &mut Part21<W>,
     solid: &Solid,
@@ -185,6 +193,7 @@ fn write_shell<W: Write>(
                 let sense = if coedge.forward { "T" } else { "F" };
                 let mut parts = edges[coedge.edge].clone();
                 if !coedge.forward {
+                    // Traversed backwards, the parts come in reverse order.
                     parts.reverse();
                 }
                 for part in parts {
@@ -213,7 +222,7 @@ mod tests {
     use super::*;
     use planish_solid::brep::Coedge;
 
-    /// A face of a cylinder between two angles, from z = 0 to 5.
+    /// A face of a cylinder between two angles, for z from 0 to 5.
     fn part(from: f64, to: f64) -> Solid {
         let surface = FaceSurface::Cylinder {
             origin: [0.0; 3],
@@ -247,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_that_crosses_the_seam_gets_it_on_the_other_side() {
+    fn the_seam_of_a_face_that_crosses_it_is_rotated() {
         // 185 degrees across angle 0.
         let (from, to) = (-100_f64.to_radians(), 85_f64.to_radians());
         let solid = part(from, to);
@@ -262,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn arcs_of_more_than_half_a_turn_are_written_in_two() {
+    fn arcs_of_more_than_half_a_turn_are_written_in_two_parts() {
         let long = part(0.0, 190_f64.to_radians());
         let middle = middle_of_long_arc(&long.edges[0]).expect("longer than half a turn");
         let angle = 95_f64.to_radians();
@@ -280,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_beside_the_seam_or_all_around_keeps_it() {
+    fn the_seam_is_kept_if_the_face_does_not_cross_it_or_closes() {
         for (from, to) in [(0.5, 4.0), (0.0, TAU)] {
             let solid = part(from, to);
             assert_eq!(seam_aside(&solid, &solid.faces[0]), solid.faces[0].surface);

@@ -8,7 +8,7 @@ fn knots(degree: usize, spans: usize, inner: usize) -> Vec<(f64, usize)> {
     (0..=spans).map(|k| (k as f64 / spans as f64, at(k))).collect()
 }
 
-/// Cubic arcs of a circle as one spline that is continuous to the first derivative: poles (x, y) and knots.
+/// Cubic arcs of a circle as one spline with continuous first derivative: poles (x, y) and knots.
 fn arc(from: f64, to: f64, spans: usize, radius: f64) -> (Vec<[f64; 2]>, Vec<(f64, usize)>) {
     let step = (to - from) / spans as f64;
     let handle = radius * 4.0 / 3.0 * (step / 4.0).tan();
@@ -62,7 +62,7 @@ fn ends(poles: &[[f64; 3]]) -> [[f64; 3]; 2] {
     [poles[0], poles[poles.len() - 1]]
 }
 
-/// A flat bicubic sheet of 3 × 2, its control points bent only in the plane.
+/// A flat bicubic sheet of 3 × 2.
 fn sheet() -> Brep {
     let k = knots(3, 4, 1);
     let greville = |i: usize| [0.0, 1.0 / 12.0, 0.25, 0.5, 0.75, 11.0 / 12.0, 1.0][i];
@@ -199,7 +199,7 @@ fn written(brep: &Brep, options: &StepOptions) -> String {
 }
 
 #[test]
-fn numbers_read_back_as_the_same_bits_and_look_like_part_21() {
+fn reals_read_back_exactly_and_follow_part_21() {
     let shown = |v: f64| reals(&[v]).to_string();
     for (value, expected) in
         [(0.0, "0."), (-0.0, "0."), (1.0, "1."), (-2.5, "-2.5"), (1e-7, "1.E-7"), (1.5e300, "1.5E300")]
@@ -219,12 +219,12 @@ fn numbers_read_back_as_the_same_bits_and_look_like_part_21() {
 }
 
 #[test]
-fn names_are_quoted_for_any_reader() {
+fn names_are_encoded_as_part_21_requires() {
     assert_eq!(text("it's a \\ läser 🙂"), "'it''s a \\\\ l\\X2\\00E4\\X0\\ser \\X2\\D83DDE42\\X0\\'");
 }
 
 #[test]
-fn the_same_shape_gives_the_same_bytes_without_clock_or_host() {
+fn the_same_shape_gives_the_same_bytes() {
     let options = StepOptions::default();
     let first = written(&ball(), &options);
     assert_eq!(first, written(&ball(), &options));
@@ -232,7 +232,7 @@ fn the_same_shape_gives_the_same_bytes_without_clock_or_host() {
 }
 
 #[test]
-fn every_reference_names_an_instance_that_exists() {
+fn all_references_are_valid() {
     for brep in [sheet(), tube(), ball(), turned_ball(), bumpy_ball()] {
         for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
             let options = StepOptions { unit, ..StepOptions::default() };
@@ -247,7 +247,7 @@ fn every_reference_names_an_instance_that_exists() {
 }
 
 #[test]
-fn what_does_not_fit_together_is_refused_by_name() {
+fn inconsistent_shapes_are_rejected_by_name() {
     let spoil = |change: fn(&mut Brep)| {
         let mut brep = tube();
         change(&mut brep);
@@ -256,15 +256,21 @@ fn what_does_not_fit_together_is_refused_by_name() {
         e.to_string()
     };
     assert!(spoil(|b| b.faces.clear()).contains("at least one face"));
-    assert!(spoil(|b| b.edges[1].end = 9).contains("edge 1: there is no vertex 9"));
-    assert!(spoil(|b| b.vertices[3][0] += 0.1).contains("edge 1: its curve ends 0.1"));
-    assert!(spoil(|b| b.faces[1].edges[0].0 = 77).contains("face 1: there is no edge 77"));
-    assert!(spoil(|b| b.faces[1].edges[0].1 = false).contains("face 1: the loop arrives"));
+    assert!(spoil(|b| b.edges[1].end = 9).contains("edge 1: expected a vertex below 4, found 9"));
+    assert!(
+        spoil(|b| b.vertices[3][0] += 0.1)
+            .contains("edge 1: expected its curve to end at vertex 3, found a distance of 0.1")
+    );
+    assert!(spoil(|b| b.faces[1].edges[0].0 = 77).contains("face 1: expected an edge below 6, found 77"));
+    assert!(spoil(|b| b.faces[1].edges[0].1 = false).contains("face 1: expected edge 4 to start at vertex"));
     assert!(spoil(|b| b.faces[0].surface.poles[5][1] = f64::NAN).contains("face 0: expected finite"));
     assert!(spoil(|b| b.faces[0].surface.knots_u[1].1 = 1).contains("face 0: along u"));
     assert!(spoil(|b| b.edges[0].curve.knots.swap(0, 1)).contains("edge 0: expected ascending knots"));
     assert!(spoil(|b| b.closed = true).contains("edge 2: expected one use in each direction"));
-    assert!(spoil(|b| b.faces.push(b.faces[0].clone())).contains("face 2: edge 2 is used twice"));
+    assert!(
+        spoil(|b| b.faces.push(b.faces[0].clone()))
+            .contains("face 2: expected edge 2 once in each direction")
+    );
     let folder = tempfile::tempdir().unwrap();
     let mut brep = sheet();
     brep.vertices[0][0] = f64::INFINITY;

@@ -88,6 +88,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
         let from = if is_relative { at } else { [0.0; 2] };
         let point =
             |words: &mut Words<'_>| Ok::<_, Error>([words.number()? + from[0], words.number()? + from[1]]);
+        // Only a curve of the same kind has a control point to mirror.
         let mirrored = |kind: char| match handle {
             Some((last, h)) if last == kind => [2.0 * at[0] - h[0], 2.0 * at[1] - h[1]],
             _ => at,
@@ -139,6 +140,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
         at = end;
         handle = next_handle;
         match words.letter() {
+            // A letter may be omitted if the command is repeated.
             Some(next) => letter = next,
             None if words.left.is_empty() => return Ok(curves),
             None if letter.eq_ignore_ascii_case(&'Z') || !words.is_at_number() => {
@@ -194,8 +196,10 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     let radius = (a[0] - center[0]).hypot(a[1] - center[1]);
     let follows =
         |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= ARC_TOLERANCE * radius;
+    // For collinear points the radius is not finite.
     if radius.is_finite() && radius > 0.0 && points.iter().all(follows) {
         let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
+        // Summed over small steps, because the angles of the ends leave full turns open.
         let sweeps: f64 = points.windows(2).map(|p| turn(angle(p[1]) - angle(p[0]))).sum();
         let start = angle(if sweeps > 0.0 { a } else { b });
         return Curve2::Arc { center, radius, start, sweep: sweeps.abs().min(TAU) };
@@ -233,7 +237,9 @@ fn arc(
     let length = p[0].hypot(p[1]);
     let enlarged = length.max(1.0);
     let p = into(half, enlarged);
+    // Rounding may make the radicand slightly negative.
     let root = (1.0 / (p[0] * p[0] + p[1] * p[1]) - 1.0).max(0.0).sqrt();
+    // Two circles pass through both ends; the flags select one.
     let sign = if is_large == is_clockwise { -1.0 } else { 1.0 };
     let center = [sign * root * p[1], -sign * root * p[0]];
     let begin = (p[1] - center[1]).atan2(p[0] - center[0]);

@@ -116,7 +116,7 @@ fn dashes_are_hidden_lines_and_dash_dots_centre_lines() {
 fn texts_and_lines_without_length_are_ignored_with_a_warning() {
     let drawing = drawn("<text id='t7'>40</text><line id='dot' x1='3' x2='3'/><line x2='1'/>");
     assert_eq!(drawing.curves.len(), 1);
-    let all = drawing.warnings.join("\n");
+    let all = drawing.findings.iter().map(|f| f.text.as_str()).collect::<Vec<_>>().join("\n");
     assert!(all.contains("line dot (line 2) has no length"), "{all}");
     assert!(all.contains("ignored 1 × text, which draws no edges; the first is text t7 (line 2)"), "{all}");
 }

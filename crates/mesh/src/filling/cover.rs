@@ -10,6 +10,8 @@ use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use std::collections::HashSet;
 
 /// Factor on the area of triangles that face against the normals of their corners, so that folds are avoided.
+///
+/// A larger factor would accept much larger covers to avoid a slightly tilted triangle.
 const FOLDED: f64 = 4.0;
 /// Maximum number of edges of a loop that is covered at once; longer ones are split, as the cost is cubic.
 const LONG: usize = 300;
@@ -29,6 +31,7 @@ pub(super) struct Surroundings<'a> {
 pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let mut cover = Vec::with_capacity(vertices.len());
     let mut parts = vec![vertices.to_vec()];
+    // Chords go into the cover as ordinary edges. Each part is a loop of its own, closed by the chord.
     while let Some(part) = parts.pop() {
         if part.len() <= LONG {
             cover.extend(least_of_short(around, &part)?);
@@ -79,6 +82,8 @@ fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u3
         for i in 0..n - gap {
             let k = i + gap;
             best[i * n + k] = f64::INFINITY;
+            // The chord from i to k must not exist already; the last one is the closing edge of the loop
+            // itself.
             if gap + 1 < n && !free(i, k) {
                 continue;
             }

@@ -59,6 +59,8 @@ pub(super) fn fair(
         return Ok(());
     }
     let rows = rows(positions, triangles, rim, first, goal);
+    // Vertices of the border are constants. Their rows of the Laplacian still contain unknowns: this is what
+    // continues the tangent planes.
     let inner = |v: u32| (v as usize >= first).then(|| (v as usize - first) as u32);
     let elements: Vec<Vec<(u32, f64)>> = rows
         .iter()
@@ -91,6 +93,7 @@ pub(super) fn fair(
         let vector: Vec<f64> = ours.iter().flat_map(|a| known.map(|x| -a * x / area)).collect();
         information.add_element(&nodes, &matrix, &vector)?;
     }
+    // One matrix for all three coordinates.
     let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::amd(&pattern)?, 1)?);
     let factor = CholeskyFactor::factorize(&symbolic, &information)?;
     let solved: Vec<Vec<f64>> = (0..3)
@@ -143,6 +146,7 @@ fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usiz
             }
         }
     }
+    // A closed ring has as many triangles as neighbours, an open one has one triangle fewer.
     let mut around = around.iter();
     rows.retain(|row| around.next() == Some(&row.neighbours.len()));
     let mean = rows.iter().map(|row| row.area).sum::<f64>() / rows.len().max(1) as f64;

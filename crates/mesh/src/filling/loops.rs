@@ -37,25 +37,26 @@ pub(crate) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     loops
 }
 
-/// Splits a loop at vertices that it passes twice.
+/// Splits a loop at vertices that it passes twice: a cover of the whole would have a non-manifold vertex
+/// there.
 fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
-    let mut way: Vec<u32> = Vec::with_capacity(vertices.len());
-    let mut on_way: HashSet<u32> = HashSet::new();
+    let mut path: Vec<u32> = Vec::with_capacity(vertices.len());
+    let mut on_path: HashSet<u32> = HashSet::new();
     for v in vertices {
-        if on_way.contains(&v) {
-            let at = way.iter().position(|w| *w == v).unwrap_or(0);
-            let part = way.split_off(at);
+        if on_path.contains(&v) {
+            let at = path.iter().position(|w| *w == v).unwrap_or(0);
+            let part = path.split_off(at);
             for w in &part[1..] {
-                on_way.remove(w);
+                on_path.remove(w);
             }
-            way.push(v);
+            path.push(v);
             loops.push(part);
         } else {
-            on_way.insert(v);
-            way.push(v);
+            on_path.insert(v);
+            path.push(v);
         }
     }
-    loops.push(way);
+    loops.push(path);
 }
 
 /// Closes loops of at most `longest` edges for which `may_close` is true; returns their number.
@@ -104,6 +105,7 @@ pub(crate) fn close_loops(
     closed
 }
 
+/// The corners in ascending order.
 fn sorted(mut t: [u32; 3]) -> [u32; 3] {
     t.sort_unstable();
     t
@@ -116,7 +118,7 @@ mod tests {
     use crate::primitives::icosphere;
 
     #[test]
-    fn a_hole_in_a_ball_is_closed_the_right_way_round() {
+    fn the_cover_of_a_hole_in_a_ball_faces_outwards() {
         let ball = icosphere(1.0, 3);
         let normals = ball.vertex_normals();
         let mut open: Vec<[u32; 3]> = (0..ball.triangles.len())

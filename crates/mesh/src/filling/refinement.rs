@@ -2,12 +2,12 @@
 //!
 //! In: triangles between the vertices of a loop, and the edge length at each. Out: triangles with additional
 //! vertices. Edges are as long as those of the border nearby and grow inwards ([`GRADE`]), so that a large
-//! hole needs few triangles. The method divides triangles at their centroid and flips edges (P. Liepa,
+//! hole needs few triangles. The method splits triangles at their centroid and flips edges (P. Liepa,
 //! *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices lie on a
 //! plausible surface; fairing moves them.
 
 use crate::edges::edge;
-use crate::half_edges::{NONE, around, divide, opposites, turn};
+use crate::half_edges::{NONE, around, flip, opposites, split_triangle};
 use crate::triangle::{area_vector, smallest_angle};
 use planish_estimate::vector3::{add, add_scaled, distance, dot, scale, sub, unit};
 use std::collections::HashSet;
@@ -15,9 +15,9 @@ use std::collections::HashSet;
 /// Growth of the edge length per distance from the border. Larger values need fewer triangles but are
 /// coarser.
 const GRADE: f64 = 0.2;
-/// A triangle is divided if its centroid is farther from each corner than this number of edge lengths (Liepa:
+/// A triangle is split if its centroid is farther from each corner than this number of edge lengths (Liepa:
 /// √2 times the distance must exceed the length).
-const DIVIDED: f64 = std::f64::consts::FRAC_1_SQRT_2;
+const SPLIT_DISTANCE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Maximum number of passes; each about halves the longest edges.
 const MAX_PASSES: usize = 40;
 /// Number of smoothing steps along the surface.
@@ -48,12 +48,13 @@ impl Lid {
         Self { opposite: opposites(&triangles), triangles, positions, edges }
     }
 
-    /// Divides triangles until edges have the lengths given at the border, graded inwards.
+    /// Splits triangles until edges have the lengths given at the border, graded inwards.
     pub fn refine(&mut self, lengths: &[f64]) {
         let mut lengths = lengths.to_vec();
         self.relax();
         for _ in 0..MAX_PASSES {
             let before = self.triangles.len();
+            // Triangles made in this pass wait for the next, after flips have improved their shapes.
             for t in 0..before {
                 let corners = self.triangles[t];
                 let at = corners.map(|v| self.positions[v as usize]);
@@ -61,13 +62,13 @@ impl Lid {
                 let away = at.map(|p| distance(p, middle));
                 let graded = |k: usize| lengths[corners[k] as usize] + GRADE * away[k];
                 let length = graded(0).min(graded(1)).min(graded(2));
-                let large = |k: usize| away[k] > DIVIDED * length.max(lengths[corners[k] as usize]);
+                let large = |k: usize| away[k] > SPLIT_DISTANCE * length.max(lengths[corners[k] as usize]);
                 if large(0) && large(1) && large(2) {
                     let v = self.positions.len() as u32;
                     self.positions.push(middle);
                     lengths.push(length);
                     self.edges.extend(corners.map(|c| edge(c, v)));
-                    divide(&mut self.triangles, &mut self.opposite, t as u32, v);
+                    split_triangle(&mut self.triangles, &mut self.opposite, t as u32, v);
                 }
             }
             self.relax();
@@ -84,7 +85,7 @@ impl Lid {
         while let Some(half) = queue.pop() {
             if self.may_flip(half) {
                 let [a, b, c, d] = around(&self.triangles, half, self.opposite[half as usize]);
-                let [t, s] = turn(&mut self.triangles, &mut self.opposite, half);
+                let [t, s] = flip(&mut self.triangles, &mut self.opposite, half);
                 self.edges.remove(&edge(a, b));
                 self.edges.insert(edge(c, d));
                 queue.extend([3 * t + 1, 3 * t + 2, 3 * s + 1, 3 * s + 2]);
@@ -109,6 +110,7 @@ impl Lid {
             }
             for v in rim..n {
                 let Some(normal) = unit(normals[v]) else { continue };
+                // Only the tangential part moves the vertex. The whole step would shrink a curved cover.
                 let way = sub(scale(1.0 / counts[v], sums[v]), self.positions[v]);
                 let along = add_scaled(way, -dot(way, normal), normal);
                 self.positions[v] = add_scaled(self.positions[v], 0.5, along);
@@ -127,10 +129,12 @@ impl Lid {
         }
         let corners = |t: [u32; 3]| t.map(|v| self.positions[v as usize]);
         let (old, new) = ([[a, b, c], [b, a, d]].map(corners), [[c, d, b], [d, c, a]].map(corners));
-        let least = |both: &[[[f64; 3]; 3]; 2]| smallest_angle(&both[0]).min(smallest_angle(&both[1]));
-        if least(&new) <= (1.0 + MIN_GAIN) * least(&old) {
+        let worst = |both: &[[[f64; 3]; 3]; 2]| smallest_angle(&both[0]).min(smallest_angle(&both[1]));
+        if worst(&new) <= (1.0 + MIN_GAIN) * worst(&old) {
             return false;
         }
+        // Larger angles alone could fold the cover: the new triangles must face the mean normal of the old
+        // ones.
         let (up, turned) = (old.each_ref().map(area_vector), new.each_ref().map(area_vector));
         let mean = add(up[0], up[1]);
         dot(turned[0], turned[1]) > 0.0 && turned.iter().all(|n| dot(*n, mean) > 0.0)

@@ -4,7 +4,7 @@ use planish_estimate::ErrorKind;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A ball of radius one without what is above a height.
+/// A ball of radius 1 without the part above a height.
 fn open_ball(below: f64) -> TriangleMesh {
     let mut ball = icosphere(1.0, 5);
     let kept: Vec<[u32; 3]> = (0..ball.triangles.len())
@@ -20,11 +20,11 @@ fn filled(mesh: &TriangleMesh, longest: usize) -> Filled {
     fill_holes(mesh, &vec![0.001; mesh.positions.len()], longest, &mut |_| Ok(())).unwrap()
 }
 
-/// A lid carries on the curvature around it: a ball stays a ball, where a flat lid would be off by 1 − cos θ
-/// (0.1, 0.3, 0.7) and a thin plate by a fifth of that; σ says by how much it may be off.
+/// A cover continues the surrounding curvature, so that a ball stays a ball. A flat cover would be wrong by
+/// 1 − cos θ (0.1, 0.3, 0.7) and a thin plate by a fifth of that. σ covers the deviation.
 #[test]
-fn a_ball_stays_a_ball() {
-    for (below, most) in [(0.9, 0.001), (0.7, 0.005), (0.3, 0.02)] {
+fn the_cover_of_a_ball_continues_its_curvature() {
+    for (below, tolerance) in [(0.9, 0.001), (0.7, 0.005), (0.3, 0.02)] {
         let ball = open_ball(below);
         let n = ball.positions.len();
         let done = filled(&ball, 10_000);
@@ -47,14 +47,17 @@ fn a_ball_stays_a_ball() {
             done.mesh.positions.len() - n,
             angles.len()
         );
-        assert!(done.mesh.positions.len() > n + 20 && worst < most && over < 1.0, "{below}: {worst}, {over}");
+        assert!(
+            done.mesh.positions.len() > n + 20 && worst < tolerance && over < 1.0,
+            "{below}: {worst}, {over}"
+        );
         assert!(20 * small < angles.len(), "{small} of {}", angles.len());
     }
 }
 
-/// Noise at the border is carried inwards, and σ grows as much.
+/// Noise at the border is extrapolated into the cover, and σ grows accordingly.
 #[test]
-fn sigma_of_a_lid_covers_noise() {
+fn sigma_of_a_cover_includes_noise_at_its_border() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let mut outside = 0;
     let mut count = 0;
@@ -77,8 +80,8 @@ fn sigma_of_a_lid_covers_noise() {
     assert!(20 * outside <= count, "{outside} of {count}");
 }
 
-/// The rim of a sheet and of a shallow dome is no hole; one in the sheet is, and stays flat; the ends of a
-/// tube are.
+/// The rims of a sheet and of a shallow dome stay open. A hole in the sheet is filled and stays flat, and so
+/// are the ends of a tube.
 #[test]
 fn outer_rims_stay_open() {
     let mut sheet = grid_sheet(2.0, 2.0, 41, 41);
@@ -97,13 +100,13 @@ fn outer_rims_stay_open() {
     let tube = filled(&cylinder(1.0, 3.0, 40, 20, false), 40);
     assert!(tube.mesh.check().watertight && tube.holes == 2);
     assert_eq!(filled(&cylinder(1.0, 3.0, 40, 20, false), 39).larger, 2);
-    // The border of a lone triangle is no hole.
+    // The border of a single triangle is not a hole.
     let lone =
         TriangleMesh::try_new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
     assert_eq!((filled(&lone, 10).holes, filled(&lone, 10).rims), (0, 1));
 }
 
-/// A long loop is covered in two steps, soon, and may be stopped.
+/// A long loop is split before it is covered, in reasonable time, and can be interrupted.
 #[test]
 fn long_loops_are_covered_too() {
     let tube = cylinder(1.0, 0.02, 3000, 3, false);

@@ -29,9 +29,10 @@ pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
         return far;
     }
     let neighbours = Neighbours::from_mesh(mesh);
-    // The heap needs a total order: non-negative floats compare like their bits.
+    // The heap needs a total order, which floats lack. Non-negative floats compare like their bits.
     while let Some(Reverse((bits, v))) = queue.pop() {
         let here = f64::from_bits(bits);
+        // The heap has no decrease-key: a shorter path to this vertex was processed before.
         if here > far[v as usize] {
             continue;
         }

@@ -72,6 +72,7 @@ pub(super) fn stitch(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
         let Some(best) = candidate(seam, &border, &grid, edge) else {
             continue;
         };
+        // The candidate is gone. The edge waits with its next best, so that the smallest circles stay first.
         if best.radius.to_bits() > bits {
             queue.push(Reverse((best.radius.to_bits(), edge)));
             continue;
@@ -113,6 +114,8 @@ impl Border {
         border.next = vec![NONE; border.from.len()];
         border.previous = vec![NONE; border.from.len()];
         border.open = vec![true; border.from.len()];
+        // The successor of an open edge is found by turning about its end through the triangles there, so
+        // that each fan of a vertex keeps its own part of the border.
         for (&half, &edge) in &number {
             let mut at = next_in_triangle(half);
             while opposite[at as usize] != NONE {
@@ -142,7 +145,9 @@ impl Border {
         let (before, after, arriving) = (self.previous[e], self.next[e], self.previous[g]);
         let (a, b, c) = (self.from[e], self.to[e], self.from[g]);
         self.close(edge);
-        // Each of the two other sides closes an edge of the border or becomes a new one.
+        // Each of the two other sides closes an edge of the border or becomes a new one. Corners are compared
+        // as edges of the border, not as vertices: a vertex can be on the border twice, and only the matching
+        // occurrence may be closed.
         let first = if before == leaving {
             self.close(leaving);
             None
@@ -234,10 +239,12 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     // Possible third corners, by the angle under which they see the edge.
     let mut seen: Vec<(f64, u32)> = Vec::new();
     for &(c, place) in &near {
+        // A corner level with the edge gives a triangle without area.
         if c == a || c == b || place[1] < 1e-3 * length {
             continue;
         }
         let (to_a, to_b) = (distance(at(a), at(c)), distance(at(b), at(c)));
+        // The coarsest of the three decides: beside a fine patch, a coarse one still reaches across.
         let reach = seam.reach[c as usize].max(seam.reach[a as usize]).max(seam.reach[b as usize]);
         if to_a > reach || to_b > reach {
             continue;
@@ -272,6 +279,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
             if !sectors {
                 continue;
             }
+            // The two new edges must not cross other border edges. Only edges with an end in reach can do so.
             let crosses = near.iter().any(|&(v, _)| {
                 border.leaving[&v].iter().any(|&other| {
                     let w = border.to[other as usize];
@@ -322,7 +330,9 @@ fn cross_in_plane(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
     side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }
 
-/// Border vertices in a grid of cubes.
+/// Border vertices in a grid of cubes with the size of the longest reach.
+///
+/// Stitching adds no vertices, so the grid is built once. Vertices that leave the border stay in it.
 struct Grid {
     cubes: HashMap<[i64; 3], Vec<(u32, [f64; 3])>>,
     size: f64,

@@ -20,8 +20,9 @@ use rayon::prelude::*;
 /// Maximum difference of two measurements of one point, in σ of the difference.
 ///
 /// 99 % of the differences are smaller (χ² with one degree of freedom, 6.63). Larger ones rarely affect all
-/// three corners of a triangle, so that almost nothing of them remains. With 99.7 %, scans whose σ is too
-/// small are merged across different sheets.
+/// three corners of a triangle, so almost no triangle is kept twice. With 3 σ, scans whose errors exceed
+/// their σ are drawn together: the bunny scans have fewer open edges (765 instead of 1235), but are farther
+/// from all points (rms 0.1878 mm instead of 0.1852 mm; see decision 0072).
 const GATE: f64 = 2.576;
 /// Angle between the normals of two samplings of one surface that is due to shape, without noise.
 ///
@@ -155,6 +156,7 @@ impl Overlap {
         if estimated {
             estimate_sigma(patches, searches, &mut known);
         }
+        // Noise of the vertices tilts the normals by about 2σ over an edge, which θ has to allow for.
         let theta = |of: &PatchOverlap| {
             options.theta_rad.unwrap_or_else(|| {
                 let (sigma, spacing) = (median(&of.sigma), median(&of.spacing));
@@ -172,6 +174,7 @@ impl Overlap {
         Ok(Self { patches: known, regions, sigma_estimated: estimated })
     }
 
+    /// Quantities of a patch that do not depend on the others.
     fn alone(patch: &MergePatch) -> PatchOverlap {
         let mesh = &patch.mesh;
         let (mut sum, mut count) = (vec![0.0; mesh.positions.len()], vec![0_u32; mesh.positions.len()]);
@@ -206,14 +209,15 @@ pub fn searches_of(patches: &[MergePatch]) -> Result<Vec<MeshSearch>> {
     patches.par_iter().map(|p| MeshSearch::try_new(&p.mesh)).collect()
 }
 
+/// Rejects invalid patches and options.
 fn check(patches: &[MergePatch], options: &OverlapOptions) -> Result<()> {
     if patches.len() < 2 {
-        return Err(Error::input(format!("merging takes two patches or more, found {}", patches.len())));
+        return Err(Error::input(format!("expected at least two patches to merge, found {}", patches.len())));
     }
     for (at, patch) in patches.iter().enumerate() {
         patch.mesh.sanity_check().map_err(|e| Error::input(format!("patch {at}: {e}")))?;
         if patch.mesh.triangles.is_empty() {
-            return Err(Error::input(format!("patch {at} has no triangles: there is nothing to merge")));
+            return Err(Error::input(format!("patch {at} has no triangles")));
         }
         if !patch.sigma.is_empty() && patch.sigma.len() != patch.mesh.positions.len() {
             return Err(Error::input(format!(
@@ -287,7 +291,7 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
         // Lower limits keep σ positive: 1e-8 of the size (rounding of single precision), and a tenth of the
         // known σ of the others.
         let of_others: Vec<f64> = heights.iter().map(|[.., known]| known.sqrt()).collect();
-        let least = (1e-8 * size).max(if heights.is_empty() { 0.0 } else { 0.1 * median(&of_others) });
+        let min_sigma = (1e-8 * size).max(if heights.is_empty() { 0.0 } else { 0.1 * median(&of_others) });
         let sigma = if heights.is_empty() {
             0.1 * spacing / 2.0_f64.sqrt()
         } else {
@@ -298,7 +302,8 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
                 median(&normalized) > MEDIAN
             };
             let (mut low, mut high) = (0.0, 4.0 * spacing);
-            // Bisection: 40 halvings reach about 1e-12 of the interval.
+            // The median of normalised heights falls as σ grows, so bisection applies even though σ_k of the
+            // others differ. 40 halvings reach about 1e-12 of the interval.
             for _ in 0..40 {
                 let middle = 0.5 * (low + high);
                 if too_small(middle) {
@@ -309,7 +314,7 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
             }
             0.5 * (low + high)
         };
-        known[i].sigma = vec![sigma.max(least); patches[i].mesh.positions.len()];
+        known[i].sigma = vec![sigma.max(min_sigma); patches[i].mesh.positions.len()];
     }
 }
 
@@ -329,16 +334,19 @@ fn feet_of(
         let (p, n, sigma) = (patches[i].mesh.positions[v], mine.normals[v], mine.sigma[v]);
         let mut feet = Vec::new();
         for j in (0..patches.len()).filter(|j| *j != i) {
+            // The search distance uses the largest σ of the other patch; the σ at the foot decides
+            // afterwards.
             let beside = BEYOND_BORDER * mine.spacing[v];
-            let most = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
-            let reach = most.max(beside);
+            let max_epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
+            let reach = max_epsilon.max(beside);
             let inside = boxes[j]
                 .is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
             if !inside {
                 continue;
             }
             let theta = thetas[i].max(thetas[j]);
-            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, most.hypot(beside)) else {
+            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beside))
+            else {
                 continue;
             };
             let sigma_there =
@@ -347,6 +355,8 @@ fn feet_of(
             let to = sub(foot.point, p);
             let height = dot(to, n);
             let aside = norm(cross(to, n));
+            // At a border, the distance has a part along the surface, which says nothing about the fit of
+            // both surfaces: height and lateral distance have limits of their own.
             let found = if foot.on_boundary {
                 height.abs() <= epsilon && aside <= beside
             } else {
@@ -364,6 +374,7 @@ fn feet_of(
         }
         feet
     };
+    // Collected in the order of the vertices, so that results do not depend on the number of threads.
     let all: Vec<Vec<OverlapFoot>> =
         (0..patches[i].mesh.positions.len()).into_par_iter().map(of_vertex).collect();
     let mut starts = Vec::with_capacity(all.len() + 1);
@@ -408,6 +419,8 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
                     shared[c as usize] = true;
                 }
             }
+            // Connected along edges whose both ends are shared: two regions that only meet beyond the overlap
+            // stay separate.
             let mut label = DisjointSets::new(shared.len());
             for t in &mesh.triangles {
                 for k in 0..3 {
@@ -417,6 +430,7 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
                     }
                 }
             }
+            // Ordered by label, so that sums and results have a fixed order.
             let mut sums: std::collections::BTreeMap<u32, (usize, f64)> = std::collections::BTreeMap::new();
             let of_mine = mine.iter().map(|(v, foot)| (*v as u32, foot.height));
             let of_theirs = theirs.iter().map(|(_, foot)| (corners(foot)[0], foot.height));

@@ -5,10 +5,11 @@
 //! kept triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
 //!
 //! The score is the distance to the border of the patch, in its edges and at most [`FAR`], so that a seam
-//! runs at equal distances from both borders. A patch that is finer than another by the factor [`FINER`] wins
-//! from [`TAPER`] edges inside its border on, because it shows detail between the vertices of the other.
-//! Among almost equal scores the earlier patch wins by a fraction of an edge. The score of a point does not
-//! depend on the patch that it is compared with, so that one of any three patches always wins.
+//! runs at equal distances from both borders. A patch that is finer than another by the factor
+//! [`FINER_RATIO`] wins from [`TAPER`] edges inside its border on, because it shows detail between the
+//! vertices of the other. Among almost equal scores the earlier patch wins by a fraction of an edge. The
+//! score of a point does not depend on the patch that it is compared with, so that one of any three patches
+//! always wins.
 
 use super::overlap::{FAR, median};
 use super::{MergePatch, Overlap, TAPER};
@@ -16,11 +17,16 @@ use super::{MergePatch, Overlap, TAPER};
 /// Ratio of edge lengths from which a patch counts as finer than another.
 ///
 /// With a smaller ratio, patches of nearly equal detail would meet at a border instead of in the middle.
-const FINER: f64 = 1.8;
+const FINER_RATIO: f64 = 1.8;
 /// Advantage of the earlier of two patches, in edges; noise changes distances to the border by as much.
-const EARLIER: f64 = 0.5;
+///
+/// Without it, two scans from one viewpoint, which are equally far inside but for noise, become a patchwork
+/// with holes (test `two_scans_from_one_viewpoint_leave_no_holes`).
+const EARLIER_BONUS: f64 = 0.5;
 /// Maximum advantage of the first patch over the last, in edges.
-const FIRST: f64 = 2.0;
+///
+/// It limits the sum over many patches, so that the first one does not win at its own border.
+const MAX_EARLIER_BONUS: f64 = 2.0;
 
 /// Parameters of the score of a patch.
 #[derive(Debug, Clone, Copy)]
@@ -34,24 +40,27 @@ struct Score {
 }
 
 impl Score {
-    fn of_patches(overlap: &Overlap) -> Vec<Self> {
+    /// The scores of all patches.
+    fn from_overlap(overlap: &Overlap) -> Vec<Self> {
         let edges: Vec<f64> = overlap.patches.iter().map(|p| median(&p.spacing)).collect();
         let mut order: Vec<usize> = (0..edges.len()).collect();
         order.sort_by(|i, j| edges[*j].total_cmp(&edges[*i]).then(i.cmp(j)));
+        // Levels of resolution, from coarse to fine. Comparing each patch with the coarsest of its level
+        // gives a transitive order; comparing pairs would not.
         let mut level = 0;
         let mut coarsest = f64::INFINITY;
         let mut levels = vec![0; edges.len()];
         for i in order {
-            if coarsest.is_finite() && edges[i] * FINER < coarsest {
+            if coarsest.is_finite() && edges[i] * FINER_RATIO < coarsest {
                 level += 1;
             }
-            if !coarsest.is_finite() || edges[i] * FINER < coarsest {
+            if !coarsest.is_finite() || edges[i] * FINER_RATIO < coarsest {
                 coarsest = edges[i];
             }
             levels[i] = level;
         }
         let count = edges.len();
-        let step = EARLIER.min(FIRST / count.saturating_sub(1).max(1) as f64);
+        let step = EARLIER_BONUS.min(MAX_EARLIER_BONUS / count.saturating_sub(1).max(1) as f64);
         (0..count)
             .map(|i| Self {
                 edge: edges[i],
@@ -66,10 +75,10 @@ impl Score {
     fn at(&self, to_border: f64) -> f64 {
         let within = to_border / self.edge;
         let finer = if within >= TAPER { self.finer } else { 0.0 };
-        // A separate case: interpolation of infinite distances gives NaN (∞ · 0).
+        // Infinite or NaN: interpolation of infinite distances gives ∞ · 0.
         let without_border = !within.is_finite();
         if without_border {
-            FAR + FIRST + 1.0 + self.finer + self.earlier
+            FAR + MAX_EARLIER_BONUS + 1.0 + self.finer + self.earlier
         } else {
             within.min(FAR) + finer + self.earlier
         }
@@ -78,11 +87,12 @@ impl Score {
 
 /// For each triangle of each patch, true if it is kept.
 pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<Vec<bool>> {
-    let scores = Score::of_patches(overlap);
+    let scores = Score::from_overlap(overlap);
     // Vertices of kept triangles, and triangles under vertices of earlier patches that are kept.
     let mut in_kept: Vec<Vec<bool>> = patches.iter().map(|p| vec![false; p.mesh.positions.len()]).collect();
     let mut covered: Vec<Vec<bool>> = patches.iter().map(|p| vec![false; p.mesh.triangles.len()]).collect();
     let mut all = Vec::with_capacity(patches.len());
+    // One patch after the other: what an earlier patch keeps, a later one must leave.
     for (i, patch) in patches.iter().enumerate() {
         let mine = &overlap.patches[i];
         let owned: Vec<bool> = (0..patch.mesh.positions.len())
@@ -115,6 +125,8 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
                 in_kept[i][*v as usize] = true;
             }
         }
+        // A fine patch can lie within a single triangle of a coarse one, whose corners are then all outside
+        // it.
         for v in (0..patch.mesh.positions.len()).filter(|v| in_kept[i][*v]) {
             for foot in mine.feet(v).iter().filter(|f| f.patch as usize > i && !f.beside) {
                 covered[foot.patch as usize][foot.triangle as usize] = true;

@@ -21,6 +21,9 @@ use planish_estimate::vector3::add_scaled;
 use rayon::prelude::*;
 
 /// Maximum number of vertices in a batch.
+///
+/// Correlations over longer distances are not resolved; means over more neighbours use the value at this
+/// size.
 const MAX_BATCH: usize = 4096;
 /// Number of shared vertices above which only every n-th batch is used; bounds the cost.
 const MAX_SAMPLES: usize = 100_000;
@@ -43,7 +46,7 @@ struct Sums {
     members: f64,
 }
 
-/// A vertex with a foot point on another patch.
+/// The difference of two patches at a vertex of the first.
 struct Difference {
     at: [f64; 3],
     /// Height of the foot point over the vertex, divided by the σ of the difference.
@@ -98,6 +101,8 @@ pub fn noise_correlation(patches: &[MergePatch], overlap: &Overlap) -> Vec<Noise
             let curve = (sums.iter().filter(|s| s.pairs > s.white && s.members > 0.0))
                 .map(|s| {
                     let size = 1.0 + s.pairs / s.members;
+                    // The expected sum of products is ρ times the pairs, plus (1 − ρ) times what shared
+                    // corners contribute.
                     let alike = (s.products - s.white) / (s.pairs - s.white);
                     (size.ln(), alike.clamp(0.0, 1.0))
                 })
@@ -120,6 +125,8 @@ fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) ->
             let both = variance.sqrt();
             let triangle = other.triangles[foot.triangle as usize];
             Some(Difference {
+                // The position of the weighted mean: its error is independent of the difference, so that
+                // forming batches by position does not select differences.
                 at: add_scaled(mesh.positions[v], foot.height * own / variance, mine.normals[v]),
                 height: foot.height / both,
                 corners: std::array::from_fn(|k| {
@@ -166,6 +173,8 @@ fn sums_of_batch(batch: &[u32], differences: &[Difference]) -> Sums {
         corners.extend(one.corners);
         white -= one.corners.iter().map(|(_, a)| a * a).sum::<f64>();
     }
+    // With white noise, two heights are correlated only by the corners that they share: per corner, the
+    // square of the sum of weights minus the squares, which the loop above has subtracted.
     corners.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     for of_corner in corners.chunk_by(|a, b| a.0 == b.0) {
         let sum: f64 = of_corner.iter().map(|(_, a)| a).sum();

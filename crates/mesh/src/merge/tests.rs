@@ -5,8 +5,8 @@ use planish_estimate::vector3::{norm, unit};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A ball turned about an axis, and the part of it on one side of a plane.
-fn cap(turn: f64, axis: [f64; 3], least: f64, subdivisions: u32) -> TriangleMesh {
+/// The part of a rotated ball on one side of a plane.
+fn cap(turn: f64, axis: [f64; 3], min_height: f64, subdivisions: u32) -> TriangleMesh {
     let mut ball = icosphere(10.0, subdivisions);
     let (s, c) = turn.sin_cos();
     for p in &mut ball.positions {
@@ -15,7 +15,7 @@ fn cap(turn: f64, axis: [f64; 3], least: f64, subdivisions: u32) -> TriangleMesh
         *p = [x, c * y - s * z, s * y + c * z];
     }
     ball.triangles.retain(|t| {
-        t.iter().all(|v| planish_estimate::vector3::dot(ball.positions[*v as usize], axis) >= least)
+        t.iter().all(|v| planish_estimate::vector3::dot(ball.positions[*v as usize], axis) >= min_height)
     });
     ball
 }
@@ -32,7 +32,7 @@ fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Over
 }
 
 #[test]
-fn two_caps_of_a_ball_close_it() {
+fn two_caps_of_a_ball_give_a_watertight_ball() {
     let meshes = [cap(0.3, [0.0, 0.0, 1.0], -2.0, 5), cap(1.1, [0.0, 0.0, -1.0], -2.0, 5)];
     let (overlap, zipped) = merge(&meshes, 0.02, &OverlapOptions::default());
     let check = zipped.mesh.check();
@@ -46,7 +46,7 @@ fn two_caps_of_a_ball_close_it() {
 }
 
 #[test]
-fn six_noisy_patches_of_a_ball_close_it_and_sigma_is_true() {
+fn six_noisy_patches_give_a_watertight_ball_with_calibrated_sigma() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let sigma = 0.03;
     let axes = [
@@ -80,7 +80,7 @@ fn six_noisy_patches_of_a_ball_close_it_and_sigma_is_true() {
 }
 
 #[test]
-fn sheets_side_by_side_become_one_and_the_outline_stays() {
+fn overlapping_sheets_become_one_with_the_same_outline() {
     let mut left = grid_sheet(10.0, 10.0, 41, 41);
     let mut right = grid_sheet(10.0, 10.0, 34, 34);
     for p in &mut left.positions {
@@ -104,7 +104,7 @@ fn sheets_side_by_side_become_one_and_the_outline_stays() {
 }
 
 #[test]
-fn a_patch_twice_or_inside_another_changes_nothing() {
+fn duplicate_and_contained_patches_change_nothing() {
     let sheet = grid_sheet(10.0, 10.0, 31, 31);
     let small = grid_sheet(3.0, 3.0, 12, 12);
     let (_, zipped) = merge(&[sheet.clone(), sheet.clone(), small], 0.01, &OverlapOptions::default());
@@ -113,21 +113,21 @@ fn a_patch_twice_or_inside_another_changes_nothing() {
 }
 
 #[test]
-fn bad_patches_are_named() {
+fn errors_name_the_invalid_patch() {
     let patch = |sigma: Vec<f64>| MergePatch { mesh: grid_sheet(1.0, 1.0, 3, 3), sigma };
-    let said =
+    let message =
         |patches: &[MergePatch]| Overlap::find(patches, &OverlapOptions::default()).unwrap_err().to_string();
-    assert!(said(&[patch(vec![])]).contains("two patches"));
-    assert!(said(&[patch(vec![]), patch(vec![0.1; 3])]).contains("patch 1"));
+    assert!(message(&[patch(vec![])]).contains("two patches"));
+    assert!(message(&[patch(vec![]), patch(vec![0.1; 3])]).contains("patch 1"));
     let mut sigma = vec![0.1; patch(vec![]).mesh.positions.len()];
     sigma[3] = f64::NAN;
-    assert!(said(&[patch(sigma), patch(vec![])]).contains("vertex 3"));
-    assert!(said(&[patch(vec![]), MergePatch::default()]).contains("no triangles"));
+    assert!(message(&[patch(sigma), patch(vec![])]).contains("vertex 3"));
+    assert!(message(&[patch(vec![]), MergePatch::default()]).contains("no triangles"));
 }
 
-/// σ that no file states is what vertices are off by, whether the other patch states its own or not.
+/// An unstated σ is estimated from the differences, whether the other patch states its own or not.
 #[test]
-fn an_unstated_sigma_is_told_from_differences() {
+fn an_unstated_sigma_is_estimated_from_differences() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let mut sheet = |shift: f64, sigma: f64| {
         let mut mesh = grid_sheet(60.0, 60.0, 60, 60);
@@ -137,17 +137,17 @@ fn an_unstated_sigma_is_told_from_differences() {
         }
         mesh
     };
-    let (exact, rough) = (sheet(0.0, 0.05), sheet(0.4, 0.2));
-    let alike = [sheet(0.1, 0.1), sheet(0.55, 0.1)];
+    let (precise, noisy) = (sheet(0.0, 0.05), sheet(0.4, 0.2));
+    let equal = [sheet(0.1, 0.1), sheet(0.55, 0.1)];
     let patch = |mesh: &TriangleMesh, sigma: &[f64]| MergePatch { mesh: mesh.clone(), sigma: sigma.to_vec() };
     let found = |patches: [MergePatch; 2]| {
         let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
         overlap.patches.iter().map(|p| p.sigma[0]).collect::<Vec<_>>()
     };
-    let stated = vec![0.05; exact.positions.len()];
-    let one = found([patch(&exact, &stated), patch(&rough, &[])]);
+    let stated = vec![0.05; precise.positions.len()];
+    let one = found([patch(&precise, &stated), patch(&noisy, &[])]);
     assert!(one[0] == 0.05 && (one[1] / 0.2 - 1.0).abs() < 0.06, "{one:?}");
-    for sigma in found(alike.each_ref().map(|mesh| patch(mesh, &[]))) {
+    for sigma in found(equal.each_ref().map(|mesh| patch(mesh, &[]))) {
         assert!((sigma / 0.1 - 1.0).abs() < 0.06, "{sigma}");
     }
 }
@@ -159,10 +159,10 @@ fn moved(mut mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
     mesh
 }
 
-/// Where two sheets are equally far within, the same one has all of a place, whatever its numbers are rounded
-/// to: a whole without holes, of the same triangles at every scale.
+/// If two sheets are equally far inside, rounding must not decide triangle by triangle which one is kept: the
+/// result has no holes at any scale.
 #[test]
-fn a_seam_does_not_hang_on_rounding() {
+fn seams_do_not_depend_on_rounding() {
     for scale in [1.0, 0.7, 0.01, 0.001] {
         let sheet = grid_sheet(400.0 * scale, 80.0 * scale, 400, 80);
         let other = moved(sheet.clone(), [200.6 * scale, 0.14 * scale, 0.0]);
@@ -174,9 +174,9 @@ fn a_seam_does_not_hang_on_rounding() {
     }
 }
 
-/// Two pictures of a camera that stands still have the same border up to noise: one of them is kept, whole.
+/// Two scans from one viewpoint have the same border within noise: one of them is kept as a whole.
 #[test]
-fn two_scans_from_one_place_leave_no_holes() {
+fn two_scans_from_one_viewpoint_leave_no_holes() {
     for sigma in [0.001, 0.03] {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let mut scan = || {
@@ -194,8 +194,7 @@ fn two_scans_from_one_place_leave_no_holes() {
     }
 }
 
-/// What a fine patch shows between the vertices of a coarse one stays, and what is told of the coarse one's
-/// cells holds where a fine patch lies within one of them.
+/// The detail that a fine patch shows between the vertices of a coarse one is kept, in either order of both.
 #[test]
 fn a_fine_patch_keeps_its_detail_within_a_coarse_one() {
     let coarse = grid_sheet(100.0, 100.0, 20, 20);
@@ -220,7 +219,7 @@ fn a_fine_patch_keeps_its_detail_within_a_coarse_one() {
     }
 }
 
-/// A patch that lies within one triangle of another shares a region with it.
+/// A patch within one triangle of another shares a region with it.
 #[test]
 fn a_patch_on_one_triangle_overlaps() {
     let plate = grid_sheet(100.0, 100.0, 4, 4);

@@ -5,7 +5,7 @@
 //! folding the surface. Not guaranteed: six neighbours everywhere, which the topology does not permit.
 
 use crate::edges::edge;
-use crate::half_edges::{NONE, around, next_in_triangle, opposites, previous_in_triangle, turn};
+use crate::half_edges::{NONE, around, flip, next_in_triangle, opposites, previous_in_triangle};
 use crate::triangle::smallest_angle;
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::{HashMap, HashSet};
@@ -62,12 +62,14 @@ pub(super) fn even_out(
     steps: usize,
 ) -> (usize, Vec<u32>) {
     let mut net = Net::new(positions, triangles, wanted, steps);
+    // Single flips that improve the sum, until none is left. After a flip, the edges of both triangles are
+    // worth another test.
     let free = |half: &u32| net.free[net.corner(*half) as usize];
     let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(free).collect();
     while let Some(half) = queue.pop() {
         let better = |(change, around)| change < 0 && net.may_flip(around);
         if net.change(half).is_some_and(better) {
-            let [t, s] = net.turn(half);
+            let [t, s] = net.flip(half);
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
     }
@@ -79,7 +81,7 @@ pub(super) fn even_out(
         let mut changed = vec![1; positions.len()];
         let mut tried = vec![0; positions.len()];
         loop {
-            let before = net.turns;
+            let before = net.flips;
             for v in 0..positions.len() as u32 {
                 let at = v as usize;
                 if !wanted[at]
@@ -98,12 +100,12 @@ pub(super) fn even_out(
                     }
                 }
             }
-            if net.turns == before {
+            if net.flips == before {
                 break;
             }
         }
     }
-    (net.turns, net.valence)
+    (net.flips, net.valence)
 }
 
 /// Triangles with their adjacency and valences.
@@ -120,7 +122,7 @@ struct Net<'a> {
     border: Vec<bool>,
     edges: HashSet<[u32; 2]>,
     limits: Limits,
-    turns: usize,
+    flips: usize,
     /// Number of flips tried for the current vertex.
     tried: usize,
     /// The vertices of the flips in the current sequence.
@@ -172,7 +174,7 @@ impl<'a> Net<'a> {
             border,
             edges,
             limits: LIMITS[0],
-            turns: 0,
+            flips: 0,
             tried: 0,
             trail: Vec::new(),
             room: HashMap::new(),
@@ -205,6 +207,7 @@ impl<'a> Net<'a> {
         {
             return None;
         }
+        // Squares, so that one vertex with eight edges is worse than two with seven.
         let off = |v: u32, change: i64| {
             let v = v as usize;
             let count = i64::from(self.valence[v]) + change;
@@ -233,21 +236,21 @@ impl<'a> Net<'a> {
         if !(flat(o0, o1) && flat(n0, n1) && flat(o0, n0) && flat(o0, n1)) {
             return false;
         }
-        let least = |all: [[u32; 3]; 2]| {
+        let worst = |all: [[u32; 3]; 2]| {
             let angles = all.map(|t| smallest_angle(&t.map(at)));
             angles[0].min(angles[1])
         };
-        let new = least(new);
+        let new = worst(new);
         if new >= self.limits.well_shaped_rad {
             return true;
         }
-        new >= self.limits.worse * least(old)
+        new >= self.limits.worse * worst(old)
     }
 
     /// Flips an edge without checks and returns its triangles; the edge becomes the first of both.
-    fn turn(&mut self, half: u32) -> [u32; 2] {
+    fn flip(&mut self, half: u32) -> [u32; 2] {
         let [a, b, c, d] = around(self.triangles, half, self.opposite[half as usize]);
-        let [t, s] = turn(self.triangles, &mut self.opposite, half);
+        let [t, s] = flip(self.triangles, &mut self.opposite, half);
         for (v, leaving) in [(c, 3 * t), (d, 3 * s), (b, 3 * t + 2), (a, 3 * s + 2)] {
             self.leaves[v as usize] = leaving;
         }
@@ -257,7 +260,7 @@ impl<'a> Net<'a> {
         self.valence[b as usize] -= 1;
         self.valence[c as usize] += 1;
         self.valence[d as usize] += 1;
-        self.turns += 1;
+        self.flips += 1;
         [t, s]
     }
 
@@ -307,12 +310,12 @@ impl<'a> Net<'a> {
     }
 
     /// Sets [`Self::room`] around a vertex, as far as this number of flips can reach.
-    fn find_room(&mut self, vertex: u32, turns: usize) {
-        let mut ring = self.near(vertex, turns);
+    fn find_room(&mut self, vertex: u32, flips: usize) {
+        let mut ring = self.near(vertex, flips);
         let within: HashSet<u32> = ring.iter().copied().collect();
         ring.retain(|v| !self.is_full(*v));
         self.room = ring.iter().map(|v| (*v, 0)).collect();
-        for far in 1..=turns {
+        for far in 1..=flips {
             let mut next = Vec::new();
             let ends: Vec<u32> =
                 (ring.iter()).flat_map(|v| self.leaving(*v)).map(|half| self.end(half)).collect();
@@ -335,7 +338,7 @@ impl<'a> Net<'a> {
     ///
     /// `others` also have too many edges. Flips that leave few such vertices, close to vertices with room,
     /// come first.
-    fn promising(&self, vertex: u32, others: &[u32], turns: usize, change: i64) -> Vec<u32> {
+    fn promising(&self, vertex: u32, others: &[u32], flips: usize, change: i64) -> Vec<u32> {
         let mut ends: Vec<(usize, usize, u32)> = (self.leaving(vertex).into_iter())
             .filter_map(|half| {
                 let (more, [.., c, d]) = self.change(half)?;
@@ -346,9 +349,12 @@ impl<'a> Net<'a> {
                 let far = |v: u32| self.room.get(&v).copied().unwrap_or(usize::MAX);
                 let carried = [c, d].into_iter().filter(|v| self.is_full(*v));
                 let rest = others.iter().filter(|v| **v != end || self.valence[end as usize] > 7);
+                // Each vertex that is left with too many edges needs a flip of its own, but one flip can
+                // serve two of them; and an excess has to be carried over `far` edges. Both are lower bounds
+                // of the flips needed, by which hopeless sequences are cut off.
                 let left = carried.clone().count() + rest.count();
                 let far = carried.map(far).max().unwrap_or(0);
-                (left > 0 && left.div_ceil(2).max(far) < turns).then_some((left, far, end))
+                (left > 0 && left.div_ceil(2).max(far) < flips).then_some((left, far, end))
             })
             .collect();
         ends.sort_unstable();
@@ -357,11 +363,11 @@ impl<'a> Net<'a> {
 
     /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as
     /// a result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
-    fn relieve(&mut self, too_many: &[u32], turns: usize, change: i64) -> bool {
+    fn relieve(&mut self, too_many: &[u32], flips: usize, change: i64) -> bool {
         let Some((vertex, others)) = too_many.split_last() else {
             return false;
         };
-        for end in self.promising(*vertex, others, turns, change) {
+        for end in self.promising(*vertex, others, flips, change) {
             // Undone flips renumber half-edges, so the edge is found again by its end.
             let edge = self.leaving(*vertex).into_iter().find(|h| self.end(*h) == end);
             let Some((edge, (more, around))) = edge.and_then(|h| Some((h, self.change(h)?))) else {
@@ -374,7 +380,7 @@ impl<'a> Net<'a> {
                 continue;
             }
             self.tried += 1;
-            self.turn(edge);
+            self.flip(edge);
             self.trail.push(around);
             if change + more < 0 {
                 return true;
@@ -383,14 +389,15 @@ impl<'a> Net<'a> {
             let mut left = too_many.to_vec();
             left.extend([c, d].iter().filter(|v| !too_many.contains(v)));
             left.retain(|v| self.has_too_many(*v));
-            if self.relieve(&left, turns - 1, change + more) {
+            if self.relieve(&left, flips - 1, change + more) {
                 return true;
             }
             let back = self.leaving(c).into_iter().find(|h| self.end(*h) == d);
+            // Undone by a second flip, which counts as well: hence two less.
             if let Some(back) = back {
-                self.turn(back);
+                self.flip(back);
             }
-            self.turns -= 2;
+            self.flips -= 2;
             self.trail.pop();
         }
         false

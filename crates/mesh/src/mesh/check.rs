@@ -51,11 +51,13 @@ impl MeshCheck {
         let (mut edges, mut boundary_edges, mut nonmanifold_edges, mut misoriented_edges) = (0, 0, 0, 0);
         let vertex = |half: u32| mesh.triangles[half as usize / 3][half as usize % 3];
         let mut parts = DisjointSets::new(mesh.positions.len());
+        // One set for each corner, joined across edges: a vertex has as many fans as its corners have sets.
         let mut fans = DisjointSets::new(3 * mesh.triangles.len());
         let mut boundary = DisjointSets::new(mesh.positions.len());
         let mut on_boundary = vec![false; mesh.positions.len()];
         let mut around: Vec<u32> = Vec::new();
         for edge in 0..table.len() {
+            // A triangle that contains a vertex twice has an edge of no length and would connect others.
             around.clear();
             around.extend(
                 table.half_edges(edge).iter().filter(|&&h| !is_collapsed(mesh.triangles[h as usize / 3])),
@@ -130,8 +132,18 @@ impl MeshCheck {
 }
 
 impl TriangleMesh {
-    /// For each triangle the part of the mesh that it is of, the part with the most triangles being 0. Parts
-    /// share no vertices.
+    /// For each triangle, the number of its part of the mesh. Parts share no vertices.
+    ///
+    /// They are numbered by the number of triangles, the largest 0.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_mesh::TriangleMesh;
+    /// let positions = (0..6).map(|i| [f64::from(i), f64::from(i * i), 0.0]).collect();
+    /// let mesh = TriangleMesh::try_new(positions, vec![[0, 1, 2], [3, 4, 5], [5, 4, 3]])?;
+    /// assert_eq!(mesh.parts(), [1, 0, 0]);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     #[must_use]
     pub fn parts(&self) -> Vec<u32> {
         let mut sets = DisjointSets::new(self.positions.len());
@@ -158,7 +170,7 @@ mod tests {
     use crate::primitives::{cylinder, grid_sheet, icosphere};
 
     fn mesh(count: usize, triangles: &[[u32; 3]]) -> TriangleMesh {
-        // Points on the moment curve: no three in a line.
+        // Points on the moment curve, of which no three are collinear.
         let positions = (0..count).map(|i| [i as f64, (i * i) as f64, (i * i * i) as f64]).collect();
         TriangleMesh::try_new(positions, triangles.to_vec()).unwrap()
     }
@@ -176,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_triangle_is_seen() {
+    fn a_reversed_triangle_is_detected() {
         let mut ball = icosphere(1.0, 1);
         ball.triangles[5].swap(0, 1);
         let check = ball.check();
@@ -201,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_loops_and_leftovers_are_counted() {
+    fn parts_loops_and_unused_vertices_are_counted() {
         let tube = cylinder(1.0, 1.0, 12, 3, false).check();
         assert_eq!((tube.boundary_loops, tube.boundary_edges, tube.euler_characteristic), (2, 24, 0));
         let sheet = grid_sheet(1.0, 1.0, 3, 3).check();

@@ -10,7 +10,7 @@ fn any(random: &mut ChaCha8Rng) -> [f64; 3] {
     std::array::from_fn(|_| random.random::<f64>() * 2.0 - 1.0)
 }
 
-/// Random triangles, one in three without area in one way or another.
+/// Random triangles, one in three without area.
 fn rubble(count: u32, seed: u64) -> TriangleMesh {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut positions = Vec::new();
@@ -29,8 +29,8 @@ fn rubble(count: u32, seed: u64) -> TriangleMesh {
     TriangleMesh::try_new(positions, (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect()).unwrap()
 }
 
-/// The distance to one triangle another way: Ericson's Voronoi regions (Real-Time Collision Detection 2005,
-/// 5.1.5), and segments where there is no area.
+/// The distance from one triangle by another method: Voronoi regions (Ericson, Real-Time Collision Detection
+/// 2005, 5.1.5), and segments for triangles without area.
 fn reference_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
     let segment = |a: [f64; 3], b: [f64; 3]| {
         let ab = sub(b, a);
@@ -111,9 +111,8 @@ fn hints_bounds_and_batches_do_not_change_the_answer() {
     assert_eq!(one_thread.install(|| search.closest_all(&points)), all);
 }
 
-/// How often a closed mesh goes around a point: the solid angle of its triangles over 4π, by van Oosterom and
-/// Strackee
-/// 1983. 1 inside, 0 outside, whatever the shape.
+/// The winding number of a closed mesh: the solid angle of its triangles over 4π (van Oosterom and Strackee
+/// 1983). It is 1 inside and 0 outside for any shape.
 fn winding(mesh: &TriangleMesh, p: [f64; 3]) -> f64 {
     let half_angles = (0..mesh.triangles.len()).map(|t| {
         let [a, b, c] = mesh.corners(t).map(|q| sub(q, p));
@@ -124,9 +123,9 @@ fn winding(mesh: &TriangleMesh, p: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn the_sign_is_the_inside_even_at_spikes_and_creases() {
-    // A ball with radii of 0.4 and 1.6 in turn: sharp needles and notches, where the normal of the nearest
-    // face alone gives the wrong side.
+fn signs_match_winding_numbers_at_spikes_and_creases() {
+    // A ball with alternating radii of 0.4 and 1.6 has sharp spikes and notches, where the normal of the
+    // nearest face alone gives the wrong side.
     let mut spiky = icosphere(1.0, 2);
     for (i, p) in spiky.positions.iter_mut().enumerate() {
         *p = scale(if i % 2 == 0 { 0.4 } else { 1.6 }, *p);
@@ -152,7 +151,7 @@ fn the_sign_is_the_inside_even_at_spikes_and_creases() {
 }
 
 #[test]
-fn a_triangle_soup_has_the_sides_of_the_closed_mesh() {
+fn signs_of_a_triangle_soup_match_the_closed_mesh() {
     let ball = cylinder(0.7, 0.2, 7, 1, true);
     let soup = TriangleMesh {
         positions: (0..ball.triangles.len()).flat_map(|t| ball.corners(t)).collect(),
@@ -167,7 +166,7 @@ fn a_triangle_soup_has_the_sides_of_the_closed_mesh() {
 }
 
 #[test]
-fn a_sphere_mesh_has_the_distances_of_a_sphere() {
+fn distances_from_a_faceted_ball_match_the_sphere() {
     let ball = icosphere(2.0, 6);
     let search = MeshSearch::try_new(&ball).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(12);
@@ -187,7 +186,7 @@ fn a_sphere_mesh_has_the_distances_of_a_sphere() {
 }
 
 #[test]
-fn a_border_is_told_from_the_inside() {
+fn feet_on_an_open_border_are_marked() {
     let sheet = grid_sheet(2.0, 2.0, 4, 4);
     let search = MeshSearch::try_new(&sheet).unwrap();
     let beyond = search.closest([1.3, 0.1, -0.4]).unwrap();
@@ -199,7 +198,7 @@ fn a_border_is_told_from_the_inside() {
 }
 
 #[test]
-fn incompatible_triangles_are_passed_over() {
+fn incompatible_triangles_are_ignored() {
     // Two sheets back to back, 0.1 apart; a point nearer to the lower one, which faces down.
     let mut mesh = grid_sheet(1.0, 1.0, 3, 3);
     let count = mesh.positions.len() as u32;
@@ -221,7 +220,7 @@ fn incompatible_triangles_are_passed_over() {
 }
 
 #[test]
-fn no_triangles_is_an_error() {
+fn meshes_without_triangles_are_rejected() {
     let none = TriangleMesh::try_new(vec![[0.0; 3]], vec![]).unwrap();
     assert_eq!(MeshSearch::try_new(&none).unwrap_err().kind(), ErrorKind::Undetermined);
     let broken = TriangleMesh { positions: vec![], triangles: vec![[0, 1, 2]] };

@@ -90,7 +90,7 @@ impl Compared {
                 "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), \
                  found {}",
                 path.display(),
-                planish_exchange::found_extension(path)
+                planish_exchange::describe_extension(path)
             ))),
         }
     }

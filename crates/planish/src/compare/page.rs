@@ -2,23 +2,18 @@
 
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
 use crate::report::scenes::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
-use crate::report::words::{SmallUnit, warnings_as_findings};
+use crate::report::words::SmallUnit;
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, percent, significant};
 use planish_report::{
-    Block, Cloud, Field, FieldKind, Figure, Finding, FindingLevel, Page, Scene, Section, SurfaceShown, Table,
-    plot,
+    Block, Cloud, Field, FieldKind, Figure, Page, Scene, Section, SurfaceShown, Table, plot,
 };
 use planish_surface::model::Observed;
 use std::path::Path;
 
 /// Points of the reference that are drawn at most.
 const MOST_POINTS: usize = 20_000;
-/// Shares of the points within 1.96 σ between which σ counts as true.
-const TRUE_SHARES: [f64; 2] = [0.92, 0.985];
-/// A mean deviation beyond this share of the rms is a bias of the whole.
-const MOST_BIAS: f64 = 0.5;
 
 /// The page of a comparison of a model with a reference, by their names.
 pub(crate) fn compare_page(
@@ -54,7 +49,7 @@ pub(crate) fn compare_page(
             "Its deviations from {}, positive on the side that the normals of {} point to.",
             names[1], names[1]
         ),
-        findings: findings(report, unit),
+        findings: report.findings.clone(),
         figures,
         scene: Some(scene),
         drawings: Vec::new(),
@@ -183,40 +178,6 @@ fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
         hidden: true,
         width: 3,
     }
-}
-
-fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
-    let mut found = Vec::new();
-    if let Some(share) = report.coverage95 {
-        let text = format!("{} of the reference's points lie within 1.96 σ", percent(share));
-        found.push(if share < TRUE_SHARES[0] {
-            let level = if share < 0.7 { FindingLevel::Bad } else { FindingLevel::Look };
-            Finding::new(level, format!("σ is too small: only {text} (95 % where it is true)."))
-        } else if share > TRUE_SHARES[1] {
-            Finding::new(FindingLevel::Look, format!("σ is rather large: {text} (95 % where it is true)."))
-        } else {
-            Finding::new(FindingLevel::Good, format!("σ is consistent: {text} (expected: 95 %)."))
-        });
-    } else {
-        found.push(Finding::new(
-            FindingLevel::Look,
-            "The model states no σ: its uncertainty cannot be checked.",
-        ));
-    }
-    if let Some(d) = report.backward.or(report.forward)
-        && d.mean.abs() > MOST_BIAS * d.rms
-    {
-        found.push(Finding::new(
-            FindingLevel::Look,
-            format!(
-                "Most deviations have one sign: {} on average. The frames or the scales of the two may \
-                 differ.",
-                unit.text(d.mean)
-            ),
-        ));
-    }
-    found.extend(warnings_as_findings(&report.warnings));
-    found
 }
 
 fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {

@@ -48,7 +48,7 @@ fn a_model_outside_its_reference_is_positive_both_ways() {
         }
         let large = compared(&model, mesh_reference(icosphere(1.1, 4)));
         assert!(large.forward.unwrap().mean < -0.09 && large.backward.unwrap().mean < -0.09);
-        assert!(report.warnings.is_empty());
+        assert!(report.findings.is_empty());
     }
 }
 
@@ -60,11 +60,11 @@ fn signs_follow_the_references_normals_then_the_models() {
     let turned = Reference { normals: Some(inward), ..points(small.positions.clone()) };
     let report = compared(&model, turned);
     assert!(report.backward.unwrap().mean < -0.09);
-    assert!(report.warnings.iter().any(|w| w.contains("other side")), "{:?}", report.warnings);
+    assert!(report.findings.iter().any(|f| f.text.contains("other side")), "{:?}", report.findings);
     let report = compared(&model, points(small.positions));
     assert!(report.backward.unwrap().mean > 0.09);
     assert!(report.forward.is_none());
-    assert!(report.warnings.iter().any(|w| w.contains("no faces")), "{:?}", report.warnings);
+    assert!(report.findings.iter().any(|f| f.text.contains("no faces")), "{:?}", report.findings);
 }
 
 /// A plane fitted to readings with errors of `SIGMA`, whose information counts them as `stated` times that.
@@ -209,8 +209,8 @@ fn a_reference_in_another_unit_is_converted() {
     };
     let plain = compared(&model, in_unit(Some(Unit::Millimetre), 1.0));
     let metres = compared(&model, in_unit(Some(Unit::Metre), 1e-3));
-    assert!(plain.warnings.is_empty());
-    assert!(metres.warnings.iter().any(|w| w.contains("was converted")), "{:?}", metres.warnings);
+    assert!(plain.findings.is_empty());
+    assert!(metres.findings.iter().any(|f| f.text.contains("was converted")), "{:?}", metres.findings);
     for (a, b) in [(plain.forward, metres.forward), (plain.backward, metres.backward)] {
         let (a, b) = (a.unwrap(), b.unwrap());
         assert!((a.rms - b.rms).abs() < 1e-12 && (a.mean - b.mean).abs() < 1e-12);

@@ -16,7 +16,7 @@ use planish_contour::constraint::{
 };
 use planish_contour::planar::ContourKind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
-use planish_core::Length;
+use planish_core::{Finding, FindingCode, Length, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use serde::Serialize;
@@ -191,7 +191,7 @@ pub(super) struct ConstrainedParts {
     pub(super) report: ConstrainedReport,
     pub(super) drawn: Vec<DrawnKind>,
     pub(super) graphs: GraphsOfView,
-    pub(super) warnings: Vec<String>,
+    pub(super) findings: Vec<Finding>,
 }
 
 /// Finds and imposes constraints between the parts.
@@ -209,18 +209,19 @@ pub(super) fn constrained(
     if let Some(level) = job.level {
         options.level = level;
     }
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     let held = impose(&sketch.drawing, &sketch.covariance, &options.given, 0.0)?;
     // Constraints of the kinds (right angles of a rectangle) remove no degrees of freedom from the estimate,
     // so they are subtracted.
     let own = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0)?.degrees;
     let p_value = chi_square_tail(held.chi_square, held.degrees - own);
     if p_value < options.level {
-        warnings.push(format!(
-            "the given constraints conflict with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
+        let text = format!(
+            "the given constraints disagree with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
             held.chi_square,
             held.degrees - own
-        ));
+        );
+        findings.push(Finding::new(FindingCode::GivenInconsistent, text).with_setting(Setting::Given));
     }
     let found = if job.propose {
         constrain(&sketch.drawing, &sketch.covariance, &options)?
@@ -246,7 +247,7 @@ pub(super) fn constrained(
         GraphsOfView::new("contour", &found.drawing, &complete, &diagnose(&found.drawing, &complete)?);
     let (contours, drawn) = contours_of(&sketch, &found)?;
     let parts = ReportParts { own, sizes, dimensions, contours };
-    Ok(ConstrainedParts { report: report(&sketch, &found, &diagnosis, parts)?, drawn, graphs, warnings })
+    Ok(ConstrainedParts { report: report(&sketch, &found, &diagnosis, parts)?, drawn, graphs, findings })
 }
 
 /// Constraints of the kinds, followed by those of the user. Conflicts are reported as minimal sets.
@@ -298,7 +299,7 @@ fn estimated(part: &Part, seen: Option<[[f64; 2]; 2]>) -> EstimatedContour {
         theta: (0..n).map(|i| values[i] / factors[i]).collect(),
         covariance: DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (factors[i] * factors[j])),
         kind,
-        seen,
+        observed_ends: seen,
     }
 }
 

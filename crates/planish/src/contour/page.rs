@@ -2,13 +2,10 @@
 
 use crate::contour::{ConstrainedReport, ContourReport, PartReport};
 use crate::report::title_of;
-use crate::report::words::{head, warnings_as_findings, with_article};
+use crate::report::words::{head, with_article};
 use planish_report::numbers::{count, counted, significant};
-use planish_report::{Block, Figure, Finding, FindingLevel, Page, Section, Table};
+use planish_report::{Block, Figure, Page, Section, Table};
 use std::path::{Path, PathBuf};
-
-/// A χ² beyond this over its degrees of freedom is no noise of the stated σ.
-const MOST_CHI_SQUARE: f64 = 2.0;
 
 /// The page of contours, with their drawing.
 pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> Page {
@@ -28,7 +25,7 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
         job: "contour".to_owned(),
         title: title_of(&[PathBuf::from(input)]),
         headline: headline(report),
-        findings: findings(report),
+        findings: report.findings.clone(),
         figures: figures(report, unit),
         scene: None,
         drawings: vec![Block::Drawing {
@@ -123,38 +120,6 @@ pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
         text += &format!(" It is a hole of contour {}.", hole + 1);
     }
     vec![Block::Table(table), Block::Text(text)]
-}
-
-pub(crate) fn findings(report: &ContourReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = warnings_as_findings(&report.warnings);
-    for (k, part) in report.contours.iter().enumerate() {
-        let name = format!("Contour {} ({})", k + 1, part.kind);
-        if part.reduced_chi_square > MOST_CHI_SQUARE {
-            found.push(Finding::new(
-                FindingLevel::Look,
-                format!(
-                    "{name}: its readings lie {} times as far from it as their σ says: the σ is too small, \
-                     or it is of another kind.",
-                    significant(part.reduced_chi_square.sqrt(), 2)
-                ),
-            ));
-        }
-    }
-    if let Some(constrained) = &report.constrained
-        && !constrained.conflicting.is_empty()
-    {
-        found.push(Finding::new(
-            FindingLevel::Bad,
-            "Some of the constraints that were given contradict each other.",
-        ));
-    }
-    if found.is_empty() {
-        found.push(Finding::new(
-            FindingLevel::Good,
-            "The readings agree with what was found, within their σ.",
-        ));
-    }
-    found
 }
 
 fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {

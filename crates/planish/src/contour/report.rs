@@ -5,6 +5,7 @@ use super::constrained::ConstrainedReport;
 use super::levels::{LevelRelation, relation};
 use nalgebra::DMatrix;
 use planish_contour::planar::{ContourFit, ContourKind, contains};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
 use serde::Serialize;
@@ -88,9 +89,9 @@ pub struct ContourReport {
     pub unit: Option<Unit>,
     /// Number of readings that were skipped before the fit.
     pub left_out: usize,
-    /// Warnings for the user.
+    /// What a user should know; files that hold the contours leave it out.
     #[serde(skip)]
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 fn unit_name<S: serde::Serializer>(unit: &Option<Unit>, serializer: S) -> Result<S::Ok, S::Error> {
@@ -132,11 +133,11 @@ pub(super) fn report(
     parts: &[Part],
     seen: &[Option<[[f64; 2]; 2]>],
     unit: Option<Unit>,
-    mut warnings: Vec<String>,
+    mut findings: Vec<Finding>,
 ) -> ContourReport {
     let contours: Vec<PartReport> = (0..parts.len()).map(|i| part_report(parts, seen, i)).collect();
     for (i, part) in contours.iter().enumerate() {
-        warnings.extend(part_warnings(part, i));
+        findings.extend(part_findings(part, i));
     }
     ContourReport {
         main: contours[0].clone(),
@@ -145,36 +146,56 @@ pub(super) fn report(
         contours,
         unit,
         left_out: read.left_out,
-        warnings,
+        findings,
     }
 }
 
 /// A contour that leaves more than this share of its readings out may be of the wrong kind.
 const MANY_LEFT_OUT: f64 = 0.15;
 
-/// Warnings about the part at an index of the report.
-pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
-    let mut warnings = Vec::new();
+/// Findings about the contour at a place of the report.
+pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
+    let mut findings = Vec::new();
     let name = format!("contour {} ({}, {} readings)", index + 1, part.kind, part.readings);
     if let Some(margin) = part.bic_margin.filter(|margin| *margin < 6.0) {
         let other = part.alternatives.first().map_or("another", |a| a.kind.as_str());
-        warnings
-            .push(format!("{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"));
+        findings.push(Finding::new(
+            FindingCode::KindAmbiguous,
+            format!("{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"),
+        ));
     }
     if !(0.4..2.5).contains(&part.reduced_chi_square) {
-        warnings.push(format!(
-            "{name}: distances are {:.2} of what the stated σ let expect: check σ, or the kind",
-            part.reduced_chi_square.sqrt()
+        findings.push(Finding::new(
+            FindingCode::ResidualsInconsistent,
+            format!(
+                "{name}: residuals are {:.2} times what the stated σ predicts: check σ, or the kind",
+                part.reduced_chi_square.sqrt()
+            ),
         ));
     }
     if part.rejected as f64 > MANY_LEFT_OUT * part.readings as f64 {
-        warnings.push(format!(
-            "{name}: {} of its readings lie beyond the gate and were left out: the kind may be wrong; name \
-             another with --kind, or check σ",
+        let text = format!(
+            "{name}: {} of its readings lie beyond the gate and were rejected: the kind may be wrong; state \
+             another, or check σ",
             part.rejected
-        ));
+        );
+        findings.push(Finding::new(FindingCode::BeyondGate, text).with_setting(Setting::Kind));
     }
-    warnings
+    findings
+}
+
+/// The findings that follow from all others and from the constraints.
+pub(super) fn judge(report: &ContourReport) -> Vec<Finding> {
+    let conflicting = report.constrained.as_ref().is_some_and(|found| !found.conflicting.is_empty());
+    if conflicting {
+        let text = "some of the given constraints conflict with each other";
+        vec![Finding::new(FindingCode::ConstraintsConflict, text)]
+    } else if report.findings.is_empty() {
+        let text = "the readings agree with the result, within their σ";
+        vec![Finding::new(FindingCode::ReadingsConsistent, text)]
+    } else {
+        Vec::new()
+    }
 }
 
 fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> PartReport {

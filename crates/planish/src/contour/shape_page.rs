@@ -1,6 +1,6 @@
 //! The report of a shape in space: a plane, sphere, cylinder or box on its readings.
 
-use super::page::{figures, findings, headline, part_blocks};
+use super::page::{figures, headline, part_blocks};
 use crate::contour::ContourReport;
 use crate::report::scenes::{kinds, numbers};
 use crate::report::title_of;
@@ -31,7 +31,7 @@ pub(crate) fn shape_page(
         job: "contour".to_owned(),
         title: title_of(&[PathBuf::from(input)]),
         headline: headline(report),
-        findings: findings(report),
+        findings: report.findings.clone(),
         figures: figures(report, unit),
         scene: Some(Scene {
             unit: unit.to_owned(),

@@ -1,11 +1,12 @@
 //! Planes, spheres, cylinders and boxes from readings in space.
 
-use super::report::part_warnings;
+use super::report::{judge, part_findings};
 use super::shape_page::shape_page;
 use super::unused;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
 use planish_contour::planar::{Form, PlanarMotion};
 use planish_contour::primitive::choose;
+use planish_core::Setting;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_ray_readings;
@@ -25,8 +26,10 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
     }
     if job.fit.motion != PlanarMotion::Still || job.fit.form != Form::ActiveFacet {
         return Err(Error::unsupported(
-            "3D shapes support neither motion nor the product form: omit --motion and --product",
-        ));
+            "shapes in space support neither motion nor the product form: omit both",
+        )
+        .with_setting(Setting::Motion)
+        .with_setting(Setting::Product));
     }
     unused::refuse_unused(job, unused::Readings::Space)?;
     progress.check("reading", 0.0)?;
@@ -58,8 +61,8 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
         closed: None,
         ends: None,
     };
-    let report = ContourReport {
-        warnings: part_warnings(&part, 0),
+    let mut report = ContourReport {
+        findings: part_findings(&part, 0),
         main: part.clone(),
         contours: vec![part],
         constrained: None,
@@ -67,6 +70,7 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
         unit: job.unit,
         left_out: 0,
     };
+    report.findings.extend(judge(&report));
     progress.check(WRITING_STAGE, 0.95)?;
     for output in &job.outputs {
         write_json(output, &report)?;

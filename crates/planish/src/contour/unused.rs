@@ -1,6 +1,7 @@
-//! Refuses options that the readings cannot use. A silently ignored option would look as if it had an effect.
+//! Settings that the readings cannot use are errors: a user would take an ignored setting for an applied one.
 
 use super::ContourJob;
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 
@@ -29,17 +30,17 @@ pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> 
     let (is_log, is_picture) = (readings == Readings::Log, readings == Readings::Picture);
     let has_poses = !matches!(readings, Readings::Points | Readings::Picture);
     let has_points = matches!(readings, Readings::Points | Readings::Space);
-    // The option, whether it is given, whether it applies, and what it applies to.
+    // The setting, its name, whether it is given, whether it can be used, and what it is for.
     let options = [
-        ("--region", job.carmen.region.is_some(), is_log, "logs of scans"),
-        ("--scan", job.carmen.first != usual.first, is_log, "logs of scans"),
-        ("--scans", job.carmen.count != usual.count, is_log, "logs of scans"),
-        ("--range-gate", job.carmen.range != usual.range, is_log, "logs of scans"),
-        ("--pixel-size", job.pixel.is_some(), is_picture, "pictures"),
-        ("--sigma-point", point.is_some(), has_points, "readings that are points"),
-        ("--sigma-position", position.is_some(), has_poses, "readings from poses"),
-        ("--sigma-heading-deg", heading_deg.is_some(), has_poses, "readings from poses"),
-        ("--sigma-range", range.is_some(), has_poses, "readings from poses"),
+        (Setting::Region, "a region", job.carmen.region.is_some(), is_log, "logs of scans"),
+        (Setting::Scan, "the first scan", job.carmen.first != usual.first, is_log, "logs of scans"),
+        (Setting::Scans, "the number of scans", job.carmen.count != usual.count, is_log, "logs of scans"),
+        (Setting::RangeGate, "a gate of ranges", job.carmen.range != usual.range, is_log, "logs of scans"),
+        (Setting::PixelSize, "the size of a pixel", job.pixel.is_some(), is_picture, "pictures"),
+        (Setting::SigmaPoint, "σ of points", point.is_some(), has_points, "readings that are points"),
+        (Setting::SigmaPosition, "σ of positions", position.is_some(), has_poses, "readings from poses"),
+        (Setting::SigmaHeading, "σ of headings", heading_deg.is_some(), has_poses, "readings from poses"),
+        (Setting::SigmaRange, "σ of ranges", range.is_some(), has_poses, "readings from poses"),
     ];
     let held = match readings {
         Readings::Ranges => "a table of ranges from poses",
@@ -48,11 +49,12 @@ pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> 
         Readings::Picture => "a picture",
         Readings::Space => "readings in space",
     };
-    match options.iter().find(|(_, given, used, _)| *given && !used) {
-        Some((option, _, _, purpose)) => Err(Error::input(format!(
-            "{}: {option} is for {purpose}, and this is {held}: leave it out",
+    match options.iter().find(|(_, _, given, used, _)| *given && !used) {
+        Some((setting, name, _, _, purpose)) => Err(Error::input(format!(
+            "{}: {name} is for {purpose}, and this is {held}: omit it",
             job.input.display()
-        ))),
+        ))
+        .with_setting(*setting)),
         None => Ok(()),
     }
 }

@@ -1,35 +1,25 @@
 //! The report of a fit.
 
+use super::findings::{misfit, share_rejected};
 use crate::next::page::{next_marks, next_table};
 use crate::next::{NextOptions, NextReport, next_points};
 use crate::report::scenes::model_scene;
 use crate::report::title_of;
-use crate::report::words::{SmallUnit, sentence, with_article};
+use crate::report::words::{SmallUnit, with_article};
 use planish_core::Silent;
 use planish_estimate::{ErrorKind, Result};
 use planish_report::colour::KNOWN_BY;
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{Block, Figure, Finding, FindingLevel, Page, Section, Table, plot};
-use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
+use planish_report::{Block, Figure, Page, Section, Table, plot};
+use planish_surface::fit::{Fit, FitReport, ScanSummary};
 use planish_surface::model::SensorReport;
 use std::path::PathBuf;
 
 /// Points to measure next that a report names.
 const NEXT_POINTS: usize = 5;
-/// Maximum normalised rms of a consistent scan.
-const MAX_NORMALISED_RMS: f64 = 1.5;
-/// Maximum mean residual of a scan, in σ of a reading. Beyond it, the scan is offset from the others.
-const MAX_OFFSET: f64 = 0.5;
-/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times
-/// the fraction of all scans.
-const MAX_REJECTED: f64 = 0.1;
-/// Fewer readings judge no scan.
-const LEAST_JUDGED: usize = 30;
-/// Maximum normalised rms of held-out readings for a consistent σ; its inverse is the minimum.
-const MAX_HELD_OUT_RMS: f64 = 1.25;
 
-/// The report page of a fit. `named` are the files given by the user; `report` contains the warnings of the
-/// whole job.
+/// The page of a fit. `named` are the files that the command names; `report` holds the findings of the whole
+/// job.
 pub(crate) fn fit_page(
     fit: &Fit,
     report: &FitReport,
@@ -70,7 +60,7 @@ pub(crate) fn fit_page(
             counted(report.observations, "reading"),
             length(report.sigma.median),
         ),
-        findings: findings(report, scans, unit),
+        findings: report.findings.clone(),
         figures: vec![
             Figure::new(
                 "σ of the surface, median",
@@ -107,125 +97,9 @@ fn false_sigma(sensor: &SensorReport) -> Option<f64> {
     sensor.sigma_stated.filter(|_| sensor.sigma_used_is_estimated)
 }
 
-/// Whether a scan does not fit the others, and how that shows.
-fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<String> {
-    let total = scan.used + scan.rejected;
-    if total < LEAST_JUDGED {
-        return None;
-    }
-    let share = scan.rejected as f64 / total as f64;
-    let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
-    if share > MAX_REJECTED && share > 3.0 * share_of_all {
-        Some(format!(
-            "Scan {} does not fit the others: {} of its readings were rejected, {} of all. Its pose or σ \
-             may be wrong, or those of the scans around it; or the thing moved.",
-            scan.name,
-            percent(share),
-            percent(share_of_all)
-        ))
-    } else if scan.mean.abs() > MAX_OFFSET * sigma {
-        Some(format!(
-            "Scan {} lies {} off the others on average ({} σ of a reading): its pose may be off; --align \
-             estimates it.",
-            scan.name,
-            unit.text(scan.mean),
-            significant(scan.mean.abs() / sigma, 2)
-        ))
-    } else if scan.rms_normalised > MAX_NORMALISED_RMS {
-        Some(format!(
-            "Scan {} does not fit: its residuals are {} times their σ.",
-            scan.name,
-            significant(scan.rms_normalised, 2)
-        ))
-    } else {
-        None
-    }
-}
-
-fn share_set_aside(scans: &[ScanSummary]) -> f64 {
-    let aside: usize = scans.iter().map(|scan| scan.rejected).sum();
-    let all: usize = aside + scans.iter().map(|scan| scan.used).sum::<usize>();
-    aside as f64 / all.max(1) as f64
-}
-
-fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for sensor in &report.sensors {
-        if let Some(stated) = false_sigma(sensor) {
-            let text = |value: f64| match sensor.quantity.as_str() {
-                "normal" => format!("{}°", significant(value, 3)),
-                "curvature" => significant(value, 3),
-                _ => unit.text(value),
-            };
-            let factor = sensor.sigma_estimated / stated;
-            let times = if factor > 1.0 {
-                format!("{} times as much", significant(factor, 2))
-            } else {
-                format!("{} of it", percent(factor))
-            };
-            found.push(Finding::new(
-                FindingLevel::Look,
-                format!(
-                    "The σ of sensor “{}” is false: it states {}, its residuals say {}, {times}. The \
-                     estimate was used.",
-                    sensor.name,
-                    text(stated),
-                    text(sensor.sigma_estimated),
-                ),
-            ));
-        }
-    }
-    let share = share_set_aside(scans);
-    let misfits = scans.iter().filter_map(|scan| misfit(scan, share, unit));
-    found.extend(misfits.map(|text| Finding::new(FindingLevel::Bad, text)));
-    let held = report.held_out;
-    if held.n > 0 {
-        let ratio = held.rms_normalised;
-        let (level, text) = if ratio > MAX_HELD_OUT_RMS {
-            (
-                FindingLevel::Look,
-                format!(
-                    "σ is too small: readings that took no part are off by {} times what it predicts.",
-                    significant(ratio, 3)
-                ),
-            )
-        } else if ratio < 1.0 / MAX_HELD_OUT_RMS {
-            (
-                FindingLevel::Look,
-                format!(
-                    "σ is too large: readings that took no part are off by only {} of what it predicts.",
-                    percent(ratio)
-                ),
-            )
-        } else {
-            (
-                FindingLevel::Good,
-                format!(
-                    "σ holds: {} that took no part are off by {} times what it predicts.",
-                    counted(held.n, "reading"),
-                    significant(ratio, 3)
-                ),
-            )
-        };
-        found.push(Finding::new(level, text));
-    }
-    // Sensors whose σ is false have been named already.
-    let said = |warning: &str| warning.starts_with("sensor ") && warning.contains("states σ");
-    for warning in report.warnings.iter().filter(|w| !said(w)) {
-        found.push(Finding::new(FindingLevel::Look, sentence(warning)));
-    }
-    if report.termination == FitTermination::Converged {
-        found.push(Finding::new(
-            FindingLevel::Good,
-            "The fit converged: only noise is left in the residuals.",
-        ));
-    }
-    found
-}
-
 fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
-    let share = share_set_aside(scans);
+    let share = share_rejected(scans);
     if !scans.is_empty() {
         let off = unit.head("mean");
         let rms = unit.head("rms");
@@ -414,7 +288,7 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
             blocks.push(Block::Table(next_table(next, model_unit, unit)));
         }
         _ => blocks.push(Block::Text(
-            "This model cannot plan the next measurement: that needs a model of fit --filter global."
+            "This model cannot plan the next measurement: that needs a model of the global filter."
                 .to_owned(),
         )),
     }

@@ -32,6 +32,7 @@ mod tests;
 use equations::{Equations, Residual, excess_variance, residuals};
 use nalgebra::{DMatrix, Matrix6};
 use planish_core::Progress;
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::vector3::{add, cross, distance, norm, sub, unit};
 use planish_estimate::{Error, Result, median_magnitude_scale};
 use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Neighbours, TriangleMesh};
@@ -118,8 +119,8 @@ pub(super) fn align(
     searches: &mut [MeshSearch],
     names: &[String],
     progress: &dyn Progress,
-) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
-    let (motions, mut warnings) = motions(patches, searches, names, progress)?;
+) -> Result<(Vec<ScanPoseReport>, Vec<Finding>)> {
+    let (motions, mut findings) = motions(patches, searches, names, progress)?;
     let mut reports = Vec::with_capacity(patches.len());
     for (k, (patch, motion)) in patches.iter_mut().zip(motions).enumerate() {
         let pose = motion.pose;
@@ -136,13 +137,13 @@ pub(super) fn align(
             add_pose_variance(patch, covariance, pose.translation);
         }
         if !motion.undetermined.is_empty() {
-            warnings.push(format!(
-                "the overlaps do not determine {} of the six directions of motion of {}: along these it \
-                 was not moved (see `undetermined` of its pose in the JSON); the overlap may be small, \
-                 flat or round",
+            let text = format!(
+                "the overlaps leave {} of the six directions of {} open: there it stays where it was (see \
+                 `undetermined` of its pose); the overlap may be small, flat or round",
                 motion.undetermined.len(),
                 names[k]
-            ));
+            );
+            findings.push(Finding::new(FindingCode::PoseUndetermined, text));
         }
         let mut report = ScanPoseReport {
             scan: names[k].clone(),
@@ -158,7 +159,7 @@ pub(super) fn align(
         }
         reports.push(report);
     }
-    Ok((reports, warnings))
+    Ok((reports, findings))
 }
 
 /// Adds the pose's variance to the variance of each vertex along its normal. The later fusion treats it as
@@ -191,7 +192,7 @@ fn motions(
     searches: &[MeshSearch],
     names: &[String],
     progress: &dyn Progress,
-) -> Result<(Vec<Motion>, Vec<String>)> {
+) -> Result<(Vec<Motion>, Vec<Finding>)> {
     let mut sides: Vec<Side> =
         (patches.iter().zip(searches)).map(|(patch, search)| side(patch, search)).collect();
     let all = patches.iter().flat_map(|p| p.mesh.positions.iter().copied());
@@ -206,7 +207,7 @@ fn motions(
     // Three σ of the prior: a translation, and a rotation at the end of the largest patch.
     let turn = sides.iter().map(|s| s.radius).fold(0.0, f64::max) * prior.rotation_rad;
     let mut reach = min_reach.max(3.0 * (prior.translation + turn));
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     for round in 0_u32.. {
         progress.check("aligning", f64::from(round) / f64::from(MAX_ROUNDS))?;
         let rows = residuals(&sides, reach);
@@ -235,15 +236,18 @@ fn motions(
         reach = (REACH * median_magnitude_scale(&lengths)?).max(min_reach).min(reach);
         if converged || round + 1 == MAX_ROUNDS {
             if !converged {
-                warnings.push(format!(
-                    "the alignment did not converge in {MAX_ROUNDS} rounds: the last step was \
+                findings.push(Finding::new(
+                    FindingCode::NotConverged,
+                    format!(
+                        "the alignment did not converge in {MAX_ROUNDS} rounds: its last step was \
                      {largest:.2} σ of a pose"
+                    ),
                 ));
             }
             let covariances = equations.covariances(excess_variance(&rows, scale, size, stated));
             let motions: Vec<Motion> =
                 (0..sides.len()).map(|k| motion(k, &sides, &rows, &covariances, &prior)).collect();
-            warnings.extend(unaligned(&sides, &rows, names));
+            findings.extend(unaligned(&sides, &rows, names));
             // A patch that is still far from its neighbours is not a part of the object.
             for (k, motion) in motions.iter().enumerate().skip(1) {
                 let (distance, normalised) = distance_scales(k, &rows)?;
@@ -258,21 +262,24 @@ fn motions(
                 };
                 if motion.undetermined.len() >= MANY_UNDETERMINED {
                     return Err(Error::undetermined(format!(
-                        "{} cannot be aligned: it and the patches near it are {how}, and the overlap \
-                         determines only {} of the six directions of its motion; check that it belongs to \
-                         the same object, that frame and unit (--unit) are the same, and that its σ is \
-                         correct",
+                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of \
+                         its six directions; check that it is of the same object, in the same frame and \
+                         unit, and that its σ is true",
                         names[k],
                         6 - motion.undetermined.len()
-                    )));
+                    ))
+                    .with_setting(Setting::Unit));
                 }
-                warnings.push(format!(
-                    "{} and the patches near it are still {how}: it belongs to a different object, has \
-                     another unit, or its σ is too small",
-                    names[k]
+                findings.push(Finding::new(
+                    FindingCode::AlignmentMisfit,
+                    format!(
+                        "{} and what is near it on other patches are still {how}: it is of another \
+                     object, in another unit, or its σ is too small",
+                        names[k]
+                    ),
                 ));
             }
-            return Ok((motions, warnings));
+            return Ok((motions, findings));
         }
     }
     unreachable!("the last round returns")
@@ -283,10 +290,11 @@ fn unaligned<'a>(
     sides: &'a [Side],
     rows: &'a [Residual],
     names: &'a [String],
-) -> impl Iterator<Item = String> + 'a {
-    (1..sides.len())
-        .filter(|k| residual_count(*k, rows) < MIN_RESIDUALS)
-        .map(|k| format!("{} overlaps no other patch within reach: it was not aligned", names[k]))
+) -> impl Iterator<Item = Finding> + 'a {
+    (1..sides.len()).filter(|k| residual_count(*k, rows) < MIN_RESIDUALS).map(|k| {
+        let text = format!("{} overlaps no other patch within reach: it was not aligned", names[k]);
+        Finding::new(FindingCode::PatchNotAligned, text)
+    })
 }
 
 /// Robust scale of the distances between a patch and others: as a length, and in σ if they are stated. Zero

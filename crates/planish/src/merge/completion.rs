@@ -5,6 +5,7 @@
 //! guaranteed: the object may be smaller there than its bound. Parts of patches whose orientation relative to
 //! the bound is undetermined are kept as they are ([`Facing::undetermined`]).
 
+use planish_core::{Finding, FindingCode};
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
 use planish_mesh::{
@@ -129,24 +130,28 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
     Ok(Completed { whole, vertices, carved, facing })
 }
 
-/// Messages about the orientation of patches.
-pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
+/// Findings about which way patches faced.
+pub(super) fn facing_findings(facing: Facing, bound: &str) -> Vec<Finding> {
     let parts = |count: usize| match count {
         1 => "one part of the patches".to_owned(),
         count => format!("{count} parts of the patches"),
     };
-    let mut words = Vec::new();
+    let mut findings = Vec::new();
     if facing.turned > 0 {
-        words.push(format!("{} faced inwards according to {bound} and was reversed", parts(facing.turned)));
-    }
-    if facing.undetermined > 0 {
-        words.push(format!(
-            "which way {} faces cannot be told by {bound}: what completes it is right only where it faces \
-             outwards",
-            parts(facing.undetermined)
+        findings.push(Finding::new(
+            FindingCode::PatchReversed,
+            format!("{} faced inwards according to {bound} and was reversed", parts(facing.turned)),
         ));
     }
-    words
+    if facing.undetermined > 0 {
+        let text = format!(
+            "{bound} does not determine which way {} faces: its completion is correct only where it faces \
+             outwards",
+            parts(facing.undetermined)
+        );
+        findings.push(Finding::new(FindingCode::PatchFacingUnknown, text));
+    }
+    findings
 }
 
 /// Turns over the connected parts of a mesh whose normals are against those of the bound's nearest places.

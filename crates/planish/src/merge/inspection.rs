@@ -4,6 +4,7 @@
 //! messages about problems. Not guaranteed: a copy is recognised only if its coordinates are exactly equal.
 
 use super::patches::NamedPatch;
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -38,7 +39,7 @@ const MAX_SIGMA_PER_EDGE: f64 = 0.4;
 /// `Input` if fewer than two patches remain.
 pub(super) fn leave_out_copies(
     named: Vec<NamedPatch>,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<Vec<NamedPatch>> {
     let mut kept: Vec<(NamedPatch, Option<BoundingBox>)> = Vec::with_capacity(named.len());
     let mut copies = Vec::new();
@@ -62,9 +63,10 @@ pub(super) fn leave_out_copies(
         let why: String = copies.iter().map(|copy| format!("; {copy} and counts once")).collect();
         return Err(Error::input(format!("merging takes two patches or more, found {}{why}", kept.len())));
     }
-    warnings.extend(
-        copies.into_iter().map(|copy| format!("{copy}: it was ignored, because it adds no information")),
-    );
+    findings.extend(copies.into_iter().map(|copy| {
+        let text = format!("{copy}: it was ignored, because it adds no information");
+        Finding::new(FindingCode::PatchDuplicate, text)
+    }));
     Ok(kept.into_iter().map(|(patch, _)| patch).collect())
 }
 
@@ -78,21 +80,22 @@ fn sorted(places: &[[f64; 3]]) -> Vec<[f64; 3]> {
     all
 }
 
-/// Messages about patches that intersect themselves. `numbers` maps triangles to their numbers in the file.
-pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Vec<u32>]) -> Vec<String> {
+/// Findings about patches that cross themselves; `numbers` are those of their triangles in their files.
+pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Vec<u32>]) -> Vec<Finding> {
     let found = searches.iter().map(MeshSearch::self_crossings);
     (found.zip(names).zip(numbers).filter(|((found, _), _)| found.pairs > 0))
         .map(|((found, name), numbers)| {
             let [a, b] = found.first.map(|t| numbers.get(t as usize).copied().unwrap_or(t));
             let [x, y, z] = found.place;
-            format!(
+            let text = format!(
                 "{name} intersects itself: {} of its triangles, the first {a} and {b} (counted from 0) at \
                  ({x:.6}, {y:.6}, {z:.6})",
                 match found.pairs {
                     1 => "one pair".to_owned(),
                     pairs => format!("{pairs} pairs"),
                 }
-            )
+            );
+            Finding::new(FindingCode::SelfCrossing, text)
         })
         .collect()
 }
@@ -184,14 +187,17 @@ pub(super) fn turn_alike(
     Ok((turned, searches))
 }
 
-/// Messages about patches whose σ was estimated from differences, and whose differences look like those of
-/// unrelated surfaces.
+/// Findings about patches whose σ was estimated from their differences from others, and that differ as if
+/// they were of different objects.
+///
+/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
+/// then as long as an edge.
 pub(super) fn unalike(
     patches: &[MergePatch],
     overlap: &Overlap,
     names: &[String],
     unit: Unit,
-) -> Vec<String> {
+) -> Vec<Finding> {
     let estimated = patches.iter().zip(&overlap.patches).zip(names);
     estimated
         .filter(|((patch, _), _)| patch.sigma.is_empty())
@@ -201,12 +207,13 @@ pub(super) fn unalike(
             let middle = spacing.len() / 2;
             let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
             (sigma > MAX_SIGMA_PER_EDGE * *edge).then(|| {
-                format!(
+                let text = format!(
                     "{name}: other patches near it differ by σ = {} {unit}, and its edges are {} {unit} \
-                     long: if they belong to different objects, a smaller --epsilon keeps them apart",
+                     long: if they are of different objects, a smaller distance of overlap keeps them apart",
                     significant(sigma, 3),
                     significant(*edge, 3)
-                )
+                );
+                Finding::new(FindingCode::PatchesDiffer, text).with_setting(Setting::Epsilon)
             })
         })
         .collect()

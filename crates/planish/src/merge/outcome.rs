@@ -3,6 +3,8 @@
 //! These are plain records. The fields of the report are the keys of the JSON output.
 
 use super::MergeMethod;
+use planish_core::Finding;
+use planish_core::finding::with_warnings;
 use planish_exchange::Unit;
 use planish_mesh::{TriangleMesh, VertexCurvature};
 use planish_surface::model::{ScanPoseReport, SigmaSummary};
@@ -124,8 +126,9 @@ pub struct MergeReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 /// A merged mesh.

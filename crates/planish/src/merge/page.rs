@@ -2,13 +2,11 @@
 
 use crate::merge::{MergeReport, Merged};
 use crate::report::scenes::{numbers, observed_field};
-use crate::report::words::{SmallUnit, warnings_as_findings};
+use crate::report::words::SmallUnit;
 use crate::report::{ReportOutput, file_name, title_of};
 use planish_estimate::Result;
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{
-    Block, FieldKind, Figure, Finding, FindingLevel, Page, Scene, Section, SurfaceShown, Table,
-};
+use planish_report::{Block, FieldKind, Figure, Page, Scene, Section, SurfaceShown, Table};
 use std::path::Path;
 
 /// Writes a page that shows a merged mesh.
@@ -39,7 +37,7 @@ fn merge_page(merged: &Merged) -> Page {
             counted(report.patches.len(), "patch"),
             counted(report.triangles, "triangle")
         ),
-        findings: findings(report),
+        findings: report.findings.clone(),
         figures: vec![
             Figure::new(
                 "σ, median",
@@ -199,38 +197,4 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
         ),
         Block::Table(table),
     ]
-}
-
-fn findings(report: &MergeReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = warnings_as_findings(&report.warnings);
-    if report.nonmanifold_edges > 0 {
-        found.push(Finding::new(
-            FindingLevel::Bad,
-            format!("{} of the mesh have more than two faces.", counted(report.nonmanifold_edges, "edge")),
-        ));
-    }
-    if report.parts > 1 {
-        found.push(Finding::new(
-            FindingLevel::Look,
-            format!(
-                "The result is in {}: see where patches overlap.",
-                counted(report.parts, "separate part")
-            ),
-        ));
-    }
-    found.push(Finding::new(
-        FindingLevel::Good,
-        if report.watertight {
-            "The mesh is watertight.".to_owned()
-        } else {
-            format!("The mesh is open along {}.", counted(report.boundary_edges, "edge"))
-        },
-    ));
-    if report.sigma_estimated {
-        found.push(Finding::new(
-            FindingLevel::Look,
-            "The patches state no σ: it was estimated from their differences in the overlaps.",
-        ));
-    }
-    found
 }

@@ -5,8 +5,7 @@
 
 use crate::compare::ComparedMesh;
 use crate::saved;
-use planish_core::Length;
-use planish_core::SymmetricMatrix3;
+use planish_core::{Finding, FindingCode, Length, Setting, SymmetricMatrix3};
 use planish_estimate::vector3::{cross, distance, dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, is_step_file, read_mesh};
@@ -45,8 +44,8 @@ pub struct PatchSet {
     pub unit: Option<Unit>,
     /// Every file that was read.
     pub inputs: Vec<PathBuf>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    pub findings: Vec<Finding>,
 }
 
 /// Reads patches from files.
@@ -58,7 +57,7 @@ pub struct PatchSet {
 ///
 /// `bound` is an additional file with a surface that contains the object. `unit` applies to files without a
 /// unit. All lengths are converted to the unit of the first file that has one. Files without a unit are
-/// assumed to be in that unit, with a warning.
+/// assumed to be in that unit, with a finding.
 ///
 /// # Errors
 /// Those of the readers; `Input` for points without a surface, for a model without measured regions, and for
@@ -108,7 +107,7 @@ pub fn read_patches(
             read.push((of_mesh(name, &mesh, &sigma, &known, &marks)?, of_file.or(unit)));
         } else if is_step_file(path) {
             set.inputs.push(path.clone());
-            of_faces(path, unit, chord, &mut read, &mut set.warnings)?;
+            of_faces(path, unit, chord, &mut read, &mut set.findings)?;
         } else {
             let scans = read_inputs(&[path], unit)?;
             set.inputs.extend(scans.inputs.iter().map(|i| i.path.clone()));
@@ -137,12 +136,17 @@ pub fn read_patches(
                 for s in &mut patch.sigma {
                     *s *= factor;
                 }
-                set.warnings.push(format!("{}: turned from {from} into {to}", named.name));
+                let text = format!("{}: converted from {from} to {to}", named.name);
+                set.findings.push(Finding::new(FindingCode::UnitConverted, text));
             }
-            (None, Some(to)) => set.warnings.push(format!(
-                "{} states no unit: {to} is assumed, as for the others; use --unit for another",
-                named.name
-            )),
+            (None, Some(to)) => {
+                let text = format!(
+                    "{} states no unit: {to} is assumed, as for the others; state another if that is wrong",
+                    named.name
+                );
+                let finding = Finding::new(FindingCode::UnitAssumed, text);
+                set.findings.push(finding.with_setting(Setting::Unit));
+            }
             _ => {}
         }
         set.patches.push(named);
@@ -157,18 +161,21 @@ fn of_faces(
     unit: Option<Unit>,
     chord: Option<Length>,
     read: &mut Vec<(NamedPatch, Option<Unit>)>,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<()> {
     let faces = read_step(path)?;
     let unit = faces.unit().or(unit);
     let chord = chord.map(|chord| chord.in_unit(unit.unwrap_or(Unit::Millimetre)));
     let mesh = faces.triangles(&faces.fineness(chord)).map_err(|e| e.in_context(path.display()))?;
     if let Some(first) = mesh.left_out.first() {
-        warnings.push(format!(
-            "{}: {} of {} faces are skipped, the first: {first}",
-            path.display(),
-            mesh.left_out.len(),
-            mesh.left_out.len() + mesh.faces
+        findings.push(Finding::new(
+            FindingCode::FacesSkipped,
+            format!(
+                "{}: {} of {} faces are skipped, the first: {first}",
+                path.display(),
+                mesh.left_out.len(),
+                mesh.left_out.len() + mesh.faces
+            ),
         ));
     }
     let count = mesh.parts.len();

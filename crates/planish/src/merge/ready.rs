@@ -9,12 +9,14 @@ use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalik
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
     MergePatch, MeshSearch, Overlap, OverlapOptions, StitchedMesh, TriangleMesh, quantile_of_sorted,
 };
+use planish_report::numbers::counted;
 use planish_surface::model::{ScanPoseReport, SigmaSummary};
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -33,8 +35,8 @@ pub(super) struct Ready {
     /// Whether any patch intersects itself.
     pub crosses: bool,
     unit: Unit,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    pub findings: Vec<Finding>,
 }
 
 /// What was done to patches once they were ready.
@@ -52,14 +54,17 @@ pub(super) struct Done {
 impl Ready {
     /// Removes copies, orients patches consistently, and aligns them on request.
     pub fn new(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Self> {
-        let PatchSet { patches: named, unit, mut warnings, .. } = set;
+        let PatchSet { patches: named, unit, mut findings, .. } = set;
         for named in named.iter().filter(|p| p.tidied.dropped > 0) {
-            warnings.push(format!(
-                "{}: {} triangles were removed, because their edges already belong to two others",
-                named.name, named.tidied.dropped
+            findings.push(Finding::new(
+                FindingCode::TrianglesRemoved,
+                format!(
+                    "{}: {} triangles were removed, because their edges already belong to two others",
+                    named.name, named.tidied.dropped
+                ),
             ));
         }
-        let named = leave_out_copies(named, &mut warnings)?;
+        let named = leave_out_copies(named, &mut findings)?;
         let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
         let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
         let (mut patches, numbers): (Vec<MergePatch>, Vec<Vec<u32>>) =
@@ -67,17 +72,18 @@ impl Ready {
         let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
         let crossed = crossings(&searches, &names, &numbers);
         let crosses = !crossed.is_empty();
-        warnings.extend(crossed);
+        findings.extend(crossed);
         for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
-            warnings.push(format!(
-                "{name} faced the other way than the patches that it lies on: it was turned over"
+            findings.push(Finding::new(
+                FindingCode::PatchReversed,
+                format!("{name} faced the other way than the patches that it overlaps: it was reversed"),
             ));
         }
         let poses = match options.align {
             true => {
                 let part = ProgressPart::new(progress, 0.1, 0.3);
                 let (poses, told) = align(&mut patches, &mut searches, &names, &part)?;
-                warnings.extend(told);
+                findings.extend(told);
                 poses
             }
             false => Vec::new(),
@@ -93,7 +99,7 @@ impl Ready {
             poses,
             crosses,
             unit: unit.unwrap_or(Unit::Millimetre),
-            warnings,
+            findings,
         })
     }
 
@@ -110,20 +116,25 @@ impl Ready {
         let in_space = in_order(self.names.clone(), &self.order);
         if overlap.regions.is_empty() {
             return Err(Error::undetermined(format!(
-                "no two of the {} patches overlap: {}; check that they share one frame and unit, try \
-                 --align, or give a larger --epsilon",
+                "no two of the {} patches overlap: {}; check that they share one frame and unit, \
+                 align them, or allow a larger distance",
                 self.patches.len(),
                 nearest(&self.patches, &self.searches, &in_space, self.unit)
-            )));
+            ))
+            .with_setting(Setting::Align)
+            .with_setting(Setting::Epsilon));
         }
         for (k, name) in self.names.iter().enumerate() {
             let shares = |patches: &[usize; 2]| patches.iter().any(|p| self.order[*p] == k);
             if !overlap.regions.iter().any(|r| shares(&r.patches)) {
-                self.warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
+                self.findings.push(Finding::new(
+                    FindingCode::PatchIsolated,
+                    format!("{name} overlaps no other patch: it remains a separate part"),
+                ));
             }
         }
         if options.epsilon.is_none() {
-            self.warnings.extend(unalike(&self.patches, &overlap, &in_space, self.unit));
+            self.findings.extend(unalike(&self.patches, &overlap, &in_space, self.unit));
         }
         Ok(overlap)
     }
@@ -141,11 +152,12 @@ impl Ready {
             let has_feet =
                 (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
             if has_feet {
-                self.warnings.push(format!(
-                    "{}: none of its vertices is one of the mesh, as others lie farther within their \
-                     patches or nearer together; what it says counts where these are put",
+                let text = format!(
+                    "{}: the mesh has none of its vertices, because those of others are farther within their \
+                     patches or denser; its information is used in their positions",
                     self.names[*k]
-                ));
+                );
+                self.findings.push(Finding::new(FindingCode::PatchUnused, text));
             }
         }
         kept
@@ -181,7 +193,7 @@ impl Ready {
             turned_over: self.turned[k],
             sigma: SigmaSummary::from_values(overlap.patches[*at].sigma.clone()).median,
         };
-        MergeReport {
+        let mut report = MergeReport {
             method: done.method,
             vertices: check.vertices,
             triangles: check.triangles,
@@ -203,9 +215,37 @@ impl Ready {
             quality: quality(&sewn.mesh),
             inputs: done.inputs,
             unit: self.unit,
-            warnings: self.warnings.clone(),
-        }
+            findings: self.findings.clone(),
+        };
+        report.findings.extend(judge(&report));
+        report
     }
+}
+
+/// The findings that follow from the figures of the merged mesh.
+fn judge(report: &MergeReport) -> Vec<Finding> {
+    let mut found = Vec::new();
+    if report.nonmanifold_edges > 0 {
+        let edges = counted(report.nonmanifold_edges, "edge");
+        let text = format!("{edges} of the mesh have more than two faces");
+        found.push(Finding::new(FindingCode::NonmanifoldEdges, text));
+    }
+    if report.parts > 1 {
+        let parts = counted(report.parts, "separate part");
+        let text = format!("the result is in {parts}: see where patches overlap");
+        found.push(Finding::new(FindingCode::SeveralParts, text));
+    }
+    found.push(if report.watertight {
+        Finding::new(FindingCode::MeshClosed, "the mesh is watertight")
+    } else {
+        let text = format!("the mesh is open along {}", counted(report.boundary_edges, "edge"));
+        Finding::new(FindingCode::MeshOpen, text)
+    });
+    if report.sigma_estimated {
+        let text = "the patches state no σ: it was estimated from their differences in the overlaps";
+        found.push(Finding::new(FindingCode::SigmaFromOverlaps, text));
+    }
+    found
 }
 
 /// The numbers of patches in the order of their first places in space.

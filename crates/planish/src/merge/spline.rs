@@ -12,6 +12,7 @@
 use super::Merged;
 use crate::compare::feet_on;
 use crate::output::{OutputOptions, PlannedOutput, WrittenFile, prepare};
+use planish_core::{Finding, FindingCode};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::vector3::{dot, sub};
 use planish_estimate::{Error, Result};
@@ -49,7 +50,7 @@ pub struct MergedSpline {
     /// How it follows the mesh.
     pub report: SplineReport,
     /// Warnings for the user.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// Maximum share of the triangles of a part that is ignored. Larger parts besides the largest are refused.
@@ -77,33 +78,35 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     Ok((largest, in_part, count.saturating_sub(1)))
 }
 
-/// Fits one hierarchical surface (a sheet, a tube or a ball) to the vertices of a merged mesh.
-///
-/// Parts with less than 1 % of the triangles are ignored, with a warning. A warning also names handles, which
-/// the surface cannot represent.
+/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits
+/// it. Small parts beside the largest are omitted and handles are closed, each with a finding.
 ///
 /// # Errors
 /// `Unsupported` for a mesh of several parts; otherwise those of [`fit`].
 pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
     let (largest, in_part, left_out) = largest_part(&merged.mesh)?;
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if left_out > 0 {
-        warnings.push(format!("{left_out} small parts of the merged surface are not in its spline"));
+        findings.push(Finding::new(
+            FindingCode::SplinePartsOmitted,
+            format!("the spline omits {left_out} small parts of the merged surface"),
+        ));
     }
     let check = largest.check();
     // χ = 2 − 2g − b.
     let handles = (2 - check.euler_characteristic - check.boundary_loops as i64) / 2;
     if handles > 0 {
-        warnings.push(format!(
+        let text = format!(
             "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: \
-             see how far it is from the mesh there"
-        ));
+             compare it with the mesh there"
+        );
+        findings.push(Finding::new(FindingCode::SplineHandlesOmitted, text));
     }
     let vertices = Vertices::new(merged, &in_part);
     let fitted = fit(&vertices.as_scan(merged), &spline_options(seed), progress)?;
     let mut model = fitted.model;
     let carried = carry_sigma(&mut model, &vertices)?;
-    warnings.extend(fitted.report.warnings);
+    findings.extend(fitted.report.findings);
     Ok(MergedSpline {
         model,
         report: SplineReport {
@@ -114,7 +117,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
             sigma: carried.sigma,
             variance_factor: carried.factor,
         },
-        warnings,
+        findings,
     })
 }
 

@@ -3,11 +3,12 @@
 use crate::next::{Change, NextPoint, NextReport, ViewsReport};
 use crate::report::scenes::model_scene;
 use crate::report::words::{SmallUnit, head};
+use planish_core::Finding;
 use planish_estimate::vector3::{add_scaled, distance, scale};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{Block, Figure, Finding, FindingLevel, LineSet, Mark, Page, Scene, Section, Table};
+use planish_report::{Block, Figure, LineSet, Mark, Page, Scene, Section, Table};
 use planish_sense::{Pose, ViewSensor};
 use planish_surface::model::SurfaceModel;
 use std::path::Path;
@@ -21,32 +22,17 @@ fn change(what: &str, sigma: Change, unit: SmallUnit<'_>) -> Figure {
 }
 
 /// The page of points to measure.
-pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) -> Result<Page> {
+pub(crate) fn next_page(
+    model: &SurfaceModel,
+    next: &NextReport,
+    findings: Vec<Finding>,
+    name: &Path,
+) -> Result<Page> {
     let model_unit = model.unit.name();
     let unit = SmallUnit::for_length(model_unit, next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     scene.marks = next_marks(&next.points, unit);
     "where to measure next".clone_into(&mut scene.marks_name);
-    let mut findings = Vec::new();
-    match next.reached_goal {
-        Some(true) => findings.push(Finding::new(FindingLevel::Good, "These points reach the goal.")),
-        Some(false) => findings.push(Finding::new(
-            FindingLevel::Look,
-            "These points do not reach the goal: plan more of them, or measure with a smaller σ.",
-        )),
-        None => {}
-    }
-    if let Some(left) = &next.shape_left {
-        findings.push(Finding::new(
-            FindingLevel::Look,
-            format!(
-                "On {} of the region's area σ holds shape that cells are too large to follow, up to {}: no \
-                 reading makes it smaller, finer cells do.",
-                percent(left.area_fraction),
-                unit.text(left.largest)
-            ),
-        ));
-    }
     let mut blocks = vec![
         Block::Text(format!(
             "Each of these readings has σ {} along the normal. σ now is what is known once all points \
@@ -91,33 +77,12 @@ pub(crate) fn views_page(
     model: &SurfaceModel,
     next: &ViewsReport,
     sensor: &ViewSensor,
+    findings: Vec<Finding>,
     name: &Path,
 ) -> Result<Page> {
     let unit = SmallUnit::for_length(model.unit.name(), next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     show_views(&mut scene, next, sensor, unit)?;
-    let mut findings = Vec::new();
-    match next.reached_goal {
-        Some(true) => findings.push(Finding::new(FindingLevel::Good, "These views reach the goal.")),
-        Some(false) => findings.push(Finding::new(
-            FindingLevel::Look,
-            "These views do not reach the goal: plan more of them, or measure with a better sensor.",
-        )),
-        None => {}
-    }
-    if let Some(place) = next.worst_unseen.filter(|_| next.unseen > 0.0) {
-        findings.push(Finding::new(
-            FindingLevel::Look,
-            format!(
-                "{} of the area is seen from none of the {} poses that were compared; the least known of it \
-                 lies at {} with σ {}.",
-                percent(next.unseen),
-                count(next.candidates),
-                place.position.map(|c| significant(c, 4)).join(", "),
-                unit.text(place.sigma)
-            ),
-        ));
-    }
     let place = head("x, y, z", model.unit.name());
     let [worst, mean] = ["largest σ then", "mean σ then"].map(|what| unit.head(what));
     let mut table = Table::new(["view", &place, "readings", "sees", "so far", &worst, &mean]);

@@ -1,12 +1,14 @@
 //! `planish next --views`: a saved model and a sensor's file in, poses out.
 
+use super::findings::judge_views;
 use super::page::views_page;
 use super::{NextOptions, NextView, ViewsReport, next_views};
 use crate::job::Job;
 use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
-use planish_core::Length;
 use planish_core::Progress;
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, Length};
 use planish_estimate::Result;
 use planish_exchange::calibration::read_view_sensor;
 use planish_exchange::ply::{Column, MeshColumns, write_points};
@@ -44,6 +46,9 @@ pub struct NextViewsJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 impl Job for NextViewsJob {
@@ -84,12 +89,13 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
             _ => write_ply(path, &next.views, model.unit)?,
         }
     }
+    let findings = judge_views(&next, options.count, model.unit);
     if let Some(page) = &job.report {
-        let made = views_page(&model, &next, &sensor, &job.model)?;
+        let made = views_page(&model, &next, &sensor, findings.clone(), &job.model)?;
         let inputs = [(&job.model, "the model"), (&job.sensor, "the sensor")];
         page.write(made, &inputs.map(|(path, role)| (path.clone(), role.to_owned())))?;
     }
-    Ok(NextViewsJobReport { next, unit: model.unit })
+    Ok(NextViewsJobReport { next, unit: model.unit, findings })
 }
 
 /// Writes a job file for the scans to be taken.

@@ -10,6 +10,7 @@ use super::{ContourPatch, OccludingJob};
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, check_outputs, plan_outputs, prepare,
 };
+use planish_core::{Finding, FindingCode};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{ErrorKind, Result};
 use planish_exchange::{PosedScan, ScanSet, Unit};
@@ -36,7 +37,7 @@ pub(super) fn patches(
     found: &OccludingContours,
     unit: Option<Unit>,
     progress: &dyn Progress,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<Vec<Patch>> {
     let splines = plan_outputs(&job.patches)?.iter().any(|p| !p.format.is_mesh());
     let mut patches: Vec<Patch> = Vec::new();
@@ -49,7 +50,10 @@ pub(super) fn patches(
             break;
         }
         let Ok((mesh, sigma)) = found.patch(strip) else {
-            warnings.push(format!("strip {} of {} points made no triangles", strip + 1, of_strip.len()));
+            findings.push(Finding::new(
+                FindingCode::StripWithoutMesh,
+                format!("strip {} of {} points has no triangles", strip + 1, of_strip.len()),
+            ));
             continue;
         };
         let spline = match splines {
@@ -60,15 +64,16 @@ pub(super) fn patches(
                 {
                     Ok(fit) => {
                         let of = patches.len() + 1;
-                        warnings.extend(fit.report.warnings.iter().map(|w| format!("patch {of}: {w}")));
+                        findings.extend(
+                            fit.report.findings.iter().map(|f| f.clone().in_context(format!("patch {of}"))),
+                        );
                         Some(fit)
                     }
                     Err(e) if e.kind() == ErrorKind::Interrupted => return Err(e),
                     Err(e) => {
-                        warnings.push(format!(
-                            "strip {} of {} points made no spline: {e}",
-                            strip + 1,
-                            of_strip.len()
+                        findings.push(Finding::new(
+                            FindingCode::StripWithoutSpline,
+                            format!("strip {} of {} points has no spline: {e}", strip + 1, of_strip.len()),
                         ));
                         None
                     }

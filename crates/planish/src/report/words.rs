@@ -1,7 +1,6 @@
-//! Words that all reports share: lengths in a unit that reads well, heads of tables, warnings as sentences.
+//! Words that all reports share: lengths in a unit that reads well, heads of tables.
 
 use planish_report::numbers::significant;
-use planish_report::{Finding, FindingLevel};
 
 /// With `A` or `An` before it.
 pub(crate) fn with_article(name: &str) -> String {
@@ -50,37 +49,15 @@ pub(crate) fn head(what: &str, unit: &str) -> String {
     if unit.is_empty() { what.to_owned() } else { format!("{what} / {unit}") }
 }
 
-/// Warnings as findings that are worth a look.
-pub(crate) fn warnings_as_findings(warnings: &[String]) -> Vec<Finding> {
-    warnings.iter().map(|w| Finding::new(FindingLevel::Look, sentence(w))).collect()
-}
-
-/// A warning as a sentence.
-pub(crate) fn sentence(warning: &str) -> String {
-    let mut letters = warning.chars();
-    let first = letters.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
-    // Names of files stay as they are.
-    let first = if warning.split([':', ' ']).next().is_some_and(|word| word.contains('.')) {
-        warning.chars().take(1).collect()
-    } else {
-        first
-    };
-    let end = if warning.ends_with(['.', '!', '?']) { "" } else { "." };
-    format!("{first}{}{end}", letters.as_str())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn lengths_and_warnings_read_well() {
+    fn lengths_read_well() {
         let small = SmallUnit::for_length("m", 0.0012);
         assert_eq!((small.text(0.0012), small.head("rms")), ("1.20 mm".to_owned(), "rms / mm".to_owned()));
         assert_eq!(SmallUnit::for_length("m", 2.0).text(2.0), "2.00 m");
         assert_eq!(head("radius", ""), "radius");
-        let found = warnings_as_findings(&["the mesh is open".to_owned(), "a.ply: no unit.".to_owned()]);
-        assert_eq!(found[0].text, "The mesh is open.");
-        assert_eq!(found[1].text, "a.ply: no unit.");
     }
 }

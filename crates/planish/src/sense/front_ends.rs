@@ -1,6 +1,7 @@
 //! The sensors: raw data and calibration to points, normals and images of numbers.
 
 use super::*;
+use planish_core::{Finding, FindingCode, Setting};
 
 /// A direction with a larger σ, in degrees, is not known.
 const MOST_SIGMA_DEG: f64 = 90.0;
@@ -63,16 +64,17 @@ pub(super) fn stereo(
         ("range", range),
         ("outside", outside),
     ];
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if (known.len() as f64) < MIN_MATCHED * map.disparity.len() as f64 {
-        warnings.push(format!(
+        let text = format!(
             "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
-             the first, are the pictures rectified, and is --disparities wide enough?",
+             the first, are the pictures rectified, and is the range of disparities wide enough?",
             100.0 * known.len() as f64 / map.disparity.len() as f64
-        ));
+        );
+        findings.push(Finding::new(FindingCode::FewMatches, text).with_setting(Setting::Disparities));
     }
     Ok(Sensed {
-        warnings,
+        findings,
         pixels: map.disparity.len(),
         observations: known.len(),
         rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
@@ -175,32 +177,36 @@ pub(super) fn photometric(
     sensed.sigma_brightness = Some(map.sigma_brightness);
     sensed.unit = known.unit;
     sensed.more_inputs = more_inputs;
-    sensed.warnings = unlike_brightness(&map, known.sigma_brightness);
+    sensed.findings = unlike_brightness(&map, known.sigma_brightness);
     Ok(sensed)
 }
 
 /// Residuals that the stated σ of brightness, or any matte surface, does not explain.
-fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<String> {
+fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
     let Some(found) = map.sigma_of_residuals else {
         return Vec::new();
     };
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if let Some(stated) = stated.filter(|stated| found > MAX_BRIGHTNESS_MISFIT * stated) {
-        warnings.push(format!(
+        let text = format!(
             "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} \
              times the stated sigma_brightness: σ of the normals is too \
              small by as much; leave sigma_brightness out, or are the pictures in the order of the lights?",
             found / stated
-        ));
+        );
+        findings.push(Finding::new(FindingCode::BrightnessInconsistent, text));
     }
     if found > MOST_BRIGHTNESS_SHARE * map.brightest {
-        warnings.push(format!(
-            "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the \
+        findings.push(Finding::new(
+            FindingCode::BrightnessInconsistent,
+            format!(
+                "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the \
              brightest: are the pictures in the order of the lights, and of one view?",
-            100.0 * found / map.brightest
+                100.0 * found / map.brightest
+            ),
         ));
     }
-    warnings
+    findings
 }
 
 pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
@@ -232,20 +238,23 @@ fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed>
 }
 
 pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
-    let calibration = calibration_of(image, calibration)?;
+    let calibration = find_calibration(image, calibration)?;
     let (scan, unit) = read_depth(image, &calibration)?;
     if scan.points.is_empty() {
         return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));
     }
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if extension(image) == "png" && read_picture(image)?.white <= 255.0 {
-        warnings.push(format!(
-            "{}: has 8 bits, 256 depths at most: is it a depth image, or a picture of one for people?",
-            image.display()
+        findings.push(Finding::new(
+            FindingCode::DepthCoarse,
+            format!(
+                "{}: has 8 bits, 256 depths at most: is it a depth image, or a picture of one for people?",
+                image.display()
+            ),
         ));
     }
     Ok(Sensed {
-        warnings,
+        findings,
         pixels: scan.points.len() + scan.dropped_not_finite,
         observations: scan.points.len(),
         rejected: [("no_reading", scan.dropped_not_finite)].into_iter().filter(|(_, n)| *n > 0).collect(),

@@ -5,6 +5,7 @@
 //!
 //! Not guaranteed: more of a material than the picture of its colour.
 
+use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
@@ -15,12 +16,15 @@ use std::path::{Path, PathBuf};
 /// A pose by its name, and where it brings the vertices.
 pub(super) type NamedPlaces<'a> = (&'a str, &'a [[f64; 3]]);
 
-/// The bytes of the texture; a warning where there should be some and are none.
-pub(super) fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Option<Vec<u8>> {
+/// The bytes of the texture; a finding if they cannot be read.
+pub(super) fn picture_of(file: &TexturedMesh, findings: &mut Vec<Finding>) -> Option<Vec<u8>> {
     if file.picture.is_some() {
         return file.picture.clone();
     }
-    read_bytes(file.texture.as_ref()?).map_err(|e| warnings.push(format!("the texture is dropped: {e}"))).ok()
+    let drop = |e| {
+        findings.push(Finding::new(FindingCode::TextureDropped, format!("the texture is dropped: {e}")));
+    };
+    read_bytes(file.texture.as_ref()?).map_err(drop).ok()
 }
 
 /// Whether OBJ and GLB files can contain this texture.

@@ -22,6 +22,7 @@ pub use figures::{CameraPoseReport, FlowReport, FrameReport, ReadingsReport, She
 use input::{Frame, FrameFiles, Moved, Units};
 use nalgebra::DVector;
 use page::{ShownShell, shell_page};
+use planish_core::Finding;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result, Termination};
 use planish_exchange::Unit;
@@ -178,7 +179,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         outputs: outputs_of_frames(job, &frames),
         inputs: inputs_with_frames(job, &frames),
         units: Units::new(job.unit),
-        warnings: Vec::new(),
+        findings: Vec::new(),
         written: Vec::new(),
     };
     progress.check("reading", 0.0)?;
@@ -201,7 +202,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         Some(_) => Some(ShellTracker::new(&start.mesh, &*deformation, options.clone())?),
         None => None,
     };
-    let picture = picture_of(&start.appearance, &mut run.warnings);
+    let picture = picture_of(&start.appearance, &mut run.findings);
     let (mut of_frames, mut last) = (Vec::new(), None);
     for (k, files) in frames.iter().enumerate() {
         let stage =
@@ -247,7 +248,7 @@ struct Run<'a> {
     outputs: Vec<Vec<PathBuf>>,
     inputs: Vec<PathBuf>,
     units: Units,
-    warnings: Vec<String>,
+    findings: Vec<Finding>,
     written: Vec<PathBuf>,
 }
 
@@ -334,7 +335,7 @@ impl Run<'_> {
     fn start(&mut self) -> Result<Start> {
         let (mesh, appearance) = read_template(self.job, &mut self.units)?;
         self.inputs.extend(appearance.files.iter().cloned());
-        self.warnings.extend(appearance.warnings.iter().cloned());
+        self.findings.extend(appearance.findings.iter().cloned());
         let given = mesh.clone();
         if !self.job.rough_start {
             return Ok(Start { given, mesh, appearance, sigma: Vec::new(), flow: None });
@@ -345,7 +346,7 @@ impl Run<'_> {
             progress.items(rounds, "rounds");
             progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
         })?;
-        let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.warnings);
+        let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.findings);
         Ok(Start { given, mesh: made.mesh, appearance, sigma: made.sigma, flow: Some(made.report) })
     }
 
@@ -358,12 +359,12 @@ impl Run<'_> {
         start: &Start,
     ) -> Result<Frame> {
         self.progress.check(stage.title(), stage.share(0.0))?;
-        let frame = Frame::read(self.job, files, size, &mut self.units, &mut self.warnings)?;
+        let frame = Frame::read(self.job, files, size, &mut self.units, &mut self.findings)?;
         self.inputs.extend(frame.files.iter().cloned());
         if stage.number == 0 {
             inspection::points_and_mesh(&frame, &start.mesh, self.units.unit())
                 .map_err(|e| stage.in_frame(e))?;
-            self.warnings.extend(inspection::masks(&frame, &start.mesh, !self.job.rough_start));
+            self.findings.extend(inspection::masks(&frame, &start.mesh, !self.job.rough_start));
         }
         Ok(frame)
     }
@@ -434,11 +435,13 @@ impl Run<'_> {
             unit: self.units.unit(),
             inputs: self.inputs,
             written: self.written,
-            warnings: self.warnings,
+            findings: self.findings,
         };
         let believed = self.job.believe_sigma;
         let outcome = inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, believed);
-        done.warnings.extend(outcome);
+        done.findings.extend(outcome);
+        let ending = inspection::ending(&done);
+        done.findings.extend(ending);
         if let Some(page) = &self.job.report {
             let shown = ShownShell {
                 found: &TriangleMesh { positions: fit.positions, triangles: start.mesh.triangles.clone() },

@@ -36,6 +36,8 @@ use super::appearance::{Known, NamedPlaces, PoseAnimation, normals_of, picture_o
 use super::surface::mesh_outputs;
 use crate::job::Job;
 use nalgebra::DVector;
+use planish_core::Finding;
+use planish_core::finding::with_warnings;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::vector3::{add, distance};
 use planish_estimate::{Error, Result};
@@ -95,8 +97,9 @@ pub struct ShellPoseReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
     /// `converged`.
     pub termination: &'static str,
 }
@@ -197,10 +200,10 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         targets.push(points);
     }
     progress.check(WRITING_STAGE, 0.8)?;
-    let mut warnings = std::mem::take(&mut file.warnings);
+    let mut findings = std::mem::take(&mut file.findings);
     let picture = match job.outputs.is_empty() {
         true => None,
-        false => picture_of(&file, &mut warnings),
+        false => picture_of(&file, &mut findings),
     };
     let mut written = Vec::new();
     for path in &job.outputs {
@@ -218,7 +221,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         keyframes: poses.keyframes.len(),
         inputs: read,
         written,
-        warnings,
+        findings,
         termination: "converged",
     })
 }

@@ -6,6 +6,8 @@
 
 use crate::job::Job;
 use crate::output::unsupported_extension;
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -78,8 +80,9 @@ pub struct ShellMeshReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
     /// `converged`.
     pub termination: &'static str,
 }
@@ -147,18 +150,19 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         )));
     }
     let softness = job.softness.unwrap_or(USUAL_SOFTNESS * size);
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     let wrapped = match job.metaball {
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
             let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MAX_FACETS);
             if fine.triangles.len() >= MAX_FACETS {
-                warnings.push(format!(
+                let text = format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
                      bumpy; give a larger softness, or triangular metaballs",
                     job.mesh.display(),
                     fine.triangles.len()
-                ));
+                );
+                findings.push(Finding::new(FindingCode::FacetLimit, text));
             }
             fine
         }
@@ -200,7 +204,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         deviation_rms: made.deviation_rms,
         deviation_max: made.deviation_max,
         written: job.outputs.clone(),
-        warnings,
+        findings,
         termination: "converged",
     })
 }

@@ -25,6 +25,8 @@ use atlas::at_place;
 use blend::{Blended, ViewColour};
 use output::write;
 use painted::{Painting, Texture, paint};
+use planish_core::finding::with_warnings;
+use planish_core::{Finding, FindingCode};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::read_picture;
@@ -130,8 +132,9 @@ pub struct ShellTextureReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// Warnings for the user.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
     /// `converged`.
     pub termination: &'static str,
 }
@@ -173,8 +176,8 @@ impl Job for ShellTextureJob {
 /// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
 fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
     progress.check("reading", 0.0)?;
-    let mut warnings = Vec::new();
-    let (file, scene) = read(job, progress, &mut warnings)?;
+    let mut findings = Vec::new();
+    let (file, scene) = read(job, progress, &mut findings)?;
     progress.check("blending", 0.5)?;
     let BlendedViews { used, statistics, coloured, seen } = blend_vertices(job, &scene)?;
     let wanted = match job.place {
@@ -191,18 +194,19 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         };
         let chosen: Vec<&ColourView> = used.iter().map(|k| &scene.views[*k]).collect();
         let painting = Painting { job, file: &file, scene: &scene, coloured: &coloured, views: &chosen };
-        Some(paint(&painting, &colour_at, &mut warnings)?)
+        Some(paint(&painting, &colour_at, &mut findings)?)
     } else {
         None
     };
     progress.check("judging", 0.8)?;
     let reports = judge(&scene, &statistics, &coloured, texture.as_ref());
     for view in reports.iter().filter(|view| view.left_out) {
-        warnings.push(format!(
-            "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its \
-             picture or its camera may be another's",
+        let text = format!(
+            "view `{}` differs from the others at {} of the {} vertices that it sees, and is not used: its \
+             picture or its camera may be those of another view",
             view.view, view.odd, view.seen
-        ));
+        );
+        findings.push(Finding::new(FindingCode::ViewInconsistent, text));
     }
     progress.check(WRITING_STAGE, 0.9)?;
     let mut written = Vec::new();
@@ -222,7 +226,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         views: reports,
         inputs: all,
         written,
-        warnings,
+        findings,
         termination: "converged",
     })
 }
@@ -260,10 +264,10 @@ impl Scene {
 fn read(
     job: &ShellTextureJob,
     progress: &dyn Progress,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<(TexturedMesh, Scene)> {
     let mut file = read_textured(&job.mesh)?;
-    warnings.append(&mut file.warnings);
+    findings.append(&mut file.findings);
     if file.triangles.is_empty() {
         return Err(Error::undetermined(format!(
             "{}: has no faces: only a surface hides what lies behind it",
@@ -281,11 +285,12 @@ fn read(
         .map_err(|e| e.in_context(job.mesh.display()))?;
     let two_sided = !mesh.check().oriented;
     if two_sided {
-        warnings.push(format!(
+        let text = format!(
             "{}: its facets are not all turned the same way: what is thin may take colours from its other \
              side",
             job.mesh.display()
-        ));
+        );
+        findings.push(Finding::new(FindingCode::FacetsInconsistent, text));
     }
     let count = read.views.len();
     let pictured: Vec<ViewFile> = (read.views.into_iter()).filter(|view| view.image.is_some()).collect();

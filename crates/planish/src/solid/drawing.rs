@@ -2,6 +2,7 @@
 
 use super::misses::{nearly_equal_extents, nearly_meeting_ends};
 use super::{SolidJob, kinds};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::dxf::{DxfDrawing, read_dxf};
 use planish_exchange::svg::read_svg;
@@ -24,7 +25,7 @@ const SAME: f64 = 1e-7;
 const SIZES_MM: [f64; 2] = [1e-3, 1e9];
 
 /// Reads the files.
-pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawing, Unit)> {
+pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawing, Unit)> {
     let mut drawing = Drawing::default();
     let mut unit = None;
     for (path, kind) in job.views.iter().zip(kinds(job)) {
@@ -37,7 +38,7 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawin
                     1 => "two or three views".to_owned(),
                     _ => format!("the {} view", kind.name()),
                 },
-                match found.warnings.first() {
+                match found.findings.first() {
                     Some(warning) => format!(" ({warning})"),
                     None => String::new(),
                 }
@@ -51,9 +52,9 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawin
             )));
         }
         unit = unit.or(found.unit);
-        warnings.extend(found.warnings.iter().map(|w| format!("{name}: {w}")));
+        findings.extend(found.findings.into_iter().map(|f| f.in_context(&name)));
         let twice = drop_repeated(&mut found.curves);
-        warnings.extend(summary(&twice).map(|w| format!("{name}: {w}")));
+        findings.extend(summary(twice).map(|f| f.in_context(&name)));
         if extension(path) == "svg" && job.views.len() > 1 {
             place_at_origin(&mut found.curves);
         }
@@ -65,8 +66,8 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawin
             views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
     if let Some(tolerance) = job.tolerance {
-        drawing =
-            joined(&drawing, tolerance).map_err(|e| e.in_context(format!("--tolerance {tolerance:e}")))?;
+        drawing = joined(&drawing, tolerance)
+            .map_err(|e| e.in_context(format!("tolerance {tolerance:e}")).with_setting(Setting::Tolerance))?;
     }
     check_extents(&drawing, &job.views)?;
     let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
@@ -81,10 +82,11 @@ fn check_size(drawing: &Drawing, unit: Unit, job: &SolidJob) -> Result<()> {
         return Ok(());
     }
     Err(Error::input(format!(
-        "{}: what is drawn is {size:e} {unit} across: needed 0.001 mm to 1e9 mm, for what reads STEP works \
-         with fixed accuracies; check the unit (--unit, or $INSUNITS of a DXF) and the scale",
+        "{}: what is drawn is {size:e} {unit} across: needed 0.001 mm to 1e9 mm, because readers of STEP \
+         have fixed accuracies; check the unit ($INSUNITS of a DXF) and the scale",
         job.views.first().map(|v| v.display().to_string()).unwrap_or_default()
-    )))
+    ))
+    .with_setting(Setting::Unit))
 }
 
 fn read_file(path: &Path) -> Result<DxfDrawing> {
@@ -95,16 +97,16 @@ fn read_file(path: &Path) -> Result<DxfDrawing> {
 }
 
 /// The first few items, and the number of the others.
-fn summary(all: &[String]) -> impl Iterator<Item = String> + '_ {
-    let more = match all.len().saturating_sub(MAX_NAMED) {
-        0 => None,
-        n => Some(format!("and {n} more such lines")),
+fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
+    let more = match (all.len().saturating_sub(MAX_NAMED), all.first()) {
+        (0, _) | (_, None) => None,
+        (n, Some(first)) => Some(Finding::new(first.code, format!("and {n} more such lines"))),
     };
-    all.iter().take(MAX_NAMED).cloned().chain(more)
+    all.into_iter().take(MAX_NAMED).chain(more)
 }
 
 /// Removes repeated lines and reports them. If one is visible and the other hidden, the visible one is kept.
-fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
+fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     let all =
         Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
     let step = (SAME * all.size()).max(f64::MIN_POSITIVE);
@@ -133,7 +135,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
             continue;
         }
         let first = &mut kept[at];
-        repeated.push(match (first.style, drawn.style) {
+        let text = match (first.style, drawn.style) {
             (a, b) if a == b => {
                 format!("{} is drawn again as {}: it counts once", first.entity, drawn.entity)
             }
@@ -141,7 +143,8 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
                 "{} is drawn again as {}, one visible, one hidden: it counts as visible",
                 first.entity, drawn.entity
             ),
-        });
+        };
+        repeated.push(Finding::new(FindingCode::LineRepeated, text));
         if drawn.style == LineStyle::Visible {
             first.style = LineStyle::Visible;
         }
@@ -161,9 +164,9 @@ fn place_at_origin(curves: &mut [DrawnCurve]) {
 
 /// What in a drawing may be the reason why no solid was found: sizes and ends that nearly agree, and open
 /// outlines.
-pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let mut found = nearly_equal_extents(drawing, paths);
-    found.extend(summary(&nearly_meeting_ends(drawing, paths)));
+    found.extend(summary(nearly_meeting_ends(drawing, paths)));
     if found.is_empty() {
         found = open_ends(drawing, paths);
     }
@@ -173,14 +176,14 @@ pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
 /// Why no solid was found, with the first of these.
 pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Error {
     match misses(drawing, paths).into_iter().next() {
-        Some(open) => error.in_context(open),
+        Some(open) => open.settings.iter().fold(error.in_context(&open), |e, s| e.with_setting(*s)),
         None => error,
     }
 }
 
 /// Names the ends of visible lines at which no other line ends. If no solid was found, an open outline is a
 /// likely reason. (Drawings that omit smooth edges have such ends as well.)
-fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let near = MEETS * drawing.size();
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
@@ -202,7 +205,7 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
                     other != k && points.windows(2).any(|p| distance_to_segment(end, p[0], p[1]) <= reach)
                 };
                 if !chains.iter().enumerate().any(touches) {
-                    found.push(format!(
+                    let text = format!(
                         "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: is the outline \
                          open?",
                         paths[index.min(paths.len() - 1)].display(),
@@ -210,12 +213,13 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
                         view.kind.name(),
                         end[0],
                         end[1]
-                    ));
+                    );
+                    found.push(Finding::new(FindingCode::DrawingInexact, text));
                 }
             }
         }
     }
-    summary(&found).collect()
+    summary(found).collect()
 }
 
 /// Views that share an axis must span the same range of it.

@@ -1,6 +1,7 @@
 //! Near misses in a drawing: line ends that almost meet, and views whose sizes almost agree. They are
 //! reported if no solid was found.
 
+use planish_core::{Finding, FindingCode, Setting};
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;
 
@@ -18,9 +19,13 @@ fn file(paths: &[PathBuf], view: usize) -> String {
         .map_or_else(String::new, |path| path.display().to_string())
 }
 
+fn inexact(text: String) -> Finding {
+    Finding::new(FindingCode::DrawingInexact, text).with_setting(Setting::Tolerance)
+}
+
 /// Views that share an axis and span it nearly, but not quite, the same: scales that differ by a thousandth,
 /// or an outline that is a little too long.
-pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let mut found = Vec::new();
     let mut seen: [Option<(f64, usize)>; 3] = [None; 3];
     for (index, view) in drawing.views.iter().enumerate() {
@@ -35,9 +40,9 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
             };
             let off = (size - first).abs();
             if off > rounding(drawing) && off <= NEARLY * drawing.size() {
-                found.push(format!(
+                let text = format!(
                     "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
-                     times as long: needed one scale; --tolerance {:.1e} takes coordinates so near for one",
+                     times as long: needed one scale; a tolerance of {:.1e} makes them equal",
                     file(paths, index),
                     view.kind.name(),
                     ["x", "y", "z"][axis],
@@ -45,7 +50,8 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
                     file(paths, other),
                     size / first,
                     1.1 * off
-                ));
+                );
+                found.push(inexact(text));
             }
         }
     }
@@ -53,7 +59,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
 }
 
 /// Ends of visible lines that almost meet another line.
-pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
+pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let (same, nearly) = (rounding(drawing), NEARLY * drawing.size());
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
@@ -76,9 +82,9 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<S
                     && off > same
                     && off <= nearly
                 {
-                    found.push(format!(
+                    let text = format!(
                         "{}: {} of the {} view ends at {:.6} {:.6}, {off:.1e} from {entity} at {:.6} {:.6}: \
-                         --tolerance {:.1e} joins ends so near",
+                         a tolerance of {:.1e} joins them",
                         file(paths, index),
                         drawn.entity,
                         view.kind.name(),
@@ -87,7 +93,8 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<S
                         at[0],
                         at[1],
                         1.1 * off
-                    ));
+                    );
+                    found.push(inexact(text));
                 }
             }
         }
@@ -127,9 +134,9 @@ mod tests {
         };
         let message = nearly_meeting_ends(&open, &paths);
         assert_eq!(
-            message[0],
+            message[0].text,
             "front.dxf: LINE 0 of the front view ends at 39.999000 0.000000, 1.0e-3 from LINE 1 at \
-             40.000000 0.000000: --tolerance 1.1e-3 joins ends so near"
+             40.000000 0.000000: a tolerance of 1.1e-3 joins them"
         );
         let scaled = Drawing {
             views: vec![
@@ -139,10 +146,9 @@ mod tests {
         };
         let message = nearly_equal_extents(&scaled, &paths);
         assert_eq!(
-            message,
+            message.iter().map(|finding| finding.text.as_str()).collect::<Vec<_>>(),
             ["top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, \
-                 1.001000 times as long: needed one scale; --tolerance 4.4e-2 takes coordinates so near for \
-                 one"]
+                 1.001000 times as long: needed one scale; a tolerance of 4.4e-2 makes them equal"]
         );
         let fits = Drawing {
             views: vec![

@@ -7,6 +7,7 @@ use planish_contour::constraint::{
 };
 use planish_contour::graph::{Composite, SketchView, SpaceAxis, composite};
 use planish_contour::sketch::Sketch;
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_contour_json;
 use planish_exchange::{Unit, write_atomically};
@@ -71,7 +72,7 @@ const NEARLY: f64 = 0.1;
 const SAME: f64 = 1e-7;
 
 /// Reads the views and makes them one geometry.
-pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> {
+pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy> {
     let mut unit: Option<(Unit, &Path)> = None;
     let (mut views, mut of_file) = (Vec::new(), Vec::new());
     for (path, kind) in job.views.iter().zip(super::kinds(job)) {
@@ -111,10 +112,16 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> 
     let options = MatchOptions { level: job.level, ..MatchOptions::default() };
     let consistent = match_views(&views, &options)?;
     if consistent.p_value < job.level {
-        warnings.push(format!(
-            "the views agree only with p = {:.1e}: is the σ of their readings true?",
-            consistent.p_value
-        ));
+        findings.push(
+            Finding::new(
+                FindingCode::ViewsInconsistent,
+                format!(
+                    "the views agree only with p = {:.1e}: is the σ of their readings true?",
+                    consistent.p_value
+                ),
+            )
+            .with_setting(Setting::Level),
+        );
     }
     Ok(Noisy {
         consistent,
@@ -153,8 +160,8 @@ impl Noisy {
         each.collect()
     }
 
-    /// The composite graph; none, and a warning, where the views have no point in common.
-    pub(super) fn composite(&self, warnings: &mut Vec<String>) -> Result<Option<Composite>> {
+    /// The composite graph; none, and a finding, where the views have no point in common.
+    pub(super) fn composite(&self, findings: &mut Vec<Finding>) -> Result<Option<Composite>> {
         let complete = (0..self.views.len()).map(|view| self.complete(view)).collect::<Result<Vec<_>>>()?;
         let axis = |k: usize| [SpaceAxis::X, SpaceAxis::Y, SpaceAxis::Z][k];
         let sketches: Vec<SketchView> = self
@@ -172,7 +179,10 @@ impl Noisy {
         match composite(&sketches, SAME * self.consistent.drawing.extent(), 0.0) {
             Ok(composite) => Ok(Some(composite)),
             Err(e) => {
-                warnings.push(format!("no composite graph was written: {e}"));
+                findings.push(Finding::new(
+                    FindingCode::GraphNotWritten,
+                    format!("no composite graph was written: {e}"),
+                ));
                 Ok(None)
             }
         }
@@ -232,10 +242,13 @@ impl Noisy {
                  has other views",
             );
         }
-        error.in_context(format!(
-            "{}: if a side is upright, state it with `planish contour --given`, or lower --level",
-            leaning.join(", ")
-        ))
+        error
+            .in_context(format!(
+                "{}: if a side is upright, state it as a given constraint of its contour, or lower the level",
+                leaning.join(", ")
+            ))
+            .with_setting(Setting::Given)
+            .with_setting(Setting::Level)
     }
 }
 

@@ -1,14 +1,12 @@
 //! The report of solids that a drawing means.
 
 use crate::report::title_of;
-use crate::report::words::{head, warnings_as_findings};
+use crate::report::words::head;
 use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{counted, significant};
-use planish_report::{
-    Block, Figure, Finding, FindingLevel, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot,
-};
+use planish_report::{Block, Figure, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot};
 use planish_solid::brep::Solid;
 use planish_solid::tessellation::tessellate;
 use planish_solid::views::{Drawing, LineStyle};
@@ -101,7 +99,7 @@ pub(crate) fn solid_page(
         job: "solid".to_owned(),
         title: title_of(views),
         headline,
-        findings: findings(report),
+        findings: report.findings.clone(),
         figures,
         scene: (!scene.surfaces.is_empty()).then_some(scene),
         drawings: Vec::new(),
@@ -144,38 +142,6 @@ fn faces(counts: &FaceCounts) -> String {
         .map(|(n, one, many)| format!("{n} {}", if *n == 1 { one } else { many }))
         .collect();
     some.join(", ")
-}
-
-fn findings(report: &SolidReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = warnings_as_findings(&report.warnings);
-    match report.solutions.len() {
-        0 => found.push(Finding::new(
-            FindingLevel::Bad,
-            "No solid explains all lines: those that none explains are named below.",
-        )),
-        1 if report.complete => found.push(Finding::new(
-            FindingLevel::Good,
-            "There is exactly one solid with these views, and it shows the lines of the drawing.",
-        )),
-        1 => {}
-        n => found.push(Finding::new(
-            FindingLevel::Look,
-            format!("{n} solids have these views: another view would tell which is meant."),
-        )),
-    }
-    if let Some(geometry) = &report.geometry {
-        let level = if geometry.p_value < 0.001 { FindingLevel::Look } else { FindingLevel::Good };
-        found.push(Finding::new(
-            level,
-            format!(
-                "The views agree with χ² {} and {} degrees of freedom (p {}).",
-                significant(geometry.chi_square, 3),
-                geometry.degrees,
-                significant(geometry.p_value, 2)
-            ),
-        ));
-    }
-    found
 }
 
 fn lines_table(lines: &[UnexplainedLine]) -> Table {

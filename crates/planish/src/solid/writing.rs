@@ -1,6 +1,7 @@
 //! Solids as files: STEP, or meshes within a tolerance.
 
 use super::SolidJob;
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::step::{StepOptions, write_solid};
@@ -52,12 +53,13 @@ pub(super) fn prepare<'a>(
 /// Error for a tolerance that needs too many triangles. States one that works.
 fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     Error::input(format!(
-        "--mesh-tolerance {tolerance:e}: such a mesh has about {:.1e} triangles: needed at most \
-         {MAX_TRIANGLES:.0e}, as with --mesh-tolerance {:.1e}; a .step file is exact",
+        "a mesh with a chord error of {tolerance:e} has about {:.1e} triangles: needed at most \
+         {MAX_TRIANGLES:.0e}, as with a chord error of {:.1e}; a .step file is exact",
         triangles_needed(solid, tolerance),
         // Rounded up, so that it works.
         1.06 * min_tolerance(solid)
     ))
+    .with_setting(Setting::MeshTolerance)
 }
 
 /// Refuses STL if the spacing of its 32-bit numbers, far from the origin, exceeds the mesh tolerance.

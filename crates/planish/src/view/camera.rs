@@ -118,7 +118,7 @@ impl FromStr for CameraAngles {
 }
 
 /// The directions of a picture: to the right, up, and from the object to the camera.
-pub(super) type Axes = [[f64; 3]; 3];
+pub(crate) type Axes = [[f64; 3]; 3];
 
 /// Axes of a camera at the given angles.
 pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
@@ -147,14 +147,15 @@ pub(super) struct Frame {
 
 /// A pinhole that looks at an object.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Camera {
-    at: [f64; 3],
+pub(crate) struct Camera {
+    /// Its place.
+    pub at: [f64; 3],
     /// The directions of the picture.
     pub axes: Axes,
     /// Pixels over tangents.
     pub focal: f64,
     /// Column and row of the optical axis.
-    middle: [f64; 2],
+    pub middle: [f64; 2],
     /// Diagonal of the object's box.
     pub diagonal: f64,
 }
@@ -171,14 +172,8 @@ impl Camera {
             middle: [0.0; 2],
             diagonal,
         };
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in points {
-            let Projected { at, .. } = camera.project(*p);
-            for k in 0..2 {
-                low[k] = low[k].min(at[k]);
-                high[k] = high[k].max(at[k]);
-            }
-        }
+        let seen: BoundingBox<2> = points.iter().map(|p| camera.project(*p).at).collect();
+        let BoundingBox { min: low, max: high } = seen;
         let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
         camera.focal = zoom * room(0).min(room(1));
         camera.middle =
@@ -187,7 +182,7 @@ impl Camera {
     }
 
     /// Column and row, from the left and the top, and the distance along the camera's axis.
-    pub(super) fn project(&self, p: [f64; 3]) -> Projected {
+    pub(crate) fn project(&self, p: [f64; 3]) -> Projected {
         let off = sub(p, self.at);
         let depth = -dot(off, self.axes[2]);
         Projected {

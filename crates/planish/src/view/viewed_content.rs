@@ -4,6 +4,7 @@ use crate::compare::page::{compared_scene, known_mesh_scene};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
 use crate::report::scenes::{kinds, model_scene_of, numbers};
 use planish_core::Progress;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{has_faces, read_mesh};
@@ -37,7 +38,7 @@ pub(super) struct ViewedContent {
     /// Every file that was read.
     pub inputs: Vec<(PathBuf, String)>,
     pub unit: Option<Unit>,
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 impl ViewedContent {
@@ -90,7 +91,7 @@ impl ViewedContent {
             headline: String::new(),
             inputs: Vec::new(),
             unit: None,
-            warnings: Vec::new(),
+            findings: Vec::new(),
         }
     }
 
@@ -107,7 +108,7 @@ impl ViewedContent {
         Ok(Self {
             scene,
             inputs: vec![(reference.to_path_buf(), "the reference".to_owned())],
-            warnings: report.warnings,
+            findings: report.findings,
             ..Self::empty()
         })
     }
@@ -159,12 +160,15 @@ impl ViewedContent {
         }
         let heights = kept().map(|k| all.points[k][2]).collect();
         fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
-        let mut warnings = Vec::new();
+        let mut findings = Vec::new();
         if step > 1 {
-            warnings.push(format!(
-                "of {} points {} are shown, evenly chosen",
-                count(all.points.len()),
-                count(kept().count())
+            findings.push(Finding::new(
+                FindingCode::PointsThinned,
+                format!(
+                    "of {} points {} are shown, evenly chosen",
+                    count(all.points.len()),
+                    count(kept().count())
+                ),
             ));
         }
         let scene = Scene {
@@ -190,7 +194,7 @@ impl ViewedContent {
                 .map(|input| (input.path.clone(), counted(input.points, "point")))
                 .collect(),
             unit,
-            warnings,
+            findings,
         })
     }
 

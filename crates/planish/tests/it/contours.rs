@@ -184,7 +184,7 @@ fn readings_in_space_are_a_cylinder() {
         SpaceSensor { standoff: 150.0, sigma_position: 0.5, sigma_angle_rad: 0.01, sigma_range_share: 0.004 };
     let mut text = String::from("x,y,z,azimuth_deg,elevation_deg,range,sigma_range\n");
     for ray in rays(&solid, 300, &sensor, 4).noisy {
-        if let RayTarget::Range { origin: [x, y, z], direction_rad: [a, e], range, sigma } = ray.seen {
+        if let RayTarget::Range { origin: [x, y, z], direction_rad: [a, e], range, sigma } = ray.target {
             let (a, e) = (a.to_degrees(), e.to_degrees());
             writeln!(text, "{x},{y},{z},{a},{e},{range},{}", sigma[5]).unwrap();
         }
@@ -201,11 +201,12 @@ fn readings_in_space_are_a_cylinder() {
     // The same file without a kind in space, and a kind in space without σ.
     job.shapes.clear();
     let refused = job.run(&Silent).unwrap_err().to_string();
-    assert!(refused.contains("line 1") && refused.contains("--kind plane3"), "{refused}");
+    assert!(refused.contains("line 1") && refused.contains("state their kind of shape (plane3"), "{refused}");
     std::fs::write(&path, "x,y,z\n1,2,3\n").unwrap();
     job.shapes = vec![PrimitiveKind::Plane];
-    let refused = job.run(&Silent).unwrap_err().to_string();
-    assert!(refused.contains("line 2") && refused.contains("--sigma-point"), "{refused}");
+    let refused = job.run(&Silent).unwrap_err();
+    assert_eq!(refused.settings(), [planish::Setting::SigmaPoint]);
+    assert!(refused.to_string().contains("line 2"), "{refused}");
 }
 
 #[test]
@@ -319,8 +320,8 @@ fn bad_readings_are_refused_with_file_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     for (name, text, says) in [
         ("empty.csv", "", "the file is empty"),
-        ("blank.csv", "\n\n", "holds no readings: expected a header"),
-        ("header.csv", "x,y,sigma\n", "holds a header and no readings"),
+        ("blank.csv", "\n\n", "expected a header `x,y,heading_deg,range` or `x,y`, found no readings"),
+        ("header.csv", "x,y,sigma\n", "expected readings after the header, found none"),
         ("no_range.csv", "x,y,heading_deg\n1,2,3\n", "line 1: expected a header with"),
         ("no_columns.csv", "a,b\n1,2\n", "without `x,y`"),
         ("twice.csv", "x,x,y\n1,1,2\n", "line 1: the column `x` is named twice"),
@@ -329,7 +330,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         ("nan.csv", "x,y,sigma\nnan,1,0.1\n", "line 2: expected a number in column `x`"),
         ("infinite.csv", "x,y,sigma,level\n1,1,0.1,inf\n", "line 2: expected a number in column `level`"),
         ("zero_sigma.csv", "x,y,sigma\n1,2,0\n", "line 2: expected a positive σ in column `sigma`, found 0"),
-        ("no_sigma.csv", "x,y\n1,2\n", "line 2: how uncertain readings are is not known"),
+        ("no_sigma.csv", "x,y\n1,2\n", "line 2: σ of the readings is unknown"),
         (
             "behind.csv",
             "x,y,heading_deg,range,sigma_range\n0,0,0,-1,0.1\n",
@@ -351,8 +352,12 @@ fn bad_readings_are_refused_with_file_line_and_column() {
             "# a log\nFLASER 180 1 2 3\n",
             "line 2: expected `FLASER n` with n ranges and a pose, found 5 words",
         ),
-        ("word.log", "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 2: word 4 is no number"),
-        ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "a log of 1 scans, of which none"),
+        (
+            "word.log",
+            "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n",
+            "line 2: expected a finite number as word 4, found `x`",
+        ),
+        ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "found none in a log of 1 scans"),
         ("picture.png", "no picture", "picture.png"),
     ] {
         let path = folder.path().join(name);

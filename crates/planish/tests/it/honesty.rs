@@ -122,7 +122,7 @@ fn a_sensor_that_understates_sigma_threefold_is_found() {
             }
             assert_eq!(sensor.sigma_used_is_estimated, truth.misstatement > 2.0, "{shape:?} {}", sensor.name);
         }
-        assert!(report.warnings.iter().any(|w| w.contains("old")), "{:?}", report.warnings);
+        assert!(report.findings.iter().any(|f| f.text.contains("old")), "{:?}", report.findings);
     }
 }
 

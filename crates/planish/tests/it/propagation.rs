@@ -184,7 +184,7 @@ fn a_freeform_without_symmetry_is_told_so() {
     let wanted = with_symmetry(full_rotation());
     let error = fit(&scene.set, &wanted, &Silent).err().unwrap();
     assert!(
-        error.kind() == planish::ErrorKind::Undetermined && error.to_string().contains("--symmetry auto"),
+        error.kind() == planish::ErrorKind::Undetermined && error.settings() == [planish::Setting::Symmetry],
         "{error}"
     );
 }
@@ -290,7 +290,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
         let scene = bending(&BendingOptions { seed, readings: 24_000, ..BendingOptions::default() }).unwrap();
         let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
         let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
-        assert!(found.isometric, "{:?}", fitted.report.warnings);
+        assert!(found.isometric, "{:?}", fitted.report.findings);
         assert_eq!(found.states.len(), 4);
         for state in &found.states {
             println!(
@@ -341,9 +341,11 @@ fn a_sheet_that_stretches_is_no_isometry() {
     let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
     let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
     assert!(!found.isometric && !found.states[3].isometric, "{found:?}");
-    let warned =
-        |file: &str| (fitted.report.warnings.iter()).any(|w| w.contains(file) && w.contains("not stretched"));
-    assert!(warned("laser-4.ply"), "{:?}", fitted.report.warnings);
+    let warned = |file: &str| {
+        (fitted.report.findings.iter())
+            .any(|f| f.code == planish::FindingCode::SheetStretched && f.text.contains(file))
+    };
+    assert!(warned("laser-4.ply"), "{:?}", fitted.report.findings);
 }
 
 #[test]
@@ -381,7 +383,10 @@ fn what_cannot_bend_is_refused() {
     assert!(message.contains("laser-2.ply: needed the time"), "{message}");
     let ball = FitOptions { shape: Some(Shape::Ball), ..bend() };
     let message = refused(&scene.set, &ball);
-    assert!(message.contains("needed --shape sheet, found ball"), "{message}");
+    assert!(
+        message.contains("bending needs a sheet, which has one border: found the shape ball"),
+        "{message}"
+    );
     let sphere: Vec<[f64; 3]> = (0..3000)
         .map(|k| {
             let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
@@ -393,7 +398,10 @@ fn what_cannot_bend_is_refused() {
     let mut closed = probed(sphere, Some(normals), Some(0.01));
     closed.scans.push(closed.scans[0].clone());
     let message = refused(&closed, &bend());
-    assert!(message.contains("looks like a ball") && message.contains("--shape sheet"), "{message}");
+    assert!(
+        message.contains("looks like a ball") && message.contains("if it is a sheet, state that shape"),
+        "{message}"
+    );
     // Files in order will do, without times.
     let mut untimed = scene.set.clone();
     untimed.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);

@@ -90,11 +90,13 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
     let report = solved(box_with(front, folder.path()), Vec::new()).unwrap();
     assert_eq!(report.solutions.len(), 1);
     assert!((report.solutions[0].volume - 24_000.0).abs() < 1e-9);
-    let named = report.warnings.iter().any(|w| w.contains("LINE 16") && w.contains("no length"));
-    assert!(named, "{:?}", report.warnings);
-    let twice =
-        report.warnings.iter().any(|w| w.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
-    assert!(twice, "{:?}", report.warnings);
+    let named = report.findings.iter().any(|f| f.text.contains("LINE 16") && f.text.contains("no length"));
+    assert!(named, "{:?}", report.findings);
+    let twice = report
+        .findings
+        .iter()
+        .any(|f| f.text.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
+    assert!(twice, "{:?}", report.findings);
 }
 
 #[test]
@@ -106,8 +108,8 @@ fn a_circle_of_radius_zero_is_left_out_with_a_word() {
     std::fs::write(&views[0], text.replacen("0\nENDSEC", point, 1)).unwrap();
     let report = solved(views, Vec::new()).unwrap();
     assert!((report.solutions[0].volume - 24_000.0).abs() < 1e-9);
-    let named = |w: &String| w.contains("CIRCLE A7") && w.contains("no length");
-    assert!(report.warnings.iter().any(named), "{:?}", report.warnings);
+    let named = |f: &planish::Finding| f.text.contains("CIRCLE A7") && f.text.contains("no length");
+    assert!(report.findings.iter().any(named), "{:?}", report.findings);
 }
 
 #[test]
@@ -147,7 +149,7 @@ fn an_open_contour_is_refused_and_its_ends_are_told() {
         "LINE 10 (line 6) of the front view ends at 0.0000 0.0000",
         "LINE 12 (line 34) of the front view ends at 0.0000 20.0000",
     ] {
-        assert!(report.warnings.iter().any(|w| w.contains(wanted)), "{:?}", report.warnings);
+        assert!(report.findings.iter().any(|f| f.text.contains(wanted)), "{:?}", report.findings);
     }
 }
 

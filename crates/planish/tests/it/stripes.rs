@@ -2,10 +2,11 @@
 //! and judged by the stated covariances.
 
 use planish::GridOptions;
-use planish::simulate::{Exposure, Light, RayTarget, Texture};
+use planish::simulate::{Exposure, Light, RaySurface, Texture};
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, tangents, unit};
 use planish_sense::Image;
-use planish_sense::stripes::{GridCamera, GridReadings, Pinhole, StripePattern, read_grid};
+use planish_sense::stripes::{GridCamera, GridReadings, StripePattern, read_grid};
 
 const SIZE: [usize; 2] = [480, 400];
 
@@ -46,7 +47,7 @@ struct Shape<'a> {
     curvature: &'a dyn Fn([f64; 3], [f64; 3]) -> f64,
 }
 
-fn take(target: &impl RayTarget, light: &Light, texture: f64, sigma: f64, seed: u64) -> Image {
+fn take(target: &impl RaySurface, light: &Light, texture: f64, sigma: f64, seed: u64) -> Image {
     let rig = rig();
     let exposure = Exposure {
         camera: &rig.camera,

@@ -157,8 +157,8 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
         assert_eq!(view.held_out, k == HELD_OUT);
         assert!(view.seen > 1000 && (k == ODD) == (view.rms.unwrap() > 20.0), "{view:?}");
     }
-    let [warning] = &report.warnings[..] else { panic!("{:?}", report.warnings) };
-    assert!(warning.contains("`v3`"), "{warning}");
+    let [warning] = &report.findings[..] else { panic!("{:?}", report.findings) };
+    assert!(warning.text.contains("`v3`"), "{warning}");
     // GLB is in metres, and views.toml in millimetres: the same colours.
     let again = ShellTextureJob { mesh: out[1].clone(), ..job.clone() };
     let last = folder.path().join("d.ply");

@@ -50,9 +50,10 @@ fn readings_in_two_files_count_once_and_both_are_named() {
     // A copy that counted would make σ of the surface smaller by a quarter or so.
     let ratio = twice.report.sigma.median / once.report.sigma.median;
     assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
-    let named = |w: &&String| w.contains("copy.ply") && w.contains(&set.scans[0].scan.name);
-    assert_eq!(twice.report.warnings.iter().filter(named).count(), 1, "{:?}", twice.report.warnings);
-    assert_eq!(once.report.warnings.iter().filter(|w| w.contains("to the last digit")).count(), 0);
+    let named =
+        |f: &&planish::Finding| f.text.contains("copy.ply") && f.text.contains(&set.scans[0].scan.name);
+    assert_eq!(twice.report.findings.iter().filter(named).count(), 1, "{:?}", twice.report.findings);
+    assert_eq!(once.report.findings.iter().filter(|w| w.text.contains("to the last digit")).count(), 0);
 }
 
 /// Another pose, another sensor, or another reading at one place are no copies.
@@ -80,7 +81,7 @@ fn the_patch_filter_says_what_it_does_not_use() {
     biased.sensors.iter_mut().for_each(|s| s.sigma_bias = Some(0.05));
     let rough = FitOptions { tolerance: Some(5.0), ..patch };
     let report = fit(&biased, &rough, &Silent).unwrap().report;
-    assert!(report.warnings.iter().any(|w| w.contains("sigma_bias")), "{:?}", report.warnings);
+    assert!(report.findings.iter().any(|f| f.text.contains("sigma_bias")), "{:?}", report.findings);
     assert_eq!(report.termination, FitTermination::ReachedTolerance);
 }
 

@@ -158,7 +158,7 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
     let (kind, text) = message(&mesh, None, ColourBy::Field("sigma"));
     assert!(kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("it has plain"), "{text}");
     let (_, text) = message(&mesh, None, ColourBy::Field("deviation"));
-    assert!(text.contains("--reference"), "{text}");
+    assert!(text.contains("holds no deviation to colour by: that needs a reference"), "{text}");
     let (_, text) = message(&points, None, ColourBy::Normal);
     assert!(text.contains("normals"), "{text}");
     let (kind, text) = message(&points, Some(mesh), ColourBy::Plain);
@@ -166,7 +166,7 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
     let iges = folder.path().join("part.iges");
     std::fs::write(&iges, format!("{:72}S      1\n", "")).unwrap();
     let (kind, text) = message(&iges, None, ColourBy::Plain);
-    assert!(kind == ErrorKind::Unsupported && text.contains("IGES, which is not read"), "{text}");
+    assert!(kind == ErrorKind::Unsupported && text.contains("IGES, which is not supported"), "{text}");
 }
 
 #[test]

@@ -32,6 +32,7 @@ pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<Su
     if !(area > 0.0 && area.is_finite()) {
         return None;
     }
+    // A triangulated surface has about twice as many triangles as vertices, that is, as occupied cells.
     let mut side = (2.0 * CELLS_MET * area / max_triangles as f64).sqrt().max(f64::MIN_POSITIVE);
     // The number of triangles decreases to zero with growing cells, so the loop ends.
     loop {
@@ -51,6 +52,7 @@ fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> [f64; 3] {
     std::array::from_fn(|d| u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3])
 }
 
+/// Euclidean length.
 fn length(v: &[f64; 3]) -> f64 {
     v[0].hypot(v[1]).hypot(v[2])
 }
@@ -69,7 +71,7 @@ fn normals(surface: &SurfaceShown) -> Vec<[f64; 3]> {
 
 /// Index of the axis direction (±x, ±y, ±z) that is closest to a normal.
 fn facing(normal: &[f64; 3]) -> u8 {
-    let axis = (0..3).fold(0, |most, d| if normal[d].abs() > normal[most].abs() { d } else { most });
+    let axis = (0..3).fold(0, |largest, d| if normal[d].abs() > normal[largest].abs() { d } else { largest });
     2 * axis as u8 + u8::from(normal[axis] < 0.0)
 }
 
@@ -89,6 +91,7 @@ fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u3
         (0..3).for_each(|d| middle[d] += p[d]);
         middle[3] += 1.0;
     }
+    // An existing vertex, not the mean: the mean would lie off the surface and would have no values.
     let mut nearest = vec![(f64::INFINITY, 0_u32); numbers.len()];
     for (k, (cluster, p)) in of_vertex.iter().zip(&surface.positions).enumerate() {
         let middle = &middles[*cluster as usize];
@@ -97,6 +100,7 @@ fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u3
             nearest[*cluster as usize] = (away, k as u32);
         }
     }
+    // Several fine triangles can collapse to the same coarse one, which must count once.
     let mut seen = HashSet::new();
     let triangles = (surface.triangles.iter())
         .map(|t| t.map(|k| of_vertex[k as usize]))
@@ -110,6 +114,7 @@ fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u3
     (nearest.into_iter().map(|(_, k)| k).collect(), triangles)
 }
 
+/// The surface over a subset of its vertices, named so that a reader sees the reduction.
 fn with_vertices(surface: &SurfaceShown, kept: &[u32], triangles: Vec<[u32; 3]>) -> SurfaceShown {
     let at = |k: &u32| *k as usize;
     let field = |field: &Field| Field {

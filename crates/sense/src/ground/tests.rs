@@ -2,8 +2,8 @@ use super::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Points at random over a square of side 120, three to a unit of area, on what `height` says; and what each
-/// truly is.
+/// Random points over a square of side 120, three per unit of area, with the height and class from `height`,
+/// and their true classes.
 fn landscape(height: impl Fn(f64, f64, &mut ChaCha8Rng) -> (f64, Ground)) -> (Vec<[f64; 3]>, Vec<Ground>) {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     (0..43_200)
@@ -15,12 +15,12 @@ fn landscape(height: impl Fn(f64, f64, &mut ChaCha8Rng) -> (f64, Ground)) -> (Ve
         .unzip()
 }
 
-/// Rolling meadows.
+/// A gently rolling surface.
 fn meadow(x: f64, y: f64) -> f64 {
     3.0 * (0.06 * x).sin() + 2.0 * (0.05 * y).cos()
 }
 
-/// Shares of the ground that was lost and of the rest that was kept.
+/// Shares of ground points that were rejected and of other points that were accepted.
 fn errors(points: &[[f64; 3]], truth: &[Ground], options: &GroundOptions) -> [f64; 2] {
     let found = classify_ground(points, options).unwrap();
     [Ground::Bare, Ground::Above].map(|kind| {
@@ -30,7 +30,7 @@ fn errors(points: &[[f64; 3]], truth: &[Ground], options: &GroundOptions) -> [f6
     })
 }
 
-/// A town: two houses, one with a ridge roof, and trees that let half of the pulses through.
+/// A town: two houses, one with a gable roof, and trees that half of the pulses penetrate.
 fn town(x: f64, y: f64, rng: &mut ChaCha8Rng) -> (f64, Ground) {
     let ground = meadow(x, y);
     let within = |a: f64, b: f64, c: f64, d: f64| (a..b).contains(&x) && (c..d).contains(&y);
@@ -46,14 +46,14 @@ fn town(x: f64, y: f64, rng: &mut ChaCha8Rng) -> (f64, Ground) {
 }
 
 #[test]
-fn houses_and_trees_go_and_meadows_stay() {
+fn houses_and_trees_are_rejected_and_ground_is_kept() {
     let (points, truth) = landscape(town);
     let [lost, kept] = errors(&points, &truth, &GroundOptions::for_unit(1.0));
     assert!(lost < 0.01 && kept < 0.01, "{lost} {kept}");
 }
 
 #[test]
-fn the_unit_and_the_place_on_the_map_change_nothing() {
+fn results_do_not_depend_on_unit_and_map_coordinates() {
     let (points, _) = landscape(town);
     let metres = classify_ground(&points, &GroundOptions::for_unit(1.0)).unwrap();
     // A power of two, so that no number is rounded.
@@ -87,7 +87,7 @@ fn both_levels_of_a_cliff_are_ground() {
 }
 
 #[test]
-fn points_deep_below_the_ground_are_errors() {
+fn points_far_below_the_ground_are_rejected() {
     let (mut points, _) = landscape(|x, y, _| (meadow(x, y), Ground::Bare));
     for k in (0..points.len()).step_by(4000) {
         points[k][2] -= 30.0;
@@ -100,7 +100,7 @@ fn points_deep_below_the_ground_are_errors() {
 }
 
 #[test]
-fn objects_wider_than_the_option_are_taken_for_ground() {
+fn objects_wider_than_the_option_are_classified_as_ground() {
     let hall = |x: f64, y: f64| (20.0..80.0).contains(&x) && (20.0..80.0).contains(&y);
     let (points, truth) =
         landscape(|x, y, _| if hall(x, y) { (9.0, Ground::Above) } else { (0.0, Ground::Bare) });
@@ -112,7 +112,7 @@ fn objects_wider_than_the_option_are_taken_for_ground() {
 }
 
 #[test]
-fn threads_do_not_change_what_is_ground() {
+fn classes_do_not_depend_on_the_number_of_threads() {
     let (points, _) = landscape(town);
     let made = [1, 3].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -147,7 +147,7 @@ fn a_disc_takes_the_lowest_cell_within_its_radius() {
 }
 
 #[test]
-fn a_membrane_carries_a_plane_across_a_hole() {
+fn a_membrane_continues_a_plane_across_a_hole() {
     let (columns, rows) = (90, 70);
     let plane = |k: usize| 0.3 * (k % columns) as f32 - 0.1 * (k / columns) as f32;
     let known: Vec<bool> = (0..columns * rows)

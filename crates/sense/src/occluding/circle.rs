@@ -23,8 +23,9 @@
 //! O. Faugeras, *Using extremal boundaries for 3-D object modeling*, PAMI 1992; E. Boyer, M.-O. Berger, *3D
 //! surface reconstruction using occluding contours*, IJCV 1997 (for three views).
 
-use super::curve::{Local, inverse3};
-use crate::stripes::Pinhole;
+use super::curve::Local;
+use planish_core::Pinhole;
+use planish_core::matrix3::inverse;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 
@@ -39,11 +40,11 @@ pub(super) struct Eye {
 
 impl Eye {
     pub fn new(camera: Pinhole) -> Result<Self> {
-        let inverse = inverse3(&camera.k).ok_or_else(|| Error::input("a camera's K has no inverse"))?;
+        let inverse = inverse(&camera.k).ok_or_else(|| Error::input("a camera's K has no inverse"))?;
         let r = camera.r;
         Ok(Self {
             camera,
-            centre: camera.centre(),
+            centre: camera.center(),
             directions: [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| r[k][i] * inverse[k][j]).sum())),
         })
     }
@@ -59,7 +60,7 @@ impl Eye {
 
     /// The width of a pixel, at distance one.
     pub fn pixel(&self) -> f64 {
-        1.0 / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt()
+        1.0 / self.camera.focal_px()
     }
 }
 
@@ -223,16 +224,16 @@ mod tests {
     use super::*;
     use planish_estimate::vector3::add;
 
-    /// Cameras in a plane through a ball's middle, in line or not: depth and radius are exact, as the curve
-    /// is a circle.
+    /// Cameras in a plane through a ball's centre, collinear or not: depth and radius are exact, because the
+    /// curve is a circle.
     #[test]
-    fn a_ball_is_found_exactly() {
+    fn a_ball_is_reconstructed_exactly() {
         let radius = 1.3;
         let far = 6.0;
         let mut sights = Vec::new();
         for angle in [0.0_f64, 0.15, -0.23] {
             let centre = [far * angle.cos(), far * angle.sin(), 0.0];
-            // Turned from the line to the middle by the angle whose sine is radius / far.
+            // Rotated from the line to the centre by the angle whose sine is radius / distance.
             let towards = unit(scale(-1.0, centre)).unwrap();
             let side = cross([0.0, 0.0, 1.0], towards);
             let sine: f64 = radius / far;
@@ -247,7 +248,7 @@ mod tests {
         let at = add_scaled(sights[0].0.centre, solved.depth, sights[0].0.way);
         assert!(norm(sub(at, sights[0].1)) < 1e-9);
         assert!((solved.angles[0].abs() - 0.15).abs() < 1e-9 && (solved.angles[1].abs() - 0.23).abs() < 1e-9);
-        // Two lines on one side do not tell.
+        // Two lines on the same side do not determine a circle.
         assert!(solve(&sights[0].0, &[others[0], others[0]]).is_none());
     }
 }

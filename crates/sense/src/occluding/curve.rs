@@ -8,11 +8,13 @@
 
 use super::outline::Contour;
 
-/// Minimum number of points in a window.
+/// Minimum number of points in a window: a parabola has three coefficients, and the residuals need degrees of
+/// freedom.
 const MIN_PLACES: usize = 5;
 /// Minimum extent of a window on either side, as a share of its half width.
-const LEAST_SIDE: f64 = 0.6;
-/// Turn over half of the window above which a position is a corner, in radians.
+const MIN_SIDE: f64 = 0.6;
+/// Turn over half of the window above which a position is a corner, in radians: 40°. A parabola no longer
+/// fits there.
 const CORNER_TURN: f64 = 0.7;
 /// Reduced χ² above which a position is a corner or a T-junction, where one part hides another.
 const CORNER_CHI2: f64 = 6.0;
@@ -112,6 +114,7 @@ impl<'a> Curve<'a> {
         // (length relative to s, index) of the points in the window.
         let mut near: Vec<(f64, usize)> = Vec::new();
         // From the position outwards on both sides, across the seam of a closed contour.
+        // Lengths are ascending, so a search by bisection replaces a pass over the contour.
         let start = self.lengths.partition_point(|l| *l < s);
         for (by, way) in [(0, 1_isize), (-1, -1)] {
             let mut k = start as isize + by;
@@ -134,7 +137,8 @@ impl<'a> Curve<'a> {
         }
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (low, high) = (near[0], near[near.len() - 1]);
-        if low.0 > -LEAST_SIDE * self.half || high.0 < LEAST_SIDE * self.half {
+        // At an end of an open contour the window is one-sided, and the tangent of the parabola uncertain.
+        if low.0 > -MIN_SIDE * self.half || high.0 < MIN_SIDE * self.half {
             return None;
         }
         // In coordinates along and across the chord, with the origin at the nearest point.
@@ -142,6 +146,7 @@ impl<'a> Curve<'a> {
         let place = |k: usize| self.contour.places[k];
         let (a, b) = (place(low.1), place(high.1));
         let chord = (b[0] - a[0]).hypot(b[1] - a[1]);
+        // A contour that turns back within its window is no function over the chord.
         if chord <= 0.2 * (high.0 - low.0) {
             return None;
         }
@@ -151,6 +156,8 @@ impl<'a> Curve<'a> {
         let origin = [0, 1].map(|k| origin[k] - middle.0 * along[k]);
         let local = |k: usize| {
             let d = [place(k)[0] - origin[0], place(k)[1] - origin[1]];
+            // Lengths in half widths of the window: powers of x are then at most 1, and the normal matrix is
+            // well conditioned.
             [(d[0] * along[0] + d[1] * along[1]) / self.half, d[0] * across[0] + d[1] * across[1]]
         };
         let mut normal = [[0.0; 3]; 3];
@@ -186,6 +193,7 @@ impl<'a> Curve<'a> {
             along: [0, 1].map(|k| (along[k] + slope * across[k]) / length),
             sigma_across: (variance * inverse[0][0]).sqrt(),
             sigma_turn: (variance * inverse[1][1]).sqrt() / self.half,
+            // With the stated σ, not the enlarged variance: this tests σ itself.
             chi2: left / (self.sigma * self.sigma),
             freedom,
             corner: (2.0 * c[2] / self.half).abs() > CORNER_TURN
@@ -194,7 +202,7 @@ impl<'a> Curve<'a> {
     }
 }
 
-pub(super) fn inverse3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+fn inverse3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     use planish_estimate::vector3::{cross, dot};
     let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], columns[0]);

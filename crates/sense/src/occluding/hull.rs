@@ -11,8 +11,8 @@
 //! Not guaranteed: parts thinner than a cell.
 
 use super::{Contour, ContourView, OccludingPoint};
-use crate::stripes::Pinhole;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use planish_core::Pinhole;
 use planish_estimate::vector3::{cross, distance, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, isosurface};
@@ -78,8 +78,8 @@ impl SilhouetteBound {
     #[must_use]
     pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
         let depths = self.views.iter().map(|view| view.at(at));
-        let [_, second] = depths.fold([f64::INFINITY; 2], |[least, second], depth| {
-            [least.min(depth), second.min(depth.max(least))]
+        let [_, second] = depths.fold([f64::INFINITY; 2], |[first, second], depth| {
+            [first.min(depth), second.min(depth.max(first))]
         });
         second
     }
@@ -91,7 +91,7 @@ impl SilhouetteBound {
         // Signed distances are 1-Lipschitz in the image, so the projection of the ball bounds their change.
         let mut on_border = false;
         for view in &self.views {
-            let far = distance(view.camera.centre(), at);
+            let far = distance(view.camera.center(), at);
             if far <= 1.5 * reach {
                 return true;
             }
@@ -126,7 +126,7 @@ impl VisualHull {
             |at, reach| bound.may_contain_boundary(at, reach),
         )?;
         if mesh.triangles.is_empty() {
-            return Err(Error::undetermined("nothing lies within all silhouettes"));
+            return Err(Error::undetermined("no point is inside all silhouettes"));
         }
         Ok(Self { bound, mesh, cell })
     }
@@ -151,6 +151,7 @@ impl VisualHull {
                 let [a, b, c] = self.mesh.corners(t);
                 let area = 0.5 * norm(cross(sub(b, a), sub(c, a)));
                 let middle = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+                // The nearest point may have a small reach although a farther one covers the facet.
                 let asked = NonZeroUsize::MIN.saturating_add(NEAREST - 1);
                 let near = tree.query(&middle).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
                 let seen = near.iter().any(|near| {
@@ -168,18 +169,13 @@ impl VisualHull {
 
 impl Distances {
     fn new(view: &ContourView) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in view.silhouette.iter().flat_map(|c| &c.places) {
-            for k in 0..2 {
-                low[k] = low[k].min(p[k]);
-                high[k] = high[k].max(p[k]);
-            }
-        }
-        let first = low.map(|x| x.floor() - 2.0);
-        let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
-        // Squared distances to the points of the border next to each pixel, then propagated by the lower
+        let places = view.silhouette.iter().flat_map(|c| c.places.iter().copied());
+        let bounds: BoundingBox<2> = places.collect();
+        let first = bounds.min.map(|x| x.floor() - 2.0);
+        let [columns, rows] = [0, 1].map(|k| (bounds.max[k] - first[k]).ceil() as usize + 3);
         // envelope of parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled
         // functions*, 2012). Two one-dimensional passes give exact Euclidean distances in linear time.
+
         let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
         for contour in &view.silhouette {
             for p in &contour.places {
@@ -218,8 +214,7 @@ impl Distances {
 
     /// Signed distance to the border, converted to the unit of space at the distance of the point.
     fn at(&self, place: [f64; 3]) -> f64 {
-        let width =
-            distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
+        let width = distance(self.camera.center(), place) / self.camera.focal_px();
         let Some(pixel) = self.camera.project(place) else {
             return -FAR_PX * width;
         };
@@ -251,6 +246,8 @@ fn crossings(contours: &[Contour], y: f64) -> Vec<f64> {
 
 /// `min_q (f(q) + (p − q)²)` for every `p`.
 fn spread(f: &[f64]) -> Vec<f64> {
+    // The lower envelope of parabolas: exact squared distances in linear time (Felzenszwalb and Huttenlocher
+    // 2012).
     let n = f.len();
     let mut hull: Vec<usize> = Vec::with_capacity(n);
     let mut from: Vec<f64> = Vec::with_capacity(n);

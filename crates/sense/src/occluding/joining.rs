@@ -13,14 +13,16 @@ use super::{OccludingOptions, OccludingPoint, Ready, Spot};
 use planish_core::DisjointSets;
 use planish_estimate::vector3::distance;
 
-/// Maximum distance of a mutual match along the contour, in steps.
+/// Maximum distance of a mutual match along the contour, in steps. Both matches are rounded to points, so an
+/// exact match can differ by one step.
 const BACK: f64 = 2.5;
 /// Maximum distance of neighbours along a contour, as a multiple of the step, in addition to their σ.
 const JUMP: f64 = 4.0;
-/// Number of neighbours on either side whose changes of radius are averaged.
+/// Number of neighbours on either side whose changes of radius are averaged. More reduce noise and blur
+/// changes along the contour.
 const AVERAGED: usize = 3;
 /// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
-const MOST_NORMAL_DEG: f64 = 60.0;
+const MAX_NORMAL_DEG: f64 = 60.0;
 
 type Places = Vec<Vec<Vec<Result<Found, &'static str>>>>;
 /// View, line and place.
@@ -68,6 +70,8 @@ pub(super) fn joined(
     options: &OccludingOptions,
 ) -> Joined {
     let keys = keys(places);
+    // All tests refer to the original matches; removing points at once would make the result depend on their
+    // order.
     let wrong: Vec<Key> = (keys.iter().copied())
         .filter(|key| (0..2).any(|side| !comes_back(ready, neighbours, places, *key, side)))
         .collect();
@@ -90,6 +94,8 @@ pub(super) fn joined(
         for (is_along, other) in [(true, along), (false, across)] {
             let Some(&other) = other else { continue };
             let apart = distance(points[k].position, points[other].position);
+            // Neighbours may differ by their errors, by one step along the surface, and by the motion of the
+            // contact between views. A larger distance is a jump between surfaces.
             let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
             // Between views a contour point slides over the surface by its radius times the angle.
@@ -236,6 +242,7 @@ fn point(
     }
     let change = (sum / of).max(0.0).sqrt();
     let solved = own.placed.solved;
+    // The first neglected term of the depth, for a radius that changes linearly with the angle.
     let circle = change * (solved.angles[0] * solved.angles[1]).abs() / 6.0;
     let mut covariance = own.placed.covariance;
     add_along(&mut covariance, own.sight.way, circle * circle);
@@ -255,7 +262,7 @@ fn point(
         position: own.placed.position,
         covariance,
         normal: own.sight.normal,
-        sigma_normal_deg: tilt.to_degrees().min(MOST_NORMAL_DEG),
+        sigma_normal_deg: tilt.to_degrees().min(MAX_NORMAL_DEG),
         sigma_depth: depth.sqrt(),
         sigma_circle: circle,
         radius: solved.radius,

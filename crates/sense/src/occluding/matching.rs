@@ -47,9 +47,9 @@ fn candidates(
     options: &OccludingOptions,
 ) -> Result<Vec<Candidate>, &'static str> {
     let plane = sight.epipolar_plane(of.eye.centre).ok_or("along_baseline")?;
-    let least = options.frontier_deg.to_radians().sin();
+    let min_sine = options.frontier_deg.to_radians().sin();
     let (outward, cosine) = sight.outward_in(plane).ok_or("frontier")?;
-    if cosine < least {
+    if cosine < min_sine {
         return Err("frontier");
     }
     let line = of.eye.line(plane);
@@ -87,7 +87,7 @@ fn candidates(
             let Some((at, local)) = refine() else { continue };
             // A tangent along the epipolar line indicates a frontier point of that view.
             let slant = (line[0] * local.along[0] + line[1] * local.along[1]).abs();
-            if local.corner || slant < least {
+            if local.corner || slant < min_sine {
                 continue;
             }
             let seen = Sight::new(&of.eye, local.place, local.along);
@@ -135,7 +135,7 @@ pub(super) fn matched(
             }
             // The smallest radius: a wrong match on a farther contour makes a large circle.
             let score = solved.radius.abs();
-            if best.as_ref().is_none_or(|(least, _)| score < *least) {
+            if best.as_ref().is_none_or(|(lowest, _)| score < *lowest) {
                 best = Some((score, Found { placed, sight, here: *local, spots: [a.spot, b.spot] }));
             }
         }

@@ -16,15 +16,16 @@
 use super::OccludingPoint;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, unit};
 
-/// Rounds of relaxation.
+/// Rounds of relaxation. Values spread by about one neighbour per round.
 const ROUNDS: usize = 12;
 /// Minimum σ of the midpoint of two neighbours, as a share of their distance. It limits the smoothing of
 /// smooth strips.
-const LEAST_SHARE: f64 = 0.03;
+const MIN_SHARE: f64 = 0.03;
 /// Maximum number of points that a match may skip.
-const MOST_STEPS: usize = 8;
-/// Minimum cosine between the normal of a triangle and the normals of its corners.
-const LEAST_COSINE: f64 = 0.3;
+const MAX_STEPS: usize = 8;
+/// Minimum cosine between the normal of a triangle and the normals of its corners: 73°. Triangles across a
+/// fold face away from their corners.
+const MIN_COSINE: f64 = 0.3;
 /// Median square of a normal distribution divided by its variance.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
@@ -90,8 +91,8 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
                 for kind in 0..2 {
                     if let Some(pair) = pairs[k][kind] {
                         let apart = norm(sub(positions[pair[0]], positions[pair[1]]));
-                        let least = (LEAST_SHARE * apart).powi(2).max(f64::MIN_POSITIVE);
-                        let weight = 1.0 / spread[points[k].strip][kind].max(least);
+                        let floor = (MIN_SHARE * apart).powi(2).max(f64::MIN_POSITIVE);
+                        let weight = 1.0 / spread[points[k].strip][kind].max(floor);
                         sum += weight * off(&positions, k, pair);
                         information += weight;
                     }
@@ -121,7 +122,7 @@ pub(super) fn triangles(
             continue;
         };
         let mut chain = vec![first];
-        while chain.last() != Some(&last) && chain.len() <= MOST_STEPS {
+        while chain.last() != Some(&last) && chain.len() <= MAX_STEPS {
             match chain.last().and_then(|c| following.along[*c]) {
                 Some(step) => chain.push(step),
                 None => break,
@@ -139,9 +140,9 @@ pub(super) fn triangles(
             };
             let cosine = dot(facing, out);
             let [a, b, c] = triangle.map(|v| v as u32);
-            if cosine > LEAST_COSINE {
+            if cosine > MIN_COSINE {
                 found.push([a, b, c]);
-            } else if cosine < -LEAST_COSINE {
+            } else if cosine < -MIN_COSINE {
                 found.push([a, c, b]);
             }
         }

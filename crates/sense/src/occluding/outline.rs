@@ -95,6 +95,8 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
             "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
         )));
     }
+    // Grey levels at the border of a mask are the covered shares of pixels, so they are kept, except where a
+    // speck or hole was filled.
     let before = mask.clone();
     let min_pixels = (options.least_share * object_pixels as f64) as usize;
     fill(&mut mask, columns, true, min_pixels);
@@ -108,7 +110,7 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let found = followed(&smooth, columns, rows);
     if found.is_empty() {
-        return Err(Error::undetermined("a mask has no border within the picture"));
+        return Err(Error::undetermined("a mask has no border within the image"));
     }
     Ok(found)
 }
@@ -125,6 +127,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
         if way == 0 { [at[0] + share, at[1]] } else { [at[0], at[1] + share] }
     };
     let mut next: BTreeMap<usize, usize> = BTreeMap::new();
+    // Smoothing repeats pixels beyond the border of the image, so crossings there are not borders of the
+    // object.
     let clear = FRAME as usize;
     for row in clear..rows.saturating_sub(clear + 1) {
         for column in clear..columns.saturating_sub(clear + 1) {
@@ -153,6 +157,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
             }
         }
     }
+    // Open lines have a start that no square leads to. They are followed first, from there; started in the
+    // middle, they would be split.
     let reached: std::collections::BTreeSet<usize> = next.values().copied().collect();
     let mut starts: Vec<usize> = next.keys().copied().filter(|edge| !reached.contains(edge)).collect();
     starts.extend(next.keys().copied());
@@ -182,10 +188,10 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
 mod tests {
     use super::*;
 
-    /// A disc whose grey levels are the share of each pixel that it covers: one closed border, in order, to
+    /// A disc whose grey levels are the covered shares of pixels: one closed, ordered border, accurate to
     /// some hundredths of a pixel, with the disc on its right.
     #[test]
-    fn the_outline_of_a_disc_runs_round_it_once() {
+    fn a_disc_has_one_closed_outline() {
         let center = [60.3, 48.8];
         let covered = |k: usize| {
             let within = (0..64).filter(|j| {
@@ -235,14 +241,14 @@ mod tests {
     }
 
     #[test]
-    fn outlines_are_open_at_the_end_of_the_image() {
+    fn outlines_are_open_at_the_border_of_the_image() {
         let inside = |k: usize| ((k % 120) as f64).hypot((k / 120) as f64 - 50.0) < 30.0;
         let values = (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect();
         let picture = Image::try_new(120, 100, values).unwrap();
         let found = outlines(&picture, &SilhouetteOptions::default()).unwrap();
         assert!(found.len() == 1 && !found[0].closed);
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
-        let said = outlines(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
-        assert!(said.contains("both sides"), "{said}");
+        let message = outlines(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
+        assert!(message.contains("both sides"), "{message}");
     }
 }

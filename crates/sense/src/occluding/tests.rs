@@ -1,4 +1,5 @@
 use super::*;
+use planish_core::Pinhole;
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -6,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 const FOCAL: f64 = 900.0;
 
-/// A camera at a place that looks at another.
+/// A camera at a position, directed towards another.
 fn camera(from: [f64; 3], to: [f64; 3]) -> Pinhole {
     let forward = unit(sub(to, from)).unwrap();
     let right = unit(cross(forward, [0.0, 0.0, 1.0])).unwrap();
@@ -18,7 +19,7 @@ fn camera(from: [f64; 3], to: [f64; 3]) -> Pinhole {
     }
 }
 
-/// An ellipsoid whose axes are those of space.
+/// An ellipsoid whose axes are those of the coordinate system.
 #[derive(Clone, Copy)]
 struct Ellipsoid {
     middle: [f64; 3],
@@ -26,7 +27,7 @@ struct Ellipsoid {
 }
 
 impl Ellipsoid {
-    /// Where its contour lies on it, in order, for a camera at a place.
+    /// Ordered points of the contour generator on it, for a camera at a position.
     fn generator(&self, from: [f64; 3], count: usize) -> Vec<[f64; 3]> {
         let c: [f64; 3] = std::array::from_fn(|k| (from[k] - self.middle[k]) / self.axes[k]);
         let far2 = dot(c, c);
@@ -46,17 +47,17 @@ impl Ellipsoid {
         unit(std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2))).unwrap()
     }
 
-    /// Distance to the surface, of first order.
+    /// First-order distance from the surface.
     fn height(&self, at: [f64; 3]) -> f64 {
         let g: [f64; 3] = std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2));
         let f = (0..3).map(|k| ((at[k] - self.middle[k]) / self.axes[k]).powi(2)).sum::<f64>() - 1.0;
         0.5 * f / norm(g)
     }
 
-    /// Its outline, the thing on the right.
+    /// Its outline, with the object on the right.
     fn outline(&self, camera: &Pinhole, sigma: f64, random: &mut ChaCha8Rng) -> Contour {
         let exact: Vec<[f64; 2]> =
-            (self.generator(camera.centre(), 900).iter()).map(|p| camera.project(*p).unwrap()).collect();
+            (self.generator(camera.center(), 900).iter()).map(|p| camera.project(*p).unwrap()).collect();
         let middle = camera.project(self.middle).unwrap();
         let turn: f64 = (0..exact.len())
             .map(|k| {
@@ -81,11 +82,11 @@ impl Ellipsoid {
     }
 }
 
-fn seen(cameras: &[Pinhole], thing: &Ellipsoid, sigma: f64) -> Vec<ContourView> {
+fn seen(cameras: &[Pinhole], object: &Ellipsoid, sigma: f64) -> Vec<ContourView> {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     (cameras.iter().enumerate())
         .map(|(k, camera)| {
-            let outline = thing.outline(camera, sigma, &mut random);
+            let outline = object.outline(camera, sigma, &mut random);
             ContourView {
                 name: format!("view{k}"),
                 camera: *camera,
@@ -98,7 +99,7 @@ fn seen(cameras: &[Pinhole], thing: &Ellipsoid, sigma: f64) -> Vec<ContourView> 
         .collect()
 }
 
-/// An arc of views around the middle, from a little above.
+/// An arc of views around the middle, slightly from above.
 fn arc(views: usize, step_deg: f64, height: f64) -> Vec<Pinhole> {
     (0..views)
         .map(|k| {
@@ -121,10 +122,10 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / n).sqrt()
 }
 
-/// The error of a point's depth: from the place of the true contour that its pixel shows.
-fn depth_error(thing: &Ellipsoid, camera: &Pinhole, point: &OccludingPoint) -> f64 {
-    let way = unit(sub(point.position, camera.centre())).unwrap();
-    let nearest = (thing.generator(camera.centre(), 3000).into_iter())
+/// Error of a point's depth, relative to the true contour point at its pixel.
+fn depth_error(object: &Ellipsoid, camera: &Pinhole, point: &OccludingPoint) -> f64 {
+    let way = unit(sub(point.position, camera.center())).unwrap();
+    let nearest = (object.generator(camera.center(), 3000).into_iter())
         .min_by(|a, b| {
             let off = |p: &[f64; 3]| {
                 let pixel = camera.project(*p).unwrap();
@@ -140,7 +141,7 @@ const BALL: Ellipsoid = Ellipsoid { middle: [0.0; 3], axes: [1.0; 3] };
 const EGG: Ellipsoid = Ellipsoid { middle: [0.1, -0.2, 0.1], axes: [1.4, 0.8, 1.1] };
 
 #[test]
-fn a_ball_without_noise_is_found_to_its_window() {
+fn points_of_a_ball_without_noise_are_accurate() {
     let cameras = arc(9, 6.0, 2.0);
     let found = run(&seen(&cameras, &BALL, 0.0)).unwrap();
     assert!(found.points.len() > 300, "{:?}", found.left_out);
@@ -150,7 +151,7 @@ fn a_ball_without_noise_is_found_to_its_window() {
         assert!((p.radius - 1.0).abs() < 0.02 + 3.0 * p.sigma_radius, "{} {}", p.radius, p.sigma_radius);
         assert!(dot(p.normal, BALL.normal(p.position)) > 0.9999);
     }
-    // Above and below, epipolar planes touch the ball.
+    // At the top and the bottom, epipolar planes are tangent to the ball.
     assert!(found.left_out["frontier"] > 20 && found.left_out["end_of_sequence"] > 100);
     assert_eq!(
         (found.sequences, found.asked),
@@ -158,8 +159,8 @@ fn a_ball_without_noise_is_found_to_its_window() {
     );
 }
 
-/// Errors over their stated σ: of the depth, of the place along the normal, of the normal, and the contours'
-/// own χ².
+/// Ratios of the errors to the stated σ: of the depth, the position along the normal, the normal, and χ² of
+/// the contours.
 #[test]
 fn sigma_of_noisy_contours_is_consistent() {
     let cameras = arc(21, 5.0, 1.5);
@@ -184,10 +185,10 @@ fn sigma_of_noisy_contours_is_consistent() {
     assert!((0.75..1.25).contains(&turned), "{turned}");
 }
 
-/// Views 20° apart: the egg's radius changes from one to the next. What the circle leaves out is most of the
-/// error, and is stated.
+/// In views 20° apart, the radius of the egg changes from one to the next. The model error of the circle is
+/// most of the error, and σ includes it.
 #[test]
-fn the_model_error_of_the_circle_is_in_sigma() {
+fn sigma_includes_the_model_error_of_the_circle() {
     let cameras = arc(7, 20.0, 1.0);
     let found = run(&seen(&cameras, &EGG, 0.02)).unwrap();
     assert!(found.points.len() > 150, "{:?}", found.left_out);
@@ -201,7 +202,7 @@ fn the_model_error_of_the_circle_is_in_sigma() {
     assert!(without > 3.0, "{without}");
 }
 
-/// A camera that flies along a line which touches the ball: that line of sight tells nothing, and says so.
+/// A camera moves along a tangent of the ball. That line of sight does not determine a depth and is rejected.
 #[test]
 fn lines_of_sight_along_the_baseline_are_rejected() {
     let cameras: Vec<Pinhole> =
@@ -216,17 +217,20 @@ fn lines_of_sight_along_the_baseline_are_rejected() {
     for p in &found.points {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 5.0 * p.sigma_depth);
     }
-    // A camera that only turns sees no depth at all.
+    // A camera that only rotates determines no depth.
     let turning: Vec<Pinhole> =
         (0..5).map(|k| camera([7.0, 1e-9 * f64::from(k), 0.0], [0.0, 0.05 * f64::from(k), 0.0])).collect();
-    let said = run(&seen(&turning, &BALL, 0.1)).unwrap_err().to_string();
-    assert!(said.contains("no place") && said.contains("across the lines of sight"), "{said}");
+    let message = run(&seen(&turning, &BALL, 0.1)).unwrap_err().to_string();
+    assert!(
+        message.contains("no point on the contours") && message.contains("across the lines of sight"),
+        "{message}"
+    );
 }
 
-/// Two balls, one of which passes before the other: their common outline falls apart and comes together
-/// again. Every place that is given is of one of them.
+/// One ball passes in front of another: their common outline splits and merges. Every accepted point is on
+/// one of them.
 #[test]
-fn splitting_outlines_are_not_joined_wrongly() {
+fn splitting_outlines_are_not_joined() {
     let balls = [
         Ellipsoid { middle: [1.2, 0.3, 0.0], axes: [0.8; 3] },
         Ellipsoid { middle: [-1.2, -0.3, 0.1], axes: [0.9; 3] },
@@ -279,7 +283,7 @@ fn splitting_outlines_are_not_joined_wrongly() {
     assert!(of.iter().all(|[a, b]| *a == 0 || *b == 0), "{of:?}");
 }
 
-/// A ball's hull by a ring of views is the ball; seen from half around only, a share of it was no contour's.
+/// The hull of a ball in a ring of views is the ball. Views from one side leave a part of it unobserved.
 #[test]
 fn the_hull_reports_the_unobserved_share() {
     let around: Vec<Pinhole> = (0..24)
@@ -297,7 +301,7 @@ fn the_hull_reports_the_unobserved_share() {
         assert!(norm(*p) > 0.97 && norm(*p) < 1.25, "{}", norm(*p));
     }
     assert!(hull.holds([0.0, 0.9, 0.0]) && !hull.holds([0.0, 1.1, 0.0]));
-    // Without one view more is left, and a place within all is as deep as before or deeper.
+    // Without one view the hull is larger, and depths inside of it do not decrease.
     let bound = SilhouetteBound::new(&views).unwrap();
     for p in hull.mesh.positions.iter().step_by(7) {
         assert!(bound.depth(*p).abs() < 0.1 && bound.depth_without_one(*p) >= bound.depth(*p), "{p:?}");
@@ -309,8 +313,8 @@ fn the_hull_reports_the_unobserved_share() {
             SilhouetteBound::new(&rest).unwrap().depth(*p)
         };
         if p[0] > 1.0 {
-            let most = (0..views.len()).map(fewer).fold(f64::NEG_INFINITY, f64::max);
-            assert!((bound.depth_without_one(*p) - most).abs() < 1e-12, "{p:?}");
+            let largest = (0..views.len()).map(fewer).fold(f64::NEG_INFINITY, f64::max);
+            assert!((bound.depth_without_one(*p) - largest).abs() < 1e-12, "{p:?}");
         }
     }
     let unseen = hull.unseen_share(&all.points);
@@ -319,8 +323,8 @@ fn the_hull_reports_the_unobserved_share() {
     assert!(unseen < 0.25 && more > unseen + 0.3, "{unseen} {more}");
 }
 
-/// The mesh of an egg's strips: manifold, facing outwards, as near to the egg as σ says, and its depths
-/// nearer than the points' own.
+/// The mesh of an egg's strips is manifold and faces outwards; its error agrees with σ, and its depths are
+/// more accurate than those of the points.
 #[test]
 fn strips_become_meshes_with_regularised_depths() {
     let cameras = arc(25, 4.0, 1.0);
@@ -348,13 +352,13 @@ fn strips_become_meshes_with_regularised_depths() {
 }
 
 #[test]
-fn invalid_input_is_named() {
+fn messages_name_the_invalid_value() {
     let views = seen(&arc(3, 5.0, 1.0), &BALL, 0.1);
     assert!(run(&views[..2]).unwrap_err().to_string().contains("three views"));
     let mut odd = views.clone();
     odd[1].sigma_px = 0.0;
     assert!(run(&odd).unwrap_err().to_string().contains("view `view1`"));
     let options = OccludingOptions { half_window_px: -1.0, ..OccludingOptions::default() };
-    let said = occluding_contours(&views, &options, &mut |_| Ok(())).unwrap_err().to_string();
-    assert!(said.contains("window"), "{said}");
+    let message = occluding_contours(&views, &options, &mut |_| Ok(())).unwrap_err().to_string();
+    assert!(message.contains("window"), "{message}");
 }

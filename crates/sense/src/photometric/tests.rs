@@ -29,7 +29,7 @@ fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
     (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
 }
 
-/// A ball of changing albedo with noise, and highlights where `gloss` is not 0.
+/// A ball of varying albedo with noise, and highlights where `gloss` is not 0.
 fn ball(lights: &[[f64; 3]], sigma: f64, ambient: f64, gloss: f64, seed: u64) -> Vec<Image> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut image = |l: &[f64; 3]| {
@@ -56,18 +56,18 @@ fn images_inconsistent_with_their_lights_are_detected() {
     let true_order = found(&pictures).unwrap();
     let residual = true_order.sigma_of_residuals.unwrap();
     assert!((0.7..1.4).contains(&residual), "{residual} of 1");
-    // In another order the residuals say so, whatever σ is stated. (Not in one that only turns the ring of
+    // A wrong order of the lights gives large residuals for any stated σ. (Not a cyclic shift of a ring of
     // lights.)
     pictures.swap(0, 2);
     let wrong_order = found(&pictures).unwrap();
     let residual = wrong_order.sigma_of_residuals.unwrap();
     assert!(residual > 0.05 * wrong_order.brightest, "{residual} of {}", wrong_order.brightest);
-    // One picture for all lights: no residual shows that.
+    // The same image for all lights: residuals do not reveal that.
     let e = found(&vec![pictures[0].clone(); 6]).unwrap_err();
     assert!(e.to_string().contains("images 1 and 2 are the same"), "{e}");
 }
 
-/// Tangential components of the errors over their σ, and the errors in degrees.
+/// Tangential components of the errors divided by their σ, and the errors in degrees.
 fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
     let (mut normalised, mut degrees) = (Vec::new(), Vec::new());
     for k in 0..SIDE * SIDE {
@@ -83,7 +83,7 @@ fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
 }
 
 #[test]
-fn the_stated_sigma_is_that_of_the_errors() {
+fn stated_sigma_agrees_with_the_errors() {
     for (count, stated) in [(3, Some(2.0)), (6, None), (12, None)] {
         let lights = lights(count);
         let options =
@@ -140,7 +140,7 @@ fn ambient_light_is_estimated() {
 }
 
 #[test]
-fn a_mirror_ball_shows_where_the_lights_are() {
+fn a_mirror_ball_gives_the_directions_of_lights() {
     let lights = lights(5);
     let image = |l: &[f64; 3]| {
         let half = unit([l[0], l[1], l[2] - 1.0]).unwrap();
@@ -159,7 +159,7 @@ fn a_mirror_ball_shows_where_the_lights_are() {
 }
 
 #[test]
-fn colours_are_normals() {
+fn colours_encode_normals() {
     // 128 128 255 faces the camera; black was never drawn.
     let map = normals_from_colours(2, 1, &[127.5, 127.5, 255.0, 0.0, 0.0, 0.0], 255.0, 3.0).unwrap();
     assert_eq!(map.normals[0], Some([0.0, -0.0, -1.0]));
@@ -172,11 +172,11 @@ fn colours_are_normals() {
 fn undetermined_normals_are_rejected() {
     let three = lights(3);
     let images = ball(&three, 1.0, 0.0, 0.0, 1);
-    let said = |images: &[Image], lights: &[[f64; 3]]| {
+    let message = |images: &[Image], lights: &[[f64; 3]]| {
         photometric_normals(images, lights, None, &PhotometricOptions::default()).unwrap_err().to_string()
     };
-    assert!(said(&images, &three).contains("state sigma_brightness"));
-    assert!(said(&images, &lights(4)).contains("found 3 and 4"));
+    assert!(message(&images, &three).contains("state sigma_brightness"));
+    assert!(message(&images, &lights(4)).contains("found 3 and 4"));
     let flat = [[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [-0.6, 0.0, -0.8], [0.3, 0.0, -0.95]];
-    assert!(said(&ball(&flat, 1.0, 0.0, 0.0, 1), &flat).contains("one plane"));
+    assert!(message(&ball(&flat, 1.0, 0.0, 0.0, 1), &flat).contains("one plane"));
 }

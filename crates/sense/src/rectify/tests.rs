@@ -1,11 +1,12 @@
 //! Laws of rectification.
 
 use super::*;
+use planish_core::Pinhole;
 
 const K: [[f64; 3]; 3] = [[200.0, 0.0, 79.5], [0.0, 200.0, 59.5], [0.0, 0.0, 1.0]];
 const SIZE: [usize; 2] = [160, 120];
 
-/// A camera at a place that is turned about y, x and z, in this order.
+/// A camera at a position, rotated about y, x and z, in this order.
 fn camera(at: [f64; 3], turns: [f64; 3], distortion: [f64; 5]) -> LensCamera {
     let about = |axis: [f64; 3], angle: f64| Pose::from_rotation_vector(scale(angle, axis), [0.0; 3]);
     let world_from_camera = Pose {
@@ -14,8 +15,7 @@ fn camera(at: [f64; 3], turns: [f64; 3], distortion: [f64; 5]) -> LensCamera {
             .after(&about([1.0, 0.0, 0.0], turns[1]))
             .after(&about([0.0, 0.0, 1.0], turns[2]))
     };
-    let inverse = world_from_camera.inverse();
-    LensCamera { pinhole: Pinhole { k: K, r: inverse.rotation, t: inverse.translation }, distortion }
+    LensCamera { pinhole: Pinhole::new(K, &world_from_camera), distortion }
 }
 
 fn converging() -> StereoRig {
@@ -29,7 +29,7 @@ fn converging() -> StereoRig {
 }
 
 #[test]
-fn a_point_lies_in_the_same_row_of_both_pictures_and_its_disparity_gives_it_back() {
+fn points_have_equal_rows_and_are_recovered_from_their_disparity() {
     let rig = converging();
     let made = Rectification::new(&rig, [SIZE; 2]).unwrap();
     let camera = *made.camera();
@@ -41,7 +41,7 @@ fn a_point_lies_in_the_same_row_of_both_pictures_and_its_disparity_gives_it_back
         for (which, place) in [left, right].into_iter().enumerate() {
             let source = made.source(which, place).unwrap();
             let lens = rig.cameras[which];
-            let expected = lens.pixel(sub(point, lens.pinhole.centre())).unwrap();
+            let expected = lens.pixel(sub(point, lens.pinhole.center())).unwrap();
             assert!((0..2).all(|k| (source[k] - expected[k]).abs() < 1e-9), "{source:?} {expected:?}");
         }
         let found = made.world_from_rectified().apply(camera.point(left[0], left[1], disparity).unwrap());
@@ -76,7 +76,7 @@ fn rectified_images_stay_unchanged() {
 }
 
 #[test]
-fn points_and_covariances_turn_with_the_rig() {
+fn points_and_covariances_rotate_with_the_rig() {
     let [columns, rows] = [40, 30];
     let map = DisparityMap {
         columns,
@@ -110,14 +110,16 @@ fn points_and_covariances_turn_with_the_rig() {
 }
 
 #[test]
-fn cameras_that_cannot_be_rectified_are_refused() {
+fn rigs_that_cannot_be_rectified_are_rejected() {
     let with = |second: LensCamera| {
         let rig = StereoRig { cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), second], sigma_disparity: 0.0 };
         Rectification::new(&rig, [SIZE; 2]).unwrap_err().to_string()
     };
     let e = with(camera([0.1, 0.0, 3.0], [0.0; 3], [0.0; 5]));
     assert!(e.contains("epipole lies inside the image of the first camera"), "{e}");
-    assert!(with(camera([0.0; 3], [0.1, 0.0, 0.0], [0.0; 5])).contains("different places"));
+    assert!(with(camera([0.0; 3], [0.1, 0.0, 0.0], [0.0; 5])).contains("different positions"));
     assert!(with(camera([1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0; 5])).contains("90° apart"));
-    assert!(with(camera([1.0, 0.0, 0.0], [0.0; 3], [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be undone"));
+    assert!(
+        with(camera([1.0, 0.0, 0.0], [0.0; 3], [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be inverted")
+    );
 }

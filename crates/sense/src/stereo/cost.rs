@@ -23,7 +23,7 @@ const CENSUS: [usize; 2] = [4, 3];
 const CENSUS_BIT: i16 = 2;
 
 /// Limit of the difference of brightness, in hundredths of the contrast, so that occlusions do not dominate.
-const MOST_DIFFERENCE: i16 = 40;
+const MAX_DIFFERENCE: i16 = 40;
 
 /// Hundredths of the contrast: twice the deviation of the brightness is 100.
 const CONTRAST_STEPS: f32 = 100.0;
@@ -31,7 +31,7 @@ const CONTRAST_STEPS: f32 = 100.0;
 /// Both images, prepared for the cost. Rows of the right one are reversed, so that disparities run forwards.
 pub(super) struct MatchingCost {
     columns: usize,
-    least: i32,
+    min_disparity: i32,
     census: [Vec<u64>; 2],
     /// Brightness, and its minimum and maximum within half a pixel along the row.
     level: [[Vec<i16>; 3]; 2],
@@ -39,11 +39,11 @@ pub(super) struct MatchingCost {
 
 impl MatchingCost {
     /// Prepares both images; `least` is the disparity with index 0.
-    pub(super) fn new(left: &Image, right: &Image, least: i32) -> Self {
+    pub(super) fn new(left: &Image, right: &Image, min_disparity: i32) -> Self {
         let columns = left.columns;
         let mut all = Self {
             columns,
-            least,
+            min_disparity,
             census: [census(left), census(right)],
             level: [levels(left), levels(right)],
         };
@@ -62,26 +62,26 @@ impl MatchingCost {
         let columns = self.columns;
         let of_row = row * columns..(row + 1) * columns;
         let [left, right] = [&self.census[0][of_row.clone()], &self.census[1][of_row.clone()]];
-        let [value, least, most] = self.level[0].each_ref().map(|l| &l[of_row.clone()]);
-        let [value_there, least_there, most_there] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
+        let [value, low, high] = self.level[0].each_ref().map(|l| &l[of_row.clone()]);
+        let [value_there, low_there, high_there] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
         for (x, costs) in costs.chunks_exact_mut(disparities).enumerate() {
             costs.fill(WORST);
             // Disparity d is at the backward column `first + d`, which is one of the row.
-            let first = (columns - 1 - x) as i64 + i64::from(self.least);
+            let first = (columns - 1 - x) as i64 + i64::from(self.min_disparity);
             let skipped = (-first).clamp(0, disparities as i64) as usize;
             let start = first.clamp(0, columns as i64) as usize;
             let inside = (disparities - skipped).min(columns - start);
             let costs = &mut costs[skipped..skipped + inside];
             let there = start..start + inside;
             let candidates = (right[there.clone()].iter().zip(&value_there[there.clone()]))
-                .zip(least_there[there.clone()].iter().zip(&most_there[there]));
-            let (code, a, a_least, a_most) = (left[x], value[x], least[x], most[x]);
-            for (cost, ((&other, &b), (&b_least, &b_most))) in costs.iter_mut().zip(candidates) {
+                .zip(low_there[there.clone()].iter().zip(&high_there[there]));
+            let (code, a, a_low, a_high) = (left[x], value[x], low[x], high[x]);
+            for (cost, ((&other, &b), (&b_low, &b_high))) in costs.iter_mut().zip(candidates) {
                 let bits = (code ^ other).count_ones() as i16;
                 // The difference that no shift of the sampling by up to half a pixel explains.
-                let one = a.wrapping_sub(b_most).max(b_least.wrapping_sub(a));
-                let other = b.wrapping_sub(a_most).max(a_least.wrapping_sub(b));
-                let apart = one.min(other).clamp(0, MOST_DIFFERENCE);
+                let one = a.wrapping_sub(b_high).max(b_low.wrapping_sub(a));
+                let other = b.wrapping_sub(a_high).max(a_low.wrapping_sub(b));
+                let apart = one.min(other).clamp(0, MAX_DIFFERENCE);
                 *cost = CENSUS_BIT.wrapping_mul(bits).wrapping_add(apart).min(i16::from(WORST)) as u8;
             }
         }
@@ -97,6 +97,8 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
         true => f64::from(CONTRAST_STEPS) / (2.0 * variance.sqrt()),
         false => 0.0,
     };
+    // In units of the image's own contrast, so that exposure and gain of the two cameras cancel. Sixteen-bit
+    // integers fit twice as many lanes of a vector register as floating point.
     let level = |v: f32| (((f64::from(v) - mean) * scale).clamp(-8000.0, 8000.0)) as i16;
     let mut levels: [Vec<i16>; 3] = Default::default();
     for row in 0..image.rows {
@@ -106,6 +108,7 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
             let half =
                 [x.saturating_sub(1), (x + 1).min(row.len() - 1)].map(|k| level(0.5 * (row[x] + row[k])));
             levels[0].push(here);
+            // Extremes of the linear interpolation within half a pixel (Birchfield and Tomasi 1998).
             levels[1].push(here.min(half[0]).min(half[1]));
             levels[2].push(here.max(half[0]).max(half[1]));
         }
@@ -120,6 +123,8 @@ fn census(image: &Image) -> Vec<u64> {
     let inside = |k: usize, half: usize, n: usize| k.saturating_sub(half).min(n - 1);
     let mut all = vec![0; image.values.len()];
     all.par_chunks_mut(image.columns).enumerate().for_each(|(y, codes)| {
+        // Loops over the window outside, over columns inside: each step is one comparison of two contiguous
+        // rows.
         for dy in 0..=2 * half_rows {
             let other = image.row(inside(y + dy, half_rows, image.rows));
             let here = image.row(y);
@@ -148,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn the_true_disparity_costs_nothing_whatever_the_exposure() {
+    fn the_true_disparity_has_zero_cost_at_any_exposure() {
         let (left, mut right) = (pattern(40, 20, 0), pattern(40, 20, 3));
         for v in &mut right.values {
             *v = 2.0 * *v + 30.0;
@@ -166,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_has_as_many_bits_as_pixels_around_its_middle() {
+    fn a_window_has_one_bit_per_pixel_around_its_middle() {
         let mut image = pattern(9, 7, 0);
         image.values[3 * 9 + 4] = 1e4;
         assert_eq!(census(&image)[3 * 9 + 4].count_ones(), 62);

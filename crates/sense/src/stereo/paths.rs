@@ -53,19 +53,19 @@ impl Penalties {
 #[inline(always)]
 fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sums: &mut [u16]) {
     let n = costs.len();
-    let least = before[n + 2];
+    let lowest = before[n + 2];
     // The minimum over all disparities is found once per pixel, which makes a step linear in their number.
-    let jump = least.wrapping_add(more);
+    let jump = lowest.wrapping_add(more);
     let neighbours = before[..n].iter().zip(&before[2..n + 2]);
     let from = before[1..=n].iter().zip(neighbours);
     let mut smallest = u16::MAX;
     for (((here, sum), &cost), (&same, (&below, &above))) in
         here[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
     {
-        let beside = below.min(above).wrapping_add(one);
+        let adjacent = below.min(above).wrapping_add(one);
         // Subtracting the minimum keeps the cost of a path at most `WORST + P2`, however long it is, so eight
         // of them fit 16 bits.
-        let path = u16::from(cost).wrapping_add(same.min(beside).min(jump).wrapping_sub(least));
+        let path = u16::from(cost).wrapping_add(same.min(adjacent).min(jump).wrapping_sub(lowest));
         *here = path;
         *sum = sum.wrapping_add(path);
         smallest = smallest.min(path);

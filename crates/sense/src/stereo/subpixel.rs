@@ -24,17 +24,17 @@ use rayon::prelude::*;
 use crate::Image;
 use crate::image::cubic;
 
-/// Half the window, in pixels.
+/// Half the window, in pixels. Larger windows reduce noise and contain more of other surfaces.
 const HALF: usize = 4;
 /// Maximum difference of disparity between pixels of one surface, in pixels.
 const SAME_SURFACE: f32 = 1.5;
 /// Maximum number of Gauss–Newton steps.
 const STEPS: usize = 4;
-/// Length of a step below which the iteration has converged, in pixels.
+/// Length of a step below which the iteration has converged, in pixels: a fraction of the smallest σ of 0.11.
 const CONVERGED: f32 = 0.02;
 /// The noise is estimated at every `PILOT`-th column and row, to save time.
 const PILOT: usize = 5;
-/// Maximum change of a disparity by least squares, in pixels.
+/// Maximum change of a disparity by least squares, in pixels. A larger change means another minimum.
 const MAX_MOVE: f32 = 1.0;
 /// Weight, in pixels, with which the residual variance of a window is shrunk towards that of the image.
 const SHRINKAGE: f32 = 5.0;

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 
-/// Waves of many lengths: a texture in closed form, so that shifted images are exact.
+/// A sum of waves of many lengths: a texture in closed form, so that shifted images are exact.
 struct Texture(Vec<[f64; 4]>);
 
 impl Texture {
@@ -26,8 +26,8 @@ impl Texture {
 const COLUMNS: usize = 160;
 const ROWS: usize = 90;
 
-/// A slanted plane behind a level square, seen by two cameras with noise; with the left image's true
-/// disparities.
+/// A slanted plane behind a square parallel to the image, in two cameras with noise, and the true disparities
+/// of the left image.
 fn scene(seed: u64, sigma: f64) -> (Image, Image, Vec<f64>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (back, front) = (Texture::new(&mut rng), Texture::new(&mut rng));
@@ -119,7 +119,7 @@ fn more_noise_means_larger_errors_and_larger_sigma() {
 }
 
 #[test]
-fn the_worst_sigmas_hold_the_gross_errors() {
+fn gross_errors_have_the_largest_sigmas() {
     let (left, right, truth) = scene(9, 8.0);
     let map = matched(&left, &right);
     let mut all: Vec<(f32, bool)> = (0..truth.len())
@@ -133,7 +133,7 @@ fn the_worst_sigmas_hold_the_gross_errors() {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let (left, right, _) = scene(2, 3.0);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -170,7 +170,7 @@ fn invalid_sizes_and_options_are_rejected() {
     assert!(refused(&image(64, 32), &image(64, 33), &OPTIONS).contains("64 × 32 and 64 × 33"));
     let one = image(64, 32);
     for (options, words) in [
-        (StereoOptions { disparities: 2, ..OPTIONS }, "from 4 to 4096"),
+        (StereoOptions { disparities: 2, ..OPTIONS }, "of 4 to 4096"),
         (StereoOptions { large_step: 10, ..OPTIONS }, "penalties"),
         (StereoOptions { least_disparity: -64, ..OPTIONS }, "below the images' width of 64"),
     ] {

@@ -31,14 +31,15 @@ pub(super) fn winners(
     sums: &[u16],
     columns: usize,
     disparities: usize,
-    least: i32,
+    min_disparity: i32,
     share: u32,
 ) -> Vec<Winner> {
     sums.par_chunks_exact(disparities)
         .enumerate()
         .map(|(pixel, sums)| {
             let mut found = winner(sums, share);
-            let within = (pixel % columns) as i64 - i64::from(least);
+            // Near the border the range ends where the match would leave the right image.
+            let within = (pixel % columns) as i64 - i64::from(min_disparity);
             let last = within.min(disparities as i64 - 1);
             found.at_end = found.best == 0 || i64::from(found.best) >= last;
             found
@@ -47,15 +48,15 @@ pub(super) fn winners(
 }
 
 fn winner(sums: &[u16], share: u32) -> Winner {
-    let least = sums.iter().copied().min().unwrap_or(0);
-    let best = sums.iter().position(|s| *s == least).unwrap_or(0);
+    let minimum = sums.iter().copied().min().unwrap_or(0);
+    let best = sums.iter().position(|s| *s == minimum).unwrap_or(0);
     // Direct neighbours of a minimum always have similar sums.
     let others = sums[..best.saturating_sub(1)].iter().chain(sums.iter().skip(best + 2));
     // In integers, so that the comparison below is exact.
     let next = others.copied().min().unwrap_or(u16::MAX);
     Winner {
         best: best as u16,
-        clear: u32::from(next) * 100 > u32::from(least) * (100 + share),
+        clear: u32::from(next) * 100 > u32::from(minimum) * (100 + share),
         at_end: best == 0 || best + 1 == sums.len(),
         between: best as f32 + offset(sums, best),
     }
@@ -74,7 +75,12 @@ fn offset(sums: &[u16], best: usize) -> f32 {
 
 /// The index of the disparity of each pixel of the right image, row by row; `least` is the disparity of index
 /// 0.
-pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, least: i32) -> Vec<u16> {
+pub(super) fn right_winners(
+    sums: &[u16],
+    columns: usize,
+    disparities: usize,
+    min_disparity: i32,
+) -> Vec<u16> {
     let rows = sums.len() / (columns * disparities);
     let mut all = vec![0; columns * rows];
     let rows = all.par_chunks_exact_mut(columns).zip(sums.par_chunks_exact(columns * disparities));
@@ -82,10 +88,12 @@ pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, le
         let mut costs = vec![u16::MAX; columns];
         for (x, sums) in sums.chunks_exact(disparities).enumerate() {
             for (d, &sum) in sums.iter().enumerate() {
-                let there = x as i64 - i64::from(least) - d as i64;
+                let there = x as i64 - i64::from(min_disparity) - d as i64;
                 if let Some(there) = usize::try_from(there).ok().filter(|t| *t < columns)
                     && sum < costs[there]
                 {
+                    // From the same sums, transposed: a second matching from the right image would double the
+                    // time.
                     costs[there] = sum;
                     winners[there] = d as u16;
                 }
@@ -151,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_least_sum_at_an_end_of_the_range_is_no_minimum() {
+    fn a_minimum_at_an_end_of_the_range_is_rejected() {
         // Two pixels at columns 0 and 9 of one row, disparities 2 to 5; the least is at the second, then at
         // either end.
         let clear = |sums: [u16; 4], column: usize| {
@@ -168,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_right_image_sees_the_match_of_the_left() {
+    fn right_matches_agree_with_left_matches() {
         // One row of six pixels, disparities 1 and 2; pixel 4 matches pixel 2 best.
         let mut sums = vec![50_u16; 12];
         sums[4 * 2 + 1] = 1;
@@ -176,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn regions_end_at_steps_and_unknown_pixels() {
+    fn regions_end_at_steps_and_rejected_pixels() {
         let nan = f32::NAN;
         let sizes = region_sizes(&[1.0, 1.5, 9.0, nan, 1.2, 9.5, 9.0, nan], 4, 1.0);
         assert_eq!(sizes, [3, 3, 3, 0, 3, 3, 3, 0]);

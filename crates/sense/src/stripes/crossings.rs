@@ -12,23 +12,26 @@
 
 use super::ridges::{Ridge, Ridges, smoothed};
 use crate::Image;
+use planish_core::matrix3::{inverse, times};
 
 /// Maximum distance of two ridge points that vote for a crossing, in scales, and the minimum number of votes.
 const VOTING_SCALES: f64 = 8.0;
-const LEAST_VOTES: f32 = 24.0;
+const MIN_VOTES: f32 = 24.0;
 /// Distance to the other stripe below which points are excluded, in scales: there the stripes merge.
 const BLURRED: f64 = 2.6;
 /// Distance to which a stripe is followed from its crossing, as a share of the spacing of crossings.
 const REACH: f64 = 0.48;
-const LEAST_REACH_SCALES: f64 = 6.0;
-/// Minimum number of points of a stripe on either side of a crossing.
-const LEAST_PLACES: usize = 3;
+const MIN_REACH_SCALES: f64 = 6.0;
+/// Minimum number of points of a stripe on either side of a crossing: three on each side determine a parabola
+/// with degrees of freedom left.
+const MIN_PLACES: usize = 3;
 /// Gate of points before the parabola is known: distance from the straight line in pixels, and cosine to its
 /// direction.
 const OFF_LINE: f64 = 2.5;
 const TURNED_COS: f64 = 0.85;
-/// Minimum sine of the angle between two stripes.
-const LEAST_CROSSING: f64 = 0.25;
+/// Minimum sine of the angle between two stripes: 14.5°. At smaller angles the crossing is uncertain along
+/// both.
+const MIN_CROSSING: f64 = 0.25;
 
 /// Two stripes that cross.
 #[derive(Debug, Clone, Copy)]
@@ -63,23 +66,24 @@ impl Crossings {
     /// Finds them.
     pub fn new(image: &Image, ridges: &Ridges) -> Self {
         let spots = meeting_places(image, ridges);
-        let least = LEAST_REACH_SCALES * ridges.scale;
+        let min_reach = MIN_REACH_SCALES * ridges.scale;
         // Twice: the first pass gives the spacing, which limits how far stripes are followed in the second.
-        let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);
+        let first =
+            different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, min_reach)), min_reach);
         let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
         // The median spacing limits the distance to which stripes are followed.
-        let reach = (REACH * spacing).max(least);
-        let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), least);
+        let reach = (REACH * spacing).max(min_reach);
+        let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), min_reach);
         let no_crossing = spots.len() - found.len();
         Self { found, spacing, no_crossing }
     }
 }
 
 /// Drops crossings that coincide with an earlier one.
-fn different(all: impl Iterator<Item = Crossing>, least: f64) -> Vec<Crossing> {
+fn different(all: impl Iterator<Item = Crossing>, min_reach: f64) -> Vec<Crossing> {
     let mut found: Vec<Crossing> = Vec::new();
     for new in all {
-        if found.iter().all(|old| apart(old.image, new.image) > 0.4 * least) {
+        if found.iter().all(|old| apart(old.image, new.image) > 0.4 * min_reach) {
             found.push(new);
         }
     }
@@ -99,7 +103,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     for a in ridges.all() {
         for b in ridges.near(a.place, reach) {
             let crossing = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0];
-            if crossing.abs() < LEAST_CROSSING {
+            if crossing.abs() < MIN_CROSSING {
                 continue;
             }
             let d = [b.place[0] - a.place[0], b.place[1] - a.place[1]];
@@ -114,13 +118,14 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
             }
         }
     }
+    // Votes are rounded to pixels; smoothing joins those of one crossing.
     let height = smoothed(votes, columns, 1.0);
-    let least = LEAST_VOTES / std::f32::consts::TAU;
+    let minimum = MIN_VOTES / std::f32::consts::TAU;
     let mut found = Vec::new();
     for y in 2..rows.saturating_sub(2) {
         for x in 2..columns.saturating_sub(2) {
             let here = height[y * columns + x];
-            if here <= 0.0 || here < least {
+            if here <= 0.0 || here < minimum {
                 continue;
             }
             let around = (y - 2..=y + 2).flat_map(|j| (x - 2..=x + 2).map(move |i| (i, j)));
@@ -191,7 +196,7 @@ impl Stripe {
         own.dedup_by(|b, a| b[0] - a[0] < 0.4);
         for last in [false, true] {
             let sides = own.iter().filter(|p| p[0] < 0.0).count();
-            if sides < LEAST_PLACES || own.len() - sides < LEAST_PLACES {
+            if sides < MIN_PLACES || own.len() - sides < MIN_PLACES {
                 return None;
             }
             let (curve, inverse) = parabola(&own)?;
@@ -202,8 +207,8 @@ impl Stripe {
             let off = |p: &[f64; 3]| (p[1] - curve[0] - p[0] * (curve[1] + p[0] * curve[2])).abs();
             let mut sizes: Vec<f64> = own.iter().map(off).collect();
             sizes.sort_by(f64::total_cmp);
-            let most = (5.0 * sizes[sizes.len() / 2]).max(0.3);
-            own.retain(|p| off(p) <= most);
+            let limit = (5.0 * sizes[sizes.len() / 2]).max(0.3);
+            own.retain(|p| off(p) <= limit);
         }
         None
     }
@@ -219,14 +224,16 @@ fn parabola(places: &[[f64; 3]]) -> Option<([f64; 3], [[f64; 3]; 3])> {
             r[i] += row[i] * v;
         }
     }
-    let inverse = super::inverse(&m)?;
-    Some((super::times(&inverse, r), inverse))
+    let inverse = inverse(&m)?;
+    Some((times(&inverse, r), inverse))
 }
 
 /// `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹` with the correlated errors of points on one line.
 fn sandwich(ridges: &Ridges, places: &[[f64; 3]], inverse: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    // Errors of neighbouring points are correlated. Treated as independent, they would make σ too small by
+    // the number of points per correlation length.
     let gains: Vec<[f64; 3]> = (places.iter())
-        .map(|[t, _, strength]| super::times(inverse, [1.0, *t, t * t]).map(|g| g / strength))
+        .map(|[t, _, strength]| times(inverse, [1.0, *t, t * t]).map(|g| g / strength))
         .collect();
     let mut sum = [[0.0; 3]; 3];
     for (p, g) in places.iter().zip(&gains) {
@@ -245,6 +252,8 @@ fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> 
     let mut centre = spot;
     let mut axes: Option<[[f64; 2]; 2]> = None;
     let mut made = None;
+    // The centre and the directions decide which points belong to a stripe, and these determine centre and
+    // directions.
     for _ in 0..3 {
         let around: Vec<&Ridge> = (ridges.near(centre, reach))
             .filter(|r| (2.0..=reach).contains(&apart(r.place, centre)) && passes(r, centre))
@@ -290,6 +299,7 @@ fn aligned(ridge: &Ridge, axis: [f64; 2]) -> f64 {
 
 /// The two main directions of ridge points, by 2-means clustering of doubled angles: lines have no sign.
 fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
+    // Doubled angles: a direction and its opposite are the same line.
     let doubled: Vec<[f64; 2]> = (around.iter())
         .map(|r| {
             let [x, y] = r.direction;
@@ -321,19 +331,20 @@ fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
         [angle.cos(), angle.sin()]
     });
     let crossing = axes[0][0] * axes[1][1] - axes[0][1] * axes[1][0];
-    (crossing.abs() >= LEAST_CROSSING).then_some(axes)
+    (crossing.abs() >= MIN_CROSSING).then_some(axes)
 }
 
 /// The intersection of two parabolas, by Newton's method, with the covariance of position and angles.
 fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
     let (mut s, mut t) = (0.0, 0.0);
     let mut determinant = 0.0;
+    // Newton's method on two parabolas, which are almost straight: it converges in a few steps.
     for _ in 0..8 {
         let (p, q) = (a.at(s), b.at(t));
         let (u, v) = (a.tangent(s), b.tangent(t));
         let d = [q[0] - p[0], q[1] - p[1]];
         determinant = u[0] * v[1] - u[1] * v[0];
-        if determinant.abs() < LEAST_CROSSING {
+        if determinant.abs() < MIN_CROSSING {
             return None;
         }
         s += (d[0] * v[1] - d[1] * v[0]) / determinant;

@@ -16,7 +16,8 @@ use planish_estimate::vector3::{cross, dot, sub};
 use super::crossings::Crossing;
 use super::network::Knot;
 use super::pattern::StripePattern;
-use super::{Pinhole, inverse, times, transposed};
+use planish_core::Pinhole;
+use planish_core::matrix3::{inverse, times, transposed_times};
 
 /// Limit of the distance of a crossing from its line, in pixels, so that outliers do not dominate the mean
 /// square.
@@ -28,7 +29,7 @@ const SURE: f64 = 4.0;
 /// Floor of a mean square in that ratio, in pixels²: the accuracy of the calibration.
 const FINEST_PX2: f64 = 0.01;
 /// Minimum number of crossings of a piece.
-pub(super) const LEAST_KNOTS: usize = 6;
+pub(super) const MIN_KNOTS: usize = 6;
 
 /// Two views of one scene: lines of one for pixels of the other.
 pub(super) struct EpipolarLines {
@@ -45,9 +46,9 @@ impl EpipolarLines {
         let rows = |m: &[[f64; 3]; 3], k: usize| m.map(|row| row[k]);
         let (of_projector, of_camera) = (inverse(&projector.k)?, inverse(&camera.k)?);
         // Rᵀ K⁻¹ and K⁻ᵀ R, row by row.
-        let ray = [0, 1, 2].map(|i| transposed(&of_projector, rows(&projector.r, i)));
-        let line = [0, 1, 2].map(|i| transposed(&camera.r, rows(&of_camera, i)));
-        Some(Self { baseline: sub(projector.centre(), camera.centre()), ray, line })
+        let ray = [0, 1, 2].map(|i| transposed_times(&of_projector, rows(&projector.r, i)));
+        let line = [0, 1, 2].map(|i| transposed_times(&camera.r, rows(&of_camera, i)));
+        Some(Self { baseline: sub(projector.center(), camera.center()), ray, line })
     }
 
     /// The line `l · (x, y, 1) = 0` of a projector's pixel, with a unit normal: the product is a distance in
@@ -78,7 +79,7 @@ pub(super) fn index(
     lines: &EpipolarLines,
     pattern: &StripePattern,
 ) -> Option<Vec<Indexed>> {
-    if piece.len() < LEAST_KNOTS {
+    if piece.len() < MIN_KNOTS {
         return None;
     }
     let [d0, d1] = pattern.directions();
@@ -118,9 +119,9 @@ pub(super) fn index(
                 // The second best is tracked as well: a hypothesis is accepted only if it is much better than
                 // all others.
                 match best {
-                    Some((least, ..)) if mean >= least => second = second.min(mean),
+                    Some((lowest, ..)) if mean >= lowest => second = second.min(mean),
                     _ => {
-                        second = best.map_or(f64::INFINITY, |(least, ..)| least);
+                        second = best.map_or(f64::INFINITY, |(lowest, ..)| lowest);
                         best = Some((mean, turn, [first, other]));
                     }
                 }

@@ -21,7 +21,8 @@ const ARRIVED: f64 = 0.2;
 const ARRIVED_PX: f64 = 2.5;
 /// Maximum gap in a stripe, in scales; ridge points are missing near crossings.
 const GAP_SCALES: f64 = 4.5;
-/// Minimum cosine between successive steps, and between the last step and the stripe of the reached crossing.
+/// Minimum cosine between successive steps, and between the last step and the stripe of the reached crossing:
+/// 37°. Stripes on smooth surfaces turn much less per pixel; a jump to the other stripe turns more.
 const STEADY: f64 = 0.8;
 
 /// A crossing of a piece.

@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn crossings_have_whole_indices() {
+    fn crossings_have_integer_indices() {
         let pattern = StripePattern {
             directions_rad: [0.4, 2.1],
             spacing: 17.0,

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::Image;
 
 /// Minimum strength of a line as a share of the typical strong line; weaker lines are texture or noise.
-const LEAST_STRENGTH: f64 = 0.15;
+const MIN_STRENGTH: f64 = 0.15;
 /// Radius of kernels in scales, where a Gaussian has decayed to 3·10⁻⁴.
 const KERNEL_SCALES: f64 = 4.0;
 
@@ -177,8 +177,8 @@ impl Ridges {
             })
             .collect();
         // The threshold is relative to the image itself, because strength depends on exposure and contrast.
-        let least = LEAST_STRENGTH * typical(at.iter().flatten().map(|r| r.strength));
-        at.iter_mut().for_each(|r| *r = r.filter(|r| r.strength > 0.0 && r.strength >= least));
+        let minimum = MIN_STRENGTH * typical(at.iter().flatten().map(|r| r.strength));
+        at.iter_mut().for_each(|r| *r = r.filter(|r| r.strength > 0.0 && r.strength >= minimum));
         Self { columns, rows, at, scale }
     }
 

@@ -4,7 +4,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use planish_core::Pinhole;
 use planish_core::SymmetricMatrix3;
+use planish_core::matrix3::{times, transposed_times};
 
 const K: [[f64; 3]; 3] = [[1200.0, 0.0, 320.0], [0.0, 1200.0, 240.0], [0.0, 0.0, 1.0]];
 const STRIPES: [[f64; 2]; 2] = [[0.0, 1.0], [1.0, 0.0]];
@@ -13,7 +15,7 @@ fn camera() -> Pinhole {
     Pinhole { k: K, r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], t: [0.0; 3] }
 }
 
-/// 150 to the right and 60 up, turned towards the axis at 500.
+/// 150 to the right and 60 up, turned towards the axis at a distance of 500.
 fn projector() -> Pinhole {
     let centre = [150.0, -60.0, 0.0];
     let z = unit(sub([0.0, 0.0, 500.0], centre)).unwrap();
@@ -22,7 +24,7 @@ fn projector() -> Pinhole {
     Pinhole { k: K, r, t: times(&r, centre).map(|c| -c) }
 }
 
-/// Where a ray meets an ellipsoid about (0, 0, 560), and the ellipsoid's normal.
+/// The intersection of a ray with an ellipsoid around (0, 0, 560), and the normal there.
 const AXES: [f64; 3] = [90.0, 70.0, 80.0];
 
 fn hit(from: [f64; 3], along: [f64; 3]) -> Option<[f64; 3]> {
@@ -43,10 +45,10 @@ fn surface_normal(p: [f64; 3]) -> [f64; 3] {
 fn lit(pixel: [f64; 2]) -> Option<[f64; 3]> {
     let p = projector();
     let inside = [(pixel[0] - 320.0) / 1200.0, (pixel[1] - 240.0) / 1200.0, 1.0];
-    hit(p.centre(), transposed(&p.r, inside))
+    hit(p.center(), transposed_times(&p.r, inside))
 }
 
-/// The junction of a projector's pixel, exact to the differences of the stripes' directions.
+/// The junction of a projector's pixel; the directions of its stripes are from finite differences.
 fn junction(pixel: [f64; 2]) -> Option<Junction> {
     let seen = |pixel: [f64; 2]| camera().project(lit(pixel)?);
     let h = 1e-3;
@@ -83,7 +85,7 @@ fn oriented(j: &Junction) -> Orientation {
 }
 
 #[test]
-fn without_noise_the_point_and_normal_are_the_surfaces() {
+fn point_and_normal_are_exact_without_noise() {
     for pixel in [[320.0, 240.0], [250.0, 200.0], [400.0, 300.0]] {
         let found = oriented(&junction(pixel).unwrap());
         let truth = lit(pixel).unwrap();
@@ -94,7 +96,7 @@ fn without_noise_the_point_and_normal_are_the_surfaces() {
 }
 
 #[test]
-fn covariances_are_those_of_many_draws() {
+fn covariances_match_a_simulation() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     for pixel in [[330.0, 250.0], [260.0, 210.0]] {
         let exact = junction(pixel).unwrap();
@@ -139,7 +141,7 @@ fn true_curvatures(p: [f64; 3]) -> (f64, f64) {
 }
 
 #[test]
-fn curvatures_of_an_ellipsoid_are_found() {
+fn curvatures_of_an_ellipsoid_are_accurate() {
     for pixel in [[320.0, 240.0], [270.0, 215.0], [380.0, 280.0]] {
         let middle = oriented(&junction(pixel).unwrap());
         let found = curvature(&middle, &pairs(pixel, 8.0, &mut |p| oriented(&junction(p).unwrap()))).unwrap();
@@ -155,7 +157,7 @@ fn curvatures_of_an_ellipsoid_are_found() {
 }
 
 #[test]
-fn the_curvatures_sigma_is_that_of_many_draws() {
+fn sigma_of_curvatures_matches_a_simulation() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let pixel = [300.0, 230.0];
     let sigma = JunctionSigma { place_px: 0.1, angle_rad: 0.004 };

@@ -171,8 +171,8 @@ mod tests {
         (0..count).map(|_| std::array::from_fn(|_| random.random_range(-size..size))).collect()
     }
 
-    /// Turns and moves all controls: every vertex does the same, inside the hull of the controls and far
-    /// outside.
+    /// A rigid motion of all controls moves every vertex by the same motion, inside the hull of the controls
+    /// and far outside.
     #[test]
     fn rigid_motions_of_all_controls_move_every_vertex_rigidly() {
         let grid: Vec<[f64; 3]> =
@@ -209,7 +209,7 @@ mod tests {
         }
     }
 
-    /// A control that moves takes the vertex at its place along, and none that is far from it.
+    /// A moved control moves a vertex at its position by the same displacement, and no distant vertex.
     #[test]
     fn deformations_are_exact_at_controls_and_local() {
         let controls = random_points(100, 9, 1.0);

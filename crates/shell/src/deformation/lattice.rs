@@ -47,14 +47,14 @@ impl Lattice {
     /// `Input` for fewer than two points along an axis (four for splines), more than 100 000 in total, no
     /// vertices, or vertices that are not finite.
     pub fn new(vertices: &[[f64; 3]], points: [usize; 3], basis: LatticeBasis) -> Result<Self> {
-        let fewest = match basis {
+        let minimum = match basis {
             LatticeBasis::Bernstein => 2,
             LatticeBasis::CubicBSpline => 4,
         };
         let count = points.iter().fold(1_usize, |product, n| product.saturating_mul(*n));
-        if points.iter().any(|n| *n < fewest) || count > 100_000 {
+        if points.iter().any(|n| *n < minimum) || count > 100_000 {
             return Err(Error::input(format!(
-                "a lattice of {points:?} points: needed at least {fewest} along each axis, and at most \
+                "a lattice of {points:?} points: needed at min_extent {minimum} along each axis, and at most \
                 100000 in all"
             )));
         }
@@ -66,8 +66,8 @@ impl Lattice {
             .ok_or_else(|| Error::input("a lattice needs vertices with finite coordinates"))?;
         let size = bounds.diagonal();
         // The box of a flat object gets a small thickness, so that coordinates stay finite.
-        let least = if size > 0.0 { 1e-3 * size } else { 1.0 };
-        let extent: [f64; 3] = std::array::from_fn(|k| (bounds.max[k] - bounds.min[k]).max(least));
+        let min_extent = if size > 0.0 { 1e-3 * size } else { 1.0 };
+        let extent: [f64; 3] = std::array::from_fn(|k| (bounds.max[k] - bounds.min[k]).max(min_extent));
         let middle = bounds.center();
         let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * extent[k]);
         let place = |axis: usize, index: usize| {
@@ -170,9 +170,9 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Any affine motion of the controls is that of every vertex.
+    /// An affine motion of the controls moves every vertex by the same motion.
     #[test]
-    fn affine_motions_are_kept() {
+    fn affine_motions_are_reproduced() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let vertices: Vec<[f64; 3]> =
             (0..500).map(|_| [1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0))).collect();
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_points_are_refused() {
+    fn too_few_points_are_rejected() {
         let vertices = [[0.0; 3], [1.0; 3]];
         for (basis, points) in [(LatticeBasis::Bernstein, [1, 4, 2]), (LatticeBasis::CubicBSpline, [3, 7, 5])]
         {
@@ -197,7 +197,7 @@ mod tests {
             );
         }
         assert!(Lattice::new(&[], [2; 3], LatticeBasis::Bernstein).is_err());
-        // A flat thing has one.
+        // A flat mesh is valid.
         assert!(Lattice::new(&[[0.0; 3], [1.0, 1.0, 0.0]], [2; 3], LatticeBasis::Bernstein).is_ok());
     }
 }

@@ -169,9 +169,9 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A family that is stretched two ways has two modes, which give every member back.
+    /// Meshes stretched in two directions have two modes, which reproduce every mesh.
     #[test]
-    fn a_family_of_two_directions_has_two_modes() {
+    fn meshes_stretched_in_two_directions_have_two_modes() {
         let ball = icosphere(1.0, 2).positions;
         let mut random = ChaCha8Rng::seed_from_u64(4);
         let family: Vec<Vec<[f64; 3]>> = (0..12)

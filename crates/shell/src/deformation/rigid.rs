@@ -167,6 +167,7 @@ impl<'a> RigidParts<'a> {
                 (0..near.len()).map(|k| (near[k].0, of(k))).collect()
             })
             .collect();
+        // Motions of parts are parameters themselves, so their block is the identity.
         let reduction = inner.reduction().map(|r| {
             let mut whole = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
             whole.view_mut((0, 0), r.shape()).copy_from(r);
@@ -340,8 +341,7 @@ mod tests {
         (0..mesh.positions.len() as u32).filter(|v| mesh.positions[*v as usize][2] < below).collect()
     }
 
-    /// Whatever the rest does, distances between vertices of a part stay; what follows a rotation of all
-    /// controls turns by it, exactly; what is held stays.
+    /// Distances within a rigid part are constant under any deformation, and a fixed part stays in place.
     #[test]
     fn parts_keep_their_shape() {
         let ball = icosphere(1.0, 3);
@@ -371,7 +371,7 @@ mod tests {
         }
     }
 
-    /// Rows are the derivatives of the linear motion, and small rotations of the exact one.
+    /// Rows are the derivatives of the linearised motion, and of the exact one at small rotations.
     #[test]
     fn rows_are_derivatives() {
         let ball = icosphere(1.0, 2);
@@ -396,8 +396,8 @@ mod tests {
         }
     }
 
-    /// At the seam of a part that moves, the slope of the displacement is continuous: halving the grid halves
-    /// its jumps from one edge to the next.
+    /// The slope of the displacement is continuous at the seam of a moving part: halving the grid spacing
+    /// halves its jumps between edges.
     #[test]
     fn seams_have_no_crease() {
         let worst = |columns: usize| {
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_parts_are_named() {
+    fn messages_name_the_invalid_part() {
         let ball = icosphere(1.0, 1);
         let made = |lists: &[Vec<u32>], blend: f64| {
             let parts: Vec<RigidPart> = (lists.iter().cloned())

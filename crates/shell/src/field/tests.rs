@@ -4,7 +4,7 @@ use planish_mesh::{MeshSearch, grid_sheet, icosphere};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A bumpy ball with an inconsistent facet, one without area, and one that stands alone.
+/// A bumpy ball with an inconsistently oriented facet, one of zero area, and one that is disconnected.
 fn rough_mesh() -> TriangleMesh {
     let mut mesh = icosphere(1.0, 2);
     let mut random = ChaCha8Rng::seed_from_u64(8);
@@ -22,10 +22,10 @@ fn places(count: usize, seed: u64) -> Vec<[f64; 3]> {
     (0..count).map(|_| std::array::from_fn(|_| random.random_range(-1.5..1.5))).collect()
 }
 
-/// The law of the Jacobians: derivatives by the place and by every vertex are those of differences, at a
-/// thousand random states.
+/// Derivatives with respect to the position and all vertices agree with finite differences at a thousand
+/// random states.
 #[test]
-fn derivatives_are_those_of_differences() {
+fn derivatives_agree_with_differences() {
     let step = 1e-6;
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let mesh = rough_mesh();
@@ -39,7 +39,8 @@ fn derivatives_are_those_of_differences() {
             shell.by_vertices(at, &shares, &made, |vertex, by| {
                 by_vertex[vertex as usize] = planish_estimate::vector3::add(by_vertex[vertex as usize], by);
             });
-            // The sign is that of the nearest facet, and flips halfway between two: no derivative there.
+            // The sign is that of the nearest facet. Halfway between two facets it jumps and has no
+            // derivative.
             let same_side = |other: &ShellDistance| other.facet == made.facet;
             for axis in 0..3 {
                 let [up, down] = [step, -step].map(|by| {
@@ -74,7 +75,7 @@ fn derivatives_are_those_of_differences() {
             let hessian = shell.hessian(at, &shares, &made);
             let [up, down] =
                 [step, -step].map(|by| shell.distance([at[0] + by, at[1], at[2]], &mut Vec::new()).unwrap());
-            // Over an edge's border the curvature of the distance jumps.
+            // Above the border between face and edge the curvature of the distance jumps.
             let near_jump =
                 shares.iter().any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
             if same_side(&up) && same_side(&down) && !(near_jump && metaball == Metaball::Triangular) {
@@ -89,10 +90,10 @@ fn derivatives_are_those_of_differences() {
     }
 }
 
-/// A translation of the whole mesh is one of the place, backwards: what the vertices say adds up to what the
-/// place says.
+/// A translation of the mesh is equivalent to the opposite translation of the position, so the derivatives
+/// with respect to the vertices and to the position add up to zero.
 #[test]
-fn moving_all_vertices_is_moving_the_place_backwards() {
+fn a_translation_of_the_mesh_is_the_opposite_motion_of_the_position() {
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let mesh = rough_mesh();
         let shell = Shell::new(&mesh, &ShellOptions::new(metaball, 10.0)).unwrap();
@@ -106,8 +107,8 @@ fn moving_all_vertices_is_moving_the_place_backwards() {
     }
 }
 
-/// On a plane spherical metaballs have no thickness and no bulge, triangular ones at most `ln(n)/k` of it,
-/// and the paper's shell lies at `d0 − ln(T)/k` of one facet.
+/// On a plane, spherical metaballs have neither thickness nor bulge. The bulge of triangular ones is at most
+/// `ln(n)/k`, and the paper's shell is at `d0 − ln(T)/k` for one facet.
 #[test]
 fn thickness_and_bulge_are_as_stated() {
     let sheet = grid_sheet(4.0, 4.0, 40, 40);
@@ -122,7 +123,7 @@ fn thickness_and_bulge_are_as_stated() {
             let made = shell.distance(at, &mut Vec::new()).unwrap();
             assert!((made.distance.abs() - height).abs() < 1e-12);
         }
-        // The paper's sum has both: where it says that the shell is, D is still half a unit away.
+        // The paper's sum has both: on its shell, D is still half a unit.
         assert!(triangular.field(at) < -1.0 || height > 0.2);
     }
     let one = TriangleMesh {
@@ -139,10 +140,10 @@ fn thickness_and_bulge_are_as_stated() {
     }
 }
 
-/// Sharp enough, the field's distance is the mesh's over faces, with a gradient of length one, and nothing
-/// over- or underflows far away.
+/// For large k the field's distance is the mesh's distance above faces, its gradient has unit length, and no
+/// value over- or underflows far away.
 #[test]
-fn sharp_shells_are_as_far_as_the_mesh() {
+fn sharp_shells_have_the_distance_of_the_mesh() {
     let mesh = icosphere(1.0, 3);
     let search = MeshSearch::try_new(&mesh).unwrap();
     let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 1e5)).unwrap();
@@ -165,7 +166,7 @@ fn sharp_shells_are_as_far_as_the_mesh() {
     assert!(shell.distance([f64::NAN, 0.0, 0.0], &mut Vec::new()).is_none());
 }
 
-/// What is left out is less than what may be: against the sum over everything.
+/// The truncation error against the complete sum is below its bound.
 #[test]
 fn truncation_error_is_below_its_bound() {
     let mesh = rough_mesh();
@@ -179,13 +180,13 @@ fn truncation_error_is_below_its_bound() {
         for at in places(300, 12) {
             let [a, b] = [&coarse, &whole].map(|shell| shell.distance(at, &mut Vec::new()).unwrap());
             assert_eq!(a.facet, b.facet);
-            // Heights differ by the size of the thing at most.
+            // Heights differ at most by the size of the mesh.
             assert!((a.distance - b.distance).abs() < 1e-3 * 4.0, "{a:?} {b:?}");
         }
     }
 }
 
-/// Pieces lie on their facets, are as small as asked for, and cover the same area.
+/// Parts lie on their facets, have at most the requested size, and cover the same area.
 #[test]
 fn subdivision_keeps_the_surface() {
     let mesh = rough_mesh();

@@ -119,6 +119,7 @@ impl Equations {
             reading,
             distance,
             sigma,
+            // By default a reading belongs to one sheet for certain.
             chance: (1.0, 0.0),
             vertices_end: self.by_vertices.len() as u32,
             poses_end: self.by_poses.len() as u32,
@@ -153,6 +154,7 @@ impl Equations {
     pub(super) fn iter(&self) -> impl Iterator<Item = (&Equation, &[ByVertex], &[ByPose])> {
         let (mut vertices, mut poses) = (0, 0);
         self.list.iter().map(move |equation| {
+            // Only ends are stored: equations are always visited in order, and this halves the indices.
             let own = &self.by_vertices[vertices..equation.vertices_end as usize];
             let pose = &self.by_poses[poses..equation.poses_end as usize];
             (vertices, poses) = (equation.vertices_end as usize, equation.poses_end as usize);
@@ -171,6 +173,8 @@ pub(super) struct Pass {
 /// The total cost of all equations.
 pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f64 {
     (all.iter().flat_map(|some| &some.list))
+        // Summed over the sheets of a point, this is the negative logarithm of their mixture: `log_ratio`
+        // contains that of the probabilities, as in expectation maximisation.
         .map(|e| {
             let (probability, log_ratio) = e.chance;
             probability * (e.source.loss(loss).rho(e.normalized() / factors[e.source.scale()]) + log_ratio)
@@ -204,9 +208,12 @@ pub(super) fn sum(
                     continue;
                 }
                 let sigma = equation.sigma * factors[equation.source.scale()];
+                // Correlated readings count less in the covariance, but outliers are judged by the σ of one
+                // reading.
                 let variance = sigma * sigma * together[equation.source.scale()];
                 let weight = equation.chance.0 * equation.source.loss(loss).weight(equation.distance / sigma)
                     / variance;
+                // Redescending losses give most outliers zero weight; their rows are not needed.
                 if weight <= 0.0 {
                     continue;
                 }
@@ -228,6 +235,7 @@ pub(super) fn sum(
                         pass.information[(j, i)] += scaled * row[j];
                     }
                 }
+                // Cleared by entry: a row has some dozens of entries of thousands.
                 for k in touched.drain(..) {
                     row[k] = 0.0;
                 }
@@ -236,6 +244,7 @@ pub(super) fn sum(
         })
         .collect();
     let mut total = Pass { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
+    // In the order of the groups.
     for pass in sums {
         total.information += pass.information;
         total.vector += pass.vector;

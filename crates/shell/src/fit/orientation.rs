@@ -89,8 +89,8 @@ mod tests {
     use super::*;
     use planish_mesh::icosphere;
 
-    /// A ball with a window in it that looks inwards, a patch of it turned, and a closed ball beside it: all
-    /// are turned, a ball within is left alone.
+    /// A ball that faces inwards and has a hole, a reversed patch of it, and a closed ball next to it are
+    /// flipped; a ball inside it is not.
     #[test]
     fn inwards_facing_parts_are_flipped() {
         let mut right = icosphere(1.0, 3);

@@ -29,6 +29,8 @@ impl Priors<'_> {
         let mut own = information.view_mut((0, 0), (parameters, parameters));
         own += weight * &self.smooth.stiffness;
         let mut slope = vector.rows_mut(0, parameters);
+        // Smoothness penalises the change from the start, not the shape itself: the mesh may have any
+        // curvature.
         slope -= weight * (&self.smooth.stiffness * (&state.q - &self.start));
         if let Some(prior) = &self.options.prior {
             own += &prior.information;
@@ -66,6 +68,8 @@ impl Priors<'_> {
         let mut next = State { q: &state.q + change.rows(0, parameters), cameras: state.cameras.clone() };
         for (slot, (view, _)) in self.poses.iter().enumerate() {
             let by = std::array::from_fn(|k| change[parameters + 6 * slot + k]);
+            // Rotations are updated by composition; adding rotation vectors would not be a rotation by the
+            // sum.
             next.cameras[*view] = state.cameras[*view].moved(by);
         }
         next
@@ -86,6 +90,8 @@ impl Priors<'_> {
         let mixed = pass.information.view((parameters, 0), (rest, parameters)).into_owned();
         let factor = corner.cholesky().ok_or_else(undetermined)?;
         Ok(Pass {
+            // The Schur complement marginalises the poses. Their uncertainty is then part of the information
+            // about the shape.
             information: own - mixed.tr_mul(&factor.solve(&mixed)),
             vector: vector - mixed.tr_mul(&factor.solve(&slope.rows(parameters, rest).into_owned())),
         })

@@ -68,6 +68,7 @@ pub(super) struct Weighing<'a> {
 
 impl Weighing<'_> {
     fn omits(&self, source: Source, normalized: f64) -> bool {
+        // Factors of σ may shrink before the equation is used, hence the margin.
         let factor = OMISSION_MARGIN * self.factors[source.scale()];
         source.loss(self.loss).weight(normalized / factor) <= 0.0
     }
@@ -132,6 +133,8 @@ impl Problem<'_> {
     /// ([`Equations::lack_derivatives`]).
     pub(super) fn equations(&self, state: &State, weighing: Option<Weighing<'_>>) -> Result<Vec<Equations>> {
         let own = self.moved(&state.q);
+        // Vertices of the subdivision are fixed linear combinations of those of the mesh, so derivatives are
+        // passed on by the same weights.
         let subdivided = self.origins.map(|origins| TriangleMesh {
             positions: (origins.iter())
                 .map(|origin| {
@@ -258,6 +261,8 @@ impl Problem<'_> {
     ) -> bool {
         let point = &self.readings.points[i as usize];
         let factor = weighing.factors[Source::Point.scale()];
+        // The mean σ of the point: the assignment to sheets needs a radius, and its direction is not known
+        // yet.
         let mut sheets = std::mem::take(&mut gathered.sheets);
         sheets.find(shell, point.at, shares, factor * (point.covariance.trace() / 3.0).sqrt(), weighing.loss);
         let mut any = false;
@@ -337,6 +342,8 @@ impl Problem<'_> {
         }
         // The residual in pixels along the direction to the border.
         let along = off.map(|x| x / away);
+        // Both the nearest and the farthest surface extend beyond the mask; moving only one would fold thin
+        // objects.
         let last = sight.last_hit(origin, direction);
         for hit in [Some(first), last.filter(|last| last.triangle != first.triangle)].into_iter().flatten() {
             let gradient = camera.by_place(hit.point, along);
@@ -344,6 +351,7 @@ impl Problem<'_> {
                 .zip(hit.barycentric)
                 .map(|(vertex, weight)| (vertex, scale(weight, gradient)))
                 .collect();
+            // The negative sign: a motion of the camera moves the image opposite to a motion of the mesh.
             let by_pose = self.slots[v].map(|slot| (slot, camera.by_pose(hit.point, gradient).map(|x| -x)));
             made.push(Source::Region, 0, (away, 1.0), &mut vertices, by_pose.as_slice());
         }
@@ -390,6 +398,8 @@ impl Problem<'_> {
         }
         let [x, y] = camera.by_pixel(touch.at, touch.gradient);
         let whole = camera.pixel_width(touch.at);
+        // σ in pixels times the change of the distance per pixel. The floor handles lines of sight along the
+        // surface, where that vanishes and the weight would be infinite.
         let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * whole);
         let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
         made.push(source, reading, (touch.distance, sigma), &mut vertices, by_pose.as_slice());

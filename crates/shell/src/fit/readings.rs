@@ -22,9 +22,9 @@ impl PointReading {
         // Gradients of the field are shorter than one near edges; the σ belongs to the unit direction.
         let length = (x * x + y * y + z * z).sqrt();
         // A covariance may be singular; the floor keeps the weight of the equation finite.
-        let least = 1e-12 * (xx + yy + zz);
+        let floor = 1e-12 * (xx + yy + zz);
         if length > 1e-6 {
-            variance.max(least * length * length).sqrt() / length
+            variance.max(floor * length * length).sqrt() / length
         } else {
             ((xx + yy + zz) / 3.0).sqrt()
         }
@@ -115,6 +115,8 @@ impl ShellReadings<'_> {
                 "a shell fit needs readings: no points, no outlines and no tracks were given",
             ));
         }
+        // Single directions may be exact, such as heights of a grid; a point without any error would have
+        // infinite weight.
         for (i, point) in self.points.iter().enumerate() {
             let SymmetricMatrix3 { xx, yy, zz, .. } = point.covariance;
             let finite = point.at.iter().all(|x| x.is_finite()) && point.covariance.is_finite();

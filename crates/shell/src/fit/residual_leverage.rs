@@ -50,6 +50,9 @@ pub(super) fn leverage_of_signs(
                         continue;
                     }
                     let weight = slope * equation.chance.0 / sigma_of(equation);
+                    // Random signs have independent components of unit variance, so products of `H s`
+                    // estimate entries of H (Hutchinson). Hashed from the index, they need no memory and are
+                    // the same in both passes, for any number of threads.
                     let signs = signs_of(first + n);
                     visit_row(deformation, vertices, poses, &mut |k, entry| {
                         for (draw, sign) in signs.iter().enumerate() {

@@ -160,9 +160,9 @@ impl<'a> ShellTracker<'a> {
         let shape = fit.smoothness_weight * &self.stiffness;
         // The information of the readings alone may be singular; a prior of half the mesh's size makes it
         // regular.
-        let least = (0.5 * self.size).powi(-2);
+        let floor = (0.5 * self.size).powi(-2);
         let n = &fit.data_information;
-        let covariance = (n + least * &identity).cholesky().ok_or_else(undetermined)?.inverse();
+        let covariance = (n + floor * &identity).cholesky().ok_or_else(undetermined)?.inverse();
         let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
         joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
         let mut mean = DVector::zeros(2 * parameters);

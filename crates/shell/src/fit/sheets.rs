@@ -28,9 +28,11 @@ use planish_estimate::Loss;
 use planish_estimate::vector3::dot;
 use std::f64::consts::TAU;
 
-/// Minimum cosine between the normals of facets of one sheet.
+/// Minimum cosine between the normals of facets of one sheet: 26°. A smaller cosine joins the sides of edges,
+/// a larger one divides curved surfaces with coarse facets.
 const SAME_DIRECTION: f64 = 0.9;
-/// Maximum difference between the heights over facets of one sheet, in σ.
+/// Maximum difference between the heights over facets of one sheet, in σ. Closer sheets cannot be
+/// distinguished by one point.
 const SAME_HEIGHT: f64 = 1.0;
 /// Minimum probability of a sheet with an equation. Less probable ones would cost time and change nothing.
 const MIN_PROBABILITY: f64 = 0.01;
@@ -92,6 +94,8 @@ fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -
     if in_plane > ASIDE {
         return 0.0;
     }
+    // Two approximations of the Gaussian mass over a facet: density times area for small ones, a product over
+    // the three sides for large ones. Each is an upper bound in the other's regime, so the minimum is used.
     let small = area / (TAU * sigma * sigma) * (-0.5 * in_plane * in_plane).exp();
     let large: f64 = within().iter().map(|d| up_to(d / sigma)).product();
     small.min(large)
@@ -158,13 +162,13 @@ impl Sheets {
     fn weigh(&mut self, sigma: f64, loss: &Loss) {
         let cost = |sheet: &Sheet| loss.rho(sheet.height / sigma);
         // Costs relative to the smallest one: far from all sheets every exponential would be zero.
-        let least = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
+        let minimum = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
         let masses: f64 = self.list.iter().map(|sheet| sheet.mass).sum();
-        let density = |sheet: &Sheet| sheet.mass * (least - cost(sheet)).exp();
+        let density = |sheet: &Sheet| sheet.mass * (minimum - cost(sheet)).exp();
         let all: f64 = self.list.iter().map(density).sum();
         for sheet in &mut self.list {
             sheet.probability = density(sheet) / all;
-            sheet.log_ratio = (least - cost(sheet)).exp().ln() - (all / masses).ln();
+            sheet.log_ratio = (minimum - cost(sheet)).exp().ln() - (all / masses).ln();
         }
     }
 
@@ -202,7 +206,7 @@ mod tests {
 
     const SIGMA: f64 = 0.05;
 
-    /// A floor, facets 0 and 1, and a fin that stands on it along `y`.
+    /// A floor, facets 0 and 1, and a fin along `y` that rises from it.
     fn floor_with_a_fin() -> TriangleMesh {
         let positions = vec![
             [-1.0, -1.0, 0.0],
@@ -217,10 +221,10 @@ mod tests {
         TriangleMesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]] }
     }
 
-    /// The floor beside a fin would be pressed down if each point were of the nearest sheet: those above it
-    /// that are nearer to the fin would be missing.
+    /// If each point belonged to its nearest sheet, the floor next to a fin would be pressed down: the points
+    /// above it that are nearer to the fin would be missing.
     #[test]
-    fn a_floor_stays_where_it_is_beside_a_fin() {
+    fn a_floor_next_to_a_fin_is_not_biased() {
         let mesh = floor_with_a_fin();
         let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
         let loss = Loss::tukey();
@@ -255,9 +259,9 @@ mod tests {
         );
     }
 
-    /// Derivatives are those of the height over the plane, beside a facet as well as over it.
+    /// Derivatives are those of the height above the plane, both above a facet and outside of it.
     #[test]
-    fn derivatives_are_those_of_the_height() {
+    fn derivatives_agree_with_the_height() {
         let mut mesh = floor_with_a_fin();
         mesh.triangles = vec![[0, 1, 2]];
         let height = |mesh: &TriangleMesh, at: [f64; 3]| {
@@ -291,8 +295,8 @@ mod tests {
         }
     }
 
-    /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not
-    /// of their mean.
+    /// Two parallel sheets with equal orientation are two: a point between them belongs to one of them, not
+    /// to their mean.
     #[test]
     fn parallel_sheets_are_separated() {
         let mut mesh = floor_with_a_fin();

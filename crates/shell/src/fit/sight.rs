@@ -17,13 +17,14 @@ use crate::field::{FacetShare, Shell, ShellDistance};
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
 use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch, RayHit};
 
-/// Initial intervals of a line.
+/// Initial intervals of a line. More cost distance queries on every line; fewer leave more to the bounds.
 const PIECES: usize = 8;
 /// Intervals in which all minima of a line are searched.
 const FINE_PIECES: usize = 64;
 /// Resolution of minima: the mesh's size divided by this. Finer resolution needs more distance queries.
 const NARROW: f64 = 150.0;
-/// Maximum number of distance queries on one line.
+/// Maximum number of distance queries on one line. It limits the time of lines that run along the surface,
+/// where all bounds are similar.
 const MAX_QUERIES: usize = 120;
 /// Slope of `D` along the line below which a point is a minimum. The error of the minimum is half the square
 /// of the slope divided by the curvature.
@@ -80,6 +81,7 @@ impl<'a> Sight<'a> {
             shell,
             search,
             center: bounds.center(),
+            // The ball around the bounding box, slightly enlarged for rounding.
             radius: 0.51 * diagonal,
             width: softness.max(diagonal / NARROW),
             softness,
@@ -129,6 +131,7 @@ impl<'a> Sight<'a> {
         let bound = |a: f64, b: f64, at_a: f64, at_b: f64| 0.5 * (at_a + at_b - (b - a));
         let mut open: Vec<[f64; 5]> = Vec::with_capacity(32);
         let mut best = (f64::INFINITY, from);
+        // A coarse scan first: a good minimum early on excludes most intervals by their bounds.
         let mut last = (from, along(from));
         for k in 1..=PIECES {
             let t = from + (to - from) * k as f64 / PIECES as f64;
@@ -147,6 +150,8 @@ impl<'a> Sight<'a> {
                 break;
             };
             let [lower, a, b, at_a, at_b] = open.swap_remove(next);
+            // The interval with the smallest bound comes first (branch and bound). If even that cannot
+            // contain a lower minimum, none can.
             if lower >= best.0 - 0.1 * self.width {
                 break;
             }
@@ -232,6 +237,8 @@ impl<'a> Sight<'a> {
                 if best.1.abs() < SLOPE || width < 1e-3 * self.softness {
                     break;
                 }
+                // Regula falsi alternates with bisection: the first is fast where the slope is smooth, the
+                // second bounds the number of steps at kinks.
                 let share = -low.1 / (high.1 - low.1);
                 let t = if step % 2 == 1 {
                     0.5 * (low.0 + high.0)
@@ -302,6 +309,7 @@ impl<'a> Sight<'a> {
             if distances[0] < distances[1] {
                 high = at[1];
                 at = inner(low, high);
+                // The golden section reuses one of two inner points, so each step costs one query.
                 distances = [along(at[0]), distances[0]];
             } else {
                 low = at[0];

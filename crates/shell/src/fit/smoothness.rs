@@ -135,10 +135,10 @@ mod tests {
             bending += &row * row.transpose();
         }
         let information = DMatrix::identity(count, count);
-        let nothing = DVector::zeros(count);
+        let zero = DVector::zeros(count);
         let weight = |start_sigma| {
             let mut smooth = Smoothness::new(bending.clone(), start_sigma).unwrap();
-            smooth.weight(&information, &nothing, &nothing).unwrap()
+            smooth.weight(&information, &zero, &zero).unwrap()
         };
         let (free, held) = (weight(None), weight(Some(2.0)));
         assert!((held - 8.0 / (4.0 * bending.trace())).abs() < 1e-9, "{held}");

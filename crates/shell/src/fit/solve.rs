@@ -38,7 +38,8 @@ const COARSE_REACH: f64 = 4.0;
 /// Gate for the scale of the residuals, in standard deviations. Lower values reject more outliers and use
 /// fewer readings.
 const SCALE_GATE: f64 = 3.0;
-/// Attempts with increasing damping before an iteration gives up.
+/// Attempts with increasing damping before an iteration gives up: eight factors of ten reduce the step to
+/// almost nothing.
 const MAX_DAMPING_TRIES: usize = 8;
 /// Factor on the smoothness weight each time the fitted mesh folds. Larger factors need fewer repetitions and
 /// overshoot more.
@@ -58,12 +59,12 @@ const STIFFENING_DECAY: f64 = 0.75;
 /// Largest move of a control in one step, as a share of the mesh size. The equations are linear only near the
 /// current mesh.
 const MAX_MOVE: f64 = 0.03;
-/// Least number of residuals from which a scale is estimated.
+/// Minimum number of residuals from which a scale is estimated. A median of fewer is too uncertain.
 const MIN_SCALE_RESIDUALS: usize = 8;
 /// Largest number of unknowns for which the redundancy is computed. It needs an inverse, which for more
 /// unknowns costs as much as the fit.
 const MAX_REDUNDANCY_UNKNOWNS: usize = 3000;
-/// Least number of points that a coarse field is fitted to: per unknown, and in total.
+/// Minimum number of points for a coarse field: per unknown, and in total.
 ///
 /// A coarse field only provides the start of the next one, so a subset is enough.
 const COARSE_POINTS: (usize, usize) = (12, 5000);
@@ -119,6 +120,7 @@ fn prepared_mesh(mesh: &TriangleMesh, with_outlines: bool) -> Result<TriangleMes
     if !with_outlines {
         return Ok(once);
     }
+    // The sign of the distance along a line of sight depends on the orientation.
     let triangles = outward(&once)?;
     Ok(TriangleMesh { positions: once.positions, triangles })
 }
@@ -198,6 +200,8 @@ impl<'a> Setup<'a> {
     ) -> Result<Self> {
         let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
         let size = bounds.diagonal();
+        // Coarse stages only move the mesh close, so a subset of the points is sufficient and saves most of
+        // the time.
         let enough = (COARSE_POINTS.0 * unknowns).max(COARSE_POINTS.1);
         Ok(Self {
             deformation,
@@ -223,6 +227,7 @@ impl<'a> Setup<'a> {
         let (first, finest) = self.options.softness;
         let steps = self.options.steps;
         let share = if steps > 1 { step as f64 / (steps - 1) as f64 } else { 1.0 };
+        // Geometric: each stage is sharper by the same factor, so that the next one starts within its reach.
         self.size * first * (finest / first).powf(share)
     }
 
@@ -317,6 +322,7 @@ impl<'a> Search<'a> {
         let poses = self.priors.poses.len();
         let scale = (&self.factors, &[1.0; SCALES]);
         let pass = sum(equations, setup.deformation, poses, &options.loss, scale, true);
+        // The weight must not count shape as determined that a camera pose could explain as well.
         let alone = self.priors.without_poses(&self.state, &pass)?;
         let displacement = &self.state.q - &self.priors.start;
         let mut weight = self.priors.smooth.weight(&alone.information, &alone.vector, &displacement)?;
@@ -359,6 +365,8 @@ impl<'a> Search<'a> {
                 self.state = next;
                 return Ok(Some((tried, converged)));
             }
+            // The field is not smooth in the state: nearest facets change. A failed step is repeated with
+            // more damping before the stage ends.
             damping.value = (damping.value * 10.0).max(1e-6);
         }
         Ok(None)
@@ -418,6 +426,8 @@ fn run_stage(
         let system = search.normal_equations(setup, &equations, weight_factor, step == 0)?;
         weight = system.weight;
         let taken = search.take_step(setup, &problem, &system, &mut damping)?;
+        // From the state before the step. One step later it hardly differs, and no second factorisation is
+        // needed.
         search.redundancy_used = redundancy_used(&system.information, &system.of_readings);
         let Some((next, converged)) = taken else {
             search.termination = Termination::ReachedTolerance;
@@ -515,6 +525,7 @@ fn rms_of_points(equations: &[Equations]) -> Option<f64> {
 /// up to little if each shrinks by the same ratio.
 fn is_converged(length: f64, before: f64, coarse: bool) -> bool {
     let limit = if coarse { COARSE_CONVERGED_STEP } else { CONVERGED_STEP };
+    // Linear convergence: the remaining way is `length · ratio/(1 − ratio)`, a geometric series.
     let ratio = length / before;
     length < limit || (ratio < 1.0 && before.is_finite() && length * ratio / (1.0 - ratio) < 0.5 * limit)
 }
@@ -535,6 +546,8 @@ fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[
     let mut factors = before;
     for (factor, residuals) in factors.iter_mut().zip(of_scale) {
         if residuals.len() >= MIN_SCALE_RESIDUALS {
+            // Outliers are excluded by a gate, because their share would otherwise increase σ, which admits
+            // more of them.
             let sigma = gated_scale(&residuals, SCALE_GATE)?.sigma / redundancy.sqrt();
             if sigma > 0.0 {
                 *factor = sigma;

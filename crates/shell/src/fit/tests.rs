@@ -16,14 +16,14 @@ mod sequence;
 
 const SIGMA: f64 = 0.01;
 
-/// A ball deformed by known controls, and noisy points of it, a tenth of them anywhere.
+/// A ball deformed by known controls, and noisy points of it, a tenth of them outliers.
 struct Truth {
     mesh: TriangleMesh,
     deformed: TriangleMesh,
     deformation: Dirichlet,
     stiffness: DMatrix<f64>,
     readings: Vec<PointReading>,
-    /// Facet and weights that each reading comes from; `None` for gross errors.
+    /// Facet and barycentric weights of each reading; `None` for outliers.
     sources: Vec<Option<(u32, [f64; 3])>>,
 }
 
@@ -34,7 +34,7 @@ fn truth(points: usize, seed: u64) -> Truth {
     let stiffness = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
-    // A displacement that changes slowly: an affine one, and a wave.
+    // A smooth displacement: an affine one and a wave.
     let affine: [f64; 9] = std::array::from_fn(|_| 0.06 * normal());
     let wave: [f64; 9] = std::array::from_fn(|_| normal());
     let q = DVector::from_iterator(
@@ -72,8 +72,8 @@ fn truth(points: usize, seed: u64) -> Truth {
     Truth { mesh, deformed, deformation, stiffness, readings, sources }
 }
 
-/// The same fit where it is known which place of the mesh each point is of: linear. Of a point along the true
-/// normal, as a shell knows it, or of all three of its coordinates.
+/// The linear fit with known correspondences: either of each point along the true normal, as for a shell, or
+/// of all three coordinates.
 fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[f64; 3]> {
     let normals = truth.deformed.face_normals();
     let basis = truth.deformation.basis();
@@ -103,8 +103,8 @@ fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[
     truth.mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
 }
 
-/// Distances from the true surface, by vertex. (Not from the true vertex: nothing tells where along the
-/// surface a vertex is.)
+/// Distance of each vertex from the true surface. (Not from the true vertex, because readings do not
+/// determine tangential positions.)
 fn heights(truth: &Truth, positions: &[[f64; 3]]) -> Vec<f64> {
     let search = MeshSearch::try_new(&truth.deformed).unwrap();
     positions.iter().map(|p| search.closest(*p).unwrap().signed_distance).collect()
@@ -114,8 +114,8 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Points closer together than their noise: of those at one height over the mesh the nearest are at the same
-/// height, and that is no shape that the controls lack.
+/// Noise of points that are denser than σ. Of the points at one height above the mesh, the nearest ones have
+/// the same height; that is not unresolved shape.
 #[test]
 fn dense_noise_is_not_unresolved_shape() {
     let truth = truth(20_000, 5);
@@ -124,10 +124,10 @@ fn dense_noise_is_not_unresolved_shape() {
     assert!(made.unresolved_shape < 0.1 * SIGMA, "{} of {SIGMA}", made.unresolved_shape);
 }
 
-/// Against a fit that knows which place each point is of, the shell's surface is at most a fifth farther from
-/// the truth, and its σ is true, for both kinds of metaballs.
+/// Compared with a fit with known correspondences, the error of the surface is at most a fifth larger, and
+/// its σ is correct, for both kinds of metaballs.
 #[test]
-fn shells_come_as_near_as_true_correspondences() {
+fn shells_are_as_accurate_as_fits_with_true_correspondences() {
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let (mut ours, mut theirs, mut of_all_three) = (Vec::new(), Vec::new(), Vec::new());
         let (mut covered, mut count) = (0, 0);
@@ -160,11 +160,11 @@ fn shells_come_as_near_as_true_correspondences() {
             );
             assert!((made.points.sigma_factor - 1.0).abs() < 0.1);
             ours.extend(off);
-            let told = |normals_only| {
+            let errors_of = |normals_only| {
                 heights(&truth, &with_correspondences(&truth, made.smoothness_weight, normals_only))
             };
-            theirs.extend(told(true));
-            of_all_three.extend(told(false));
+            theirs.extend(errors_of(true));
+            of_all_three.extend(errors_of(false));
         }
         let share = f64::from(covered as u32) / f64::from(count as u32);
         println!(
@@ -177,14 +177,14 @@ fn shells_come_as_near_as_true_correspondences() {
         );
         assert!(rms(&ours) < 1.2 * rms(&theirs), "{metaball:?}");
         assert!((0.9..0.98).contains(&share), "{metaball:?}: {share}");
-        // Next to nothing good is thrown away.
+        // Almost no inlier is rejected.
         assert!(caught[1] * 50 < caught[0], "{caught:?}");
     }
 }
 
-/// Other deformations go through the same code.
+/// Another kind of deformation is fitted by the same code.
 #[test]
-fn a_lattice_is_fitted_by_the_same_code() {
+fn a_lattice_is_fitted() {
     let truth = truth(2000, 5);
     let lattice = Lattice::new(&truth.mesh.positions, [4, 4, 4], LatticeBasis::Bernstein).unwrap();
     let controls = lattice.controls().unwrap();
@@ -200,7 +200,7 @@ fn a_lattice_is_fitted_by_the_same_code() {
 }
 
 #[test]
-fn invalid_input_is_named() {
+fn messages_name_the_invalid_value() {
     let mesh = icosphere(1.0, 1);
     let deformation = Dirichlet::new(&mesh.positions[..4], &mesh.positions).unwrap();
     let good = PointReading { at: [1.0, 0.0, 0.0], covariance: SymmetricMatrix3::isotropic(1.0) };
@@ -213,6 +213,6 @@ fn invalid_input_is_named() {
     assert!(refused(&[good, bad], &usual).contains("point 1"));
     let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..usual.clone() };
     assert!(refused(&[good], &small).contains("2 × 2"));
-    // One point says nothing of most controls.
+    // One point does not determine most controls.
     assert!(refused(&[good], &usual).contains("controls"));
 }

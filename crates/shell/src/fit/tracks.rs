@@ -48,8 +48,8 @@ fn linearized(
     for (k, seen) in track.observations.iter().enumerate() {
         let camera = &cameras[seen.view as usize];
         let (pixel, _) = camera.project((*at).into())?;
-        let inside = camera.r * at + camera.t;
-        let j = camera.pixel_by_place(&inside) * camera.r;
+        let inside = camera.pinhole.in_camera((*at).into());
+        let j = camera.pixel_by_place(inside) * camera.rotation();
         for axis in 0..2 {
             residual[2 * k + axis] = (pixel[axis] - seen.pixel[axis]) / seen.sigma_px;
             by_place.row_mut(2 * k + axis).copy_from(&(j.row(axis) / seen.sigma_px));
@@ -116,11 +116,11 @@ pub(super) fn add(
                 continue;
             };
             let camera = &cameras[seen.view as usize];
-            let inside = camera.r * at + camera.t;
-            let j = camera.pixel_by_place(&inside);
+            let inside = camera.pinhole.in_camera(at.into());
+            let j = camera.pixel_by_place(inside);
             let way = (n[2 * k] * j.row(0) + n[2 * k + 1] * j.row(1)).transpose() / seen.sigma_px;
             // X_camera changes by ω × X + τ.
-            let turn = inside.cross(&way);
+            let turn = Vector3::from(inside).cross(&way);
             poses.push((slot, [turn.x, turn.y, turn.z, way.x, way.y, way.z]));
         }
         made.push(Source::Track, index, (n.dot(&residual), 1.0), &mut own, &poses);

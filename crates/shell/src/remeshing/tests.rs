@@ -2,7 +2,7 @@ use super::*;
 use planish_estimate::vector3::norm;
 use planish_mesh::icosphere;
 
-/// All between two planes, or beyond them.
+/// The region between two planes, or outside of them.
 struct Slab {
     from: f64,
     to: f64,
@@ -19,14 +19,14 @@ impl Region for Slab {
     }
 }
 
-/// All of space.
+/// The unbounded region.
 const EVERYWHERE: Slab = Slab { from: -100.0, to: 100.0, sign: 1.0 };
 
 fn options(domain: &dyn Region) -> RemeshOptions<'_> {
     RemeshOptions { domain, flow: None, cell: 0.06, min_part_volume_ratio: 0.01, smoothing_passes: 0 }
 }
 
-/// Two balls that cross, the second one given inside of the first as well.
+/// Two intersecting balls, the second one also nested inside the first.
 fn crossing() -> TriangleMesh {
     let mut all = icosphere(1.0, 4);
     for (radius, x) in [(1.0, 1.2), (0.5, 0.0)] {
@@ -38,8 +38,8 @@ fn crossing() -> TriangleMesh {
     all
 }
 
-/// A mesh that crosses itself comes out as the surface of what it encloses: one piece without crossings, on
-/// the outer spheres.
+/// A self-intersecting mesh is replaced by the surface of its inside: one part without intersections, on the
+/// outer spheres.
 #[test]
 fn self_intersections_become_one_surface() {
     let made = remesh(&crossing(), &options(&EVERYWHERE)).unwrap();
@@ -53,25 +53,25 @@ fn self_intersections_become_one_surface() {
     assert!(made.signed_volume().unwrap() > 0.0);
 }
 
-/// What there is no domain for is cut away, and the mesh torn; crumbs are left out.
+/// Parts outside of the domain are removed, which opens the mesh; small fragments are rejected.
 #[test]
 fn parts_outside_of_the_domain_are_cut() {
     let without = |from, to| Slab { from, to, sign: -1.0 };
     let torn = remesh(&crossing(), &options(&without(0.5, 0.7))).unwrap();
     assert_eq!((torn.check().components, torn.check().watertight), (2, true));
     assert!(torn.positions.iter().all(|p| !(0.52..0.68).contains(&p[0])));
-    // A cap a fortieth as wide as the rest.
+    // A cap of a fortieth of the size.
     let crumb = remesh(&icosphere(1.0, 4), &options(&without(0.6, 0.9))).unwrap();
     assert_eq!(crumb.check().components, 1);
-    let nothing = remesh(&icosphere(1.0, 3), &options(&without(-2.0, 2.0))).unwrap_err();
-    assert!(nothing.to_string().contains("nothing of the mesh"), "{nothing}");
+    let outside = remesh(&icosphere(1.0, 3), &options(&without(-2.0, 2.0))).unwrap_err();
+    assert!(outside.to_string().contains("nothing of the mesh"), "{outside}");
     let mut open = icosphere(1.0, 3);
     open.triangles.pop();
     let refused = remesh(&open, &options(&EVERYWHERE)).unwrap_err().to_string();
     assert!(refused.contains("3 open edges"), "{refused}");
 }
 
-/// It flows where nothing is covered yet, as far as it may, and stays where something is.
+/// The mesh grows into the uncovered region up to the limit and does not move in the covered region.
 #[test]
 fn meshes_grow_only_outside_of_the_covered_region() {
     let covered = Slab { from: -100.0, to: 0.0, sign: 1.0 };
@@ -88,7 +88,7 @@ fn meshes_grow_only_outside_of_the_covered_region() {
     }
 }
 
-/// Smoothing takes roughness away and leaves the size: a user's thing does not shrink round after round.
+/// Smoothing removes roughness without shrinking, also over many rounds.
 #[test]
 fn smoothing_does_not_shrink() {
     let mut rough = icosphere(1.0, 5);
@@ -108,8 +108,8 @@ fn smoothing_does_not_shrink() {
     assert!((after - before).abs() < 0.005, "{after} {before}");
 }
 
-/// Means keep what is the same everywhere, and spread what is at one place without adding to it where all
-/// have as many neighbours.
+/// Means keep constant values, and distribute the value of one vertex with a constant sum on a mesh of
+/// constant valence.
 #[test]
 fn smoothed_vertex_values_are_means() {
     let ball = icosphere(1.0, 3);

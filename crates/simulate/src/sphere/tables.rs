@@ -100,6 +100,7 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                             format!("depth {depth}: {leaves:.1} patches"),
                             curve(&|r| r.patch_percent),
                         ));
+                        // At other depths, the global filter and the bound nearly coincide with these.
                         if depth == options.depth {
                             curves.push(Curve::global(
                                 format!("global, depth {depth}"),

@@ -1,23 +1,25 @@
-//! The bodies of a solid: what hangs together, each with the voids within it.
+//! The bodies of a solid: its connected parts, each with the voids within it.
 
 use super::{Solid, TrimmedFace, along};
 use planish_estimate::vector3::{norm, sub};
 
-/// A ray in a direction that no drawing has: it runs along no face.
+/// Direction of rays. It is oblique to all usual faces, so that a ray does not run along one.
 const RAY: [f64; 3] = [0.577_31, 0.211_93, 0.788_54];
 
-/// A part of a solid that hangs together.
+/// A connected part of a solid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
-    /// The faces of its outer shell, by index.
+    /// Indices of the faces of the outer shell.
     pub outer: Vec<usize>,
-    /// The faces of each void within it.
+    /// Indices of the faces of each void.
     pub voids: Vec<Vec<usize>>,
 }
 
 impl Solid {
-    /// The bodies, the largest first; each void belongs to the smallest outer shell around it, by a ray from
-    /// one of its points.
+    /// The bodies, largest first. A void belongs to the smallest outer shell around it.
+    ///
+    /// Shells with a negative volume are voids: their faces are oriented towards the void. A ray from one of
+    /// its points determines which shells are around a void.
     #[must_use]
     pub fn bodies(&self) -> Vec<Body> {
         let mut shells: Vec<(f64, Vec<usize>)> =
@@ -27,11 +29,14 @@ impl Solid {
         let mut bodies: Vec<Body> =
             outer.into_iter().map(|(_, outer)| Body { outer, voids: Vec::new() }).collect();
         for (_, void) in voids {
+            // Without any positive shell, the solid is inside out; the first shell then stands for a body.
+            // With one body, no ray is needed.
             let around = match bodies.len() {
                 0 => {
                     return vec![Body { outer: void, voids: Vec::new() }];
                 }
                 1 => 0,
+                // The bodies are sorted by volume, so the first match from the end is the smallest.
                 n => (0..n).rev().find(|k| self.is_around(&bodies[*k].outer, &void)).unwrap_or(0),
             };
             bodies[around].voids.push(void);
@@ -39,7 +44,7 @@ impl Solid {
         bodies
     }
 
-    /// Whether a shell is around another one: a ray from it crosses the shell's faces an odd number of times.
+    /// True if a shell is around another one: a ray from the latter crosses the shell an odd number of times.
     fn is_around(&self, shell: &[usize], inner: &[usize]) -> bool {
         let Some(edge) = self.faces[inner[0]].loops.iter().flatten().next() else {
             return false;
@@ -49,7 +54,8 @@ impl Solid {
         let (lo, hi) = self.vertices.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
             ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
         });
-        // No face bulges beyond this: whole balls and rings have vertices on both sides of them.
+        // No face bulges beyond this margin. The seam of a whole sphere or torus has vertices, too, so even
+        // such a shell has a box of a comparable size.
         let far = 4.0 * norm(sub(hi, lo));
         let reach = [lo.map(|c| c - far), hi.map(|c| c + far)];
         let crossings: usize = shell

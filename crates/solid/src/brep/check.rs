@@ -1,20 +1,27 @@
-//! Whether the parts of a solid fit together.
+//! Checks of the topology and geometry of a solid.
 
 use super::Solid;
 use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
 use std::collections::BTreeSet;
 
-/// Points at which an edge is compared with its faces.
+/// Number of intervals of an edge at whose ends it is compared with its faces.
 const SAMPLES: usize = 5;
 
 impl Solid {
     /// Checks topology and geometry.
     ///
-    /// Every edge is used once in each direction (closed and oriented); loops hang together; edges end at
-    /// their vertices and lie on their faces within `tolerance`; and Euler–Poincaré,
-    /// `V − E + F − (L − F) = 2 (S − G)` with L loops, S shells and a genus G that is whole and not negative.
-    /// A cylinder's face between two loops around it counts as if it had a seam.
+    /// Every edge is used once in each direction (closed and oriented). Loops are connected. Edges end at
+    /// their vertices and lie on their faces within `tolerance`. The Euler–Poincaré formula holds:
+    /// `V − E + F − (L − F) = 2 (S − G)` with L loops, S shells, and an integer genus G ≥ 0. A face of a
+    /// cylinder between two loops around it counts as if it had a seam.
+    ///
+    /// ```
+    /// use planish_solid::brep::Solid;
+    ///
+    /// // A solid needs at least one face.
+    /// assert!(Solid::default().check(1e-6).is_err());
+    /// ```
     ///
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input), naming the edge or face that does not fit.
@@ -38,6 +45,8 @@ impl Solid {
                 }
             }
         }
+        // One use in each direction makes the boundary closed, manifold along edges, and oriented. A seam has
+        // both uses in one face.
         if let Some(edge) = used.iter().position(|u| *u != [1, 1]) {
             return Err(Error::input(format!(
                 "edge {edge}: needed one use in each direction, found {} backward and {} forward",
@@ -47,6 +56,7 @@ impl Solid {
         self.check_euler()
     }
 
+    /// Compares the ends of an edge with its vertices, and points along it with the surface of a face.
     fn check_edge(&self, face: usize, index: usize, tolerance: f64) -> Result<()> {
         let edge = &self.edges[index];
         for (vertex, t) in [(edge.start, edge.range[0]), (edge.end, edge.range[1])] {
@@ -65,11 +75,12 @@ impl Solid {
         Ok(())
     }
 
+    /// Tests that the genus in the Euler–Poincaré formula is an integer ≥ 0.
     fn check_euler(&self) -> Result<()> {
         let vertices: BTreeSet<usize> = self.edges.iter().flat_map(|e| [e.start, e.end]).collect();
         let loops: usize = self.faces.iter().map(|f| f.loops.len()).sum();
         let count = |n: usize| n as i64;
-        // A face of k loops is a disc with k − 1 handles cut into it, whatever it is bent to.
+        // Each loop after the first one lowers the Euler characteristic of a face (1 for a disc) by one.
         let euler =
             count(vertices.len()) - count(self.edges.len()) + 2 * count(self.faces.len()) - count(loops);
         let genus2 = 2 * count(self.shells().len()) - euler;

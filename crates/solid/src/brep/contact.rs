@@ -1,39 +1,47 @@
-//! Where a boundary touches itself.
+//! Places where a boundary touches itself.
 //!
-//! Parts of a boundary that only touch have edges and vertices of their own in the same place. Each of them
-//! closes, so [`Solid::check`] passes; as sets of points they are not manifold: four faces meet along a line,
-//! or two fans of faces at a point. Within one body some parts are made like this (pockets that meet at their
-//! corners, a hole that touches a wall), and are read as solids; two bodies that only touch are neither one
-//! solid nor two.
+//! Parts of a boundary that only touch have separate, coincident edges and vertices. Each part is closed, so
+//! [`Solid::check`] passes. As a set of points the boundary is not manifold: four faces meet along a line, or
+//! two fans of faces meet at a point. CAD programs read this as a solid within one body (pockets that meet at
+//! their corners, a hole that touches a wall). Two bodies that only touch are neither one solid nor two.
 //!
-//! Not found: an edge that touches a face in its midst, as that of a hole that touches a wall. There the
-//! faces are manifold as they are written.
+//! Limits: an edge that touches the interior of a face, such as that of a hole that touches a wall, is not
+//! found. Its faces are manifold as they are written.
 
 use super::{Edge, EdgeCurve, Solid, along};
 use planish_core::BoundingBox;
 use planish_estimate::vector3::{dot, norm, sub};
 
-/// Places of an edge, as shares of its range, that are looked for on others.
+/// Sample points of an edge that must all lie on another edge, as shares of its range.
+///
+/// Edges that only cross have isolated points in common, which do not include all three samples.
 const SHARES: [f64; 3] = [0.23, 0.5, 0.77];
-/// Pieces of an edge's curve between which the nearest point is looked for.
+/// Number of pieces of a curved edge between which the nearest point is searched.
 const PIECES: usize = 24;
 
 /// A place at which the boundary touches itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// A point of it.
+    /// A point of the contact.
     pub at: [f64; 3],
-    /// Whether two edges run in one place; else two vertices stand in one.
+    /// True if two edges coincide; false if two vertices do.
     pub is_line: bool,
-    /// Whether what touches are two bodies.
+    /// True if the contact is between two bodies.
     pub is_between_bodies: bool,
 }
 
 impl Solid {
-    /// The places at which the boundary touches itself: pairs of edges within `tolerance` of each other along
-    /// the shorter one, and of vertices, those between bodies first.
+    /// Places at which the boundary touches itself, those between bodies first.
     ///
-    /// Cost: edges are compared where their boxes meet, so at most the square of their number.
+    /// These are pairs of edges within `tolerance` of each other along the shorter one, and pairs of
+    /// vertices. The cost is at most quadratic in their numbers; edges are compared only if their boxes
+    /// overlap.
+    ///
+    /// ```
+    /// use planish_solid::brep::Solid;
+    ///
+    /// assert!(Solid::default().contacts(1e-6).is_empty());
+    /// ```
     #[must_use]
     pub fn contacts(&self, tolerance: f64) -> Vec<Contact> {
         let mut body_of = vec![0; self.faces.len()];
@@ -48,6 +56,7 @@ impl Solid {
                 faces_of[coedge.edge].push(index);
             }
         }
+        // All faces of an edge belong to one body, because shells are connected by edges.
         let body_of_edge = |edge: usize| faces_of[edge].first().map(|f| body_of[*f]);
         let mut found = Vec::new();
         let boxes: Vec<BoundingBox> = self.edges.iter().map(|e| bounds(e, tolerance)).collect();
@@ -91,7 +100,8 @@ impl Solid {
     }
 }
 
-/// A box around an edge, larger by a margin and by what its curve may bulge between the points looked at.
+/// A box around an edge, enlarged by a margin, and by the longest chord if the edge is curved: it cannot
+/// bulge farther between two sample points.
 fn bounds(edge: &Edge, margin: f64) -> BoundingBox {
     let points = points(edge);
     let longest = points.windows(2).map(|p| norm(sub(p[1], p[0]))).fold(0.0, f64::max);
@@ -116,8 +126,9 @@ fn points(edge: &Edge) -> Vec<[f64; 3]> {
 }
 
 impl Edge {
-    /// The distance of a point: to the nearest of some points along the edge, and from there by steps across
-    /// the tangent (Newton's without the curvature).
+    /// The distance of a point from the edge, by Gauss–Newton steps from the nearest sample point.
+    ///
+    /// The result is not larger than the distance to that sample, also if the iteration fails.
     fn distance(&self, p: [f64; 3]) -> f64 {
         let [from, to] = self.range;
         let points = points(self);
@@ -125,6 +136,7 @@ impl Edge {
         let off = |k: &usize| norm(sub(points[*k], p));
         let nearest = (0..points.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let mut t = from + step * nearest as f64;
+        // Gauss–Newton converges fast for points near the edge; farther ones need no exact distance.
         for _ in 0..8 {
             let d = self.curve.derivative(t);
             let square = dot(d, d);

@@ -9,42 +9,51 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 pub enum EdgeCurve {
     /// `origin + t direction`, the direction of unit length.
     Line {
-        /// The point of parameter 0.
+        /// The point at parameter 0.
         origin: [f64; 3],
         /// A unit vector.
         direction: [f64; 3],
     },
-    /// `center + a cos t + b sin t` for orthogonal axes: a circle where they are equally long, else an
+    /// `center + a cos t + b sin t` with orthogonal a and b: a circle if they have equal lengths, else an
     /// ellipse.
     Ellipse {
-        /// The centre.
+        /// Centre.
         center: [f64; 3],
-        /// Half an axis; not shorter than `b`.
+        /// Semi-axis, not shorter than `b`.
         a: [f64; 3],
-        /// The other.
+        /// The other semi-axis.
         b: [f64; 3],
     },
-    /// Cubic pieces between points with given derivatives, one for each unit of the parameter.
+    /// A cubic Hermite spline with one piece for each unit of the parameter.
     Spline {
-        /// The points of parameters 0, 1, 2 …
+        /// The points at parameters 0, 1, 2 …
         points: Vec<[f64; 3]>,
-        /// The derivatives there.
+        /// The derivatives at these points.
         derivatives: Vec<[f64; 3]>,
     },
 }
 
-/// `a` of unit length.
+/// `a` scaled to unit length; zero if `a` is zero.
 pub(crate) fn unit(a: [f64; 3]) -> [f64; 3] {
     scale(1.0 / norm(a).max(f64::MIN_POSITIVE), a)
 }
 
 impl EdgeCurve {
-    /// The point of a parameter.
+    /// The point at a parameter.
+    ///
+    /// ```
+    /// use planish_solid::brep::EdgeCurve;
+    ///
+    /// let circle = EdgeCurve::Ellipse { center: [1.0, 0.0, 0.0], a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] };
+    /// assert_eq!(circle.point(0.0), [3.0, 0.0, 0.0]);
+    /// ```
     #[must_use]
     pub fn point(&self, t: f64) -> [f64; 3] {
         match self {
             Self::Line { origin, direction } => along(*origin, t, *direction),
             Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
+            // Cubic Hermite basis. Points and derivatives are shared by neighbouring pieces, so the curve has
+            // a continuous tangent.
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
                 let (s2, s3) = (s * s, s * s * s);
@@ -60,6 +69,7 @@ impl EdgeCurve {
         match self {
             Self::Line { direction, .. } => *direction,
             Self::Ellipse { a, b, .. } => along(scale(-t.sin(), *a), t.cos(), *b),
+            // The derivatives of the Hermite basis above.
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
                 let weights = [
@@ -74,11 +84,15 @@ impl EdgeCurve {
     }
 }
 
+/// The piece of a spline at a parameter, and the share of the piece there.
+///
+/// Parameters outside of the spline belong to its first or last piece, which is then extrapolated.
 fn piece(points: usize, t: f64) -> (usize, f64) {
     let k = (t.floor().max(0.0) as usize).min(points.saturating_sub(2));
     (k, t - k as f64)
 }
 
+/// Weighted sum of the ends and derivatives of a piece.
 fn hermite(points: &[[f64; 3]], derivatives: &[[f64; 3]], k: usize, w: [f64; 4]) -> [f64; 3] {
     [0, 1, 2].map(|c| {
         w[0] * points[k][c]
@@ -93,79 +107,90 @@ fn hermite(points: &[[f64; 3]], derivatives: &[[f64; 3]], k: usize, w: [f64; 4])
 pub enum FaceSurface {
     /// All points with `normal · (p − origin) = 0`.
     Plane {
-        /// A point of it.
+        /// A point of the plane.
         origin: [f64; 3],
-        /// Its unit normal.
+        /// Unit normal.
         normal: [f64; 3],
-        /// A unit vector in it.
+        /// Unit vector in the plane, the direction of u.
         x: [f64; 3],
     },
-    /// All points at the radius from an axis.
+    /// All points at a distance from an axis.
     Cylinder {
         /// A point of the axis.
         origin: [f64; 3],
-        /// The axis, of unit length.
+        /// Unit vector along the axis.
         axis: [f64; 3],
-        /// A unit vector across the axis, where the angle is zero.
+        /// Unit vector across the axis, the direction of angle 0.
         x: [f64; 3],
-        /// The radius.
+        /// Radius.
         radius: f64,
     },
-    /// All points whose distance from an axis is `radius + height tan(half_angle)`, where that is positive.
+    /// All points whose distance from an axis is `radius + height tan(half_angle)`, where this is positive.
     Cone {
         /// The point of the axis at height 0.
         origin: [f64; 3],
-        /// The axis, of unit length, towards where the cone is wider.
+        /// Unit vector along the axis, towards the wider end.
         axis: [f64; 3],
-        /// A unit vector across the axis, where the angle is zero.
+        /// Unit vector across the axis, the direction of angle 0.
         x: [f64; 3],
-        /// The radius at height 0, not negative.
+        /// Radius at height 0, ≥ 0.
         radius: f64,
-        /// Between the axis and the surface, in radians, in (0, π/2).
+        /// Angle between the axis and the surface, in radians, in (0, π/2).
         half_angle_rad: f64,
     },
-    /// All points at the radius from a centre.
+    /// All points at a distance from a centre.
     Sphere {
-        /// The centre.
+        /// Centre.
         center: [f64; 3],
-        /// From pole to pole, of unit length.
+        /// Unit vector from the south to the north pole.
         axis: [f64; 3],
-        /// A unit vector across the axis, where the longitude is zero.
+        /// Unit vector across the axis, the direction of longitude 0.
         x: [f64; 3],
-        /// The radius.
+        /// Radius.
         radius: f64,
     },
-    /// All points at the minor radius from a circle of the major radius around an axis.
+    /// All points at the minor radius from a circle with the major radius around an axis.
     Torus {
-        /// The centre.
+        /// Centre.
         center: [f64; 3],
-        /// The axis, of unit length.
+        /// Unit vector along the axis.
         axis: [f64; 3],
-        /// A unit vector across the axis, where the angle around it is zero.
+        /// Unit vector across the axis, the direction of angle 0.
         x: [f64; 3],
-        /// The radius of the circle around the axis, not less than the minor radius.
+        /// Radius of the circle around the axis, not less than the minor radius.
         major: f64,
-        /// The radius of the tube.
+        /// Radius of the tube.
         minor: f64,
     },
 }
 
-/// Coordinates about an axis: along two directions across it, and along it.
+/// Coordinates relative to an axis: along x, along axis × x, and along the axis.
 fn about(p: [f64; 3], origin: [f64; 3], axis: [f64; 3], x: [f64; 3]) -> [f64; 3] {
     let d = sub(p, origin);
     [dot(d, x), dot(d, cross(axis, x)), dot(d, axis)]
 }
 
-/// The point of an angle around an axis, a distance from it and a height.
+/// The point at an angle around an axis, a distance from it and a height.
 fn around(origin: [f64; 3], axis: [f64; 3], x: [f64; 3], [angle, distance, height]: [f64; 3]) -> [f64; 3] {
     let across = along(scale(distance * angle.cos(), x), distance * angle.sin(), cross(axis, x));
     along(along(origin, 1.0, across), height, axis)
 }
 
 impl FaceSurface {
-    /// The parameters (u, v) of a point: coordinates in a plane; else u is the angle around the axis in (−π,
-    /// π], and v the height on a cylinder or cone, the latitude on a sphere, the angle around the tube, in
-    /// (−π, π], on a torus.
+    /// Parameters (u, v) of a point near the surface.
+    ///
+    /// On a plane these are coordinates. On other surfaces u is the angle around the axis, in (−π, π]. Then v
+    /// is the height on a cylinder or cone, the latitude on a sphere, and the angle around the tube, in (−π,
+    /// π], on a torus.
+    ///
+    /// ```
+    /// use planish_solid::brep::FaceSurface;
+    ///
+    /// let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
+    /// let cylinder = FaceSurface::Cylinder { origin: [0.0; 3], axis, x, radius: 2.0 };
+    /// assert_eq!(cylinder.parameters([2.0, 0.0, 5.0]), [0.0, 5.0]);
+    /// assert_eq!(cylinder.point([0.0, 5.0]), [2.0, 0.0, 5.0]);
+    /// ```
     #[must_use]
     pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
         match self {
@@ -185,6 +210,7 @@ impl FaceSurface {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 [b.atan2(a), h.atan2(a.hypot(b))]
             }
+            // By atan2 instead of acos or asin, which lose half of the digits near the poles.
             Self::Torus { center, axis, x, major, .. } => {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 [b.atan2(a), h.atan2(a.hypot(b) - major)]
@@ -192,7 +218,7 @@ impl FaceSurface {
         }
     }
 
-    /// The point of parameters.
+    /// The point at parameters (u, v).
     #[must_use]
     pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
         match self {
@@ -213,8 +239,8 @@ impl FaceSurface {
         }
     }
 
-    /// The unit normal at a point: a plane's own, away from an axis, from a sphere's centre, or out of a
-    /// torus' tube.
+    /// Unit normal at a point: that of a plane, else away from the axis, the centre of a sphere, or the
+    /// centre line of a torus.
     #[must_use]
     pub fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
@@ -223,6 +249,8 @@ impl FaceSurface {
                 let d = sub(p, *origin);
                 unit(along(d, -dot(d, *axis), *axis))
             }
+            // The gradient of the signed distance: outwards and, since the cone widens along the axis,
+            // against it.
             Self::Cone { origin, axis, half_angle_rad, .. } => {
                 let d = sub(p, *origin);
                 let out = unit(along(d, -dot(d, *axis), *axis));
@@ -237,7 +265,15 @@ impl FaceSurface {
         }
     }
 
-    /// The signed distance of a point: positive on the normal's side.
+    /// Signed distance of a point, positive on the side of the normal.
+    ///
+    /// ```
+    /// use planish_solid::brep::FaceSurface;
+    ///
+    /// let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
+    /// let torus = FaceSurface::Torus { center: [0.0; 3], axis, x, major: 5.0, minor: 1.0 };
+    /// assert_eq!(torus.distance([5.0, 0.0, 3.0]), 2.0);
+    /// ```
     #[must_use]
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match self {
@@ -246,6 +282,8 @@ impl FaceSurface {
                 let d = sub(p, *origin);
                 norm(along(d, -dot(d, *axis), *axis)) - radius
             }
+            // Measured in the half plane of the point and the axis, from the line of the cone extended beyond
+            // the apex. There, the nearest point of the cone is the apex itself, which is farther away.
             Self::Cone { origin, axis, x, radius, half_angle_rad } => {
                 let [a, b, h] = about(p, *origin, *axis, *x);
                 (a.hypot(b) - radius) * half_angle_rad.cos() - h * half_angle_rad.sin()
@@ -258,8 +296,7 @@ impl FaceSurface {
         }
     }
 
-    /// By how much each parameter comes back to the same points: 2π around an axis or a tube; none where it
-    /// does not.
+    /// Period of each parameter: 2π for an angle around the axis or the tube; `None` if it is not periodic.
     #[must_use]
     pub fn periods(&self) -> [Option<f64>; 2] {
         match self {
@@ -269,7 +306,7 @@ impl FaceSurface {
         }
     }
 
-    /// The range of v: between the poles of a sphere, from a cone's apex on.
+    /// Range of v: between the poles of a sphere, and from the apex of a cone to infinity.
     #[must_use]
     pub fn range_v(&self) -> [f64; 2] {
         match self {
@@ -279,7 +316,7 @@ impl FaceSurface {
         }
     }
 
-    /// Its kind in words.
+    /// Name of the kind of surface.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {

@@ -1,25 +1,28 @@
 //! Volume, area and centroid by the divergence theorem.
 //!
-//! `3 V = ∮ p · n dA`, and over a face `∬ f du dv = −∮ F du` with `F = ∫ f dv` along its loops (Green). On
-//! planes and cylinders the integrands are polynomials in v, so that F is exact (`turned` has the other
-//! surfaces); along edges Gauss–Legendre of ten points on pieces of at most 15°.
+//! `3 V = ∮ p · n dA`. Over a face, `∬ f du dv = −∮ F du` with `F = ∫ f dv` along its loops (Green's
+//! theorem). On planes and cylinders the integrands are polynomials in v, so F has a closed form; `turned`
+//! handles the other surfaces. Integrals along edges use Gauss–Legendre quadrature of ten points on pieces of
+//! at most 15°.
+//!
+//! The results depend on the boundary only, so no mesh and no tolerance is needed.
 
 use super::{Coedge, Face, FaceSurface, Solid};
 use planish_estimate::vector3::{dot, sub};
 use std::f64::consts::PI;
 
-/// What a solid measures.
+/// Volume, area and centroid of a solid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measures {
-    /// Its volume.
+    /// Volume; negative if the boundary is oriented inwards.
     pub volume: f64,
-    /// The area of its faces.
+    /// Area of all faces.
     pub area: f64,
-    /// Its centre of volume.
+    /// Centroid of the volume.
     pub centroid: [f64; 3],
 }
 
-/// Nodes on (−1, 1) and weights.
+/// Nodes on (−1, 1) and weights of Gauss–Legendre quadrature. Ten points are exact up to degree 19.
 pub(super) const GAUSS: [(f64, f64); 10] = [
     (-0.973_906_528_517_171_7, 0.066_671_344_308_688_14),
     (-0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
@@ -34,10 +37,10 @@ pub(super) const GAUSS: [(f64, f64); 10] = [
 ];
 
 impl Solid {
-    /// Volume, area, centroid.
+    /// Volume, area and centroid.
     #[must_use]
     pub fn measures(&self) -> Measures {
-        // Near the solid, so that no digits are lost to a far origin.
+        // An origin near the solid. Far from it, the integrals over opposite faces nearly cancel.
         let origin = self.vertices.first().copied().unwrap_or_default();
         let (mut area, mut flux, mut moments) = (0.0, 0.0, [0.0; 3]);
         for face in &self.faces {
@@ -59,14 +62,17 @@ impl Solid {
         faces.iter().map(|f| self.integrals(&self.faces[*f], origin)[1]).sum::<f64>() / 3.0
     }
 
-    /// The area of some of its faces.
+    /// The area of some faces.
     #[must_use]
     pub fn area_of(&self, faces: &[usize]) -> f64 {
         let origin = self.vertices.first().copied().unwrap_or_default();
         faces.iter().map(|f| self.integrals(&self.faces[*f], origin)[0]).sum()
     }
 
-    /// Over a face: 1, `p · n`, and `p_k² n_k`, with p from the origin and n outwards.
+    /// Integrals over a face of 1, `p · n`, and `p_k² n_k`, with p from the origin and n outwards.
+    ///
+    /// By the divergence theorem, the second gives three times the volume, and the last ones twice the
+    /// moments of the volume.
     fn integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sign = if face.outward { 1.0 } else { -1.0 };
         let mut sum = [0.0; 5];
@@ -81,11 +87,13 @@ impl Solid {
                 sum[k] += along[k];
             }
         }
-        // Loops run as seen from outside: against the surface's own sense where it points inwards.
+        // Loops run counter-clockwise seen from outside. If the normal of the surface points inwards, this
+        // reverses the sign of all integrals, and n has the other sign, too. Only the area then needs a sign.
         sum[0] *= sign;
         sum
     }
 
+    /// Integrals along a coedge of a face on a plane or cylinder.
     fn along_edge(&self, face: &Face, coedge: Coedge, origin: [f64; 3]) -> [f64; 5] {
         let edge = &self.edges[coedge.edge];
         let [from, to] = edge.range;
@@ -108,7 +116,7 @@ impl Solid {
     }
 }
 
-/// Into how many pieces an edge is cut for Gauss–Legendre.
+/// Number of pieces of an edge for the quadrature.
 pub(super) fn pieces(edge: &super::Edge) -> usize {
     let [from, to] = edge.range;
     match &edge.curve {
@@ -118,7 +126,7 @@ pub(super) fn pieces(edge: &super::Edge) -> usize {
     }
 }
 
-/// `−F du/dt` for the five integrands, with the surface's own normal and sense.
+/// `−F du/dt` for the five integrands, with the normal and orientation of the surface itself.
 fn integrands(surface: &FaceSurface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> [f64; 5] {
     let [_, v] = surface.parameters(p);
     match surface {
@@ -127,7 +135,7 @@ fn integrands(surface: &FaceSurface, p: [f64; 3], d: [f64; 3], origin: [f64; 3])
             let y = planish_estimate::vector3::cross(*normal, *x);
             let du = dot(d, *x);
             let level = dot(sub(*at, origin), *normal);
-            // p_k along v, from v = 0: q + v y.
+            // p_k is q_k + v y_k, with q at v = 0, and its square is integrated over v.
             let q = sub(super::along(p, -v, y), origin);
             let second = |k: usize| {
                 normal[k] * (q[k] * q[k] * v + q[k] * y[k] * v * v + y[k] * y[k] * v * v * v / 3.0)
@@ -136,7 +144,7 @@ fn integrands(surface: &FaceSurface, p: [f64; 3], d: [f64; 3], origin: [f64; 3])
         }
         FaceSurface::Cylinder { origin: at, axis, radius, .. } => {
             let n = surface.normal(p);
-            // The angle turns by (axis × n) · dp / r, and an element of area is r du dv.
+            // du is (axis × n) · dp / r, and an element of area is r du dv: the radii cancel.
             let du = dot(d, planish_estimate::vector3::cross(*axis, n));
             let q = sub(super::along(p, -v, *axis), origin);
             let level = dot(sub(*at, origin), n) + radius;

@@ -1,20 +1,24 @@
-//! Faces within their loops, for rays.
+//! Intersections of rays with faces that are trimmed by loops.
 //!
-//! A ray meets a surface in closed form for planes and cylinders; for any other by its signed distance, which
-//! changes by at most the way gone: where it is larger than half an interval, the ray meets nothing
-//! there. Whether a point of the surface is in the face is told by the nearest loop along the second
-//! parameter, of spheres and tori else along the first: loops have their face to the left.
+//! For planes and cylinders, the intersection of a ray with the surface has a closed form. For other surfaces
+//! it is found by the signed distance. This changes by at most the distance along the ray, so if it exceeds
+//! half of an interval at its middle, the interval contains no intersection. Whether a point of the surface
+//! is in the face follows from the nearest loop along the second parameter, since loops have the face on
+//! their left. On spheres and tori, the first parameter is used if no loop has the point's first parameter.
 
 use super::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{PI, TAU};
 
-/// Planes are scanned along a direction that no drawing has: loops do not run along it.
+/// Direction in which planes are scanned, in radians. It is unusual in drawings, so loops do not run along
+/// it.
 const SCAN_ANGLE: f64 = 0.617_31;
-/// Signed distances are followed down to this share of the first interval.
+/// Length at which intervals of a ray are not divided further, relative to the first interval.
+///
+/// It is the accuracy of intersections; halving it costs one more step for each.
 const FINEST: f64 = 1e-7;
 
-/// A point of a loop: the curve's parameter and the surface's.
+/// A point of a loop: parameter of the curve and scanned parameters of the surface.
 #[derive(Clone, Copy)]
 struct LoopPoint {
     t: f64,
@@ -25,11 +29,11 @@ struct LoopPoint {
 pub(crate) struct TrimmedFace<'a> {
     solid: &'a Solid,
     face: &'a Face,
-    /// Points along each coedge, as the loop runs.
+    /// Points along each coedge, in the direction of the loop.
     coedges: Vec<(Coedge, Vec<LoopPoint>)>,
-    /// Whether the second parameter is an angle, too.
+    /// True if the second parameter is an angle, too.
     second_is_angle: bool,
-    /// A box around the face: least and largest coordinates.
+    /// Minimum and maximum coordinates of the face.
     pub(crate) bounds: [[f64; 3]; 2],
 }
 
@@ -39,7 +43,7 @@ fn turn(angle: f64) -> f64 {
 }
 
 impl<'a> TrimmedFace<'a> {
-    /// Prepares a face; one whose surface may bulge beyond its loops is bounded by `reach` alone.
+    /// Prepares a face. If its surface may bulge beyond its loops, `reach` is its bounding box.
     pub(crate) fn new(solid: &'a Solid, face: &'a Face, reach: [[f64; 3]; 2]) -> Self {
         let scanned = |p: [f64; 3]| scan_parameters(&face.surface, p);
         let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
@@ -47,8 +51,8 @@ impl<'a> TrimmedFace<'a> {
             .loops
             .iter()
             .flatten()
-            // An edge that the face has on both sides bounds nothing: a seam, or where a hole touches a wall
-            // from behind.
+            // An edge with the face on both sides bounds nothing: a seam, or a line along which a hole
+            // touches a wall from behind.
             .filter(|c| face.loops.iter().flatten().filter(|d| d.edge == c.edge).count() == 1)
             .map(|&coedge| {
                 let edge = &solid.edges[coedge.edge];
@@ -72,13 +76,16 @@ impl<'a> TrimmedFace<'a> {
             })
             .collect::<Vec<_>>();
         match matches!(face.surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. }) {
-            // Loops are known at points only: between them they bulge by less than a hundredth.
+            // The box is that of sample points. Between these, at most 15° apart, an arc of radius r bulges
+            // by less than r (1 − cos 7.5°) = 0.009 r.
             true => {
                 let more = 0.01 * norm(sub(bounds[1], bounds[0]));
                 bounds = [bounds[0].map(|c| c - more), bounds[1].map(|c| c + more)];
             }
             false => bounds = reach,
         }
+        // Found by a test instead of the kind of surface, so that other kinds need no code here: a whole turn
+        // of an angle gives the same point.
         let probe = [0.3, 0.2];
         let second_is_angle =
             (face.surface.parameters(face.surface.point([probe[0], probe[1] + TAU]))[1] - probe[1]).abs()
@@ -96,7 +103,7 @@ impl<'a> TrimmedFace<'a> {
         if self.face.outward { n } else { n.map(|c| -c) }
     }
 
-    /// Whether the second parameter is an angle as well as the first.
+    /// True if the second parameter is an angle as well as the first.
     pub(crate) fn second_is_angle(&self) -> bool {
         self.second_is_angle
     }
@@ -109,7 +116,7 @@ impl<'a> TrimmedFace<'a> {
             .map(|(coedge, t)| self.face.surface.parameters(self.solid.edges[coedge.edge].curve.point(t)))
     }
 
-    /// Whether a point of the surface lies in the face.
+    /// True if a point of the surface lies in the face.
     pub(crate) fn contains(&self, p: [f64; 3]) -> bool {
         if self.coedges.is_empty() {
             return true;
@@ -126,9 +133,9 @@ impl<'a> TrimmedFace<'a> {
         if let Some(is_in) = self.by_scan(!is_plane, &first, &second) {
             return is_in;
         }
-        // Of spheres and tori no loop may have the point's first parameter. All places that do are in the
-        // face, then, or none is: one beside which a loop runs is looked at along the first parameter, with
-        // the axes turned by a right angle.
+        // On spheres and tori, possibly no loop has the point's first parameter. Then either all points with
+        // this parameter are in the face, or none is. One of them is tested whose second parameter some loop
+        // has, along the first parameter: the roles of both are exchanged.
         let beside = (self.second_is_angle).then(|| self.steepest());
         let across = beside.flatten().and_then(|level| {
             let from_level = |uv: [f64; 2]| turn(uv[1] - level);
@@ -137,7 +144,8 @@ impl<'a> TrimmedFace<'a> {
         across.unwrap_or_else(|| self.is_left_of_nearest(p))
     }
 
-    /// The second parameter in the middle of the piece of a loop along which it changes most.
+    /// The second parameter in the middle of the piece of a loop along which it changes most: there, a scan
+    /// along the first parameter crosses the loop at the largest angle.
     fn steepest(&self) -> Option<f64> {
         let pieces = self.coedges.iter().flat_map(|(_, points)| points.windows(2));
         let middles = pieces.map(|pair| {
@@ -148,8 +156,8 @@ impl<'a> TrimmedFace<'a> {
         steepest.map(|(_, middle)| middle)
     }
 
-    /// Whether a point is in the face by the nearest loop along the second of two parameters, each from the
-    /// point's own; none where no loop has its first one.
+    /// Whether a point is in the face, by the nearest loop along the second of two parameters, both relative
+    /// to the point; `None` if no loop has its first parameter.
     fn by_scan(
         &self,
         first_is_angle: bool,
@@ -168,20 +176,22 @@ impl<'a> TrimmedFace<'a> {
                 }
             }
         }
+        // Nearest first: the sides of farther loops follow from it.
         crossed.sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
-        // Where a loop runs back on itself, two crossings in one place bound nothing.
+        // Where a loop runs back on itself, two opposite crossings at one place bound nothing.
         let mut k = 0;
         while let Some(&(off, runs_on)) = crossed.get(k) {
             match crossed.get(k + 1) {
                 Some(&(next, runs_next)) if (next - off).abs() < 1e-7 && runs_next != runs_on => k += 2,
-                // Above a point in the face the loop runs back, below it on.
+                // Above a point of the face, the loop runs in the direction of a decreasing first parameter;
+                // below it, of an increasing one.
                 _ => return Some((runs_on == (off < 0.0)) == self.face.outward),
             }
         }
         None
     }
 
-    /// The second parameter, from the point's own, where a loop has the point's first one: between two
+    /// The second parameter, relative to the point, where a loop has the point's first parameter, between two
     /// parameters of its curve.
     fn second_at(
         &self,
@@ -195,7 +205,8 @@ impl<'a> TrimmedFace<'a> {
         let at = |t: f64| scan_parameters(&self.face.surface, curve.point(t));
         let mut found = at((from + to) / 2.0);
         let small = 1e-13 * (a.abs() + b.abs());
-        // Regula falsi, with a halved end where one end stays (Illinois).
+        // Regula falsi with the Illinois modification: if one end stays, its value is halved. Without it,
+        // convergence on convex functions is only linear.
         let mut stays = 0;
         for _ in 0..60 {
             let t = if a == b { (from + to) / 2.0 } else { from - a * (to - from) / (b - a) };
@@ -217,13 +228,14 @@ impl<'a> TrimmedFace<'a> {
         second(found)
     }
 
-    /// Whether every point of the face lies on a straight line of the surface between points of its loops.
+    /// True if every point of the face lies on a straight line of the surface between points of its loops.
     fn is_ruled(&self) -> bool {
         matches!(self.face.surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. })
     }
 
-    /// For a point that no loop passes above or below: whether it lies to the left of the loops' nearest
-    /// point. A ball's cap and a cone's tip do; on planes and cylinders such a point is outside.
+    /// For a point without a loop above or below it: true if it is on the left of the nearest point of the
+    /// loops. This is so for the cap of a ball and the apex of a cone. On planes and cylinders such a point
+    /// is outside of the face.
     fn is_left_of_nearest(&self, p: [f64; 3]) -> bool {
         if self.is_ruled() {
             return false;
@@ -238,7 +250,8 @@ impl<'a> TrimmedFace<'a> {
                 let q = along(a, share, d);
                 let far = norm(sub(p, q));
                 let side = dot(unit(cross(self.outward(q), d)), sub(p, q));
-                // At a corner two pieces are as near: the one across which the point lies tells.
+                // At a corner, two pieces are equally near. The one to which the point is more nearly
+                // perpendicular decides; the other one would give the sign of rounding.
                 let is_tie = (far - nearest.0).abs() < 1e-9 * far;
                 if far < nearest.0 && !is_tie || is_tie && side.abs() > nearest.1.abs() {
                     nearest = (far, side);
@@ -248,7 +261,9 @@ impl<'a> TrimmedFace<'a> {
         nearest.1 > 0.0
     }
 
-    /// How far along a ray the surface is met, between two distances; within the face or not.
+    /// Distances along a ray at which it meets the surface, within the face or not.
+    ///
+    /// `range` limits the search on surfaces without a closed form.
     pub(crate) fn met(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Vec<f64> {
         match &self.face.surface {
             FaceSurface::Plane { normal, .. } => {
@@ -282,8 +297,8 @@ impl<'a> TrimmedFace<'a> {
     }
 }
 
-/// Where a ray meets a surface of which only the signed distance is known; places where it only touches are
-/// left out.
+/// Intersections of a ray with a surface given by its signed distance. Contacts without a crossing are
+/// omitted.
 pub(crate) fn met_by_distance(
     surface: &FaceSurface,
     origin: [f64; 3],
@@ -310,10 +325,11 @@ pub(crate) fn met_by_distance(
     found
 }
 
-/// An edge's parameters at the ends of its pieces, and where its first scanned parameter turns back: between
-/// them it runs one way.
+/// Parameters at the ends of the pieces of an edge, and at the extremes of its first scanned parameter.
+/// Between two of them this parameter is monotonic, so a scan line crosses at most once.
 fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2]) -> Vec<f64> {
     let [from, to] = edge.range;
+    // The sign of a small difference, as the derivative of the parameters has no common formula.
     let step = 1e-6 * (to - from);
     let rises = |t: f64| turn(scanned(t + step)[0] - scanned(t - step)[0]) > 0.0;
     let mut found = vec![from];
@@ -333,7 +349,7 @@ fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2])
     found
 }
 
-/// A surface's parameters as they are scanned: those of planes turned.
+/// The parameters of a surface in which faces are scanned; those of planes are rotated.
 fn scan_parameters(surface: &FaceSurface, p: [f64; 3]) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     match surface {
@@ -346,8 +362,8 @@ fn scan_parameters(surface: &FaceSurface, p: [f64; 3]) -> [f64; 2] {
 }
 
 impl Edge {
-    /// Pieces in which the edge turns by little: straight ones in one, others every 15° or at each of a
-    /// spline's points.
+    /// Number of pieces in which the edge turns by little: one if it is straight, one for each 15° of an
+    /// ellipse, and one for each piece of a spline.
     pub(crate) fn pieces(&self) -> usize {
         match &self.curve {
             EdgeCurve::Line { .. } => 1,

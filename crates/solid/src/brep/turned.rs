@@ -1,37 +1,39 @@
 //! Area, flux and moments of faces on cones, spheres and tori.
 //!
 //! Over a face in its parameters, `∬ f du dv = −∮ F du` with `F = ∫ f dv` from a base that the face does not
-//! cross: a pole of the sphere or the cone's apex, where circles around the axis have no length, or a v at
-//! which the tube of a torus has no face. Where a face goes all around the tube it is `∮ G dv` with
-//! `G = ∫ f du`. Inner integrals are Gauss–Legendre of ten points on pieces of at most 30°.
+//! cross. This is a pole of the sphere or the apex of the cone, where circles around the axis have no length,
+//! or a v at which the tube of a torus has no face. If a face goes all around the tube, it is `∮ G dv` with
+//! `G = ∫ f du`. Inner integrals use Gauss–Legendre quadrature of ten points on pieces of at most 30°.
 //!
-//! Not guaranteed: a torus less a part that goes around neither its axis nor its tube, and edges through a
-//! sphere's poles.
+//! Limits: a torus with a hole that goes around neither its axis nor its tube, and edges through the poles of
+//! a sphere, are not supported.
 
 use super::measures::{GAUSS, pieces};
 use super::{Face, FaceSurface, Solid};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Values at a point of a face's boundary, in its surface's parameters.
+/// Values at a quadrature point of the boundary of a face, in the parameters of its surface.
 struct Node {
     parameters: [f64; 2],
-    /// Times the weight of the quadrature.
+    /// Derivatives of the parameters along the edge, times the weight of the quadrature.
     derivatives: [f64; 2],
 }
 
-/// Where the inner integral begins, and along which parameter.
+/// Start of the inner integral.
 #[derive(Clone, Copy)]
 enum Base {
+    /// A value of v.
     V(f64),
-    /// As `V`, with values of v between it and 2π more.
+    /// A value of v; the angles v are taken from this value to 2π above it.
     CutV(f64),
+    /// As [`Base::CutV`], for u.
     CutU(f64),
 }
 
 impl Solid {
-    /// Over a face of a cone, sphere or torus, with the surface's own normal and the sense of the loops: 1,
-    /// `p · n`, `p_k² n_k`.
+    /// Integrals of 1, `p · n` and `p_k² n_k` over a face of a cone, sphere or torus, with the normal of the
+    /// surface and the direction of the loops.
     pub(super) fn turned_integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sense = if face.outward { 1.0 } else { -1.0 };
         if face.is_whole() {
@@ -40,14 +42,16 @@ impl Solid {
         let nodes = self.nodes(face);
         let of = |base| integrated(&face.surface, &nodes, base, origin);
         match face.surface {
+            // Loops in parameters do not determine on which side of a cut the face lies. A gap without nodes
+            // may be inside of the face, so cuts are tried from the widest gap until the area is positive.
             FaceSurface::Torus { .. } => {
                 let v = gaps(&nodes, 1).into_iter().map(Base::CutV);
                 let u = gaps(&nodes, 0).into_iter().map(Base::CutU);
                 let mut best = [0.0; 5];
                 for base in v.chain(u) {
                     let found = of(base);
-                    // Where the face itself holds the base, the rest of the torus comes out, with the other
-                    // sign.
+                    // If the face contains the base, the result is that of the rest of the torus, with the
+                    // other sign.
                     if found[0] * sense > 0.0 {
                         return found;
                     }
@@ -58,7 +62,7 @@ impl Solid {
             FaceSurface::Sphere { .. } => {
                 let turns = nodes.iter().map(|n| n.derivatives[0]).sum::<f64>() / TAU * sense;
                 let mut found = of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
-                // A face that holds both poles came out less the whole sphere.
+                // If the face contains both poles, the result lacks the whole sphere.
                 if found[0] * sense <= 0.0 {
                     for (sum, whole) in found.iter_mut().zip(whole(&face.surface, origin)) {
                         *sum += sense * whole;
@@ -70,6 +74,7 @@ impl Solid {
         }
     }
 
+    /// Quadrature points along all loops of a face.
     fn nodes(&self, face: &Face) -> Vec<Node> {
         let mut nodes = Vec::new();
         for coedge in face.loops.iter().flatten() {
@@ -83,6 +88,7 @@ impl Solid {
                 for (node, weight) in GAUSS {
                     let t = middle + half * node;
                     let (p, d) = (edge.curve.point(t), edge.curve.derivative(t));
+                    // The outer quadrature, along edges; `integrated` adds the inner one for each base.
                     nodes.push(Node {
                         parameters: face.surface.parameters(p),
                         derivatives: derivatives(&face.surface, p, d).map(|d| direction * weight * half * d),
@@ -94,8 +100,7 @@ impl Solid {
     }
 }
 
-/// The integrals over the whole of a sphere or torus: `∬ p · n = 3 V`, `∬ p_k² n_k = 2 V c_k` for its centre
-/// c.
+/// The integrals over a whole sphere or torus: `∬ p · n = 3 V` and `∬ p_k² n_k = 2 V c_k` with the centre c.
 fn whole(surface: &FaceSurface, origin: [f64; 3]) -> [f64; 5] {
     let (area, volume, center) = match *surface {
         FaceSurface::Sphere { center, radius, .. } => {
@@ -112,7 +117,7 @@ fn whole(surface: &FaceSurface, origin: [f64; 3]) -> [f64; 5] {
     [area, 3.0 * volume, x, y, z]
 }
 
-/// The centre, the axis, the distance from the axis at v = 0 and what v counts in.
+/// Origin (or centre) and axis of a surface.
 fn frame(surface: &FaceSurface) -> ([f64; 3], [f64; 3]) {
     match surface {
         FaceSurface::Plane { origin, normal, .. } => (*origin, *normal),
@@ -125,7 +130,7 @@ fn frame(surface: &FaceSurface) -> ([f64; 3], [f64; 3]) {
     }
 }
 
-/// The change of both parameters along a derivative.
+/// Derivatives of both parameters for the derivative `d` of a point.
 fn derivatives(surface: &FaceSurface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
     let (center, axis) = frame(surface);
     let from = sub(p, center);
@@ -165,6 +170,7 @@ fn integrands(surface: &FaceSurface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5]
     [area, area * dot(q, n), moment(0), moment(1), moment(2)]
 }
 
+/// The integrals over a face from a base: the inner integral at each node, weighted by the outer quadrature.
 fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3]) -> [f64; 5] {
     let lifted = |value: f64, cut: f64| cut + (value - cut).rem_euclid(TAU);
     let mut sum = [0.0; 5];
@@ -176,6 +182,7 @@ fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3
             Base::CutU(cut) => (cut, lifted(u, cut), node.derivatives[1]),
         };
         let pieces = match surface {
+            // On a cone the integrands are polynomials in v of a degree for which ten points are exact.
             FaceSurface::Cone { .. } => 1,
             _ => ((to - from).abs() / (PI / 6.0)).ceil().max(1.0) as usize,
         };
@@ -195,9 +202,9 @@ fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3
     sum
 }
 
-/// The middles of stretches of an angle that no node lies in, the widest first.
+/// Middles of the intervals of an angle without nodes, widest first.
 fn gaps(nodes: &[Node], which: usize) -> Vec<f64> {
-    /// Between neighbouring nodes of an edge there is less.
+    /// Minimum width of a gap. Neighbouring nodes of an edge are closer: ten nodes on pieces of at most 15°.
     const MIN: f64 = 0.06;
     let mut values: Vec<f64> = nodes.iter().map(|n| n.parameters[which].rem_euclid(TAU)).collect();
     values.sort_by(f64::total_cmp);

@@ -11,22 +11,22 @@ use planish_estimate::{Error, Result};
 use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// A coordinate that a view shows.
+/// A coordinate along an axis of space in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SpacePlace {
-    /// The axis of space.
+    /// Axis of space.
     pub(super) axis: usize,
     pub(super) view: usize,
-    /// In the drawing of all views.
+    /// Point or circle in the drawing of all views.
     pub(super) place: Place,
 }
 
 /// A coordinate along an axis of space, with all places that share it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisCoordinate {
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation.
     pub sigma: f64,
     /// Places with this coordinate, in the drawing of all views.
     pub places: Vec<Place>,
@@ -35,26 +35,28 @@ pub struct AxisCoordinate {
 /// Two coordinates that were compared.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpaceMatch {
-    /// The axis of space.
+    /// Axis of space: `x`, `y` or `z`.
     pub axis: &'static str,
-    /// The two views, by their place.
+    /// Indices of the two views.
     pub views: [usize; 2],
-    /// In words.
+    /// Description of the two coordinates.
     pub text: String,
-    /// χ² of their difference, of one degree of freedom, in the views as they are.
+    /// χ² of their difference, with one degree of freedom, before the match is imposed.
     pub chi_square: f64,
-    /// The probability of a χ² at least as large when they are one.
+    /// Probability of a χ² at least as large if the coordinates are equal.
     pub p_value: f64,
-    /// The share of the extent that would have passed.
+    /// Share of the extent within which a coordinate would have passed the test.
     pub chance: f64,
-    /// `imposed`, `implied` by others, `refused` for others, or `unclear`.
+    /// `imposed`, `implied` by others, `refused` because of others, `unclear`, or `end` for common ends.
     pub outcome: &'static str,
 }
 
-/// Two coordinates are one where what imposed left of their difference is this share of what it was.
+/// Two coordinates are merged if σ of their difference is below this share of their own σ.
+///
+/// Imposing a constraint makes this σ zero except for rounding.
 const MERGED_SHARE: f64 = 1e-6;
 
-/// Every coordinate that corners and circles of the views reach.
+/// All coordinates of corners and extremes of circles in the views.
 pub(super) fn places(
     views: &[NoisyView],
     offsets: &[Offset],
@@ -85,7 +87,7 @@ pub(super) fn places(
     Ok(found)
 }
 
-/// The coordinates that a contour reaches along one axis of its view.
+/// The coordinates of a contour along one axis of its view.
 fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &ParametricDrawing) -> Vec<Place> {
     let point = |i: u32| PointId(offset.points + part.first.points + i);
     let circle = |i: u32| CircleId(offset.circles + part.first.circles + i);
@@ -109,6 +111,7 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &ParametricDr
             let mut places: Vec<Place> = (0..count as u32).map(corner).collect();
             for (i, (id, start, end)) in drawing.arcs().filter(|arc| in_part(part, offset, arc.0)).enumerate()
             {
+                // An arc ends at corners, which are listed above; its extremes count only if they are on it.
                 for upper in [false, true] {
                     if reaches(drawing, id, start, end, axis, upper) {
                         places.push(extreme(i as u32, upper));
@@ -120,12 +123,13 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &ParametricDr
     }
 }
 
+/// True if a circle belongs to a contour.
 fn in_part(part: &SketchPart, offset: Offset, circle: CircleId) -> bool {
     let first = offset.circles + part.first.circles;
     (first..first + part.count.circles).contains(&circle.0)
 }
 
-/// Whether an arc passes through its circle's largest or least coordinate.
+/// True if an arc contains the point of its circle with the maximum (`upper`) or minimum coordinate.
 fn reaches(
     drawing: &ParametricDrawing,
     circle: CircleId,
@@ -139,6 +143,8 @@ fn reaches(
         let p = drawing.position(point);
         (p[1] - centre[1]).atan2(p[0] - centre[0])
     };
+    // The extreme lies at a multiple of 90° and is part of the arc if the counter-clockwise angle from the
+    // start is below the sweep.
     let quarter = match (axis, upper) {
         (Axis::X, true) => 0.0,
         (Axis::Y, true) => 1.0,
@@ -150,8 +156,10 @@ fn reaches(
     (quarter * FRAC_PI_2 - from).rem_euclid(TAU) < sweep
 }
 
-/// Pairs of coordinates along one axis that are not one already.
+/// Pairs of coordinates along one axis that are not merged already.
 pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Candidate> {
+    // One pair for each two groups: all members of a group are equal already, so further pairs would repeat
+    // the test and weaken the family-wise level.
     let groups = groups(places, alone);
     let mut found = Vec::new();
     for axis in 0..3 {
@@ -172,9 +180,10 @@ pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Cand
     found
 }
 
-/// Places by what they are one with, each group and its members in the order of the places.
+/// Groups of merged places. Groups and their members are in the order of the places.
 fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
     let values = state.drawing.values();
+    // Merging is transitive, so one member of each group is enough for the comparison.
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, new) in places.iter().enumerate() {
         let same = |group: &Vec<usize>| {
@@ -189,7 +198,10 @@ fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
     groups
 }
 
+/// True if two coordinates are equal, and known to be equal: not only by chance.
 fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
+    // Equal values alone may be a coincidence of estimates. σ of the difference is zero only if a constraint
+    // makes them equal.
     let apart = (a.value(&state.drawing, x) - b.value(&state.drawing, x)).abs();
     let together = sigma(&Constraint::Aligned { a, b }, &state.drawing, &state.covariance);
     let each = [a, b].map(|place| place_sigma(place, state));
@@ -205,7 +217,7 @@ fn place_sigma(place: Place, state: &Constrained) -> f64 {
     variance.max(0.0).sqrt()
 }
 
-/// The levels of each axis, ascending.
+/// The distinct coordinates along each axis, ascending.
 pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<AxisCoordinate>; 3] {
     let values = state.drawing.values();
     let mut levels: [Vec<AxisCoordinate>; 3] = Default::default();
@@ -223,7 +235,7 @@ pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<AxisCoo
     levels
 }
 
-/// Where two views that share an axis end.
+/// A common end of two views that share an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct End {
     a: SpacePlace,
@@ -231,11 +243,12 @@ pub(super) struct End {
 }
 
 impl End {
-    /// That they end together.
+    /// The constraint that both ends are equal.
     pub(super) fn constraint(&self) -> Constraint {
         Constraint::Aligned { a: self.a.place, b: self.b.place }
     }
 
+    /// χ² of the difference of the two ends.
     fn chi_square(&self, alone: &Constrained) -> f64 {
         let values = alone.drawing.values();
         let [a, b] = [self.a, self.b].map(|end| end.place.value(&alone.drawing, values.as_slice()));
@@ -243,8 +256,8 @@ impl End {
         ((a - b) / spread.max(f64::MIN_POSITIVE)).powi(2)
     }
 
-    /// What is told of it.
-    pub(super) fn said(&self, alone: &Constrained) -> SpaceMatch {
+    /// The end as a tested match.
+    pub(super) fn to_match(&self, alone: &Constrained) -> SpaceMatch {
         let chi_square = self.chi_square(alone);
         SpaceMatch {
             axis: ["x", "y", "z"][self.a.axis],
@@ -258,11 +271,12 @@ impl End {
     }
 }
 
-/// The ends of views that share an axis, in pairs of views.
+/// The common ends of views that share an axis, for each two consecutive views.
 pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> Vec<End> {
     let values = alone.drawing.values();
     let value = |end: &SpacePlace| end.place.value(&alone.drawing, values.as_slice());
     let mut found = Vec::new();
+    // Consecutive pairs are enough: three equal ends need two equations, and a third would be redundant.
     for axis in 0..3 {
         for upper in [false, true] {
             let last = |view: usize| {
@@ -279,14 +293,14 @@ pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> 
     found
 }
 
-/// Names the ends that agree least.
-pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
+/// The error for views of different objects, with the ends that differ most.
+pub(super) fn different_objects(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
     let worst = ends.iter().max_by(|a, b| a.chi_square(alone).total_cmp(&b.chi_square(alone)));
     let Some(worst) = worst else {
         return Error::undetermined("the views share no axis");
     };
     let values = alone.drawing.values();
-    let said = |end: &SpacePlace| {
+    let describe = |end: &SpacePlace| {
         format!(
             "the {} view ends at {} = {:.6} ± {:.2e} ({})",
             views[end.view].kind.name(),
@@ -298,10 +312,10 @@ pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyVie
     };
     let chi_square = worst.chi_square(alone);
     Error::input(format!(
-        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one thing, at one scale, \
+        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one object, at one scale, \
          in one frame",
-        said(&worst.a),
-        said(&worst.b),
+        describe(&worst.a),
+        describe(&worst.b),
         chi_square_tail(chi_square, 1)
     ))
 }

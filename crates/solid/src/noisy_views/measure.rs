@@ -1,5 +1,7 @@
-//! Sizes in space with their σ: where a solid's vertices and edges come from in the views, and what is known
-//! of those.
+//! Dimensions in space with σ.
+//!
+//! Vertices and edges of a solid are traced back to coordinates of the views, whose joint covariance is
+//! known.
 
 use super::ConsistentViews;
 use crate::brep::{EdgeCurve, Solid};
@@ -12,47 +14,49 @@ use serde::Serialize;
 pub struct SpaceVertex {
     /// `V1` and so on.
     pub name: String,
-    /// Where it is.
+    /// Position.
     pub position: [f64; 3],
-    /// σ of its coordinates; none where no view shows the coordinate.
+    /// σ of each coordinate; `None` if no view shows the coordinate.
     pub sigma: [Option<f64>; 3],
-    /// What the views show on its coordinates, such as `x of front P1`.
+    /// Points and circles of the views with these coordinates, such as `x of front P1`.
     pub seen_as: Vec<String>,
 }
 
-/// What sort of size.
+/// Kind of a dimension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DimensionKind {
-    /// How far the whole reaches along an axis.
+    /// Extent of the solid along an axis.
     Extent,
-    /// The length of a straight edge.
+    /// Length of a straight edge.
     Length,
-    /// The diameter of a circular edge.
+    /// Diameter of a circular edge.
     Diameter,
 }
 
-/// A size of the solid.
+/// A dimension of the solid.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpaceDimension {
-    /// What sort.
+    /// Kind.
     pub kind: DimensionKind,
-    /// `x`, `V1V2`, or where the circle is.
+    /// `x`, `V1V2`, or the name or position of the circle.
     pub name: String,
-    /// Its value.
+    /// Value.
     pub value: f64,
-    /// Its standard deviation; none where no view shows what it depends on.
+    /// Standard deviation; `None` if no view shows a coordinate on which the dimension depends.
     pub sigma: Option<f64>,
 }
 
-/// Coordinates of a solid's vertices are those of the views within this share of the extent.
+/// Maximum difference between a coordinate of a solid and one of the views, relative to the extent.
+///
+/// The solid is built from exact views, so only rounding and snapping to a grid remain.
 const COINCIDENT: f64 = 1e-6;
 
-/// A linear function of the parameters.
+/// A linear function of the parameters: index and coefficient of each term.
 type Gradient = Vec<(usize, f64)>;
 
 impl ConsistentViews {
-    /// The vertices of a solid that was made from [`Self::exact_views`].
+    /// The vertices of a solid made from [`Self::exact_views`], with σ of their coordinates.
     #[must_use]
     pub fn vertices(&self, solid: &Solid) -> Vec<SpaceVertex> {
         solid
@@ -73,11 +77,14 @@ impl ConsistentViews {
             .collect()
     }
 
-    /// Extents, lengths of straight edges and diameters of circular ones of a solid that was made from
-    /// [`Self::exact_views`], with their standard deviations `√(gᵀ P g)` under the joint covariance of all
-    /// views.
+    /// Extents, lengths of straight edges and diameters of circular edges of a solid made from
+    /// [`Self::exact_views`].
+    ///
+    /// Their standard deviation is `√(gᵀ P g)` with the gradient g and the joint covariance P of all views.
+    /// Each diameter is listed once, although a hole has two circular edges.
     #[must_use]
     pub fn dimensions(&self, solid: &Solid) -> Vec<SpaceDimension> {
+        // σ of an extent needs the covariance of both ends: common errors of a view cancel in the difference.
         let mut found = Vec::new();
         for (axis, levels) in self.levels.iter().enumerate() {
             if let (Some(low), Some(high)) = (levels.first(), levels.last()) {
@@ -95,6 +102,7 @@ impl ConsistentViews {
                 EdgeCurve::Line { .. } => found.push(self.length(solid, edge.start, edge.end)),
                 EdgeCurve::Ellipse { center, a, b } if (norm(*a) - norm(*b)).abs() <= self.same() => {
                     let radius = norm(*a);
+                    // Both ends of a hole, and several holes of one diameter, give one entry.
                     let known = found.iter().any(|d: &SpaceDimension| {
                         d.kind == DimensionKind::Diameter && (d.value - 2.0 * radius).abs() <= self.same()
                     });
@@ -108,6 +116,7 @@ impl ConsistentViews {
         found
     }
 
+    /// The length of an edge between two vertices.
     fn length(&self, solid: &Solid, start: usize, end: usize) -> SpaceDimension {
         let (a, b) = (solid.vertices[start], solid.vertices[end]);
         let along: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
@@ -116,6 +125,8 @@ impl ConsistentViews {
         let mut terms = Vec::new();
         let mut known = true;
         for k in 0..3 {
+            // The length has no first derivative along a coordinate without extent, so this need not be
+            // known.
             let slope = along[k] / length;
             if along[k].abs() <= self.same() {
                 continue;
@@ -135,6 +146,7 @@ impl ConsistentViews {
         }
     }
 
+    /// The diameter of a circle. Its σ is that of a circle of the same radius in the drawing.
     fn diameter(&self, center: [f64; 3], radius: f64) -> SpaceDimension {
         let circle = self
             .drawing
@@ -151,7 +163,7 @@ impl ConsistentViews {
         }
     }
 
-    /// For each coordinate of a point, what the views show there.
+    /// For each coordinate of a point, the places of the views that have this coordinate.
     fn coordinates(&self, position: [f64; 3]) -> [Option<&Vec<Place>>; 3] {
         std::array::from_fn(|axis| {
             let near = self.levels[axis].iter().min_by(|a, b| {
@@ -163,6 +175,7 @@ impl ConsistentViews {
         })
     }
 
+    /// Maximum difference of equal coordinates.
     fn same(&self) -> f64 {
         COINCIDENT * self.drawing.extent()
     }
@@ -171,6 +184,7 @@ impl ConsistentViews {
         place.terms(&self.drawing)
     }
 
+    /// `√(gᵀ P g)`. Rounding may make the variance of merged coordinates slightly negative.
     fn sigma_of(&self, gradient: &Gradient) -> f64 {
         let products = gradient.iter().flat_map(|a| gradient.iter().map(move |b| (a, b)));
         let variance: f64 = products.map(|(&(i, a), &(j, b))| a * b * self.covariance[(i, j)]).sum();
@@ -178,6 +192,7 @@ impl ConsistentViews {
     }
 }
 
+/// Weighted sum of linear functions. Parameters may occur several times; `sigma_of` adds all products.
 fn sum(terms: &[(f64, Gradient)]) -> Gradient {
     let scaled = terms.iter().map(|(factor, gradient)| (factor, gradient));
     scaled

@@ -1,4 +1,4 @@
-//! Consistent contours as the curves of exact views.
+//! Exact views from adjusted contours.
 
 use super::ConsistentViews;
 use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View};
@@ -7,11 +7,12 @@ use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
 impl ConsistentViews {
-    /// The views as a drawing without errors: all that was seen is visible.
+    /// The adjusted views as a drawing without errors. All lines are visible, since sensors see no hidden
+    /// ones.
     ///
     /// # Errors
-    /// `Unsupported` for an ellipse or a line without end, of which no solid of planes and cylinders is made;
-    /// `Input` where what was imposed leaves no contour of its kind.
+    /// `Unsupported` for an ellipse or an infinite line, which no solid of planes and cylinders shows;
+    /// `Input` if the imposed constraints leave no contour of its kind.
     pub fn exact_views(&self) -> Result<Drawing> {
         let mut drawing = Drawing::default();
         for (i, kind) in self.kinds.iter().enumerate() {
@@ -42,13 +43,13 @@ fn outline(kind: &ContourKind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
     }
     if matches!(kind, ContourKind::Ellipse | ContourKind::Line) {
         return Err(Error::unsupported(
-            "needed circles, and outlines of lines and arcs, of which solids of planes and cylinders are \
-             made",
+            "needed circles, or outlines of lines and arcs: only these are views of planes and cylinders",
         ));
     }
     let Some(outline) = kind.outline(theta) else {
         return Ok(Vec::new());
     };
+    // The bulge of a side is tan(θ/4) for the sweep θ of its arc; 0 is a straight side.
     let count = outline.vertices.len();
     let curves = outline.bulges.iter().enumerate().map(|(i, &bulge)| {
         let (a, b) = (outline.vertices[i], outline.vertices[(i + 1) % count]);
@@ -57,7 +58,7 @@ fn outline(kind: &ContourKind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
             return (Curve2::Segment(a, b), name);
         }
         let (center, radius) = arc_circle(a, b, bulge);
-        // Arcs of a view run counter-clockwise.
+        // A negative bulge is a clockwise arc; arcs of a view are counter-clockwise, so it starts at its end.
         let from = if bulge > 0.0 { a } else { b };
         let arc = Curve2::Arc {
             center,

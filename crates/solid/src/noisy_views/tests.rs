@@ -10,12 +10,12 @@ use rand_distr::{Distribution, StandardNormal};
 /// Width, depth and height of the prism.
 const SIZE: [f64; 3] = [40.0, 70.0, 30.0];
 
-/// Each run makes some dozens of tests, none of which may lose a true relation.
+/// Each run makes some dozens of tests, and none of them may reject a true relation.
 const LEVEL: f64 = 1e-3;
 
 fn noisy(kind: ContourKind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) -> EstimatedContour {
     let n = truth.len();
-    // Neighbouring parameters err together, as those of a fit do.
+    // Errors of neighbouring parameters are correlated, as those of a fit are.
     let root = DMatrix::from_fn(n, n, |i, j| sigma * [1.0, 0.4].get(i.abs_diff(j)).copied().unwrap_or(0.0));
     let draws = nalgebra::DVector::from_fn(n, |_, _| StandardNormal.sample(random));
     let off: nalgebra::DVector<f64> = &root * draws;
@@ -23,7 +23,7 @@ fn noisy(kind: ContourKind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) 
         kind,
         theta: truth.iter().zip(off.iter()).map(|(t, o)| t + o).collect(),
         covariance: &root * root.transpose(),
-        seen: None,
+        observed_ends: None,
     }
 }
 
@@ -54,7 +54,7 @@ fn prism(sigma: f64, seed: u64) -> Vec<NoisyView> {
 }
 
 #[test]
-fn a_noisy_prism_becomes_one_solid_whose_sizes_cover_the_truth() {
+fn dimensions_of_a_noisy_prism_cover_the_truth() {
     let runs = 150;
     let (mut inside, mut sizes) = (0, 0);
     let (mut squares, mut lost) = (0.0, 0);
@@ -98,7 +98,7 @@ fn a_noisy_prism_becomes_one_solid_whose_sizes_cover_the_truth() {
 }
 
 #[test]
-fn views_tell_each_other_what_they_know() {
+fn views_share_their_information() {
     // A side view ten times worse than the others: its height is that of the front view.
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let [x, y, z] = SIZE;
@@ -139,16 +139,16 @@ fn a_cylinder_is_seen_as_a_circle_and_two_rectangles() {
 }
 
 #[test]
-fn views_that_do_not_agree_are_told_by_name() {
-    let said = |views: &[NoisyView]| match_views(views, &MatchOptions::default()).unwrap_err().to_string();
+fn inconsistent_views_are_rejected_by_name() {
+    let message = |views: &[NoisyView]| match_views(views, &MatchOptions::default()).unwrap_err().to_string();
     let views = prism(0.05, 1);
-    assert!(said(&views[..1]).contains("needed two or three views"));
-    assert!(said(&[views[0].clone(), views[0].clone()]).contains("two front views"));
+    assert!(message(&views[..1]).contains("needed two or three views"));
+    assert!(message(&[views[0].clone(), views[0].clone()]).contains("two front views"));
     // The top view at a scale of 1.1.
     let mut random = ChaCha8Rng::seed_from_u64(2);
     let large =
         view(ViewKind::Top, &[noisy(ContourKind::Polygon(4), &box_of(44.0, 77.0), 0.05, &mut random)]);
-    let refused = said(&[views[0].clone(), large]);
+    let refused = message(&[views[0].clone(), large]);
     assert!(
         refused.contains("the front view ends at x = ")
             && refused.contains("the top view ends at x = 4")
@@ -158,5 +158,5 @@ fn views_that_do_not_agree_are_told_by_name() {
     let ellipse = noisy(ContourKind::Ellipse, &[0.0, 0.0, 20.0, 10.0, 0.0], 0.01, &mut random);
     let round =
         NoisyView { kind: ViewKind::Top, sketch: Sketch::new(&[ellipse]).unwrap(), constraints: Vec::new() };
-    assert!(said(&[views[0].clone(), round]).contains("the top view has no corners or circles"));
+    assert!(message(&[views[0].clone(), round]).contains("the top view has no corners or circles"));
 }

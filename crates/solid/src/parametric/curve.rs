@@ -1,12 +1,15 @@
-//! Curves of edges, and the points that stand for them.
+//! Curves of edges: points, derivatives, nearest points, and division into chords.
 
 use super::{Fineness, SplineCurve};
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
 use std::f64::consts::{FRAC_PI_6, TAU};
 
-/// Halvings of a piece between two breaks.
+/// Maximum number of halvings of a piece between two breaks. It bounds the number of chords.
 const DEEPEST: usize = 14;
-/// Places on each piece of a spline among which the nearest point is looked for, a degree.
+/// Number of samples on each piece of a spline, times its degree, from which the nearest point is searched.
+///
+/// A piece of degree p has few turns; more samples than turns make it unlikely that the nearest one is
+/// missed.
 const PLACES: usize = 4;
 
 /// A curve in space.
@@ -14,36 +17,36 @@ const PLACES: usize = 4;
 pub enum ParametricCurve {
     /// `origin + t along`.
     Line {
-        /// The point of parameter 0.
+        /// The point at parameter 0.
         origin: [f64; 3],
-        /// The derivative, of any length.
+        /// Derivative, of any length.
         along: [f64; 3],
     },
     /// `center + a cos t + b sin t`, the axes orthogonal.
     Ellipse {
-        /// The centre.
+        /// Centre.
         center: [f64; 3],
-        /// Half an axis.
+        /// Semi-axis at parameter 0.
         a: [f64; 3],
-        /// The other.
+        /// Semi-axis at parameter π/2.
         b: [f64; 3],
     },
     /// `center + a cosh t + b sinh t`, the axes orthogonal.
     Hyperbola {
-        /// The centre.
+        /// Centre.
         center: [f64; 3],
-        /// Towards the branch.
+        /// Semi-axis towards the vertex of the branch.
         a: [f64; 3],
-        /// Across.
+        /// Semi-axis across it.
         b: [f64; 3],
     },
     /// `vertex + t² a + 2 t b`, the axes orthogonal and of the focal length.
     Parabola {
-        /// The vertex.
+        /// Vertex.
         vertex: [f64; 3],
-        /// Towards the focus.
+        /// Axis towards the focus.
         a: [f64; 3],
-        /// Across.
+        /// Axis across it.
         b: [f64; 3],
     },
     /// A rational B-spline.
@@ -51,13 +54,20 @@ pub enum ParametricCurve {
 }
 
 impl ParametricCurve {
-    /// The point of a parameter.
+    /// The point at a parameter.
     #[must_use]
     pub fn point(&self, t: f64) -> [f64; 3] {
         self.at(t).0
     }
 
-    /// The point of a parameter, and the derivative there. A closed spline goes on beyond its ends.
+    /// The point and the derivative at a parameter. A closed spline continues periodically beyond its ends.
+    ///
+    /// ```
+    /// use planish_solid::parametric::ParametricCurve;
+    ///
+    /// let line = ParametricCurve::Line { origin: [1.0, 0.0, 0.0], along: [0.0, 2.0, 0.0] };
+    /// assert_eq!(line.at(1.5), ([1.0, 3.0, 0.0], [0.0, 2.0, 0.0]));
+    /// ```
     #[must_use]
     pub fn at(&self, t: f64) -> ([f64; 3], [f64; 3]) {
         let pair = |p: [f64; 3], x: [f64; 2], a: [f64; 3], y: [f64; 2], b: [f64; 3]| {
@@ -78,7 +88,7 @@ impl ParametricCurve {
         }
     }
 
-    /// By how much the parameter comes back to the same point, of closed curves.
+    /// Period of the parameter of a closed curve.
     #[must_use]
     pub fn period(&self) -> Option<f64> {
         match self {
@@ -88,8 +98,16 @@ impl ParametricCurve {
         }
     }
 
-    /// The parameter of the point nearest to a place; near `guess`, where a curve that is given in pieces
-    /// passes by more than once.
+    /// Parameter of the point of the curve nearest to `p`. On a spline, `guess` is one more starting point.
+    ///
+    /// On conics, it is exact only for points of the curve: it follows from the coordinates along the axes.
+    ///
+    /// ```
+    /// use planish_solid::parametric::ParametricCurve;
+    ///
+    /// let line = ParametricCurve::Line { origin: [1.0, 0.0, 0.0], along: [0.0, 2.0, 0.0] };
+    /// assert_eq!(line.parameter([7.0, 3.0, 0.0], None), 1.5);
+    /// ```
     #[must_use]
     pub fn parameter(&self, p: [f64; 3], guess: Option<f64>) -> f64 {
         let along =
@@ -103,8 +121,11 @@ impl ParametricCurve {
         }
     }
 
-    /// The parameter at which `residual` of the point is shortest. `turned` is the derivative of the residual
-    /// for the point's derivative.
+    /// The parameter at which `residual` of the point is shortest. `turned` maps a derivative of the point to
+    /// that of the residual.
+    ///
+    /// Gauss–Newton steps start at all local minima among the samples, because a curve may pass a point
+    /// several times.
     pub(super) fn nearest(
         &self,
         residual: &dyn Fn([f64; 3]) -> [f64; 3],
@@ -120,6 +141,8 @@ impl ParametricCurve {
         let inside = |t: f64| if period.is_some() { t } else { t.clamp(lo, hi) };
         let refine = |mut t: f64| {
             let mut value = square(t);
+            // Gauss–Newton without second derivatives: it converges quadratically for points on the curve,
+            // which is the usual case for ends of edges.
             for _ in 0..40 {
                 let (q, d) = self.at(t);
                 let (r, d) = (residual(q), turned(d));
@@ -142,6 +165,7 @@ impl ParametricCurve {
             }
             (value, t)
         };
+        // The guess is refined first. The best result is taken, so a wrong guess does no harm.
         let mut starts: Vec<f64> = guess.into_iter().collect();
         let places = self.places();
         let values: Vec<f64> = places.iter().map(|t| square(*t)).collect();
@@ -155,7 +179,7 @@ impl ParametricCurve {
         best.map_or(lo, |(_, t)| t)
     }
 
-    /// The range in which it is looked at where nothing else bounds it.
+    /// Range of the parameter. Unbounded curves have a nominal range, used only for samples.
     #[must_use]
     pub fn domain(&self) -> [f64; 2] {
         match self {
@@ -166,7 +190,7 @@ impl ParametricCurve {
         }
     }
 
-    /// Parameters all along the domain, close enough for every turn to show.
+    /// Parameters of samples along the domain.
     fn places(&self) -> Vec<f64> {
         let breaks = self.breaks(self.domain());
         let each = match self {
@@ -181,17 +205,22 @@ impl ParametricCurve {
         found
     }
 
-    /// Parameters in a range at which it is looked at first, both ends included: where pieces meet, every 30°
-    /// of an ellipse.
+    /// Parameters that divide a range before any error is tested, including both ends: where pieces of a
+    /// spline meet, and every 30° of an ellipse.
+    ///
+    /// Tests at a few points of a long range could miss a bend, or find a symmetric curve straight.
     pub(super) fn breaks(&self, [from, to]: [f64; 2]) -> Vec<f64> {
         let even =
             |n: usize| -> Vec<f64> { (0..=n).map(|k| from + (to - from) * k as f64 / n as f64).collect() };
         match self {
             Self::Line { .. } => vec![from, to],
+            // The bound keeps ranges of many turns, which damaged files may contain, from using all memory.
             Self::Ellipse { .. } => even((((to - from) / FRAC_PI_6).ceil() as usize).clamp(2, 1000)),
             Self::Hyperbola { .. } | Self::Parabola { .. } => even(8),
             Self::Spline(spline) => {
                 let own = spline.breaks();
+                // A range of a closed spline may begin anywhere and cross the seam, so its knots are
+                // repeated.
                 let shifts: Vec<f64> = match self.period() {
                     Some(period) => {
                         let first = ((from - own[0]) / period).floor();
@@ -214,11 +243,14 @@ impl ParametricCurve {
         }
     }
 
-    /// The range of an edge between two points; `is_closed` where they are one. Ascending, whichever way the
-    /// edge runs.
+    /// Range of the parameter between two points; with `is_closed`, both are the same point.
+    ///
+    /// On a periodic curve it is ascending. On others, the ends are the parameters of the points, in this
+    /// order.
     #[must_use]
     pub fn range(&self, [from, to]: [[f64; 3]; 2], is_closed: bool) -> [f64; 2] {
         let first = self.parameter(from, None);
+        // Equal ends of an open periodic range mean a whole turn, not none.
         match self.period() {
             Some(period) if is_closed => [first, first + period],
             Some(period) => {
@@ -230,8 +262,18 @@ impl ParametricCurve {
         }
     }
 
-    /// Parameters within a range, its ends left out, whose points' chords miss the curve by half of the chord
-    /// tolerance at most and are no longer than the longest edge.
+    /// Parameters that divide a range into chords, without its ends.
+    ///
+    /// The error of a chord is at most half of the tolerance, because the triangles at the edge add theirs.
+    /// Its length is at most the maximum side.
+    ///
+    /// ```
+    /// use planish_solid::parametric::{Fineness, ParametricCurve};
+    ///
+    /// let line = ParametricCurve::Line { origin: [0.0; 3], along: [1.0, 0.0, 0.0] };
+    /// let fineness = Fineness { chord: 0.1, longest: 3.0 };
+    /// assert_eq!(line.chords([0.0, 4.0], &fineness), [2.0]);
+    /// ```
     #[must_use]
     pub fn chords(&self, range: [f64; 2], fineness: &Fineness) -> Vec<f64> {
         let [from, to] = range;
@@ -243,12 +285,14 @@ impl ParametricCurve {
             found.push(pair[1]);
         }
         found.pop();
+        // Divided in the ascending direction, so that an edge has the same points in both directions.
         if is_back {
             found.reverse();
         }
         found
     }
 
+    /// Halves a range until its chord is short and accurate, and collects the parameters.
     fn halve(&self, [from, to]: [f64; 2], fineness: &Fineness, depth: usize, found: &mut Vec<f64>) {
         let (a, b) = (self.point(from), self.point(to));
         let chord = sub(b, a);
@@ -258,6 +302,7 @@ impl ParametricCurve {
             let along = (dot(d, chord) / square).clamp(0.0, 1.0);
             norm(add_scaled(d, -along, chord)) > 0.5 * fineness.chord
         };
+        // Three points are tested: the middle alone would find an S-shaped piece straight.
         let is_long = square.sqrt() > fineness.longest;
         let is_line = matches!(self, Self::Line { .. });
         if depth > 0 && (is_long || !is_line && [0.25, 0.5, 0.75].into_iter().any(misses)) {
@@ -286,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn nearest_parameters_of_points_beside_the_curve_are_theirs() {
+    fn parameters_of_points_on_curves_are_recovered() {
         let shapes = [
             ParametricCurve::Line { origin: [1.0, 2.0, 3.0], along: [0.5, -2.0, 0.25] },
             ParametricCurve::Ellipse { center: [1.0, 0.0, 0.0], a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
@@ -307,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn chords_keep_to_the_curve_and_below_the_longest() {
+    fn chords_satisfy_the_tolerance_and_the_maximum_length() {
         let fineness = Fineness { chord: 1e-3, longest: 0.2 };
         let curve = wave();
         let period = curve.period().expect("closed");

@@ -1,16 +1,20 @@
-//! Loops of mesh vertices, brought to the parameters of a surface point by point.
+//! Projects loops of mesh vertices to the parameters of a surface, point by point.
 
 use super::surface::{Feet, Pole};
 use crate::tessellation::polygon::Corner;
 use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};
 
-/// A point this near to a pole, of its loop's size, is it.
+/// Maximum distance of a point that counts as a pole, relative to the size of its loop.
+///
+/// Near a pole, one parameter has large errors; a smaller value would use it for inaccurate files.
 const AT_POLE: f64 = 1e-6;
-/// Edges may be off the surface by this much of their loop's size.
+/// Maximum distance of edges from the surface, relative to the size of their loop.
+///
+/// A larger value accepts edges of another surface; a smaller one rejects faces of inaccurate files.
 const MAX_OFF: f64 = 1e-3;
 
-/// A loop of vertices, the face to its left along the surface's normal.
+/// A loop of vertices, with the face on its left seen against the normal of the surface.
 #[derive(Debug, Clone)]
 pub(super) struct Ring {
     pub(super) vertices: Vec<u32>,
@@ -19,14 +23,15 @@ pub(super) struct Ring {
 }
 
 impl Ring {
-    /// The other way round.
+    /// Reverses the direction of the loop.
     pub(super) fn reverse(&mut self) {
         self.vertices.reverse();
+        // `along[k]` leads from vertex k to the next one, which is another one after the reversal.
         self.along.reverse();
         self.along.rotate_left(1);
     }
 
-    /// Whether it runs along an edge twice, once each way.
+    /// True if the loop uses an edge twice, once in each direction.
     pub(super) fn has_seam(&self) -> bool {
         let mut edges = self.along.clone();
         edges.dedup();
@@ -40,36 +45,38 @@ impl Ring {
     }
 }
 
-/// A loop in parameters, which do not jump by a period from corner to corner.
+/// A loop in parameters, which are continuous: they do not jump by a period from corner to corner.
 #[derive(Debug, Clone)]
 pub(super) struct Lifted {
     pub(super) corners: Vec<Corner>,
-    /// Periods between the last corner's successor and the first.
+    /// Number of periods by which the parameters differ after one round.
     pub(super) windings: [i32; 2],
 }
 
-/// What loops are lifted to.
+/// Projects loops to the parameters of one surface.
 pub(super) struct Lifter<'a> {
     pub(super) feet: Feet<'a>,
     pub(super) periods: [Option<f64>; 2],
     pub(super) poles: Vec<Pole>,
-    /// A foot that is this near is that of its point.
+    /// Distance below which a foot point is accepted without a search of the whole surface.
     pub(super) close: f64,
 }
 
 impl Lifter<'_> {
-    /// A loop in parameters.
+    /// Projects a loop. Each point starts from the parameters of the previous one.
     ///
     /// # Errors
-    /// `Unsupported` where it leaves the surface, or is at poles alone.
+    /// `Unsupported` if the loop leaves the surface, or contains only poles.
     pub(super) fn lift(&mut self, ring: &Ring, positions: &[[f64; 3]]) -> Result<Lifted> {
         let points: Vec<[f64; 3]> = ring.vertices.iter().map(|v| positions[*v as usize]).collect();
         let n = points.len();
         let size = points.iter().map(|p| distance(*p, points[0])).fold(0.0, f64::max);
         let pole_at = |p: [f64; 3]| self.poles.iter().find(|pole| distance(p, pole.point) <= AT_POLE * size);
         let at_pole: Vec<Option<Pole>> = points.iter().map(|p| pole_at(*p).copied()).collect();
+        // At a pole, one parameter is undetermined, so the loop begins at another point. A pole gets two
+        // corners: with the parameter of the point before it, and with that of the point after it.
         let Some(start) = at_pole.iter().position(Option::is_none) else {
-            return Err(Error::unsupported("a loop of it has no point off the surface's poles"));
+            return Err(Error::unsupported("a loop consists only of poles of the surface"));
         };
         let mut corners: Vec<Corner> = Vec::with_capacity(n);
         let mut first = [0.0; 2];
@@ -83,6 +90,8 @@ impl Lifter<'_> {
                 corners.push(Corner { vertex, at });
                 continue;
             }
+            // The previous parameters are the guess: on a surface that passes nearby twice, the loop then
+            // stays on its part.
             let mut at = self.foot(points[k], last, size)?;
             let before = (k + n - 1) % n;
             if let (Some(pole), Some(last)) = (at_pole[before], last) {
@@ -107,19 +116,20 @@ impl Lifter<'_> {
             }
             corners.push(Corner { vertex, at });
         }
-        Err(Error::unsupported("a loop of it does not close"))
+        Err(Error::unsupported("a loop does not close"))
     }
 
+    /// Parameters of the foot point of a point.
     fn foot(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, size: f64) -> Result<[f64; 2]> {
         let at = self.feet.foot(p, guess, self.close);
         let off = distance(p, self.feet.surface().point(at));
         match off <= (MAX_OFF * size).max(100.0 * self.close) {
             true => Ok(at),
-            false => Err(Error::unsupported(format!("a loop of it is {off:.3e} off its surface"))),
+            false => Err(Error::unsupported(format!("a loop is {off:.3e} off its surface"))),
         }
     }
 
-    /// Parameters by whole periods nearest to others.
+    /// Parameters shifted by whole periods to be nearest to others.
     fn near(&self, last: [f64; 2], at: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|c| match self.periods[c] {
             Some(period) => at[c] - period * ((at[c] - last[c]) / period).round(),
@@ -127,8 +137,10 @@ impl Lifter<'_> {
         })
     }
 
-    /// Where a loop that went into a pole comes out of it: the face to its left says which way it went along
-    /// the pole.
+    /// The free parameter at which a loop leaves a pole.
+    ///
+    /// The face is on the left of the loop, which determines the direction along the pole. At a seam the loop
+    /// goes along the whole pole; else, equal parameters mean that it does not move along it.
     fn past(&self, pole: &Pole, last: [f64; 2], at: [f64; 2], is_seam: bool) -> f64 {
         let k = 1 - pole.constant;
         let Some(period) = self.periods[k] else {

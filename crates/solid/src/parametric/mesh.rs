@@ -1,4 +1,4 @@
-//! Triangles of all faces.
+//! Triangulation of all faces.
 
 use super::lifted::Ring;
 use super::outline::Outliner;
@@ -9,57 +9,62 @@ use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// A face that needs more points than this is left out.
+/// Maximum number of points of a face. It bounds time and memory; faces that need more are skipped.
 const MAX_POINTS: usize = 2_000_000;
-/// How often edges of a face that cannot be filled are cut finer.
+/// Maximum number of times that the edges of a face are divided into finer chords if it cannot be filled.
+///
+/// Coarse chords of neighbouring edges may cross. Each attempt costs a triangulation of the faces concerned.
 const TRIES: u8 = 3;
 
-/// Faces that hang together, as triangles.
+/// The triangles of faces that are connected by edges.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Part {
     /// Positions.
     pub positions: Vec<[f64; 3]>,
     /// Triangles, counter-clockwise as seen from the outer side.
     pub triangles: Vec<[u32; 3]>,
-    /// The faces that it is of, ascending.
+    /// Indices of its faces, ascending.
     pub faces: Vec<usize>,
 }
 
 /// A face without triangles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkippedFace {
-    /// The face's index.
+    /// Index of the face.
     pub face: usize,
-    /// Why, for people.
+    /// The reason, as a message.
     pub reason: String,
 }
 
-/// All faces as triangles.
+/// The triangles of all faces.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Meshed {
     /// Faces that share edges, in the order of their first face.
     pub parts: Vec<Part>,
     /// Faces that could not be filled.
-    pub left_out: Vec<SkippedFace>,
+    pub skipped: Vec<SkippedFace>,
 }
 
-/// Numbers of a face's own points begin here, those of edges' points at 0.
+/// Bit that marks indices of the inner points of a face; indices without it are points of edges.
+///
+/// Faces are triangulated in parallel, so indices of their inner points are not known before all are done.
 const OWN: u32 = 1 << 31;
 
-/// Triangles of one face, corners numbered among the points of edges and its own.
+/// Triangles of one face. Corners are indices of points of edges or, with [`OWN`], of inner points.
 #[derive(Debug, Clone, Default)]
 struct Filled {
     own: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
-/// Points along edges: those of vertices come first.
+/// Points along edges; the vertices come first.
 struct EdgePoints {
     positions: Vec<[f64; 3]>,
     of_edge: Vec<Vec<u32>>,
 }
 
 impl EdgePoints {
+    /// Divides an edge into chords. Points of an earlier division stay unused.
     fn cut(&mut self, shape: &ParametricShape, index: usize, fineness: &Fineness) {
         let edge = &shape.edges[index];
         let mut points = vec![edge.ends[0] as u32];
@@ -72,7 +77,7 @@ impl EdgePoints {
         self.of_edge[index] = points;
     }
 
-    /// A loop with the face to its left along the surface's normal.
+    /// A loop as vertices, with the face on its left seen against the normal of the surface.
     fn ring(&self, coedges: &[(usize, bool)], is_outward: bool) -> Ring {
         let mut ring = Ring { vertices: Vec::new(), along: Vec::new() };
         let mut end = None;
@@ -81,7 +86,8 @@ impl EdgePoints {
             if !forward {
                 points.reverse();
             }
-            // Where the edge before ended elsewhere, its end is a corner of its own.
+            // If the previous edge ended at another vertex, the file has a gap there. Both ends become
+            // corners, which closes the gap by a straight side.
             if let Some(end) = end.filter(|e| Some(e) != points.first()) {
                 ring.vertices.push(end);
                 ring.along.push(edge);
@@ -96,6 +102,7 @@ impl EdgePoints {
             ring.vertices.push(end);
             ring.along.push(usize::MAX);
         }
+        // Edges without length leave equal neighbours.
         let mut k = 0;
         while k < ring.vertices.len() && ring.vertices.len() > 1 {
             let next = ring.vertices[(k + 1) % ring.vertices.len()];
@@ -113,7 +120,7 @@ impl EdgePoints {
     }
 }
 
-/// Points of an edge between its ends, as it runs.
+/// Points of an edge between its ends, in its direction.
 fn inner_points(shape: &ParametricShape, edge: &ParametricEdge, fineness: &Fineness) -> Vec<[f64; 3]> {
     let [a, b] = edge.ends.map(|v| shape.vertices[v]);
     let is_closed = edge.ends[0] == edge.ends[1];
@@ -130,17 +137,48 @@ fn inner_points(shape: &ParametricShape, edge: &ParametricEdge, fineness: &Finen
 }
 
 impl ParametricShape {
-    /// Triangles of every face that can be filled.
+    /// Triangulates every face that can be filled. Other faces are listed with the reason.
+    ///
+    /// ```
+    /// use planish_solid::brep::FaceSurface;
+    /// use planish_solid::parametric::{
+    ///     Fineness, ParametricCurve, ParametricEdge, ParametricFace, ParametricShape, ParametricSurface,
+    /// };
+    ///
+    /// // A unit square in the plane z = 0.
+    /// let vertices = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let edge = |k: usize| {
+    ///     let (a, b) = (vertices[k], vertices[(k + 1) % 4]);
+    ///     let along = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    ///     let curve = ParametricCurve::Line { origin: a, along };
+    ///     ParametricEdge { curve, ends: [k, (k + 1) % 4], is_forward: true }
+    /// };
+    /// let (normal, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
+    /// let face = ParametricFace {
+    ///     name: "square".to_owned(),
+    ///     surface: ParametricSurface::Elementary(FaceSurface::Plane { origin: [0.0; 3], normal, x }),
+    ///     is_outward: true,
+    ///     loops: vec![(0..4).map(|k| (k, true)).collect()],
+    /// };
+    /// let edges = (0..4).map(edge).collect();
+    /// let shape = ParametricShape { vertices: vertices.clone(), edges, faces: vec![face] };
+    /// let meshed = shape.triangles(&Fineness { chord: 0.01, longest: f64::INFINITY })?;
+    /// assert!(meshed.skipped.is_empty());
+    /// assert_eq!(meshed.parts[0].triangles.len(), 2);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) for a fineness that is not positive, and for indices
-    /// that do not exist.
+    /// [`Input`](planish_estimate::ErrorKind::Input) if the fineness is not positive, or an index does not
+    /// exist.
     pub fn triangles(&self, fineness: &Fineness) -> Result<Meshed> {
         self.check(fineness)?;
         let mut points =
             EdgePoints { positions: self.vertices.clone(), of_edge: vec![Vec::new(); self.edges.len()] };
         let mut cuts = vec![0_u8; self.edges.len()];
         let mut filled: Vec<Option<Result<Filled>>> = (0..self.faces.len()).map(|_| None).collect();
+        // If a face cannot be filled, all of its edges get finer chords. Its neighbours share these edges and
+        // are filled again, so that their triangles still match.
         let mut stale: Vec<usize> = (0..self.edges.len()).collect();
         for attempt in 0..=TRIES {
             for edge in std::mem::take(&mut stale) {
@@ -159,6 +197,7 @@ impl ParametricShape {
                 }
                 filled[face] = Some(result);
             }
+            // Sorted, so that new points have the same numbers in every run.
             stale.sort_unstable();
             stale.dedup();
             if stale.is_empty() {
@@ -176,6 +215,7 @@ impl ParametricShape {
         Ok(self.gather(filled, &points))
     }
 
+    /// Tests the fineness and all indices.
     fn check(&self, fineness: &Fineness) -> Result<()> {
         if !(fineness.chord > 0.0 && fineness.chord.is_finite() && fineness.longest > 0.0) {
             return Err(Error::input(format!(
@@ -194,7 +234,7 @@ impl ParametricShape {
         }
     }
 
-    /// The triangles of one face.
+    /// Triangulates one face.
     fn fill(&self, face: &ParametricFace, points: &EdgePoints, fineness: &Fineness) -> Result<Filled> {
         let mut rings: Vec<Ring> = face
             .loops
@@ -202,13 +242,16 @@ impl ParametricShape {
             .map(|l| points.ring(l, face.is_outward))
             .filter(|ring| !ring.vertices.is_empty())
             .collect();
-        // A loop of one vertex marks a pole, and one of two has nothing in it.
+        // Loops that enclose nothing: one vertex, as some programs write at a pole, or one edge back and
+        // forth.
         rings.retain(|ring| {
             ring.vertices.len() > 2 || ring.vertices.len() == 2 && ring.along[0] != ring.along[1]
         });
         if rings.is_empty() && face.loops.iter().any(|l| !l.is_empty()) && face.surface.poles().is_empty() {
-            return Err(Error::unsupported("its loops have less than three points"));
+            return Err(Error::unsupported("its loops have fewer than three points"));
         }
+        // A numbering of its own for each face, so that the triangulation does not depend on the other faces
+        // and faces can be filled in parallel.
         let mut local_of: HashMap<u32, u32> = HashMap::new();
         let mut global = Vec::new();
         for v in rings.iter_mut().flat_map(|r| &mut r.vertices) {
@@ -227,13 +270,13 @@ impl ParametricShape {
             on_surface: &|at| face.surface.point([at[0] / steps[0], at[1] / steps[1]]),
             is_flat: face.surface.is_plane(),
             tolerance: fineness.chord,
-            most_points: MAX_POINTS,
+            max_points: MAX_POINTS,
         };
         let mut triangles = filling.triangles(&mut positions)?;
-        // At a pole some have two corners in it.
+        // At a pole, several corners are one vertex, and triangles between these are degenerate.
         triangles.retain(|[a, b, c]| a != b && b != c && c != a);
         if triangles.is_empty() {
-            return Err(Error::unsupported("its loops enclose nothing"));
+            return Err(Error::unsupported("its loops enclose no area"));
         }
         let shared = global.len();
         for t in &mut triangles {
@@ -249,7 +292,7 @@ impl ParametricShape {
         Ok(Filled { own, triangles })
     }
 
-    /// Faces that share edges put together, each with the vertices that it uses.
+    /// Combines the faces of each connected set into a part, with the vertices that it uses.
     fn gather(&self, filled: Vec<Option<Result<Filled>>>, points: &EdgePoints) -> Meshed {
         let mut meshed = Meshed::default();
         let mut good: Vec<Option<Filled>> = Vec::with_capacity(filled.len());
@@ -258,7 +301,7 @@ impl ParametricShape {
                 Some(Ok(filled)) => Some(filled),
                 Some(Err(e)) => {
                     let reason = e.to_string();
-                    meshed.left_out.push(SkippedFace { face, reason });
+                    meshed.skipped.push(SkippedFace { face, reason });
                     None
                 }
                 None => None,
@@ -271,6 +314,7 @@ impl ParametricShape {
                 let Some(filled) = good[face].take() else {
                     continue;
                 };
+                // Inner points of the previous face have the same indices as those of this one.
                 new_of.retain(|v, _| v & OWN == 0);
                 for t in filled.triangles {
                     part.triangles.push(t.map(|v| {
@@ -290,7 +334,7 @@ impl ParametricShape {
         meshed
     }
 
-    /// Faces that have triangles, by what shares an edge.
+    /// Sets of faces with triangles that are connected by edges, in the order of their first face.
     fn together(&self, good: &[Option<Filled>]) -> Vec<Vec<usize>> {
         let mut faces_of: Vec<Vec<usize>> = vec![Vec::new(); self.edges.len()];
         for (index, face) in self.faces.iter().enumerate().filter(|(k, _)| good[*k].is_some()) {

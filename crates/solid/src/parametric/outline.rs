@@ -1,8 +1,8 @@
-//! What a face covers of its surface's parameters: polygons without jumps.
+//! The region of a face in the parameters of its surface, as polygons without jumps.
 //!
-//! Input: loops in parameters. Output: polygons; a point in an odd number of them is in the face. Two
-//! loops that wind around are cut open along a bridge, which both sides of the cut share; where the face
-//! holds a pole, or all of a closed surface, loops are made for it.
+//! Input: loops in parameters. Output: polygons; a point in an odd number of them is in the face. Two loops
+//! that wind around are joined by a bridge, whose two sides have the same vertices. If the face contains a
+//! pole, or all of a closed surface, loops are added for these.
 
 use super::lifted::{Lifted, Lifter, Ring};
 use super::surface::{Feet, ParametricSurface};
@@ -13,20 +13,22 @@ use crate::tessellation::polygon::{
 use planish_estimate::vector3::{distance, norm};
 use planish_estimate::{Error, Result};
 
-/// Corners of the loop that stands for a pole.
+/// Number of corners of the loop that represents a pole; all of them are one vertex.
 const AROUND_POLE: usize = 24;
-/// Most sides of a line of one parameter.
+/// Maximum number of sides of a line of one parameter. It bounds the number of points.
 const MAX_SIDES: usize = 4096;
 
 /// The polygons of a face.
 pub(super) struct Outline {
-    /// In lengths: parameters times `steps`.
+    /// Polygons in lengths: parameters times `steps`.
     pub(super) polygons: Vec<Vec<Corner>>,
-    /// Mean lengths of the surface's steps along its parameters.
+    /// Mean lengths of the derivatives of the surface along its parameters.
+    ///
+    /// Triangulated in plain parameters, a long thin cylinder would get long thin triangles.
     pub(super) steps: [f64; 2],
 }
 
-/// Makes the polygons of a face. Points that are added come last among the positions.
+/// Makes the polygons of a face. Added points are appended to the positions.
 pub(super) struct Outliner<'a> {
     surface: &'a ParametricSurface,
     lifter: Lifter<'a>,
@@ -50,12 +52,12 @@ impl<'a> Outliner<'a> {
         Self { surface, lifter, fineness, positions }
     }
 
-    /// The polygons of a face within loops that have it to their left.
+    /// The polygons of a face from loops that have it on their left.
     pub(super) fn outline(&mut self, rings: &[Ring]) -> Result<Outline> {
         let lifted: Result<Vec<Lifted>> =
             rings.iter().map(|ring| self.lifter.lift(ring, self.positions)).collect();
-        // A loop along both sides of a seam goes around what is in it, whichever way it runs; some files have
-        // that wrong.
+        // A loop along both sides of a seam encloses the face, whatever its direction. Some files state the
+        // wrong one.
         let is_seamed = rings.iter().any(Ring::has_seam);
         let mut polygons = self.polygons(lifted?, is_seamed)?;
         let periods = self.lifter.periods;
@@ -70,10 +72,14 @@ impl<'a> Outliner<'a> {
         Ok(Outline { polygons, steps })
     }
 
+    /// The polygons, by the number of loops that wind around.
     fn polygons(&mut self, loops: Vec<Lifted>, is_seamed: bool) -> Result<Vec<Vec<Corner>>> {
         if loops.iter().any(|l| l.windings[0] != 0 && l.windings[1] != 0) {
-            return Err(Error::unsupported("a loop of it winds around both ways"));
+            return Err(Error::unsupported("a loop winds around along both parameters"));
         }
+        // Loops that wind around both parameters of a torus would need a cut along both, which is not
+        // supported.
+        // `k` is the parameter around which loops wind.
         let along = [0, 1].into_iter().find(|k| loops.iter().any(|l| l.windings[*k] != 0));
         let Some(k) = along else {
             return self.unwound(loops.into_iter().map(|l| l.corners).collect(), is_seamed);
@@ -88,7 +94,7 @@ impl<'a> Outliner<'a> {
             around.push((!around[0].0, pole));
         } else if n != 2 {
             return Err(Error::unsupported(format!(
-                "{n} of its loops run around it: needed none, one or two"
+                "{n} loops run around the surface: needed none, one or two"
             )));
         }
         let pair = self.upright(k, around)?;
@@ -98,19 +104,20 @@ impl<'a> Outliner<'a> {
         Ok(polygons)
     }
 
-    /// Two loops around, one that runs on and one that runs back, the face between them to their left.
+    /// Two loops around, the first with an increasing and the second with a decreasing parameter, so that the
+    /// face between them is on their left.
     fn upright(&self, k: usize, around: Vec<(bool, Vec<Corner>)>) -> Result<[Vec<Corner>; 2]> {
         let across = 1 - k;
         let mean = |l: &Vec<Corner>| l.iter().map(|c| c.at[across]).sum::<f64>() / l.len() as f64;
         let mut sorted = around;
         if self.lifter.periods[across].is_some() {
             if sorted[0].0 == sorted[1].0 {
-                return Err(Error::unsupported("two of its loops run around it the same way"));
+                return Err(Error::unsupported("two loops run around the surface in the same direction"));
             }
             sorted.sort_by_key(|(is_on, _)| !is_on);
         } else {
-            // Only one part lies between two loops: which way they run says nothing more, and is wrong in
-            // some files.
+            // Only one region lies between the two loops, so their direction adds no information. Some files
+            // state the wrong one; it is derived from the order.
             sorted.sort_by(|a, b| mean(&a.1).total_cmp(&mean(&b.1)));
             if k == 1 {
                 sorted.reverse();
@@ -124,6 +131,7 @@ impl<'a> Outliner<'a> {
         let mut rest = sorted.into_iter().map(|(_, corners)| corners);
         match (rest.next(), rest.next()) {
             (Some(on), Some(mut back)) => {
+                // On a torus, the second loop is moved by whole periods to be the next one on the left.
                 if let Some(period) = self.lifter.periods[across] {
                     let up = if k == 0 { 1.0 } else { -1.0 };
                     let apart = up * (mean(&back) - mean(&on));
@@ -134,14 +142,15 @@ impl<'a> Outliner<'a> {
                 }
                 Ok([on, back])
             }
-            _ => Err(Error::unsupported("needed two loops around it")),
+            _ => Err(Error::unsupported("needed two loops around the surface")),
         }
     }
 
-    /// The loop that stands for the pole on the side of a loop around, to its left where there are two.
+    /// The loop that represents the pole beside a loop around; if there are two poles, the one on its left.
     fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
         let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
+        // A cone has only one pole, so the stated direction of its loop is not needed to choose it.
         match of(!is_above).or(of(is_above)).copied() {
             Some(pole) => {
                 let vertex = self.positions.len() as u32;
@@ -149,12 +158,12 @@ impl<'a> Outliner<'a> {
                 Ok(self.around(k, pole.value, AROUND_POLE, |_, _| vertex))
             }
             None => Err(Error::unsupported(
-                "one loop runs around it, and it has no pole where the face could end",
+                "one loop runs around the surface, which has no pole where the face could end",
             )),
         }
     }
 
-    /// Corners along a period of one parameter, the other constant; running on.
+    /// Corners along a period of one parameter, ascending; the other parameter is constant.
     fn around(
         &mut self,
         k: usize,
@@ -173,12 +182,11 @@ impl<'a> Outliner<'a> {
             .collect()
     }
 
-    /// A face none of whose loops winds around: within the outer one, or what holes leave of a closed
-    /// surface, or all of it.
+    /// The polygons of a face without loops that wind around: the inside of the outer loop, or a closed
+    /// surface without its holes, or all of the surface.
     fn unwound(&mut self, loops: Vec<Vec<Corner>>, is_seamed: bool) -> Result<Vec<Vec<Corner>>> {
         let periods = self.lifter.periods;
-        // A direction around which loops could be made: its ends across are poles, or it comes back across,
-        // too, or nothing bounds it at all.
+        // A surface is closed if one parameter is periodic, and the other one is periodic or ends at poles.
         let low =
             |k: usize, low: bool| self.lifter.poles.iter().any(|p| p.constant == 1 - k && p.is_low == low);
         let closes =
@@ -187,6 +195,7 @@ impl<'a> Outliner<'a> {
         if let Some(k) = closed
             && (loops.is_empty() || !is_seamed && signed_area(&loops) < 0.0)
         {
+            // A negative area: the loops are holes, and the face is the rest of the surface.
             return self.complement(k, loops);
         }
         match loops.is_empty() {
@@ -195,7 +204,10 @@ impl<'a> Outliner<'a> {
         }
     }
 
-    /// All of a surface without borders, but for holes.
+    /// The polygons of a closed surface without some holes.
+    ///
+    /// Two loops around are added: at both poles, or along a line without holes and the same line a period
+    /// further.
     fn complement(&mut self, k: usize, holes: Vec<Vec<Corner>>) -> Result<Vec<Vec<Corner>>> {
         let across = 1 - k;
         let pair = match self.lifter.periods[across] {
@@ -208,6 +220,7 @@ impl<'a> Outliner<'a> {
             }
             Some(period) => {
                 let lo = self.surface.domain()[across].map_or(0.0, |d| d[0]);
+                // The added line must not cross a hole: it is a side of the polygon.
                 let is_free = |x: f64| {
                     holes.iter().all(|hole| {
                         let (a, b) = extent(hole, across);
@@ -215,7 +228,7 @@ impl<'a> Outliner<'a> {
                     })
                 };
                 let Some(x) = (0..64).map(|i| lo + period * f64::from(i) / 64.0).find(|x| is_free(*x)) else {
-                    return Err(Error::unsupported("its loops leave no line around it free"));
+                    return Err(Error::unsupported("no line around the surface avoids its loops"));
                 };
                 let n = self.sides(k, x);
                 let here = self.around(k, x, n, |this, at| this.add(at));
@@ -233,21 +246,22 @@ impl<'a> Outliner<'a> {
         Ok(polygons)
     }
 
+    /// The loop that represents the pole at a value of the other parameter.
     fn pole_at(&mut self, k: usize, value: f64) -> Result<Vec<Corner>> {
         let pole = self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.value == value);
         let Some(point) = pole.map(|p| p.point) else {
-            return Err(Error::unsupported("it has no pole where it should end"));
+            return Err(Error::unsupported("the surface has no pole where it should end"));
         };
         let vertex = self.positions.len() as u32;
         self.positions.push(point);
         Ok(self.around(k, value, AROUND_POLE, |_, _| vertex))
     }
 
-    /// All of a surface that has borders of its own.
+    /// The polygon of a whole surface with boundaries of its own.
     fn whole(&mut self) -> Result<Vec<Vec<Corner>>> {
         let domain = self.surface.domain();
         let [Some(u), Some(v)] = domain else {
-            return Err(Error::unsupported("nothing bounds it"));
+            return Err(Error::unsupported("the face has no loops and its surface is unbounded"));
         };
         let periods = self.lifter.periods;
         if let Some(k) = [0, 1].into_iter().find(|k| periods[*k].is_some()) {
@@ -262,6 +276,7 @@ impl<'a> Outliner<'a> {
             }
             return Ok(vec![self.joined(k, [low, high], &[])?]);
         }
+        // Counter-clockwise around the domain; a collapsed side needs only one point.
         let corners = [[u[0], v[0]], [u[1], v[0]], [u[1], v[1]], [u[0], v[1]]];
         let mut polygon: Vec<Corner> = Vec::new();
         for side in 0..4 {
@@ -283,7 +298,7 @@ impl<'a> Outliner<'a> {
         Ok(vec![self.merged(polygon)])
     }
 
-    /// A border around a closed direction: a pole or points.
+    /// The boundary at a value of the other parameter: a pole, or points of the surface.
     fn circle(&mut self, k: usize, value: f64) -> Vec<Corner> {
         if let Ok(pole) = self.pole_at(k, value) {
             return pole;
@@ -292,7 +307,7 @@ impl<'a> Outliner<'a> {
         self.around(k, value, n, |this, at| this.add(at))
     }
 
-    /// Corners in one place made one vertex.
+    /// Merges corners at one position into one vertex, as at a collapsed side.
     fn merged(&self, mut polygon: Vec<Corner>) -> Vec<Corner> {
         for i in 1..polygon.len() {
             let place = |c: &Corner| self.positions[c.vertex as usize];
@@ -306,12 +321,13 @@ impl<'a> Outliner<'a> {
         polygon
     }
 
+    /// Adds the point of the surface at parameters.
     fn add(&mut self, at: [f64; 2]) -> u32 {
         self.positions.push(self.surface.point(at));
         (self.positions.len() - 1) as u32
     }
 
-    /// Sides along the whole of a parameter, the other constant, that are fine enough.
+    /// Number of sides along the whole range of one parameter that satisfies the fineness.
     fn sides(&self, k: usize, value: f64) -> usize {
         let [lo, hi] = self.surface.domain()[k].unwrap_or([0.0, 1.0]);
         let at = |x: f64| {
@@ -322,10 +338,12 @@ impl<'a> Outliner<'a> {
         self.pieces(at(lo), at(hi), 4)
     }
 
-    /// Equal pieces of a straight line of parameters whose chords are fine enough.
-    fn pieces(&self, from: [f64; 2], to: [f64; 2], least: usize) -> usize {
+    /// Number of equal pieces of a straight line of parameters whose chords satisfy the fineness.
+    ///
+    /// Doubling keeps the test cheap; up to twice the needed number is made.
+    fn pieces(&self, from: [f64; 2], to: [f64; 2], min: usize) -> usize {
         let point = |share: f64| self.surface.point([0, 1].map(|c| from[c] + share * (to[c] - from[c])));
-        let mut n = least;
+        let mut n = min;
         while n < MAX_SIDES {
             let is_fine = (0..n).all(|i| {
                 let [a, m, b] = [0.0, 0.5, 1.0].map(|h| point((i as f64 + h) / n as f64));
@@ -340,8 +358,8 @@ impl<'a> Outliner<'a> {
         n
     }
 
-    /// One polygon of two loops around, the first running on and the second back, along a bridge that crosses
-    /// no loop.
+    /// One polygon from two loops around, joined by a bridge that crosses no loop. The first loop is
+    /// ascending and the second descending.
     fn joined(
         &mut self,
         k: usize,
@@ -352,10 +370,11 @@ impl<'a> Outliner<'a> {
         let near = |x: f64, to: f64| x - period * ((x - to) / period).round();
         let across = 1 - k;
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
-        // Some hundred places of each are enough to choose from.
+        // All pairs of corners would be too many for long loops; about 400 of each are enough to choose from.
         let (stride_on, stride_back) = (on.len().div_ceil(400), back.len().div_ceil(400));
         for i in (0..on.len()).step_by(stride_on) {
             for j in (0..back.len()).step_by(stride_back) {
+                // Bridges with little change of the periodic parameter come first, then short ones.
                 let lean = (near(back[j].at[k], on[i].at[k]) - on[i].at[k]) / period;
                 let up = (back[j].at[across] - on[i].at[across]).abs();
                 pairs.push((lean.abs() + 1e-3 * up / (1.0 + up), i, j));
@@ -370,6 +389,7 @@ impl<'a> Outliner<'a> {
             !loops.iter().any(|l| {
                 (0..l.len()).any(|i| {
                     let (p, q) = (&l[i], &l[(i + 1) % l.len()]);
+                    // Sides at the ends of the bridge touch it, which is no crossing.
                     if ends.contains(&p.vertex) || ends.contains(&q.vertex) {
                         return false;
                     }
@@ -389,8 +409,10 @@ impl<'a> Outliner<'a> {
         };
         let bridge = pairs.iter().take(20_000).find(|(_, i, j)| is_free(&on[*i], &back[*j]));
         let Some(&(_, i, j)) = bridge else {
-            return Err(Error::unsupported("no bridge between the loops around it was found"));
+            return Err(Error::unsupported("no bridge between the loops around the surface was found"));
         };
+        // Along the first loop for one period, over the bridge, back along the second loop, and over the
+        // bridge again. Both sides of the bridge have the same vertices, a period apart.
         let unrolled = |ring: &[Corner], from: usize, start: f64, way: f64| {
             let mut last = start;
             let mut found = Vec::with_capacity(ring.len() + 1);
@@ -428,12 +450,13 @@ impl<'a> Outliner<'a> {
         Ok(polygon)
     }
 
-    /// Mean lengths of the surface's steps where the polygons run.
+    /// Mean lengths of the derivatives of the surface along the polygons.
     fn steps(&self, polygons: &[Vec<Corner>]) -> [f64; 2] {
         let corners: Vec<&Corner> = polygons.iter().flatten().collect();
         let mut sums = [0.0; 2];
         let mut counts = [0.0_f64; 2];
         for corner in corners.iter().step_by(corners.len().div_ceil(100).max(1)) {
+            // At a pole, a derivative is zero and says nothing about the size of the face.
             let (_, slopes) = self.surface.at(corner.at);
             for c in 0..2 {
                 let length = norm(slopes[c]);
@@ -447,20 +470,19 @@ impl<'a> Outliner<'a> {
     }
 }
 
-/// Least and largest of a parameter along a loop.
+/// Minimum and maximum of a parameter along a loop.
 fn extent(corners: &[Corner], k: usize) -> (f64, f64) {
     corners.iter().fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[k]), hi.max(c.at[k])))
 }
 
-/// A low loop that runs on and a high one that runs back, with the face on their other sides: high on, low
-/// back.
+/// For loops around v: an ascending high loop and a descending low one, so that the face is on their left.
 fn reversed_pair(mut low: Vec<Corner>, mut high: Vec<Corner>) -> [Vec<Corner>; 2] {
     low.reverse();
     high.reverse();
     [high, low]
 }
 
-/// Whether a point lies in an odd number of polygons.
+/// True if a point lies in an odd number of polygons.
 pub(super) fn is_in(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
     polygons.iter().filter(|polygon| contains(polygon, p)).count() % 2 == 1
 }

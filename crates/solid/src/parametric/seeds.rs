@@ -1,35 +1,44 @@
-//! Points within a face: a lattice of parameters as dense as curvature and the longest side ask for.
+//! Points within a face: a lattice of parameters with a spacing that follows from the curvature and the
+//! maximum side length.
+//!
+//! A triangulation of the boundary alone needs many refinements on curved faces, and its triangles are long.
 
 use super::outline::{Outline, is_in};
 use super::{Fineness, ParametricSurface};
 use crate::tessellation::polygon::Corner;
+use planish_core::BoundingBox;
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
 
-/// Places along each parameter at which second differences are taken.
+/// Number of intervals along each parameter at which second differences are taken.
 const PROBES: usize = 24;
-/// Points of the lattice keep this share of its spacing off the borders.
+/// Minimum distance of lattice points from the boundary, relative to the spacing.
+///
+/// A smaller value makes slivers along the boundary; a larger one leaves wide triangles there.
 const APART: f64 = 0.4;
-/// Share of the places whose curvature the lattice follows; triangles that miss the rest are refined.
+/// Share of the samples whose curvature the lattice resolves. Triangles in the remaining, more curved places
+/// are refined.
+///
+/// With 1, a single sharp fillet would make the whole lattice fine.
 const SHARE: f64 = 0.75;
 
-/// Corners on a lattice within an outline; new vertices come last among the positions.
+/// Points on a lattice within an outline. New vertices are appended to the positions.
 ///
 /// # Errors
-/// `Unsupported` where that would be more than `most`.
+/// `Unsupported` if there would be more than `limit` points.
 pub(super) fn seeds(
     surface: &ParametricSurface,
     outline: &Outline,
     fineness: &Fineness,
-    most: usize,
+    limit: usize,
     positions: &mut Vec<[f64; 3]>,
 ) -> Result<Vec<Corner>> {
     let steps = outline.steps;
-    let [lo, hi] = bounds(&outline.polygons);
-    let width = [hi[0] - lo[0], hi[1] - lo[1]];
+    let bounds: BoundingBox<2> = outline.polygons.iter().flatten().map(|corner| corner.at).collect();
+    let (BoundingBox { min: lo, max: hi }, width) = (bounds, bounds.extent());
     let spacing = spacings(surface, lo, hi, steps, fineness);
     let n = [0, 1].map(|c| (width[c] / spacing[c]).ceil().clamp(1.0, 1e6) as usize);
-    if n[0].saturating_mul(n[1]) > most {
+    if n[0].saturating_mul(n[1]) > limit {
         return Err(Error::unsupported(format!(
             "needs about {} points: needed a larger chord error or longest side",
             n[0].saturating_mul(n[1])
@@ -43,6 +52,7 @@ pub(super) fn seeds(
         let sides = sides_near(&outline.polygons, y, apart);
         for i in 1..n[0] {
             let at = [lo[0] + cell[0] * i as f64, y];
+            // Only sides near this row are tested, as the distance is the costly part.
             let is_off = sides.iter().all(|side| off(*side, at) > apart);
             if is_off && is_in(&outline.polygons, at) {
                 let vertex = positions.len() as u32;
@@ -54,18 +64,7 @@ pub(super) fn seeds(
     Ok(found)
 }
 
-fn bounds(polygons: &[Vec<Corner>]) -> [[f64; 2]; 2] {
-    let mut found = [[f64::MAX; 2], [f64::MIN; 2]];
-    for corner in polygons.iter().flatten() {
-        for c in 0..2 {
-            found[0][c] = found[0][c].min(corner.at[c]);
-            found[1][c] = found[1][c].max(corner.at[c]);
-        }
-    }
-    found
-}
-
-/// How far lattice lines may be apart, in lengths: a chord of h misses by |S''| h²/8.
+/// Spacings of the lattice, as lengths: the error of a chord of length h is |S''| h²/8.
 fn spacings(
     surface: &ParametricSurface,
     lo: [f64; 2],
@@ -87,6 +86,7 @@ fn spacings(
             surface.point([at[0] / steps[0], at[1] / steps[1]])
         };
         let mut bends = Vec::with_capacity(5 * PROBES);
+        // Not at 0 and 1, where poles have no curvature.
         for across in [0.03, 0.25, 0.5, 0.75, 0.97] {
             let line: Vec<[f64; 3]> = (0..=PROBES).map(|k| at(h * k as f64, across)).collect();
             for t in line.windows(3) {
@@ -96,9 +96,10 @@ fn spacings(
         bends.sort_by(f64::total_cmp);
         let bend = bends[(SHARE * (bends.len() - 1) as f64) as usize];
         if bend > 0.0 {
+            // Half of the chord error for each direction, as both errors add up.
             allowed = allowed.min((8.0 * 0.5 * fineness.chord / bend).sqrt());
         }
-        // Lines where pieces meet are crossed at least once a piece.
+        // At least one lattice line for each polynomial piece: second differences may miss a short piece.
         let pieces = surface.breaks(c).len().saturating_sub(1).max(1);
         let whole = surface.domain()[c].map_or(width, |d| (d[1] - d[0]) * steps[c]);
         if bend > 0.0 && pieces > 1 {
@@ -108,13 +109,13 @@ fn spacings(
     })
 }
 
-/// Sides of polygons that come within a distance of a level of the second coordinate.
+/// Sides of polygons within a distance of a value of the second coordinate.
 fn sides_near(polygons: &[Vec<Corner>], y: f64, apart: f64) -> Vec<[[f64; 2]; 2]> {
     let sides = polygons.iter().flat_map(|p| (0..p.len()).map(move |k| [p[k].at, p[(k + 1) % p.len()].at]));
     sides.filter(|[a, b]| a[1].min(b[1]) <= y + apart && a[1].max(b[1]) >= y - apart).collect()
 }
 
-/// The distance of a point from a side.
+/// Distance of a point from a side.
 fn off([a, b]: [[f64; 2]; 2], p: [f64; 2]) -> f64 {
     let d = [b[0] - a[0], b[1] - a[1]];
     let r = [p[0] - a[0], p[1] - a[1]];

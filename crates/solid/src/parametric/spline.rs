@@ -1,7 +1,7 @@
 //! Rational B-spline curves and surfaces of any degree: points and first derivatives.
 //!
-//! Input: degree, knots, control points and weights. Output: places at parameters, clamped to the
-//! domain. Not guaranteed: continuity; a knot may be as multiple as the degree allows.
+//! Input: degree, knots, control points and weights. Output: points and derivatives at parameters, which are
+//! clamped to the domain. Not guaranteed: continuity, because knots may be repeated.
 //!
 //! # References
 //! de Boor 1972, *On calculating with B-splines* (recurrence); Piegl and Tiller 1997, *The NURBS Book*, eqs.
@@ -10,13 +10,15 @@
 use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};
 
-/// Higher degrees are refused.
+/// Maximum degree. Values of the basis functions are in arrays of this size, without allocation.
 pub const MAX_DEGREE: usize = 25;
 
-/// Ends that are this near, of the size, are one point.
+/// Maximum distance between the ends of a closed curve, relative to its size.
+///
+/// A larger value closes curves with a real gap; a smaller one leaves curves of rounded files open.
 const CLOSED: f64 = 1e-7;
 
-/// The functions that are not zero on a span, and their derivatives.
+/// The basis functions that are not zero on a span, and their derivatives.
 struct Basis {
     first: usize,
     value: [f64; MAX_DEGREE + 1],
@@ -27,9 +29,9 @@ struct Basis {
 #[derive(Debug, Clone, PartialEq)]
 struct Knots {
     degree: usize,
-    /// Ascending, each as often as it counts.
+    /// Ascending; multiple knots are repeated.
     at: Vec<f64>,
-    /// Control points.
+    /// Number of control points.
     n: usize,
 }
 
@@ -49,7 +51,7 @@ impl Knots {
             return Err(Error::input("needed finite ascending knots"));
         }
         if at[degree] >= at[n] {
-            return Err(Error::input("needed knots that enclose a range, found all in one place"));
+            return Err(Error::input("needed knots that enclose a range, found equal ones"));
         }
         Ok(Self { degree, at, n })
     }
@@ -58,14 +60,14 @@ impl Knots {
         [self.at[self.degree], self.at[self.n]]
     }
 
-    /// Places within the domain where pieces meet, both ends included.
+    /// Knots within the domain where pieces meet, including both ends.
     fn breaks(&self) -> Vec<f64> {
         let mut found = self.at[self.degree..=self.n].to_vec();
         found.dedup();
         found
     }
 
-    /// A parameter of a closed curve, brought within the domain.
+    /// A parameter, shifted into the domain by whole periods if the curve is closed.
     fn wrapped(&self, t: f64, is_closed: bool) -> f64 {
         let [lo, hi] = self.domain();
         match is_closed && !(lo..=hi).contains(&t) {
@@ -74,19 +76,24 @@ impl Knots {
         }
     }
 
+    /// Values and derivatives of the basis functions at a parameter (The NURBS Book, algorithm A2.2 and
+    /// eq. 2.7).
     fn basis(&self, t: f64) -> Basis {
         let (p, k) = (self.degree, &self.at);
         let [lo, hi] = self.domain();
         let t = t.clamp(lo, hi);
-        // The last span that is not empty holds the end of the domain.
+        // At the end of the domain, the span search finds an empty span; the last one with a width is used.
+        // Binary search instead of a guess from the parameter: knots may be very uneven.
         let mut span = k[..self.n].partition_point(|x| *x <= t).max(p + 1) - 1;
         while span > p && k[span] >= k[span + 1] {
             span -= 1;
         }
+        // The triangular scheme of de Boor and Cox: sums of positive terms only, so nothing cancels.
         let mut value = [0.0; MAX_DEGREE + 1];
         let mut lower = [0.0; MAX_DEGREE + 1];
         value[0] = 1.0;
         for d in 1..=p {
+            // The derivative needs the functions of the degree below.
             if d == p {
                 lower = value;
             }
@@ -102,6 +109,7 @@ impl Knots {
         let mut slope = [0.0; MAX_DEGREE + 1];
         for r in 0..=p {
             let i = span + r - p;
+            // By convention 0/0 = 0: over an empty span, the lower function is zero.
             let part = |n: f64, width: f64| if width > 0.0 { p as f64 * n / width } else { 0.0 };
             if r > 0 {
                 slope[r] += part(lower[r - 1], k[i + p] - k[i]);
@@ -114,7 +122,7 @@ impl Knots {
     }
 }
 
-/// Control points times their weights, and these.
+/// Homogeneous control points: coordinates times weight, and the weight.
 fn homogeneous(poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>> {
     if weights.is_some_and(|w| w.len() != poles.len()) {
         return Err(Error::input(format!(
@@ -128,6 +136,7 @@ fn homogeneous(poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Vec<[f64; 
         .enumerate()
         .map(|(k, p)| {
             let w = weights.map_or(1.0, |w| w[k]);
+            // With weights of zero or below, the denominator may vanish.
             if !(w > 0.0 && w.is_finite()) || p.iter().any(|c| !c.is_finite()) {
                 return Err(Error::input(format!(
                     "control point {k}: needed finite coordinates and a weight > 0, found {p:?} and {w}"
@@ -138,7 +147,7 @@ fn homogeneous(poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Vec<[f64; 
         .collect()
 }
 
-/// A point and derivatives from homogeneous ones.
+/// Point and derivatives from homogeneous ones, by the quotient rule.
 fn projected<const N: usize>(value: [f64; 4], slopes: [[f64; 4]; N]) -> ([f64; 3], [[f64; 3]; N]) {
     let w = value[3];
     let point = [0, 1, 2].map(|c| value[c] / w);
@@ -154,11 +163,25 @@ pub struct SplineCurve {
 }
 
 impl SplineCurve {
-    /// From a degree, knots that are repeated as often as they count, control points, and weights where it is
+    /// Creates a curve from its degree, knots (multiple ones repeated), control points, and weights if it is
     /// rational.
     ///
+    /// ```
+    /// use planish_solid::parametric::SplineCurve;
+    ///
+    /// // A quarter of the unit circle.
+    /// let poles = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let weights = [1.0, 0.5_f64.sqrt(), 1.0];
+    /// let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0];
+    /// let arc = SplineCurve::try_new(2, knots, &poles, Some(&weights))?;
+    /// let (p, _) = arc.at(0.5);
+    /// assert!((p[0].hypot(p[1]) - 1.0).abs() < 1e-12);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) where numbers do not fit together.
+    /// [`Input`](planish_estimate::ErrorKind::Input) if the numbers of knots, control points and weights do
+    /// not fit together, or values are not valid.
     pub fn try_new(
         degree: usize,
         knots: Vec<f64>,
@@ -172,14 +195,23 @@ impl SplineCurve {
         };
         let [lo, hi] = made.domain();
         let [from, to, one, other] = [lo, hi, 0.5 * (lo + hi), lo + 0.3 * (hi - lo)].map(|t| made.at(t).0);
+        // The size comes from two inner points: at a symmetric one alone, a closed curve may pass its start.
         made.is_closed = distance(from, to) <= CLOSED * distance(from, one).max(distance(from, other));
         Ok(made)
     }
 
-    /// Straight pieces through points, one for each unit of the parameter.
+    /// A polygon through points, with one side for each unit of the parameter.
+    ///
+    /// ```
+    /// use planish_solid::parametric::SplineCurve;
+    ///
+    /// let line = SplineCurve::polyline(&[[0.0; 3], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0]])?;
+    /// assert_eq!(line.at(1.5).0, [1.0, 1.0, 0.0]);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) for less than two points.
+    /// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two points.
     pub fn polyline(points: &[[f64; 3]]) -> Result<Self> {
         let last = points.len().saturating_sub(1);
         let ends = (0..=last).map(|k| k as f64);
@@ -187,20 +219,20 @@ impl SplineCurve {
         Self::try_new(1, knots, points, None)
     }
 
-    /// The least and the largest parameter.
+    /// Minimum and maximum parameter.
     #[must_use]
     pub fn domain(&self) -> [f64; 2] {
         self.knots.domain()
     }
 
-    /// The width of the domain where it ends at the point at which it begins.
+    /// Width of the domain if the curve is closed.
     #[must_use]
     pub fn period(&self) -> Option<f64> {
         let [lo, hi] = self.domain();
         self.is_closed.then_some(hi - lo)
     }
 
-    /// Parameters where pieces meet, both ends included.
+    /// Parameters where pieces meet, including both ends.
     #[must_use]
     pub fn breaks(&self) -> Vec<f64> {
         self.knots.breaks()
@@ -212,7 +244,7 @@ impl SplineCurve {
         self.knots.degree
     }
 
-    /// The point of a parameter, and the derivative there; a closed curve goes on beyond its ends.
+    /// The point and the derivative at a parameter. A closed curve continues periodically beyond its ends.
     #[must_use]
     pub fn at(&self, t: f64) -> ([f64; 3], [f64; 3]) {
         let basis = self.knots.basis(self.knots.wrapped(t, self.is_closed));
@@ -233,23 +265,36 @@ impl SplineCurve {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplineSurface {
     knots: [Knots; 2],
-    /// Along v fastest.
+    /// Homogeneous control points, v fastest.
     poles: Vec<[f64; 4]>,
     is_closed: [bool; 2],
 }
 
 impl SplineSurface {
-    /// From degrees and knots along u and v, and control points (and weights where it is rational), along v
-    /// fastest.
+    /// Creates a surface from degrees and knots along u and v, control points (v fastest), and weights if it
+    /// is rational.
+    ///
+    /// ```
+    /// use planish_solid::parametric::SplineSurface;
+    ///
+    /// // A bilinear patch over the unit square.
+    /// let poles = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 1.0]];
+    /// let knots = vec![0.0, 0.0, 1.0, 1.0];
+    /// let patch = SplineSurface::try_new([1, 1], [knots.clone(), knots], &poles, None)?;
+    /// assert_eq!(patch.at([0.5, 0.5]).0, [0.5, 0.5, 0.25]);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) where numbers do not fit together.
+    /// [`Input`](planish_estimate::ErrorKind::Input) if the numbers of knots, control points and weights do
+    /// not fit together, or values are not valid.
     pub fn try_new(
         degrees: [usize; 2],
         [knots_u, knots_v]: [Vec<f64>; 2],
         poles: &[[f64; 3]],
         weights: Option<&[f64]>,
     ) -> Result<Self> {
+        // The numbers of control points follow from the knots, and their product is checked against the list.
         let count = |knots: &Vec<f64>, degree: usize| knots.len().saturating_sub(degree + 1);
         let (n_u, n_v) = (count(&knots_u, degrees[0]), count(&knots_v, degrees[1]));
         if n_u.checked_mul(n_v) != Some(poles.len()) {
@@ -266,11 +311,12 @@ impl SplineSurface {
             poles: homogeneous(poles, weights)?,
             is_closed: [false; 2],
         };
+        // Found by comparing points: files do not state it reliably, and seams may be only nearly closed.
         made.is_closed = [0, 1].map(|k| made.closes(k));
         Ok(made)
     }
 
-    /// Whether the two sides across a direction are one curve.
+    /// True if the two sides across a direction coincide.
     fn closes(&self, k: usize) -> bool {
         let [lo, hi] = self.knots[k].domain();
         let [from, to] = self.knots[1 - k].domain();
@@ -279,12 +325,14 @@ impl SplineSurface {
             at[1 - k] = from + share * (to - from);
             self.at(at).0
         };
+        // The size is the largest distance from the side to the middle. A surface without extent along this
+        // direction is not closed.
         let shares = || (0..=16).map(|i| f64::from(i) / 16.0);
         let size = shares().map(|s| distance(at(lo, s), at(0.5 * (lo + hi), s))).fold(0.0, f64::max);
         size > 0.0 && shares().all(|s| distance(at(lo, s), at(hi, s)) <= CLOSED * size)
     }
 
-    /// The widths of the ranges along which it comes back to where it began.
+    /// Period of each parameter; `None` if the surface is not closed along it.
     #[must_use]
     pub fn periods(&self) -> [Option<f64>; 2] {
         [0, 1].map(|k| {
@@ -293,13 +341,13 @@ impl SplineSurface {
         })
     }
 
-    /// The ranges of u and v.
+    /// Ranges of u and v.
     #[must_use]
     pub fn domain(&self) -> [[f64; 2]; 2] {
         [self.knots[0].domain(), self.knots[1].domain()]
     }
 
-    /// Parameters along u or v where pieces meet, both ends included.
+    /// Parameters along u (0) or v (1) where pieces meet, including both ends.
     #[must_use]
     pub fn breaks(&self, direction: usize) -> Vec<f64> {
         self.knots[direction].breaks()
@@ -311,7 +359,7 @@ impl SplineSurface {
         [self.knots[0].degree, self.knots[1].degree]
     }
 
-    /// The point of parameters, and the derivatives along u and v; a closed surface goes on beyond its seam.
+    /// The point and the derivatives along u and v at parameters. A closed surface continues beyond its seam.
     #[must_use]
     pub fn at(&self, at: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
         let [a, b] = [0, 1].map(|k| self.knots[k].basis(self.knots[k].wrapped(at[k], self.is_closed[k])));
@@ -337,7 +385,7 @@ mod tests {
     use planish_estimate::vector3::{norm, sub};
 
     #[test]
-    fn a_rational_quadratic_is_a_circle_and_its_derivative_that_of_differences() {
+    fn a_rational_quadratic_is_a_circle_and_its_derivative_agrees_with_differences() {
         let h = 0.5_f64.sqrt();
         let poles = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
         let weights = [1.0, h, 1.0, h, 1.0];
@@ -374,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_do_not_fit_are_errors() {
+    fn inconsistent_knots_poles_and_weights_are_errors() {
         let line = [[0.0; 3], [1.0; 3]];
         for (degree, knots, weights) in [
             (0, vec![0.0, 1.0], None),

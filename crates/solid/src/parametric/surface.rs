@@ -1,13 +1,17 @@
-//! Surfaces of faces: elementary ones, B-splines, and what a curve sweeps.
+//! Surfaces of faces: elementary ones, B-splines, swept and offset surfaces; and foot points on them.
 
 use super::{ParametricCurve, SplineSurface};
 use crate::brep;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Sides of a spline that are this near, of its size, are one curve, or one point.
+/// Maximum size of a side of a spline that counts as a point, relative to the size of the spline.
+///
+/// A larger value takes short sides for poles; a smaller one misses poles in rounded files.
 const CLOSED: f64 = 1e-7;
-/// Most places along u and along v among which the nearest point of a spline is looked for.
+/// Maximum number of samples along u and v from which the nearest point of a spline is searched.
+///
+/// It bounds memory (160² samples); large splines may then have less than one sample for each piece.
 const MAX_PLACES: usize = 160;
 
 /// A surface with two parameters.
@@ -17,45 +21,45 @@ pub enum ParametricSurface {
     Elementary(brep::FaceSurface),
     /// A rational B-spline.
     Spline(Box<SplineSurface>),
-    /// `C(u) + v along`: a curve that is moved along a line.
+    /// `C(u) + v along`: a curve moved along a line.
     Extrusion {
-        /// The curve.
+        /// Curve.
         curve: ParametricCurve,
-        /// The derivative along v.
+        /// Derivative along v.
         along: [f64; 3],
     },
     /// `C(v)` turned by the angle u about an axis.
     Revolution {
-        /// The curve.
+        /// Curve.
         curve: ParametricCurve,
         /// A point of the axis.
         origin: [f64; 3],
-        /// The axis, of unit length.
+        /// Unit vector along the axis.
         axis: [f64; 3],
     },
     /// `S(u, v) + distance n(u, v)`.
     Offset {
-        /// The surface beside which it runs.
+        /// Base surface S.
         base: Box<ParametricSurface>,
-        /// How far, on the side of its normal.
+        /// Distance along the normal n of the base surface.
         distance: f64,
     },
 }
 
-/// A line of one parameter that is a point.
+/// A pole: a line of constant parameter that is a single point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pole {
-    /// Which parameter does not change along it: 0 for u.
+    /// The constant parameter: 0 for u, 1 for v.
     pub constant: usize,
-    /// Its value.
+    /// Value of this parameter.
     pub value: f64,
-    /// Whether the surface lies where that parameter is larger.
+    /// True if the pole is at the lower end of this parameter.
     pub is_low: bool,
-    /// The point.
+    /// Position of the pole.
     pub point: [f64; 3],
 }
 
-/// `p` turned about an axis through the origin.
+/// `p` turned about an axis through the origin (Rodrigues' formula).
 fn turned(p: [f64; 3], axis: [f64; 3], angle: f64) -> [f64; 3] {
     let (sin, cos) = angle.sin_cos();
     let across = add_scaled(scale(cos, p), sin, cross(axis, p));
@@ -69,7 +73,15 @@ fn angle_between(from: [f64; 3], to: [f64; 3], axis: [f64; 3]) -> f64 {
 }
 
 impl ParametricSurface {
-    /// The point of parameters.
+    /// The point at parameters (u, v).
+    ///
+    /// ```
+    /// use planish_solid::parametric::{ParametricCurve, ParametricSurface};
+    ///
+    /// let curve = ParametricCurve::Line { origin: [0.0; 3], along: [1.0, 0.0, 0.0] };
+    /// let plane = ParametricSurface::Extrusion { curve, along: [0.0, 0.0, 2.0] };
+    /// assert_eq!(plane.point([3.0, 0.5]), [3.0, 0.0, 1.0]);
+    /// ```
     #[must_use]
     pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
         match self {
@@ -86,7 +98,8 @@ impl ParametricSurface {
         }
     }
 
-    /// The point of parameters and the derivatives along u and v; those of some surfaces by differences.
+    /// The point at parameters and the derivatives along u and v. Those of elementary and offset surfaces are
+    /// computed by differences.
     #[must_use]
     pub fn at(&self, [u, v]: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
         match self {
@@ -104,6 +117,7 @@ impl ParametricSurface {
                 let domain = self.domain();
                 let slope = |k: usize| {
                     let [lo, hi] = domain[k].unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+                    // One-sided at the ends of the domain, beyond which an offset surface may not exist.
                     let h = match hi - lo {
                         width if width.is_finite() => 1e-6 * width,
                         _ => 1e-6,
@@ -121,8 +135,9 @@ impl ParametricSurface {
         }
     }
 
-    /// The unit normal `S_u × S_v`; at a pole that of places beside it.
+    /// The unit normal `S_u × S_v`; at a pole, where a derivative vanishes, that of a point beside it.
     fn normal(&self, at: [f64; 2]) -> Option<[f64; 3]> {
+        // Nearly parallel derivatives give a normal that is only rounding, so they count as a pole, too.
         let of = |at: [f64; 2]| {
             let (_, [u, v]) = self.at(at);
             unit(cross(u, v)).filter(|_| norm(cross(u, v)) > 1e-9 * (dot(u, u) + dot(v, v)))
@@ -132,7 +147,7 @@ impl ParametricSurface {
         of(at).or_else(|| of([inward(0), inward(1)]))
     }
 
-    /// By how much each parameter comes back to the same points; none where it does not.
+    /// Period of each parameter; `None` if it is not periodic.
     #[must_use]
     pub fn periods(&self) -> [Option<f64>; 2] {
         match self {
@@ -144,7 +159,7 @@ impl ParametricSurface {
         }
     }
 
-    /// The range of each parameter, where it has one of its own.
+    /// Range of each parameter; `None` if it is unbounded.
     #[must_use]
     pub fn domain(&self) -> [Option<[f64; 2]>; 2] {
         let of = |curve: &ParametricCurve| match curve {
@@ -166,10 +181,11 @@ impl ParametricSurface {
         }
     }
 
-    /// Lines of one parameter that are points: poles of a sphere, the tip of a cone, sides of a spline, ends
-    /// of a curve on its axis.
+    /// Poles: those of a sphere, the apex of a cone, collapsed sides of a spline, and ends of a rotated
+    /// spline on its axis.
     #[must_use]
     pub fn poles(&self) -> Vec<Pole> {
+        // All values of the free parameter give the same point, so any value within the domain serves.
         let pole = |constant: usize, value: f64, is_low: bool| {
             let mut at = [0, 1].map(|k| self.domain()[k].map_or(0.0, |d| d[0]));
             at[constant] = value;
@@ -189,7 +205,7 @@ impl ParametricSurface {
             }
             Self::Revolution { curve, origin, axis } => {
                 let ParametricCurve::Spline(spline) = curve else {
-                    // Circles that reach their axis are not asked where.
+                    // Rotated lines and circles that reach their axis are not supported.
                     return Vec::new();
                 };
                 let [lo, hi] = spline.domain();
@@ -206,17 +222,19 @@ impl ParametricSurface {
         }
     }
 
-    /// Sides of the domain that are points: the parameter that is constant, its value, whether it is the low
-    /// one.
+    /// Sides of the domain that are points: the constant parameter, its value, and whether it is the lower
+    /// end.
     fn collapsed_sides(&self) -> impl Iterator<Item = (usize, f64, bool)> {
         let domain = self.domain();
         let periods = self.periods();
+        // The size is a distance to the middle of the surface: a corner may coincide with another corner.
         let size = match domain {
             [Some(u), Some(v)] => {
                 distance(self.point([u[0], v[0]]), self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]))
             }
             _ => 0.0,
         };
+        // A periodic parameter has no ends at which a side could collapse.
         (0..2)
             .filter_map(move |k| match (domain[k], domain[1 - k], periods[k]) {
                 (Some(d), Some(across), None) => Some((k, d, across)),
@@ -237,7 +255,7 @@ impl ParametricSurface {
             .into_iter()
     }
 
-    /// Its kind in words.
+    /// Name of the kind of surface.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -249,12 +267,12 @@ impl ParametricSurface {
         }
     }
 
-    /// Whether straight lines of parameters are straight and equally far: a plane.
+    /// True for a plane, where triangles in parameters are exact.
     pub(super) fn is_plane(&self) -> bool {
         matches!(self, Self::Elementary(brep::FaceSurface::Plane { .. }))
     }
 
-    /// Parameters along one of them at which pieces meet, within its domain.
+    /// Values of one parameter at which pieces meet, within its domain.
     pub(super) fn breaks(&self, direction: usize) -> Vec<f64> {
         match (self, direction) {
             (Self::Spline(spline), k) => spline.breaks(k),
@@ -267,11 +285,11 @@ impl ParametricSurface {
     }
 }
 
-/// A surface that is asked for the parameters of many points.
+/// Computes foot points of many points on one surface.
 pub(super) struct Feet<'a> {
     surface: &'a ParametricSurface,
     periods: [Option<f64>; 2],
-    /// Places of a spline: parameters and points.
+    /// Samples of a spline: parameters and points. Made when the first search needs them.
     places: Vec<([f64; 2], [f64; 3])>,
 }
 
@@ -284,7 +302,9 @@ impl<'a> Feet<'a> {
         Self { surface, periods: surface.periods(), places: Vec::new() }
     }
 
-    /// The parameters of the point nearest to `p`; near `guess` where that is good within `close`.
+    /// Parameters of the point nearest to `p`. A foot near `guess` is accepted if it is within `close`.
+    ///
+    /// The foot on an offset surface is that on its base, since both have the same normals.
     pub(super) fn foot(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
         let mut base = self.surface;
         while let ParametricSurface::Offset { base: inner, .. } = base {
@@ -294,12 +314,14 @@ impl<'a> Feet<'a> {
             ParametricSurface::Elementary(surface) => elementary(surface, p),
             ParametricSurface::Extrusion { curve, along } => {
                 let n = unit(*along).unwrap_or([0.0, 0.0, 1.0]);
+                // Projected along the direction of extrusion, the surface is the curve.
                 let across = |d: [f64; 3]| add_scaled(d, -dot(d, n), n);
                 let u = curve.nearest(&|q| across(sub(q, p)), &across, guess.map(|g| g[0]));
                 let v = dot(sub(p, curve.point(u)), *along) / dot(*along, *along).max(f64::MIN_POSITIVE);
                 [u, v]
             }
             ParametricSurface::Revolution { curve, origin, axis } => {
+                // In the plane of radius and height, the surface is its profile.
                 let place = |q: [f64; 3]| {
                     let d = sub(q, *origin);
                     let h = dot(d, *axis);
@@ -320,6 +342,9 @@ impl<'a> Feet<'a> {
         }
     }
 
+    /// Foot on a spline: from the guess if it is close enough, else from the six nearest samples as well.
+    ///
+    /// The nearest sample alone may belong to another part of a folded surface.
     fn on_spline(
         &mut self,
         surface: &ParametricSurface,
@@ -327,6 +352,7 @@ impl<'a> Feet<'a> {
         guess: Option<[f64; 2]>,
         close: f64,
     ) -> [f64; 2] {
+        // Along a loop, the previous foot is nearly always close, and the samples are never made.
         let near = guess.map(|g| foot(surface, p, g, &self.periods));
         if let Some((off, at)) = near
             && off <= close
@@ -338,6 +364,7 @@ impl<'a> Feet<'a> {
         }
         let mut order: Vec<(f64, [f64; 2])> =
             self.places.iter().map(|(at, q)| (distance(p, *q), *at)).collect();
+        // A selection instead of a sort: only the six nearest of up to 25,921 samples are needed.
         let few = order.len().min(6);
         if few > 0 {
             order.select_nth_unstable_by(few - 1, |a, b| a.0.total_cmp(&b.0));
@@ -348,8 +375,8 @@ impl<'a> Feet<'a> {
     }
 }
 
-/// Parameters of a point on an elementary surface, on the other side of the axis where the surface has
-/// crossed it: beyond the tip of a cone, and inside a torus whose tube is wider than its ring.
+/// Parameters of a point on an elementary surface, including parts that have crossed its axis: beyond the
+/// apex of a cone, and the inner part of a torus whose minor radius exceeds the major one.
 fn elementary(surface: &brep::FaceSurface, p: [f64; 3]) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     let beyond = match *surface {
@@ -366,15 +393,16 @@ fn elementary(surface: &brep::FaceSurface, p: [f64; 3]) -> [f64; 2] {
     beyond.filter(|b| off(*b) < off([u, v])).unwrap_or([u, v])
 }
 
-/// The parameter of a curve that is turned about an axis: of a line in closed form by its height or its
-/// radius, of others by the shortest residual.
+/// The parameter of a rotated curve at which the residual in radius and height is shortest, by Gauss–Newton
+/// steps from the best starting points.
+///
+/// Derivatives are differences, because the radius has no derivative on the axis.
 fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Option<f64>) -> f64 {
-    // Derivatives of radius and height by differences.
     let mut best = (f64::MAX, 0.0);
     let ends = match curve {
         ParametricCurve::Line { .. } => {
-            // Residuals change at most linearly: Newton's steps from two sides find both places of equal
-            // radius.
+            // The radius along a line is a hyperbola, so there may be two points of equal radius. Starts on
+            // both sides find both.
             vec![guess.unwrap_or(0.0), -1.0, 1.0]
         }
         _ => {
@@ -397,6 +425,7 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], 
         let mut t = start;
         let mut value = square(t);
         for _ in 0..40 {
+            // A step of 1e-6 balances truncation and rounding of the difference for parameters near 1.
             let h = 1e-6 * (1.0 + t.abs());
             let (a, b) = ((t - h).max(lo), (t + h).min(hi));
             let r = residual(curve.point(t));
@@ -427,7 +456,7 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], 
     best.1
 }
 
-/// Places all over a spline.
+/// Samples of a spline.
 fn places(surface: &ParametricSurface) -> Vec<([f64; 2], [f64; 3])> {
     let ParametricSurface::Spline(spline) = surface else {
         return Vec::new();
@@ -448,7 +477,8 @@ fn places(surface: &ParametricSurface) -> Vec<([f64; 2], [f64; 3])> {
     found
 }
 
-/// The foot of a point near parameters, by damped Gauss–Newton steps: its distance and its parameters.
+/// The foot of a point near given parameters, by damped Gauss–Newton (Levenberg–Marquardt) steps: its
+/// distance and its parameters.
 fn foot(
     surface: &ParametricSurface,
     p: [f64; 3],
@@ -456,6 +486,8 @@ fn foot(
     periods: &[Option<f64>; 2],
 ) -> (f64, [f64; 2]) {
     let domain = surface.domain();
+    // Clamped to the domain, so the foot of a point beyond a side is on that side. Periodic parameters are
+    // not clamped, or steps could not cross the seam.
     let inside = |at: [f64; 2]| {
         [0, 1].map(|k| match (periods[k], domain[k]) {
             (None, Some([lo, hi])) => at[k].clamp(lo, hi),
@@ -472,6 +504,8 @@ fn foot(
         let (aa, ab, bb) = (dot(a, a), dot(a, b), dot(b, b));
         let (m, n) = (aa * (1.0 + damping) + 1e-300, bb * (1.0 + damping) + 1e-300);
         let determinant = m * n - ab * ab;
+        // Where both derivatives are nearly parallel, as near a pole, the system is singular. Half of the
+        // gradient step in each parameter is used there.
         let (x, y) = (dot(r, a), dot(r, b));
         let step = match determinant > 1e-14 * m * n {
             true => [(x * n - y * ab) / determinant, (y * m - x * ab) / determinant],
@@ -481,6 +515,8 @@ fn foot(
         let moved = [0, 1].map(|k| (next[k] - at[k]).abs());
         let (to, to_slopes) = surface.at(next);
         let off = distance(p, to);
+        // Converged if the last step moved the point by rounding only, measured in space: lengths of
+        // parameters are arbitrary. A worse step is repeated with more damping.
         if off <= value {
             let is_still = moved[0] * aa.sqrt() + moved[1] * bb.sqrt() <= 1e-13 * (1.0 + norm(q));
             (at, q, slopes, value) = (next, to, to_slopes, off);

@@ -28,7 +28,7 @@ fn torus() -> ParametricSurface {
     })
 }
 
-/// A circle about an axis, as a closed edge from where its parameter is 0.
+/// A circle as a closed edge, which begins at parameter 0.
 fn circle(shape: &mut ParametricShape, center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> usize {
     shape.vertices.push(add_scaled(center, 1.0, a));
     let v = shape.vertices.len() - 1;
@@ -44,10 +44,10 @@ fn face(surface: ParametricSurface, is_outward: bool, loops: Vec<Vec<(usize, boo
     ParametricFace { name: "face".to_owned(), surface, is_outward, loops }
 }
 
-/// The one part of a shape, its area and what the check of its mesh says.
+/// The only part of a shape, its area and the check of its mesh.
 fn meshed(shape: &ParametricShape, fineness: &Fineness) -> (TriangleMesh, f64, planish_mesh::MeshCheck) {
     let made = shape.triangles(fineness).unwrap();
-    assert!(made.left_out.is_empty(), "{:?}", made.left_out);
+    assert!(made.skipped.is_empty(), "{:?}", made.skipped);
     assert_eq!(made.parts.len(), 1);
     let part = made.parts[0].clone();
     let mesh = TriangleMesh::try_new(part.positions, part.triangles).unwrap();
@@ -82,7 +82,7 @@ fn whole_spheres_and_tori_close_and_face_outwards() {
 }
 
 #[test]
-fn a_cap_holds_the_pole_that_its_loop_has_to_its_left() {
+fn cap_contains_the_pole_on_the_left_of_its_loop() {
     // The circle of latitude 30° of a ball of radius 2 about (1, 2, 3), seen from above counter-clockwise.
     let (r, h) = (2.0 * (PI / 6.0).cos(), 1.0);
     for (is_outward, forward, is_upper) in
@@ -105,7 +105,7 @@ fn a_cap_holds_the_pole_that_its_loop_has_to_its_left() {
 }
 
 #[test]
-fn a_ball_less_a_cap_beside_the_poles_is_all_but_the_cap() {
+fn ball_without_a_cap_beside_the_poles_is_the_complement() {
     // A cap of half an angle of 0.5 about the direction (1, 0, 0).
     let (cos, sin) = (0.5_f64.cos(), 0.5_f64.sin());
     for (forward, share) in [(false, 0.5 * (1.0 + cos)), (true, 0.5 * (1.0 - cos))] {
@@ -120,7 +120,7 @@ fn a_ball_less_a_cap_beside_the_poles_is_all_but_the_cap() {
 }
 
 #[test]
-fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
+fn loops_select_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     // The outer and the inner half, between the circles of height ±1.
     for (up, area) in [(true, PI * (3.0 * PI + 2.0)), (false, PI * (3.0 * PI - 2.0))] {
         let mut shape = ParametricShape::default();
@@ -148,7 +148,7 @@ fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
 }
 
 #[test]
-fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
+fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
     let cylinder = elementary(crate::brep::FaceSurface::Cylinder {
         origin: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
@@ -169,16 +169,16 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
         let [a, b, c] = mesh.triangles[0].map(|v| mesh.positions[v as usize]);
         assert!(dot(cross(sub(b, a), sub(c, a)), [a[0], a[1], 0.0]) > 0.0);
     }
-    // One loop alone bounds nothing.
+    // One loop alone bounds no face of a cylinder.
     let mut shape = ParametricShape::default();
     let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(made.left_out[0].reason.contains("one loop runs around it"), "{:?}", made.left_out);
+    assert!(made.skipped[0].reason.contains("one loop runs around the surface"), "{:?}", made.skipped);
 }
 
 #[test]
-fn a_cone_reaches_its_tip_and_beyond() {
+fn faces_of_a_cone_at_and_beyond_its_apex_are_filled() {
     let cone = elementary(crate::brep::FaceSurface::Cone {
         origin: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
@@ -192,7 +192,7 @@ fn a_cone_reaches_its_tip_and_beyond() {
     let (mesh, area, _) = meshed(&shape, &FINE);
     near(area, 4.0 * PI * 2_f64.sqrt(), 1e-3);
     assert!(mesh.positions.iter().any(|p| norm(sub(*p, [0.0, 0.0, -1.0])) < 1e-12));
-    // On the other side of the tip radii are negative, and angles turned by half a turn.
+    // Beyond the apex, radii are negative and angles differ by half a turn.
     let mut shape = ParametricShape::default();
     let loops = [-2.0, -4.0].map(|z: f64| {
         let r = -1.0 - z;
@@ -219,7 +219,7 @@ fn turned_spline() -> (ParametricSurface, SplineCurve) {
 }
 
 #[test]
-fn a_profile_between_poles_turned_is_a_ball_and_beside_it_a_larger_one() {
+fn revolution_between_poles_is_a_ball_and_its_offset_a_larger_one() {
     let (ball, _) = turned_spline();
     assert_eq!(ball.poles().len(), 2);
     let beside = ParametricSurface::Offset { base: Box::new(ball.clone()), distance: 0.5 };
@@ -234,7 +234,7 @@ fn a_profile_between_poles_turned_is_a_ball_and_beside_it_a_larger_one() {
 }
 
 #[test]
-fn feet_on_every_kind_of_surface_are_those_of_its_points() {
+fn foot_points_of_surface_points_are_their_parameters() {
     let (ball, profile) = turned_spline();
     let wave: Vec<[f64; 3]> = (0..36)
         .map(|k| {
@@ -273,7 +273,7 @@ fn feet_on_every_kind_of_surface_are_those_of_its_points() {
 }
 
 #[test]
-fn faces_that_are_written_apart_share_edges_once_welded() {
+fn welded_faces_share_edges() {
     // Two squares side by side, each with vertices and edges of its own, one of them off by a millionth.
     let mut shape = ParametricShape::default();
     for (k, x) in [0.0, 1.0 + 1e-6].into_iter().enumerate() {
@@ -312,7 +312,7 @@ fn faces_that_are_written_apart_share_edges_once_welded() {
 }
 
 #[test]
-fn what_does_not_fit_is_an_error_or_left_out() {
+fn invalid_indices_are_errors_and_invalid_faces_are_skipped() {
     let mut shape = ParametricShape::default();
     assert!(shape.triangles(&Fineness { chord: 0.0, ..FINE }).is_err());
     shape.faces.push(face(sphere(), true, vec![vec![(3, true)]]));
@@ -322,8 +322,8 @@ fn what_does_not_fit_is_an_error_or_left_out() {
     let edge = circle(&mut shape, [9.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
     shape.faces.push(face(sphere(), true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(made.parts.is_empty() && made.left_out[0].reason.contains("off its surface"));
-    // A plane that nothing bounds.
+    assert!(made.parts.is_empty() && made.skipped[0].reason.contains("off its surface"));
+    // A whole plane.
     let plane = elementary(crate::brep::FaceSurface::Plane {
         origin: [0.0; 3],
         normal: [0.0, 0.0, 1.0],
@@ -331,6 +331,7 @@ fn what_does_not_fit_is_an_error_or_left_out() {
     });
     let mut shape = ParametricShape::default();
     shape.faces.push(face(plane, true, Vec::new()));
-    assert_eq!(shape.triangles(&FINE).unwrap().left_out[0].reason, "nothing bounds it");
+    let reason = "the face has no loops and its surface is unbounded";
+    assert_eq!(shape.triangles(&FINE).unwrap().skipped[0].reason, reason);
     assert!(sphere().poles().iter().all(|p| p.value.abs() == FRAC_PI_2));
 }

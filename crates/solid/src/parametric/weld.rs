@@ -1,14 +1,18 @@
-//! Vertices and edges that are written more than once, made one.
+//! Merges vertices and edges that a file contains more than once.
 
 use super::{ParametricEdge, ParametricShape};
 use planish_estimate::vector3::distance;
 use std::collections::HashMap;
 
-/// Numbers of points of which those nearer than a tolerance to an earlier one are that one.
+/// For each point, the index of the first earlier point within a tolerance, or its own index.
+///
+/// A hash of grid cells with twice the tolerance finds candidates in constant time.
 fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
     let side = tolerance.max(f64::MIN_POSITIVE) * 2.0;
     let cell = |p: [f64; 3]| p.map(|x| (x / side).floor());
     let mut cells: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
+    // Cells as floating-point numbers: far coordinates over a small tolerance would overflow integers.
+    // Adding zero turns −0 into 0.
     let key = |c: [f64; 3]| c.map(|x| (x + 0.0).to_bits());
     let mut same = Vec::with_capacity(points.len());
     for (k, p) in points.iter().enumerate() {
@@ -35,8 +39,9 @@ fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
 }
 
 impl ParametricShape {
-    /// Makes vertices that are nearer than a tolerance one, and edges that run the same way between the same
-    /// vertices: many programs write faces that share neither.
+    /// Merges vertices within a tolerance, and edges that coincide between the same vertices.
+    ///
+    /// Many programs write faces that share neither. Without welding, the mesh has gaps along all edges.
     pub fn weld(&mut self, tolerance: f64) {
         let vertex = same_points(&self.vertices, tolerance);
         for edge in &mut self.edges {
@@ -48,9 +53,10 @@ impl ParametricShape {
         for (k, edge) in self.edges.iter().enumerate() {
             let [a, b] = edge.ends;
             let candidates = between.entry([a.min(b), a.max(b)]).or_default();
-            // Middles are known to less than ends, as parameters of two curves differ.
+            // Middles agree less than ends: two curves of one edge may have different parametrisations.
             let size = distance(self.vertices[a], middles[k]).max(tolerance);
             let near = (10.0 * tolerance).max(1e-6 * size);
+            // Equal ends are not enough: two half circles have the same ends.
             let found = candidates.iter().find(|o| distance(middles[**o], middles[k]) <= near);
             match found {
                 Some(other) if a != b => same.push((*other, self.edges[*other].ends != edge.ends)),
@@ -68,6 +74,7 @@ impl ParametricShape {
         }
     }
 
+    /// Range of the curve parameter of an edge.
     fn span(&self, edge: &ParametricEdge) -> [f64; 2] {
         let [a, b] = edge.ends;
         let [from, to] = [a, b].map(|v| self.vertices[v]);
@@ -75,12 +82,13 @@ impl ParametricShape {
         edge.curve.range(ends, a == b)
     }
 
+    /// The point at the middle of the parameter range.
     fn middle(&self, edge: &ParametricEdge) -> [f64; 3] {
         let [from, to] = self.span(edge);
         edge.curve.point(0.5 * (from + to))
     }
 
-    /// Whether two closed edges in one place run against each other.
+    /// True if two coincident closed edges have opposite directions. Their ends do not show this.
     fn runs_back(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
         let early = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);

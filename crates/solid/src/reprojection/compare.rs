@@ -1,4 +1,5 @@
-//! Points along drawn curves and along the solid's lines, each looked for in the other.
+//! Compares a view in both directions: points of drawn curves with the lines of the solid, and points of
+//! these lines with the drawn curves.
 
 use super::nearby::{Nearby, Piece};
 use super::outlines::{Edges, Outline, outlines};
@@ -15,6 +16,7 @@ pub(super) fn disagreements(
     options: &ReprojectionOptions,
 ) -> Vec<Disagreement> {
     let size = drawing.size();
+    // Edges and trimmed faces are the same for all views and are prepared once.
     let edges = Edges::new(solid, size);
     let reach = reach(solid, size);
     let scene =
@@ -30,7 +32,8 @@ pub(super) fn disagreements(
     found
 }
 
-/// A box around a solid, larger than any of its faces can bulge.
+/// A box around a solid. The margin (the size of the drawing) covers faces that bulge beyond their edges,
+/// such as a sphere, of which the samples show only a few points.
 fn reach(solid: &Solid, size: f64) -> [[f64; 3]; 2] {
     let points = solid.edges.iter().flat_map(|e| {
         let [from, to] = e.range;
@@ -42,7 +45,7 @@ fn reach(solid: &Solid, size: f64) -> [[f64; 3]; 2] {
     [lo.map(|c| c - size), hi.map(|c| c + size)]
 }
 
-/// A view with what is drawn and what the solid shows.
+/// A view with the drawn curves and the lines of the solid.
 struct Compared<'a> {
     view: &'a View,
     lines: &'a [Outline],
@@ -53,44 +56,45 @@ struct Compared<'a> {
     options: &'a ReprojectionOptions,
 }
 
-/// A point along a polygon, and the way that it stands for.
+/// A sample point of a polygon.
 struct Sample {
-    /// How far along the polygon it is.
-    way: f64,
-    /// The length that it stands for.
+    /// Arc length from the start of the polygon.
+    arc_length: f64,
+    /// Length of the part that the sample represents.
     length: f64,
 }
 
-/// A polygon by the way along it.
+/// A polygon with the arc length at each of its points.
 struct Chain {
     points: Vec<[f64; 2]>,
-    ways: Vec<f64>,
+    arc_lengths: Vec<f64>,
 }
 
 impl Chain {
     fn new(points: Vec<[f64; 2]>) -> Self {
-        let mut ways = vec![0.0];
+        let mut arc_lengths = vec![0.0];
         for p in points.windows(2) {
-            ways.push(ways[ways.len() - 1] + (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
+            arc_lengths
+                .push(arc_lengths[arc_lengths.len() - 1] + (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
         }
-        Self { points, ways }
+        Self { points, arc_lengths }
     }
 
     fn length(&self) -> f64 {
-        self.ways[self.ways.len() - 1]
+        self.arc_lengths[self.arc_lengths.len() - 1]
     }
 
-    /// The straight piece at a way along the polygon, and the share of it there.
-    fn place(&self, way: f64) -> (usize, f64) {
+    /// The straight piece at an arc length, and the share of it there.
+    fn place(&self, arc_length: f64) -> (usize, f64) {
         let last = self.points.len() - 2;
-        let piece = self.ways.partition_point(|w| *w <= way).clamp(1, last + 1) - 1;
-        let length = self.ways[piece + 1] - self.ways[piece];
-        let share = if length > 0.0 { (way - self.ways[piece]) / length } else { 0.0 };
+        let piece = self.arc_lengths.partition_point(|w| *w <= arc_length).clamp(1, last + 1) - 1;
+        let length = self.arc_lengths[piece + 1] - self.arc_lengths[piece];
+        let share = if length > 0.0 { (arc_length - self.arc_lengths[piece]) / length } else { 0.0 };
         (piece, share.clamp(0.0, 1.0))
     }
 
-    fn point(&self, way: f64) -> [f64; 2] {
-        let (piece, share) = self.place(way);
+    fn point(&self, arc_length: f64) -> [f64; 2] {
+        let (piece, share) = self.place(arc_length);
         let [a, b] = [self.points[piece], self.points[piece + 1]];
         [0, 1].map(|k| a[k] + share * (b[k] - a[k]))
     }
@@ -98,12 +102,13 @@ impl Chain {
     fn samples(&self, spacing: f64) -> Vec<Sample> {
         let n = (self.length() / spacing).ceil().max(1.0);
         (0..n as usize)
-            .map(|k| Sample { way: self.length() * (k as f64 + 0.42) / n, length: self.length() / n })
+            // Not in the middle: symmetric parts have crossings there.
+            .map(|k| Sample { arc_length: self.length() * (k as f64 + 0.42) / n, length: self.length() / n })
             .collect()
     }
 }
 
-/// Where a line differs, gathered by reason.
+/// Differences of a line by reason: first position, total length and number of samples.
 #[derive(Default)]
 struct Differences(Vec<(&'static str, [f64; 2], f64, usize)>);
 
@@ -128,6 +133,7 @@ impl<'a> Compared<'a> {
         options: &'a ReprojectionOptions,
     ) -> Self {
         let size = scene.size;
+        // Chord errors of drawn arcs are a twentieth of the tolerance, so they do not cause differences.
         let shown = pieces(lines.iter().map(|line| projected(line, eye)));
         let drawn = pieces(view.curves.iter().map(|c| drawn_points(&c.curve, 0.05 * options.near * size)));
         let (near, side) = (options.near * size, 0.02 * size);
@@ -142,25 +148,27 @@ impl<'a> Compared<'a> {
         }
     }
 
-    /// Drawn curves that the solid does not show as they are drawn.
+    /// Drawn curves that the solid does not show in their style.
     fn drawn_but_not_shown(&self) -> Vec<Disagreement> {
         let mut found = Vec::new();
         for curve in &self.view.curves {
             let chain = Chain::new(drawn_points(&curve.curve, 0.05 * self.options.near * self.scene.size));
             let mut differences = Differences::default();
-            self.add_differences(&chain, &mut differences, |way| {
-                let near: Vec<_> = self.shown.at(chain.point(way)).collect();
+            self.add_differences(&chain, &mut differences, |arc_length| {
+                let near: Vec<_> = self.shown.at(chain.point(arc_length)).collect();
                 match curve.style {
                     LineStyle::Visible if near.is_empty() => {
-                        Some("a visible line is drawn, and the solid shows none there")
+                        Some("a visible line is drawn, but the solid has no line there")
                     }
                     LineStyle::Hidden if near.is_empty() => {
-                        Some("a hidden line is drawn, and the solid has none there")
+                        Some("a hidden line is drawn, but the solid has no line there")
                     }
+                    // Several edges may have the same image, so a hidden line over a visible edge is no
+                    // contradiction here. If no visible line is drawn there, the other direction finds it.
                     LineStyle::Hidden => None,
                     LineStyle::Visible => {
                         (!near.iter().any(|(piece, share, _)| self.is_seen(piece.line, piece.index, *share)))
-                            .then_some("a visible line is drawn, and the solid has it hidden there")
+                            .then_some("a line is drawn visible, but it is hidden in the solid")
                     }
                 }
             });
@@ -169,24 +177,26 @@ impl<'a> Compared<'a> {
         found
     }
 
-    /// Lines of the solid that are not drawn as they are seen.
+    /// Lines of the solid that are not drawn in the style in which they are seen.
     fn shown_but_not_drawn(&self) -> Vec<Disagreement> {
+        // By group, so that an outline in many parts is one line in the result; ordered, so that results do
+        // not depend on hashing.
         let mut found: BTreeMap<usize, Differences> = BTreeMap::new();
         for (index, line) in self.lines.iter().enumerate().filter(|(_, l)| l.is_required) {
             let chain = Chain::new(projected(line, self.eye));
             let differences = found.entry(line.group).or_default();
-            self.add_differences(&chain, differences, |way| {
-                let near = self.drawn.at(chain.point(way));
+            self.add_differences(&chain, differences, |arc_length| {
+                let near = self.drawn.at(chain.point(arc_length));
                 let styles: Vec<LineStyle> =
                     near.map(|(piece, ..)| self.view.curves[piece.line].style).collect();
                 if styles.contains(&LineStyle::Visible) {
                     return None;
                 }
-                let (piece, share) = chain.place(way);
+                let (piece, share) = chain.place(arc_length);
                 match (self.is_seen(index, piece, share), styles.is_empty()) {
-                    (true, false) => Some("the solid shows a visible line, and it is drawn hidden"),
-                    (true, true) => Some("the solid shows a visible line, and none is drawn"),
-                    (false, true) => Some("the solid has a hidden line, and none is drawn"),
+                    (true, false) => Some("the solid shows a visible line, but it is drawn hidden"),
+                    (true, true) => Some("the solid shows a visible line, but none is drawn"),
+                    (false, true) => Some("the solid has a hidden line, but none is drawn"),
                     (false, false) => None,
                 }
             });
@@ -194,7 +204,8 @@ impl<'a> Compared<'a> {
         found.into_values().flat_map(|differences| self.named(differences, None)).collect()
     }
 
-    /// Looks at points along a line; what differs at a point must differ on both sides of it, too.
+    /// Tests the sample points of a line. A difference at a point counts only if there is one on both sides
+    /// of it, too: single points differ where lines cross or where visibility changes.
     fn add_differences(
         &self,
         chain: &Chain,
@@ -202,20 +213,23 @@ impl<'a> Compared<'a> {
         why: impl Fn(f64) -> Option<&'static str>,
     ) {
         let (size, length) = (self.scene.size, chain.length());
-        // Seen from its end a line is a point.
+        // A line along the line of sight is a point in the view.
         if length < 1e-3 * self.options.shortest * size {
             return;
         }
+        // A difference at three points spans at least the shortest length that is reported. Short lines are
+        // compared at points nearer to each other.
         let beside = (0.5 * self.options.shortest * size).min(0.4 * length);
         for sample in chain.samples(self.options.spacing * size) {
-            let Some(reason) = why(sample.way) else { continue };
-            let sides = [sample.way - beside, sample.way + beside];
-            if sides.iter().all(|way| why(way.clamp(0.0, length)).is_some()) {
-                differences.add(reason, chain.point(sample.way), sample.length);
+            let Some(reason) = why(sample.arc_length) else { continue };
+            let sides = [sample.arc_length - beside, sample.arc_length + beside];
+            if sides.iter().all(|arc_length| why(arc_length.clamp(0.0, length)).is_some()) {
+                differences.add(reason, chain.point(sample.arc_length), sample.length);
             }
         }
     }
 
+    /// The differences of a line that are long enough to report.
     fn named<'b>(
         &'b self,
         differences: Differences,
@@ -232,13 +246,14 @@ impl<'a> Compared<'a> {
         })
     }
 
-    /// Whether the solid's line is seen at a place on it.
+    /// True if a line of the solid is visible at a point of it.
     fn is_seen(&self, line: usize, piece: usize, share: f64) -> bool {
         let [a, b] = [self.lines[line].points[piece], self.lines[line].points[piece + 1]];
         let p = [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]));
         let [from, to] = [self.eye.seen(a), self.eye.seen(b)];
         let d = [to[0] - from[0], to[1] - from[1]];
         let length = d[0].hypot(d[1]);
+        // A piece along the line of sight has no direction in the view; any one serves.
         let across = if length > 0.0 { [-d[1] / length, d[0] / length] } else { [1.0, 0.0] };
         self.scene.is_visible(self.eye, p, across)
     }
@@ -256,11 +271,12 @@ fn projected(line: &Outline, eye: Eye) -> Vec<[f64; 2]> {
     line.points.iter().map(|p| eye.seen(*p)).collect()
 }
 
-/// Points along a drawn curve; chords miss an arc by `chord` at most.
+/// Points along a drawn curve, with a chord error of at most `chord` on arcs.
 fn drawn_points(curve: &Curve2, chord: f64) -> Vec<[f64; 2]> {
     let Curve2::Arc { center, radius, start, sweep } = curve else {
         return curve.points();
     };
+    // A chord over the angle θ has the error r (1 − cos θ/2). The bound of a half keeps the step below 120°.
     let step = 2.0 * (1.0 - (chord / radius).min(0.5)).acos();
     let n = (sweep / step).ceil().clamp(2.0, 10_000.0) as usize;
     (0..=n)

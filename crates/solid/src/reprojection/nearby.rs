@@ -1,4 +1,4 @@
-//! Straight pieces of lines in a view, found by place.
+//! Search for the straight pieces of lines near a point of a view.
 
 use std::collections::HashMap;
 
@@ -6,12 +6,12 @@ use std::collections::HashMap;
 #[derive(Clone, Copy)]
 pub(super) struct Piece {
     pub(super) ends: [[f64; 2]; 2],
-    /// Which line it is of, and which piece of it.
+    /// Index of the line, and of the piece within it.
     pub(super) line: usize,
     pub(super) index: usize,
 }
 
-/// Pieces by the squares of a grid that they come near to.
+/// Pieces by the squares of a grid that they are near to.
 pub(super) struct Nearby {
     pieces: Vec<Piece>,
     squares: HashMap<[i64; 2], Vec<u32>>,
@@ -20,7 +20,7 @@ pub(super) struct Nearby {
 }
 
 impl Nearby {
-    /// Pieces, to be found from within `near`; the grid's squares have the side given.
+    /// Prepares the search within the distance `near`, on a grid of squares with the given side.
     pub(super) fn new(pieces: Vec<Piece>, near: f64, side: f64) -> Self {
         let mut squares: HashMap<[i64; 2], Vec<u32>> = HashMap::new();
         let square = |x: f64| (x / side).floor() as i64;
@@ -35,6 +35,7 @@ impl Nearby {
                 let p = [0, 1].map(|c| a[c] + share * (b[c] - a[c]));
                 for i in square(p[0] - more)..=square(p[0] + more) {
                     for j in square(p[1] - more)..=square(p[1] + more) {
+                        // Pieces come in order, so a repeated entry of this piece is the last one.
                         let found = squares.entry([i, j]).or_default();
                         if found.last() != Some(&(index as u32)) {
                             found.push(index as u32);
@@ -46,7 +47,8 @@ impl Nearby {
         Self { pieces, squares, side, near }
     }
 
-    /// Pieces within reach of a point, with the share of the piece at its nearest point and the distance.
+    /// Pieces within the distance of a point. Each comes with the share of the piece at its nearest point,
+    /// and with the distance.
     pub(super) fn at(&self, p: [f64; 2]) -> impl Iterator<Item = (Piece, f64, f64)> + '_ {
         let square = p.map(|x| (x / self.side).floor() as i64);
         let found = self.squares.get(&square).map_or(&[][..], Vec::as_slice);

@@ -1,4 +1,5 @@
-//! What can be drawn of a solid in a view: edges, and where the line of sight touches curved faces.
+//! The lines of a solid that a view can show: edges, and outlines where the line of sight touches curved
+//! faces.
 
 use super::scene::Eye;
 use crate::brep::TrimmedFace;
@@ -7,28 +8,39 @@ use planish_core::BoundingBox;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::{PI, TAU};
 
-/// Faces whose normals' cosine differs from ±1 by less run smoothly into each other.
+/// Faces continue each other smoothly if the cosine between their normals differs from ±1 by less than this
+/// (0.08°).
+///
+/// A larger value loses edges of nearly flat angles; a smaller one shows tangent edges of inaccurate
+/// surfaces.
 const SMOOTH: f64 = 1e-6;
-/// A face whose normal's cosine with the line of sight is less is seen edge-on.
+/// A face is seen edge-on if the cosine between its normal and the line of sight is below this.
 const EDGE_ON: f64 = 1e-5;
-/// Beside an edge or an outline means this far from it, as a share of the size.
+/// Distance from an edge or an outline at which the faces beside it are tested, relative to the size.
+///
+/// It must exceed the errors of edges, and be small against the faces.
 const BESIDE: f64 = 1e-4;
-/// Polygons along curves miss them by this share of the size.
+/// Maximum chord error of polygons along curves, relative to the size.
+///
+/// It is a hundredth of the default tolerance
+/// [`ReprojectionOptions::near`](super::ReprojectionOptions::near).
 const CHORD: f64 = 5e-6;
-/// Cells of a curved face's parameters in which outlines are looked for.
+/// Numbers of cells along both parameters of a curved face in which outlines are searched.
+///
+/// An outline within one cell is missed; more cells take more time.
 const CELLS: [usize; 2] = [48, 24];
-/// Parts of a circle of touch.
+/// Number of parts of a circle along which the line of sight touches a face.
 const AROUND: usize = 720;
-/// How often a part of an outline is halved.
+/// Number of times that a part of an outline is halved.
 const HALVINGS: usize = 4;
 
 /// A line of the solid in a view.
 pub(super) struct Outline {
-    /// Points along it, in space.
+    /// Points along the line, in space.
     pub(super) points: Vec<[f64; 3]>,
-    /// Whether a drawing must show it.
+    /// True if a drawing must show the line; optional lines may be drawn.
     pub(super) is_required: bool,
-    /// Lines of one edge, or of one face's outline, share this.
+    /// Number shared by the lines of one edge, or of the outline of one face.
     pub(super) group: usize,
 }
 
@@ -38,7 +50,7 @@ pub(super) struct Edges {
     uses: Vec<Vec<(usize, Coedge)>>,
     /// Points along each edge.
     chains: Vec<Vec<[f64; 3]>>,
-    /// Whether another edge lies in the same place.
+    /// For each edge, true if another one coincides with it. Drawing conventions differ for these.
     is_double: Vec<bool>,
 }
 
@@ -56,6 +68,8 @@ impl Edges {
             let edge = &solid.edges[k];
             edge.curve.point((edge.range[0] + edge.range[1]) / 2.0)
         };
+        // Coincident edges may be divided differently, so each middle is compared with the whole other edge,
+        // and in both directions: a short edge may lie on a long one.
         let middles: Vec<[f64; 3]> = (0..solid.edges.len()).map(middle).collect();
         let touches = |k: usize, p: [f64; 3]| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
         let boxes: Vec<Option<BoundingBox>> = chains.iter().map(|c| BoundingBox::from_points(c)).collect();
@@ -75,14 +89,14 @@ impl Edges {
     }
 }
 
-/// The distance of a point to a straight line between two points.
+/// The distance of a point to the segment between two points.
 fn far_from(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
     let d = sub(b, a);
     let share = (dot(sub(p, a), d) / dot(d, d).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     norm(sub(p, along(a, share, d)))
 }
 
-/// Points along an edge, so near to each other that chords miss it by [`CHORD`].
+/// Points along an edge, with a chord error of at most [`CHORD`].
 fn chain(edge: &crate::brep::Edge, size: f64) -> Vec<[f64; 3]> {
     let [from, to] = edge.range;
     let pieces = edge.pieces();
@@ -90,7 +104,7 @@ fn chain(edge: &crate::brep::Edge, size: f64) -> Vec<[f64; 3]> {
     for k in 0..pieces {
         let at = |share: f64| from + (to - from) * (k as f64 + share) / pieces as f64;
         let [a, m, b] = [0.0, 0.5, 1.0].map(|s| edge.curve.point(at(s)));
-        // A chord's distance falls with the square of its length.
+        // The chord error falls with the square of the length.
         let miss = far_from(m, a, b) / (CHORD * size);
         let parts = miss.sqrt().ceil().clamp(1.0, 64.0) as usize;
         points.extend((1..=parts).map(|j| edge.curve.point(at(j as f64 / parts as f64))));
@@ -129,7 +143,10 @@ pub(super) fn outlines(
     found
 }
 
-/// Whether an edge must be drawn; none where it cannot be.
+/// Whether an edge must be drawn; `None` if it is never drawn.
+///
+/// A sharp edge must be drawn. A smooth one must be drawn if one face is turned to the viewer and the other
+/// one away, where it is an outline. Other smooth edges may be drawn if two surfaces meet there.
 fn of_edge(
     solid: &Solid,
     faces: &[TrimmedFace<'_>],
@@ -146,6 +163,7 @@ fn of_edge(
     }
     let edge = &solid.edges[index];
     let (mut any, mut all) = (false, true);
+    // An edge may be an outline along a part only, so it is required only if all samples require it.
     for share in [0.21, 0.48, 0.83] {
         let t = edge.range[0] + (edge.range[1] - edge.range[0]) * share;
         let p = edge.curve.point(t);
@@ -155,7 +173,8 @@ fn of_edge(
             let tangent = unit(edge.curve.derivative(t));
             let facing = |face: &TrimmedFace<'_>, coedge: Coedge, normal: [f64; 3]| {
                 let run = if coedge.forward { tangent } else { tangent.map(|c| -c) };
-                // A face lies to the left of its loop.
+                // The normals at the edge itself agree, so they are compared beside it. A face is on the left
+                // of its loop.
                 let beside = along(p, BESIDE * size, unit(cross(normal, run)));
                 let towards = dot(face.outward(beside), eye.towards());
                 if towards.abs() < EDGE_ON { 0.0 } else { towards.signum() }
@@ -164,17 +183,18 @@ fn of_edge(
             any |= turns;
             all &= turns;
         } else {
+            // Opposite normals are a cusp, where the boundary touches itself; conventions differ.
             any = true;
             all &= cosine > SMOOTH - 1.0;
         }
     }
-    // A plane is only cut where something touches it from behind.
+    // A smooth edge between two planes exists only where something touches the plane from behind.
     let are_planes = [f, g].iter().all(|k| matches!(faces[*k].surface(), FaceSurface::Plane { .. }));
     (any || are_planes || is_tangent(solid, f, g)).then_some(any && all)
 }
 
-/// Whether a smooth edge of two faces is where one surface runs into another, which some drawings show: not a
-/// seam, or a cut of one surface.
+/// True if a smooth edge lies between two different surfaces, which some drawings show. It is false for seams
+/// and for cuts within one surface.
 fn is_tangent(solid: &Solid, f: usize, g: usize) -> bool {
     let radius = |k: usize| match solid.faces[k].surface {
         FaceSurface::Cylinder { radius, .. } | FaceSurface::Sphere { radius, .. } => radius,
@@ -189,7 +209,9 @@ fn is_tangent(solid: &Solid, f: usize, g: usize) -> bool {
     f != g && !is_same
 }
 
-/// Where the line of sight touches a curved face: `n · e = 0`, with the face on both sides.
+/// Outlines of a curved face: `n · e = 0`, with the face on both sides.
+///
+/// Outlines of spheres, and of tori along or across their axis, are circles; exact ones avoid the search.
 fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
     if let Some(circles) = touching_circles(face.surface(), eye.towards()) {
         return circles
@@ -200,8 +222,8 @@ fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
     touching_by_cells(face, eye, size)
 }
 
-/// The circles along which the line of sight touches a sphere, or a torus whose axis lies along or across it;
-/// none of any other surface.
+/// The circles along which the line of sight touches a sphere, or a torus with its axis along or across it;
+/// `None` for any other surface.
 fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>> {
     let circle = |center: [f64; 3], a: [f64; 3], b: [f64; 3], radius: f64| EdgeCurve::Ellipse {
         center,
@@ -233,19 +255,20 @@ fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>
     }
 }
 
-/// The parts of a circle of touch that have the face on both sides.
+/// The parts of a circle of contact that have the face on both sides.
 fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size: f64) -> Vec<Vec<[f64; 3]>> {
     let surface = face.surface();
     let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
     let is_in = |k: usize| {
         let q = circle.point(TAU * (k as f64 + 0.5) / AROUND as f64);
-        // The line of sight is a tangent there, and leads across.
+        // The line of sight is a tangent of the surface there, and crosses the outline.
         [-1.0, 1.0].into_iter().all(|side| {
             let beside = surface.parameters(along(q, side * BESIDE * size, e));
             face.contains(surface.point(beside))
         })
     };
     let inside: Vec<bool> = (0..AROUND).map(is_in).collect();
+    // The loop starts at a gap, so that no part is split where the circle closes.
     let Some(gap) = inside.iter().position(|i| !i) else {
         return vec![(0..=AROUND).map(point).collect()];
     };
@@ -263,7 +286,7 @@ fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size
     found
 }
 
-/// As [`touching`], of any surface, by the cells of its parameters at whose corners `n · e` has both signs.
+/// Outlines of any surface, in the cells of its parameters at whose corners `n · e` has both signs.
 fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
     let surface = face.surface();
     let towards = |uv: [f64; 2]| dot(surface.normal(surface.point(uv)), eye.towards());
@@ -278,6 +301,7 @@ fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f6
             values.push(towards(at(i, j)));
         }
     }
+    // A cylinder along the line of sight is edge-on everywhere: its edges are drawn, and it has no outline.
     if values.iter().all(|v| v.abs() < EDGE_ON) {
         return Vec::new();
     }
@@ -293,6 +317,7 @@ fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f6
                     crossed.push(zero_between(&towards, at(a[0], a[1]), at(b[0], b[1])));
                 }
             }
+            // Four crossings (a saddle) give two parts. Their pairing may be wrong, but only within one cell.
             for pair in crossed.chunks_exact(2) {
                 found.extend(part_in_face(face, &towards, [pair[0], pair[1]], size));
             }
@@ -301,7 +326,7 @@ fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f6
     found
 }
 
-/// The range of the second parameter of a face, with a cone's tip.
+/// The range of the second parameter of a face, including the apex of a cone.
 fn second_range(face: &TrimmedFace<'_>) -> [f64; 2] {
     if face.second_is_angle() {
         return [-PI, PI];
@@ -316,7 +341,7 @@ fn second_range(face: &TrimmedFace<'_>) -> [f64; 2] {
     [from, to]
 }
 
-/// Where a function of the parameters is zero between two places of different sign.
+/// Zero of a function of the parameters between two points of different sign, by bisection.
 fn zero_between(value: &dyn Fn([f64; 2]) -> f64, mut a: [f64; 2], mut b: [f64; 2]) -> [f64; 2] {
     let above = value(a) > 0.0;
     for _ in 0..48 {
@@ -326,7 +351,7 @@ fn zero_between(value: &dyn Fn([f64; 2]) -> f64, mut a: [f64; 2], mut b: [f64; 2
     [0, 1].map(|k| (a[k] + b[k]) / 2.0)
 }
 
-/// The part of an outline between two places that runs within the face, as points.
+/// The part of an outline between two points that lies within the face.
 fn part_in_face(
     face: &TrimmedFace<'_>,
     towards: &dyn Fn([f64; 2]) -> f64,
@@ -334,7 +359,8 @@ fn part_in_face(
     size: f64,
 ) -> Option<Vec<[f64; 3]>> {
     let surface = face.surface();
-    // Points in between, moved across to where the function is zero.
+    // Points in between, moved across the chord to the zero of the function. Small moves are tried first, so
+    // that another branch of the outline is not taken.
     let on = |share: f64| {
         let p = [0, 1].map(|k| ends[0][k] + share * (ends[1][k] - ends[0][k]));
         if towards(p).abs() < 1e-12 {
@@ -349,8 +375,8 @@ fn part_in_face(
     let is_in = |share: f64| {
         let uv = on(share);
         let q = surface.point(uv);
-        // Across the outline on the surface: along the line of sight's shadow there, which is the line of
-        // sight itself.
+        // A step across the outline, along the gradient of n · e on the surface. Where the surface is flat in
+        // one parameter, steps along parameters would run along the outline.
         [-1.0, 1.0].into_iter().all(|s| {
             let h = 1e-6;
             let du = sub(surface.point([uv[0] + h, uv[1]]), q).map(|c| c / h);
@@ -372,7 +398,7 @@ fn part_in_face(
     let inside: Vec<bool> = (0..PARTS).map(|k| is_in((k as f64 + 0.5) / PARTS as f64)).collect();
     let first = inside.iter().position(|i| *i)?;
     let last = inside.iter().rposition(|i| *i)?;
-    // To where it leaves the face, by halving.
+    // The end at which the outline leaves the face, by bisection.
     let reach = |mut within: f64, mut beyond: f64| {
         for _ in 0..HALVINGS + 8 {
             let middle = (within + beyond) / 2.0;

@@ -1,17 +1,20 @@
-//! Whether a point of a solid is seen.
+//! Visibility of points of a solid, by rays towards the viewer.
 
 use crate::brep::TrimmedFace;
 use crate::drawing::ViewKind;
 use planish_estimate::vector3::dot;
 
-/// Rays pass a line on both sides at this share of the size: more than edges and their faces are apart.
+/// Distance of rays from the line that they pass, relative to the size.
+///
+/// It must exceed the gaps between edges and their faces, or a ray may pass through a gap. It must be small
+/// against the distance of neighbouring lines.
 const ASIDE: f64 = 3e-5;
 
-/// From where a view is seen.
+/// Viewing direction of a view, with its axes.
 #[derive(Clone, Copy)]
 pub(super) struct Eye {
     axes: [usize; 3],
-    /// +1 where what is near to the eye has the larger coordinate along the line of sight.
+    /// +1 if points nearer to the eye have the larger coordinate along the line of sight, else −1.
     sign: f64,
 }
 
@@ -27,32 +30,36 @@ impl Eye {
         e
     }
 
-    /// Where a point stands in the view.
+    /// Image of a point in the view.
     pub(super) fn seen(self, p: [f64; 3]) -> [f64; 2] {
         [p[self.axes[0]], p[self.axes[1]]]
     }
 
-    /// How near to the eye a point is; larger is nearer.
+    /// Coordinate towards the eye; larger is nearer.
     fn nearness(self, p: [f64; 3]) -> f64 {
         self.sign * p[self.axes[2]]
     }
 }
 
-/// The faces of a solid, and how large all of it is.
+/// The faces of a solid, prepared for rays.
 pub(super) struct Scene<'a> {
     pub(super) faces: Vec<TrimmedFace<'a>>,
     pub(super) size: f64,
-    /// A box around everything.
+    /// Minimum and maximum corner of a box around the solid.
     pub(super) reach: [[f64; 3]; 2],
 }
 
 impl Scene<'_> {
-    /// Whether a point of a line is seen: on one side of the line, `across` in the view, nothing stands
-    /// before it.
+    /// True if a point of a line is visible: on one side of the line, along ± `across` in the view, no face
+    /// is in front of it.
+    ///
+    /// The ray through the point itself touches the faces at the line, so rounding would decide. An outline
+    /// also has its own face on one side.
     pub(super) fn is_visible(&self, eye: Eye, p: [f64; 3], across: [f64; 2]) -> bool {
         [-1.0, 1.0].into_iter().any(|side| !self.is_covered(eye, p, across, side * ASIDE * self.size))
     }
 
+    /// True if a ray from a point, moved by `aside` along `across`, meets a face before the eye.
     fn is_covered(&self, eye: Eye, p: [f64; 3], across: [f64; 2], aside: f64) -> bool {
         let mut from = p;
         from[eye.axes[0]] += aside * across[0];
@@ -75,8 +82,9 @@ impl Scene<'_> {
                     return false;
                 }
                 let hit = crate::brep::along(from, t, direction);
-                // A face that the line lies on is met before it where it slopes towards the eye; the steeper,
-                // the further.
+                // A face through the line that slopes towards the eye is met in front of the line, although
+                // it does not cover it. This is at most `aside` times the slope away; the factor leaves room
+                // for curved faces.
                 let facing = dot(face.surface().normal(hit), direction).abs().max(1e-9);
                 let slope = (1.0 - facing * facing).max(0.0).sqrt() / facing;
                 t > aside.abs() * (1.0 + 4.0 * slope) && face.contains(hit)

@@ -63,25 +63,25 @@ fn curve<'a>(drawing: &'a mut Drawing, view: usize, entity: &str) -> &'a mut Dra
 }
 
 #[test]
-fn a_solid_agrees_with_the_drawing_that_it_was_made_of() {
+fn solid_agrees_with_its_own_drawing() {
     let drawing = stepped_hole();
     let found = compared(&solved(&drawing), &drawing);
     assert!(found.is_empty(), "{found:?}");
 }
 
 #[test]
-fn a_line_that_the_solid_does_not_have_is_named() {
+fn drawn_line_without_an_edge_is_reported() {
     let mut drawing = stepped_hole();
     let solid = solved(&drawing);
     let stray = level(5.0, [0.0, 40.0], LineStyle::Hidden, "LINE 7F (line 12)");
     drawing.views[0].curves.push(stray);
     let [named] = &compared(&solid, &drawing)[..] else { panic!("needed one difference") };
     assert_eq!((named.view, named.entity.as_deref()), (ViewKind::Front, Some("LINE 7F (line 12)")));
-    assert_eq!(named.why, "a hidden line is drawn, and the solid has none there");
+    assert_eq!(named.why, "a hidden line is drawn, but the solid has no line there");
 }
 
 #[test]
-fn a_line_that_is_not_drawn_is_found() {
+fn edge_without_a_drawn_line_is_reported() {
     let mut drawing = stepped_hole();
     let solid = solved(&drawing);
     drawing.views[1].curves.retain(|c| c.entity != "narrow circle");
@@ -89,27 +89,33 @@ fn a_line_that_is_not_drawn_is_found() {
     assert!(!found.is_empty());
     for named in found {
         assert_eq!((named.view, named.entity), (ViewKind::Top, None));
-        assert_eq!(named.why, "the solid shows a visible line, and none is drawn");
+        assert_eq!(named.why, "the solid shows a visible line, but none is drawn");
         let off = (named.at[0] - 20.0).hypot(named.at[1] - 15.0) - 3.0;
         assert!(off.abs() < 1e-3, "{off}");
     }
 }
 
 #[test]
-fn a_hidden_line_drawn_visible_and_a_visible_one_drawn_hidden_are_told_apart() {
+fn lines_drawn_in_the_wrong_style_are_reported() {
     let mut drawing = stepped_hole();
     let solid = solved(&drawing);
     curve(&mut drawing, 2, "the step").style = LineStyle::Visible;
     curve(&mut drawing, 1, "wide circle").style = LineStyle::Hidden;
     let found = compared(&solid, &drawing);
-    let says = |view, why: &str| found.iter().any(|d| d.view == view && d.why == why);
-    assert!(says(ViewKind::Side, "a visible line is drawn, and the solid has it hidden there"), "{found:?}");
-    assert!(says(ViewKind::Top, "the solid shows a visible line, and it is drawn hidden"), "{found:?}");
+    let is_reported = |view, why: &str| found.iter().any(|d| d.view == view && d.why == why);
+    assert!(
+        is_reported(ViewKind::Side, "a line is drawn visible, but it is hidden in the solid"),
+        "{found:?}"
+    );
+    assert!(
+        is_reported(ViewKind::Top, "the solid shows a visible line, but it is drawn hidden"),
+        "{found:?}"
+    );
     assert!(found.iter().all(|d| d.view != ViewKind::Front));
 }
 
 #[test]
-fn another_solid_with_the_same_outlines_is_refused() {
+fn different_solid_with_the_same_outlines_is_reported() {
     let drawing = stepped_hole();
     let mut through = drawing.clone();
     for view in &mut through.views {
@@ -131,7 +137,7 @@ fn another_solid_with_the_same_outlines_is_refused() {
 }
 
 #[test]
-fn a_rounded_edge_shows_an_outline_only_where_it_turns_away() {
+fn rounded_edge_has_an_outline_only_where_it_turns_away() {
     // A bar along y of 20 × 10 whose upper right edge is rounded by 4.
     use LineStyle::Visible;
     let mut front = vec![
@@ -153,7 +159,7 @@ fn a_rounded_edge_shows_an_outline_only_where_it_turns_away() {
     assert_eq!(solid.faces_by_kind(), [6, 1, 0, 0, 0]);
     let found = compared(&solid, &drawing);
     assert!(found.is_empty(), "{found:?}");
-    // The smooth edge may be drawn; a line beside it is none of the solid.
+    // The smooth edge may be drawn; a line beside it is not an edge of the solid.
     for (at, differences) in [(16.0, 0), (15.0, 1)] {
         let mut more = drawing.clone();
         more.views[1].curves.push(upright(at, [0.0, 30.0], Visible, "smooth"));
@@ -162,7 +168,7 @@ fn a_rounded_edge_shows_an_outline_only_where_it_turns_away() {
 }
 
 #[test]
-fn rays_meet_a_cylinder_where_its_distance_says() {
+fn closed_form_and_distance_give_the_same_ray_intersections() {
     let solid = solved(&stepped_hole());
     let reach = [[-50.0; 3], [90.0; 3]];
     let cylinder =
@@ -184,7 +190,7 @@ fn rays_meet_a_cylinder_where_its_distance_says() {
 }
 
 #[test]
-fn a_plane_with_holes_contains_what_lies_between_its_loops() {
+fn plane_with_holes_contains_the_points_between_its_loops() {
     let solid = solved(&stepped_hole());
     let above =
         |f: &&crate::brep::Face| f.surface.distance([1.0, 1.0, 20.0]).abs() < 1e-9 && f.loops.len() == 2;

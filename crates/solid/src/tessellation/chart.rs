@@ -1,39 +1,40 @@
-//! Plane coordinates of a face's surface, in which it is cut into triangles.
+//! Plane coordinates of the surface of a face, in which it is triangulated.
 //!
-//! Parameters have no one value at a pole of a sphere or the tip of a cone. A face of a sphere is therefore
-//! projected from a point of the sphere that it does not hold (stereographic: circles stay circles), and a
-//! cone's face that holds the tip is looked at along its axis.
+//! Parameters are undetermined at a pole of a sphere or at the apex of a cone. A face of a sphere is
+//! therefore projected from a point of the sphere outside of the face (stereographic: circles stay circles).
+//! A face of a cone that contains the apex is projected along its axis.
 
 use crate::brep::{FaceSurface, unit};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 
-/// A point of a plane for every point of a surface.
+/// A map from a surface to a plane.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Chart {
-    /// The surface's parameters times the lengths of their steps; `is_swapped`: the second one first, so that
-    /// it is seen mirrored.
+    /// The parameters of the surface times the lengths of its derivatives. With `is_swapped`, the second
+    /// parameter comes first, which mirrors the plane.
     Parameters { surface: FaceSurface, steps: [f64; 2], is_swapped: bool },
-    /// A sphere, projected from `center + radius pole` on the plane that touches it opposite of that.
+    /// A sphere, projected from `center + radius pole` to the tangent plane at the opposite point.
     Sphere {
         center: [f64; 3],
         radius: f64,
         pole: [f64; 3],
-        /// Two directions of the plane; seen from outside of the sphere the second lies left of the first.
+        /// Two directions of the plane. Seen from outside of the sphere, the second is left of the first.
         plane: [[f64; 3]; 2],
     },
-    /// A cone, seen from its tip along the axis.
+    /// A cone, seen from its apex along the axis.
     Cone { tip: [f64; 3], axis: [f64; 3], plane: [[f64; 3]; 2], slope: f64 },
 }
 
 impl Chart {
-    /// A sphere from a pole.
+    /// The stereographic projection of a sphere from a pole (a unit vector).
     pub(super) fn sphere(center: [f64; 3], radius: f64, pole: [f64; 3]) -> Self {
+        // An axis at an angle of at least 44° to the pole, so that the cross product is accurate.
         let aside = if pole[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let x = unit(cross(aside, pole));
         Self::Sphere { center, radius, pole, plane: [x, cross(x, pole)] }
     }
 
-    /// A cone from its tip; none of another surface.
+    /// The projection of a cone along its axis; `None` for other surfaces.
     pub(super) fn cone(surface: &FaceSurface) -> Option<Self> {
         let FaceSurface::Cone { origin, axis, x, radius, half_angle_rad } = *surface else {
             return None;
@@ -47,8 +48,7 @@ impl Chart {
         })
     }
 
-    /// The plane's point of a point on the surface; parameters come back by turns, and here those between −π
-    /// and π.
+    /// The point of the plane for a point on the surface. Of periodic parameters, those in (−π, π] are used.
     pub(super) fn at(&self, p: [f64; 3]) -> [f64; 2] {
         match self {
             Self::Parameters { surface, steps, is_swapped } => {
@@ -58,6 +58,7 @@ impl Chart {
             }
             Self::Sphere { center, radius, pole, plane } => {
                 let d = unit(sub(p, *center));
+                // The pole itself is at infinity; the bound keeps the division finite there.
                 let stretch = 2.0 * radius / (1.0 - dot(d, *pole)).max(f64::MIN_POSITIVE);
                 plane.map(|x| stretch * dot(d, x))
             }
@@ -65,7 +66,7 @@ impl Chart {
         }
     }
 
-    /// The surface's point of a point of the plane.
+    /// The point of the surface for a point of the plane.
     pub(super) fn point(&self, at: [f64; 2]) -> [f64; 3] {
         match self {
             Self::Parameters { surface, steps, is_swapped } => {
@@ -86,8 +87,8 @@ impl Chart {
         }
     }
 
-    /// Whether triangles that run counter-clockwise in the plane run clockwise as seen along the surface's
-    /// normal.
+    /// True if triangles that are counter-clockwise in the plane are clockwise seen against the normal of the
+    /// surface.
     pub(super) fn is_mirrored(&self) -> bool {
         matches!(self, Self::Parameters { is_swapped: true, .. })
     }
@@ -108,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn points_come_back_and_left_stays_left() {
+    fn charts_invert_and_keep_the_orientation() {
         let sphere = FaceSurface::Sphere {
             center: [1.0, -2.0, 0.5],
             axis: [0.0, 0.0, 1.0],

@@ -1,8 +1,8 @@
-//! The part of a surface's parameters that a face covers: polygons, an outer one and holes.
+//! The region of a face in the plane of its chart: an outer polygon and holes.
 //!
 //! Input: a face with the points of its edges. Output: polygons of mesh vertices in a plane ([`Chart`]).
-//! In parameters these do not jump by a turn: a face between two loops around an axis, or around the tube of
-//! a torus, is cut along a bridge from one to the other, which both sides of the cut share.
+//! Angles along a polygon do not jump by a turn. A face between two loops around an axis, or around the tube
+//! of a torus, is therefore cut along a bridge between them. Both sides of the cut have the same vertices.
 
 use super::Points;
 use super::chart::Chart;
@@ -12,18 +12,20 @@ use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
-/// Directions among which a pole is chosen that lies off a sphere's face.
+/// Number of directions from which the projection pole of a sphere is chosen, in addition to those beside its
+/// loops. More of them find poles farther from the face, which distorts triangles less.
 const DIRECTIONS: usize = 200;
 
-/// What a face covers.
+/// The region of a face in the plane.
 pub(super) struct Domain {
-    /// Polygons: where a point lies in an odd number of them, it is in the face.
+    /// Polygons. A point in an odd number of them is in the face.
     pub(super) polygons: Vec<Vec<Corner>>,
-    /// Points within it that must be vertices: the tip of a cone.
+    /// Points within the face that must be vertices: the apex of a cone.
     pub(super) inner: Vec<Corner>,
     pub(super) chart: Chart,
 }
 
+/// The difference of two angles in [−π, π].
 fn turn(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
@@ -53,13 +55,13 @@ impl Domain {
     }
 }
 
-/// The polygons of rings in a chart without jumps.
+/// The polygons of loops in a chart without angles.
 fn flat(chart: &Chart, points: &Points, rings: &[Vec<u32>]) -> Vec<Vec<Corner>> {
     let corner = |vertex: &u32| Corner { vertex: *vertex, at: chart.at(points.positions[*vertex as usize]) };
     rings.iter().map(|ring| ring.iter().map(corner).collect()).collect()
 }
 
-/// A face of a sphere, projected from the point off the face that is farthest from its loops.
+/// The region of a face of a sphere, projected from the point outside of the face farthest from its loops.
 fn on_sphere(
     face: &Face,
     points: &Points,
@@ -72,7 +74,7 @@ fn on_sphere(
     let of: Vec<Vec<[f64; 3]>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
     let mut poles: Vec<[f64; 3]> = (0..DIRECTIONS)
         .map(|k| {
-            // Fibonacci's lattice: evenly over the sphere.
+            // Fibonacci lattice: points spread evenly over the sphere.
             let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
             let angle = TAU * 0.618_033_988_749_895 * k as f64;
             let across = (1.0 - z * z).sqrt();
@@ -85,7 +87,8 @@ fn on_sphere(
             poles.extend([unit(sum), unit(scale(-1.0, sum))]);
         }
         for k in 0..ring.len() {
-            // A little to the right of the loop, as seen from outside of the solid.
+            // A point just to the right of the loop, seen from outside. It is outside of the face, also if
+            // the face covers nearly all of the sphere and none of the directions above is outside.
             let (a, b) = (ring[k], ring[(k + 1) % ring.len()]);
             let right = cross(sub(b, a), scale(sense, add(a, b)));
             poles.push(unit(add_scaled(add(a, b), 0.5, right)));
@@ -97,15 +100,16 @@ fn on_sphere(
     for (_, pole) in order {
         let chart = Chart::sphere(center, radius, pole);
         let polygons = flat(&chart, points, rings);
-        // Seen from a point of the face itself, the loops would enclose what is not the face.
+        // Projected from a point of the face itself, the loops would enclose the rest of the sphere, with a
+        // negative area.
         if sense * signed_area(&polygons) > 0.0 {
             return Ok(Domain { polygons, inner: Vec::new(), chart });
         }
     }
-    Err(Error::unsupported("its loops leave no part of the sphere out"))
+    Err(Error::unsupported("no point of the sphere was found outside of its loops"))
 }
 
-/// A cone's face that holds the tip or has a corner there; none of other faces.
+/// The region of a face of a cone that contains the apex or has a corner there; `None` for other faces.
 fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Domain> {
     let chart = Chart::cone(&face.surface)?;
     let polygons = flat(&chart, points, rings);
@@ -122,6 +126,8 @@ fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Doma
         };
         (0..polygon.len()).map(|k| turn(angle(k + 1) - angle(k))).sum()
     };
+    // Loops around the axis bound the face on one side each. With an odd number of them, the other side is
+    // the apex.
     let windings = polygons.iter().filter(|p| around(p).abs() > TAU / 2.0).count();
     (windings % 2 == 1).then(|| {
         let tip = Corner { vertex: points.add(chart.point([0.0; 2])), at: [0.0; 2] };
@@ -130,7 +136,7 @@ fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Doma
     })
 }
 
-/// A face in its surface's parameters.
+/// The region of a face in the parameters of its surface.
 fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance: f64) -> Result<Domain> {
     let has_period = face.surface.periods().map(|p| p.is_some());
     let mut loops: Vec<Vec<Corner>> = Vec::new();
@@ -143,6 +149,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
                 false => at[k],
             })
         };
+        // Angles follow the previous corner, so that a loop across ±π is continuous.
         for &vertex in ring {
             let mut at = face.surface.parameters(points.positions[vertex as usize]);
             if let Some(last) = corners.last() {
@@ -158,8 +165,10 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
         }));
         loops.push(corners);
     }
-    // Around the tube only: its angle takes the place of the angle around the axis.
+    // Loops that go around the tube only: the parameters are swapped, so that the code below, which cuts
+    // along the first parameter, handles both.
     let is_swapped = windings.iter().all(|w| w[0] == 0) && windings.iter().any(|w| w[1] != 0);
+    // Lengths instead of angles, so that triangles in the plane are nearly similar to those in space.
     let mut steps = super::steps(&face.surface, loops[0][0].at);
     if is_swapped {
         steps.reverse();
@@ -175,10 +184,11 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
             let first = windings.iter().position(|w| of(w) == 1);
             let second = windings.iter().position(|w| of(w) == -1);
             let (Some(first), Some(second)) = (first, second) else {
-                return Err(Error::unsupported("two of its loops run around it the same way"));
+                return Err(Error::unsupported("two loops run around the axis in the same direction"));
             };
             if has_period[usize::from(!is_swapped)] {
-                // The face lies to the left of the first loop: the second is met next on that side.
+                // On a torus, both parameters are angles, so the second loop may be off by a whole turn. The
+                // face is on the left of the first loop, and the second one is the next on that side.
                 let up = if face.outward == is_swapped { -1.0 } else { 1.0 };
                 let apart = up * (loops[second][0].at[1] - loops[first][0].at[1]);
                 let shift = up * (apart.rem_euclid(TAU) - apart);
@@ -191,7 +201,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
             std::iter::once(joined).chain(others.map(|(_, l)| l)).collect()
         }
         n => {
-            return Err(Error::unsupported(format!("{n} of its loops run around it: needed none or two")));
+            return Err(Error::unsupported(format!("{n} loops run around the axis: needed none or two")));
         }
     };
     let periods = [usize::from(is_swapped), usize::from(!is_swapped)].map(|k| has_period[k].then_some(TAU));
@@ -223,7 +233,8 @@ fn joined(
         for (j, q) in b.iter().enumerate() {
             let across = turn(q.at[0] - p.at[0]) * steps[0];
             let up = (q.at[1] - p.at[1]) * steps[1];
-            // Straight up if possible: such a bridge needs no points of its own.
+            // Along a line of constant angle if possible: on cylinders and cones, such a bridge is straight
+            // and needs no further points.
             pairs.push((across.abs() * 10.0 + up.abs(), i, j));
         }
     }
@@ -249,7 +260,7 @@ fn joined(
         !crosses(p.at, to, [p.vertex, q.vertex])
     });
     let Some((_, i, j)) = bridge else {
-        return Err(Error::unsupported("no bridge between the loops around it was found"));
+        return Err(Error::unsupported("no bridge between the loops around the axis was found"));
     };
     let lean = turn(b[j].at[0] - a[i].at[0]);
     let widest = 2.0 * (1.0 - (tolerance / steps[0]).min(1.0)).acos();
@@ -262,6 +273,8 @@ fn joined(
             Corner { vertex: points.add(chart.point(at)), at }
         })
         .collect();
+    // Once around the first loop, over the bridge, back around the second loop, and over the bridge again.
+    // Both sides of the bridge have the same vertices, a turn apart.
     let shifted = |c: &Corner| Corner { at: [c.at[0] + TAU, c.at[1]], ..*c };
     polygon.extend(between.iter().map(shifted));
     polygon.extend(unrolled(b, j, to[0] + TAU));
@@ -269,7 +282,8 @@ fn joined(
     Ok(polygon)
 }
 
-/// A loop around the axis from one of its corners to the same one a turn further, the first angle as given.
+/// A loop around the axis from one of its corners to the same corner a turn further, with a given first
+/// angle.
 fn unrolled(ring: &[Corner], from: usize, angle: f64) -> Vec<Corner> {
     let mut at = angle;
     let mut found = Vec::with_capacity(ring.len() + 1);

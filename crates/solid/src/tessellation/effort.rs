@@ -1,18 +1,26 @@
-//! How many triangles a tolerance needs, before any is made.
+//! Estimates the number of triangles for a tolerance before meshing.
 
 use super::WIDEST_CHORD;
 use crate::brep::{Edge, EdgeCurve, FaceSurface, Solid};
 use planish_estimate::vector3::norm;
 
-/// A mesh of more triangles is not made.
+/// Maximum number of triangles of a mesh. It bounds memory and time; finer tolerances are rejected.
 pub const MAX_TRIANGLES: f64 = 1e6;
 
-/// About how many triangles a mesh of a solid has that misses it by `tolerance` at most, in the unit of its
+/// Approximate number of triangles of a mesh with a chord error of `tolerance`, in the unit of the
 /// coordinates.
 ///
-/// A chord over an angle θ misses an arc of radius r by `r (1 − cos θ/2)`, so edges need `1/√tolerance`
-/// chords, each with a triangle on both sides, and faces that bend in two directions `1/tolerance` triangles:
-/// four times their area over the product of these chords, as the misses of both directions add up.
+/// A chord over the angle θ has the error `r (1 − cos θ/2)` on an arc of radius r. Edges therefore need of
+/// the order of `1/√tolerance` chords, each with a triangle on both sides. Faces curved in two directions
+/// need of the order of `1/tolerance` triangles: four times their area over the product of these chords,
+/// because the errors of both directions add up.
+///
+/// ```
+/// use planish_solid::brep::Solid;
+/// use planish_solid::tessellation::triangles_needed;
+///
+/// assert_eq!(triangles_needed(&Solid::default(), 0.1), 0.0);
+/// ```
 #[must_use]
 pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     let edges: f64 = solid.edges.iter().map(|edge| 2.0 * chords(edge, tolerance)).sum();
@@ -27,13 +35,13 @@ pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     edges + faces.sum::<f64>()
 }
 
-/// The least tolerance for which a mesh needs at most [`MAX_TRIANGLES`], by halving to a hundredth of
-/// itself.
+/// The smallest tolerance for which a mesh needs at most [`MAX_TRIANGLES`], with an accuracy of 1 %.
 #[must_use]
 pub fn min_tolerance(solid: &Solid) -> f64 {
     let is_enough = |tolerance: f64| triangles_needed(solid, tolerance) <= MAX_TRIANGLES;
     let size = solid.measures().area.abs().sqrt().max(f64::MIN_POSITIVE);
-    // By their logarithms: coarser than the solid's size is enough for any but one of a million faces.
+    // Bisection of the logarithm, between 1e-15 and 1 times the size of the solid. The upper end is enough
+    // unless the edges alone need more than a million triangles.
     let (mut enough, mut too_fine) = (size.ln(), (1e-15 * size).ln());
     if is_enough(too_fine.exp()) {
         return too_fine.exp();
@@ -45,7 +53,7 @@ pub fn min_tolerance(solid: &Solid) -> f64 {
     enough.exp()
 }
 
-/// The widest angle of a chord that misses a circle by at most the tolerance.
+/// The largest angle of a chord of a circle within the tolerance.
 fn widest(radius: f64, tolerance: f64) -> f64 {
     // 2 acos(1 − s) is 2 √(2 s) for small s, where 1 − s has no digits left.
     let share = (tolerance / radius).min(1.0);
@@ -53,6 +61,7 @@ fn widest(radius: f64, tolerance: f64) -> f64 {
     angle.min(WIDEST_CHORD)
 }
 
+/// Approximate number of chords of an edge.
 fn chords(edge: &Edge, tolerance: f64) -> f64 {
     let range = edge.range[1] - edge.range[0];
     match &edge.curve {

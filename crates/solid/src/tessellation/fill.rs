@@ -1,4 +1,4 @@
-//! Triangles between the polygons of a face.
+//! Triangulates the region between the polygons of a face.
 
 use super::Points;
 use super::domain::Domain;
@@ -8,25 +8,26 @@ use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
-/// A face that needs more points than this is refused.
+/// Maximum number of points of a face. It bounds time and memory; faces that need more are rejected.
 const MAX_POINTS: usize = 100_000;
-/// Points are added so many times at most.
+/// Maximum number of refinements. Each halves the triangles that exceed the tolerance, which divides their
+/// error by about four.
 const ROUNDS: usize = 10;
 
-/// What is filled.
+/// A region to triangulate.
 pub(crate) struct Filling<'a> {
-    /// Polygons: where a point lies in an odd number of them, it is inside.
+    /// Polygons. A point in an odd number of them is inside.
     pub(crate) polygons: &'a [Vec<Corner>],
-    /// Points within that must be vertices.
+    /// Points inside that must be vertices.
     pub(crate) inner: &'a [Corner],
-    /// The surface's point of a point of the plane.
+    /// The point of the surface for a point of the plane.
     pub(crate) on_surface: &'a dyn Fn([f64; 2]) -> [f64; 3],
-    /// Whether no triangle can miss the surface.
+    /// True for a plane, where all triangles are exact.
     pub(crate) is_flat: bool,
-    /// How far a triangle may miss it.
+    /// Maximum distance of triangles from the surface.
     pub(crate) tolerance: f64,
-    /// More points are refused.
-    pub(crate) most_points: usize,
+    /// Maximum number of points.
+    pub(crate) max_points: usize,
 }
 
 /// A point of the triangulation.
@@ -59,7 +60,7 @@ pub(super) fn triangles(
         on_surface: &|at| domain.chart.point(at),
         is_flat: matches!(face.surface, FaceSurface::Plane { .. }),
         tolerance,
-        most_points: MAX_POINTS,
+        max_points: MAX_POINTS,
     };
     let mut made = filling.triangles(&mut points.positions)?;
     if face.outward == domain.chart.is_mirrored() {
@@ -71,19 +72,21 @@ pub(super) fn triangles(
 }
 
 impl Filling<'_> {
-    /// Triangles that run counter-clockwise in the plane; points that are added come last among the
-    /// positions.
+    /// Triangles that are counter-clockwise in the plane. Added points are appended to the positions.
+    ///
+    /// No point is added on a polygon side, because the neighbouring face has the same chords there.
     pub(crate) fn triangles(&self, positions: &mut Vec<[f64; 3]>) -> Result<Vec<[u32; 3]>> {
         let mut made = bounded(self.polygons, self.inner)?;
+        // After the last round, triangles may still exceed the tolerance; `tessellate` checks the volume.
         for _ in 0..if self.is_flat { 0 } else { ROUNDS } {
             let wanted = missing(&made, positions, self.on_surface, self.tolerance);
             if wanted.is_empty() {
                 break;
             }
-            if made.num_vertices() + wanted.len() > self.most_points {
+            if made.num_vertices() + wanted.len() > self.max_points {
                 return Err(Error::unsupported(format!(
                     "needs more than {} points: needed a larger tolerance than {}",
-                    self.most_points, self.tolerance
+                    self.max_points, self.tolerance
                 )));
             }
             for at in wanted {
@@ -101,11 +104,12 @@ impl Filling<'_> {
     }
 }
 
+/// The error for a point that the triangulation rejects.
 fn refused(e: spade::InsertionError) -> Error {
     Error::unsupported(format!("a point cannot be placed: {e}"))
 }
 
-/// The triangulation of the polygons' corners with their sides as constraints.
+/// The triangulation of the corners of the polygons, with their sides as constraints.
 fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
     let mut made = Triangles::new();
     for polygon in polygons {
@@ -119,10 +123,12 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
             if a == b {
                 continue;
             }
+            // Crossing sides are reported instead of split: a new vertex on a side would not be in the
+            // neighbouring face.
             if !made.can_add_constraint(a, b) {
                 let p = made.vertex(a).data().at;
                 return Err(Error::unsupported(format!(
-                    "sides of its loops cross, near {p:?} of its parameters"
+                    "sides of its loops cross near the parameters {p:?}"
                 )));
             }
             made.add_constraint(a, b);
@@ -134,7 +140,7 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
     Ok(made)
 }
 
-/// By index of a triangle: whether it lies in the face, an odd number of sides away from the outside.
+/// For each triangle, true if it is in the face: an odd number of polygon sides away from the outside.
 fn inside(made: &Triangles) -> Vec<bool> {
     let mut found: Vec<Option<bool>> = vec![None; made.num_all_faces()];
     let outer = made.outer_face().fix().index();
@@ -144,6 +150,8 @@ fn inside(made: &Triangles) -> Vec<bool> {
         let is_side = edge.is_constraint_edge();
         beside[edge.face().fix().index()].push((edge.rev().face().fix().index(), is_side));
     }
+    // Flood fill from the outer face: each polygon side changes the state. This needs no point location and
+    // is exact.
     let mut open = vec![outer];
     while let Some(at) = open.pop() {
         for &(next, is_side) in &beside[at] {
@@ -156,7 +164,10 @@ fn inside(made: &Triangles) -> Vec<bool> {
     found.into_iter().map(|f| f.unwrap_or(false)).collect()
 }
 
-/// Places where points are needed: the middle of inner sides that miss the surface, and of triangles that do.
+/// Points that are needed: the middles of inner sides that exceed the tolerance, or, if there are none, the
+/// middles of such triangles.
+///
+/// Points in triangles alone would keep long sides; points on sides shorten these first.
 fn missing(
     made: &Triangles,
     positions: &[[f64; 3]],

@@ -68,7 +68,7 @@ fn crossing_holes() -> Solid {
 }
 
 #[test]
-fn a_box_with_a_hole_is_closed_and_holds_its_volume() {
+fn box_with_a_hole_is_closed_and_has_its_volume() {
     let solid = box_with_hole();
     let exact = solid.measures();
     let mut last = f64::MAX;
@@ -78,7 +78,7 @@ fn a_box_with_a_hole_is_closed_and_holds_its_volume() {
         assert!(found.watertight && found.oriented && found.manifold);
         assert_eq!(found.euler_characteristic, 0);
         let off = (mesh.signed_volume().unwrap() - exact.volume).abs();
-        // A polygon around the hole leaves a sixth of its chord error's ring, over 240 π of wall.
+        // A polygon around the hole differs from the circle by less than its chord error, over 240 π of wall.
         assert!(off < tolerance * 240.0 * std::f64::consts::PI && off < last, "{tolerance}: {off}");
         last = off;
         for p in &mesh.positions {
@@ -98,7 +98,7 @@ fn holes_that_cross_share_the_points_of_their_edges() {
     // Four openings: a ball with three handles.
     assert_eq!(found.euler_characteristic, 2 - 2 * 3);
     assert!((mesh.signed_volume().unwrap() - exact.volume).abs() < 0.01 * exact.area);
-    // Every triangle's middle is as near to the solid's faces as was asked for.
+    // The middle of every triangle is within the tolerance of the faces of the solid.
     for t in 0..mesh.triangles.len() {
         let p = mesh.point_at(t, [1.0 / 3.0; 3]);
         let off = solid.faces.iter().map(|f| f.surface.distance(p).abs()).fold(f64::MAX, f64::min);
@@ -107,7 +107,7 @@ fn holes_that_cross_share_the_points_of_their_edges() {
 }
 
 #[test]
-fn a_face_that_is_missing_leaves_it_open() {
+fn missing_face_is_an_error() {
     let mut solid = box_with_hole();
     solid.faces.pop();
     let e = tessellate(&solid, 0.1).unwrap_err();
@@ -115,7 +115,7 @@ fn a_face_that_is_missing_leaves_it_open() {
 }
 
 #[test]
-fn a_tolerance_of_nothing_is_refused() {
+fn zero_tolerance_is_rejected() {
     for tolerance in [0.0, -1.0, f64::NAN] {
         assert!(tessellate(&box_with_hole(), tolerance).is_err());
     }
@@ -181,10 +181,10 @@ fn half_a_cone() -> Solid {
     solid
 }
 
-/// Poles of a sphere and tips of cones within a face, on its border, and faces without a border: all close,
-/// and hold what the solid holds.
+/// Faces with a pole of a sphere or an apex of a cone inside or on the boundary, and faces without a
+/// boundary: all meshes are closed and have the volume of the solid.
 #[test]
-fn faces_over_poles_and_tips_close() {
+fn faces_over_poles_and_apexes_are_closed() {
     use std::f64::consts::{FRAC_PI_2, PI};
     let disc = || vec![circle([0.0, 0.0], 10.0)];
     let dome = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
@@ -194,7 +194,7 @@ fn faces_over_poles_and_tips_close() {
     let mut bicone = tip(30.0);
     bicone.extend(tip(-5.0));
     bicone.push(line([-10.0, 0.0], [10.0, 0.0]));
-    // Edges of a quarter of a ball end at the pole.
+    // The edges of a quarter of a ball end at a pole.
     let half_disc = || vec![arc([0.0, 0.0], 10.0, 0.0, PI), line([-10.0, 0.0], [10.0, 0.0])];
     let quarter_side = vec![
         arc([0.0, 0.0], 10.0, 0.0, FRAC_PI_2),
@@ -224,19 +224,19 @@ fn faces_over_poles_and_tips_close() {
 }
 
 #[test]
-fn a_tolerance_that_needs_too_many_triangles_is_refused_with_the_least_that_works() {
+fn too_fine_tolerance_is_rejected_with_the_smallest_possible_one() {
     let mut ball = Solid::default();
     let surface =
         FaceSurface::Sphere { center: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 10.0 };
     ball.add_whole(surface, true);
-    let told = tessellate(&ball, 1e-9).unwrap_err().to_string();
-    assert!(told.contains("needs about") && told.contains("as with a tolerance of"), "{told}");
+    let message = tessellate(&ball, 1e-9).unwrap_err().to_string();
+    assert!(message.contains("needs about") && message.contains("as with a tolerance of"), "{message}");
     let least = min_tolerance(&ball);
     assert!(
         triangles_needed(&ball, least) <= MAX_TRIANGLES
             && triangles_needed(&ball, 0.98 * least) > MAX_TRIANGLES
     );
-    // What is said to be needed is what is made, within a factor of three.
+    // The estimated number of triangles agrees with the actual one within a factor of three.
     let made = tessellate(&ball, 1e-2).unwrap().triangles.len() as f64;
     let needed = triangles_needed(&ball, 1e-2);
     assert!((needed / 3.0..3.0 * needed).contains(&made), "{made} of {needed}");

@@ -1,19 +1,21 @@
-//! Faces without a border: whole spheres and whole tori.
+//! Faces without a boundary: whole spheres and whole tori.
 //!
-//! Their boundary holds only seams, edges along which the face borders itself. They are cut by a lattice of
-//! their parameters instead of along these.
+//! Their loops contain only seams, along which the face borders itself. They are divided by a lattice of
+//! their parameters; the seams are ignored.
 
 use super::{Points, WIDEST_CHORD};
 use crate::brep::{Face, FaceSurface};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Steps around a circle whose chords miss it by half a tolerance at most.
+/// Number of chords of a circle with an error of at most half of a tolerance.
+///
+/// The errors of both directions add up on a doubly curved surface, so each may have half.
 fn around(radius: f64, tolerance: f64) -> usize {
     let widest = 2.0 * (1.0 - (0.5 * tolerance / radius).min(1.0)).acos();
     (TAU / widest.clamp(1e-3, WIDEST_CHORD)).ceil() as usize
 }
 
-/// The triangles of a whole sphere or torus; none of another face.
+/// The triangles of a whole sphere or torus; none for other faces.
 pub(super) fn triangles(face: &Face, points: &mut Points, tolerance: f64) -> Vec<[u32; 3]> {
     let (columns, rows, is_sphere) = match face.surface {
         FaceSurface::Sphere { radius, .. } => {
@@ -44,7 +46,8 @@ pub(super) fn triangles(face: &Face, points: &mut Points, tolerance: f64) -> Vec
         for k in 0..columns {
             let next = (k + 1) % columns;
             for [a, b, c] in [[low[k], low[next], high[next]], [low[k], high[next], high[k]]] {
-                // At a pole one of the two is no triangle.
+                // At a pole, one side of the lattice square is a point, and one of its triangles is
+                // degenerate.
                 if a != b && b != c && c != a {
                     found.push(if face.outward { [a, b, c] } else { [a, c, b] });
                 }

@@ -50,7 +50,7 @@ fn domes(at: &[[f64; 2]], width: f64, depth: f64) -> Drawing {
 }
 
 #[test]
-fn a_dome_in_two_views_means_no_solid_that_only_touches_itself() {
+fn dome_in_two_views_gives_only_manifold_solids() {
     let half = vec![visible(arc([0.0, 0.0], 10.0, 0.0, PI)), line([-10.0, 0.0], [10.0, 0.0])];
     let top = vec![visible(circle([0.0, 0.0], 10.0))];
     let found = solve(&drawing(vec![(ViewKind::Front, half), (ViewKind::Top, top)])).unwrap();

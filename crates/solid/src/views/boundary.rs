@@ -9,25 +9,16 @@ use super::candidate_surface::{Side, across};
 use super::candidates::{Candidate, corners, curves};
 use super::cells::{Cells, is_plain, pieces_in};
 use super::column::SurfaceId;
+use super::edge_splines::{SPLINE_PIECES, TRACED_PIECES, spline, traced_spline};
 use super::rings::faces;
 use super::search::Assignment;
 use super::surfaces::Curve3;
-use super::traced::Traced;
 use super::turned_rings::{turned_faces, with_free_poles};
 use crate::brep::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
-
-/// Number of cubic pieces of the intersection curve of two cylinders.
-///
-/// More pieces follow the curve more closely (the error falls with the fourth power) and make files larger.
-const SPLINE_PIECES: usize = 48;
-/// Number of cubic pieces of a traced curve.
-///
-/// The lengths of its derivatives are those of chords, which is less accurate than differences of the curve.
-const TRACED_PIECES: usize = 96;
 
 /// A boundary under construction.
 pub(super) struct BoundaryBuilder<'a> {
@@ -140,6 +131,7 @@ impl BoundaryBuilder<'_> {
         let plan = self.cells.plan;
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         let mut used = BTreeSet::new();
+        // The step across a surface: above rounding, and small against the details of a drawing.
         let step = 1e-6 * plan.size;
         for i in 0..n[0] {
             for j in 0..n[1] {
@@ -152,6 +144,7 @@ impl BoundaryBuilder<'_> {
                     let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
                     for axis in (0..3).filter(|a| cell[*a] > 0) {
                         let id = SurfaceId::Grid(axis, cell[axis]);
+                        // One place is enough, so most boxes cost a look-up only.
                         if used.contains(&id) {
                             continue;
                         }
@@ -296,6 +289,7 @@ impl BoundaryBuilder<'_> {
     ) {
         let middle = (range[0] + range[1]) / 2.0;
         let m = curve.point(middle);
+        // By central differences, as curves of all kinds have points but not all have derivatives.
         let h = 1e-4 * (range[1] - range[0]);
         let tangent = unit(sub(curve.point(middle + h), curve.point(middle - h)));
         let step = 1e-5 * self.cells.plan.size;
@@ -357,6 +351,7 @@ impl BoundaryBuilder<'_> {
             if surface.value(m).abs() > 2.0 * self.tolerance {
                 continue;
             }
+            // On an apex or an axis, a surface has no normal.
             let across = cross(tangent, surface.normal(m));
             if norm(across) < 1e-6 {
                 continue;
@@ -547,70 +542,4 @@ impl BoundaryBuilder<'_> {
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, k)| k)
     }
-}
-
-/// A cubic Hermite spline through points of a curve, with the derivatives of the curve.
-fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
-    let n = SPLINE_PIECES;
-    let h = (to - from) / n as f64;
-    let at = |k: usize| from + h * k as f64;
-    let mut points: Vec<[f64; 3]> = (0..=n).map(|k| curve.point(at(k))).collect();
-    points[n] = curve.point(to);
-    // Central differences of fourth order, and one-sided ones where these would leave the range [0, π] of the
-    // parameter. A smaller step has a smaller truncation error (e⁴), but a larger rounding error (1/e).
-    let e = 0.02 * h.abs().max(1e-3);
-    let derivatives = (0..=n)
-        .map(|k| {
-            let t = at(k);
-            let inside = |t: f64| (0.0..=PI).contains(&t);
-            let d = match inside(t - 2.0 * e) && inside(t + 2.0 * e) {
-                true => {
-                    let (a, b, c, d) = (
-                        curve.point(t - 2.0 * e),
-                        curve.point(t - e),
-                        curve.point(t + e),
-                        curve.point(t + 2.0 * e),
-                    );
-                    [0, 1, 2].map(|i| (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * e))
-                }
-                false => {
-                    let s = if t < 1.0 { 1.0 } else { -1.0 };
-                    let q = |m: f64| curve.point(t + s * m * e);
-                    let (a, b, c, d, f) = (q(0.0), q(1.0), q(2.0), q(3.0), q(4.0));
-                    [0, 1, 2].map(|i| {
-                        s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e)
-                    })
-                }
-            };
-            d.map(|c| c * h)
-        })
-        .collect();
-    EdgeCurve::Spline { points, derivatives }
-}
-
-/// A cubic Hermite spline through equally spaced points of a traced curve, with its tangents there.
-fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> EdgeCurve {
-    let n = TRACED_PIECES;
-    let mut points: Vec<[f64; 3]> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
-    // The ends are vertices that other edges share, so they are taken exactly.
-    if let Some([p, q]) = ends {
-        (points[0], points[n]) = (p, q);
-    }
-    let chord = |k: usize| norm(sub(points[k + 1], points[k]));
-    let derivatives = (0..=n)
-        .map(|k| {
-            let (lo, hi) = (k.saturating_sub(1), (k + 1).min(n));
-            let length = (lo..hi).map(chord).sum::<f64>() / (hi - lo) as f64;
-            let chord = unit(sub(points[hi], points[lo]));
-            let tangent = traced.tangent(points[k]);
-            let turn = dot(tangent, chord);
-            // At an end where the surfaces touch, both normals agree and their cross product is rounding. The
-            // tangent is used only if it agrees with the chord; its sign may be either.
-            match turn.abs() > 0.9 {
-                true => tangent.map(|c| turn.signum() * length * c),
-                false => chord.map(|c| length * c),
-            }
-        })
-        .collect();
-    EdgeCurve::Spline { points, derivatives }
 }

@@ -82,6 +82,7 @@ impl CandidateSurface {
     /// Its tangent continuation (see [`CandidateSurface::value_of`]) cannot be a face, so it does not count.
     pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
         match self {
+            // The half is tested first: beside the other half of the tube there is no wall.
             Self::Turned(wall) => wall.is_on_side(side, p) && wall.value(p).abs() < near,
             Self::Oblique(wall) => wall.is_within(p) && wall.value(p).abs() < near,
         }
@@ -117,6 +118,7 @@ impl CandidateSurface {
     pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
         match self {
             Self::Turned(wall) => wall.passes(lo, hi, tolerance),
+            // The sector of an oblique cylinder is tested by `value_of`, so the wall needs no halves.
             Self::Oblique(wall) => wall.passes(lo, hi, tolerance).then_some(Side::Both),
         }
     }

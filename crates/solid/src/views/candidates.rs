@@ -68,6 +68,7 @@ impl Candidate {
 
 /// Intersection curves of two candidates of a drawing of the given size.
 pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) -> Vec<Meeting> {
+    // Closed forms first: they are exact, and STEP has entities for them. Other curves are traced.
     match (s, t) {
         (Candidate::Extruded(a), Candidate::Extruded(b)) => meetings(a, b, tolerance),
         (Candidate::Wall(CandidateSurface::Turned(wall)), other)
@@ -145,6 +146,7 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
             _ => value(at(k)),
         })
         .collect();
+    // The third surface contains the curve, so it does not divide it.
     if values.iter().all(|v| v.abs() <= 2.0 * tolerance) {
         return Vec::new();
     }
@@ -209,6 +211,7 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
                 [sphere_about(wall, second, tolerance), sphere_about(second, wall, tolerance)];
             let wall = turned.as_ref().unwrap_or(wall);
             let second = if turned.is_some() { second } else { other_turned.as_ref().unwrap_or(second) };
+            // Surfaces about one axis meet in circles, at the common points of their profiles.
             let coaxial =
                 second.axis == wall.axis && crate::drawing::distance(second.center, wall.center) < tolerance;
             match coaxial {
@@ -303,6 +306,8 @@ fn sphere_and_plane(wall: &Turned, origin: [f64; 3], normal: [f64; 3], tolerance
     if off.abs() >= radius - tolerance {
         return Vec::new();
     }
+    // Any direction in the plane serves as the start of the circle; the axis least parallel to the normal
+    // gives the most accurate one.
     let distance = (radius * radius - off * off).sqrt();
     let x = unit(cross(normal, if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }));
     vec![Curve3::Ellipse {
@@ -320,6 +325,7 @@ fn two_spheres(first: &Turned, second: &Turned, tolerance: f64) -> Vec<Curve3> {
         return Vec::new();
     }
     let normal = unit(sub(b, a));
+    // Subtracting both equations leaves a plane at this distance from the first centre.
     let off = (apart * apart + r * r - s * s) / (2.0 * apart);
     sphere_and_plane(first, along(a, off, normal), normal, tolerance)
 }
@@ -369,8 +375,11 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
         Profile::Circle { radius, .. } => radius.min(reach),
         Profile::Line { .. } => reach,
     };
+    // The step follows the smaller radius, so that the curve stays on its branch. It is bounded from below by
+    // the number of steps, and from above by the height, so that short walls get several points.
     let step =
         (TAU * smallest / STEPS_AROUND).max(TAU * reach / MAX_AROUND).min((height[1] - height[0]) / 8.0);
+    // Curves are followed a few steps beyond the wall, so that its end cuts them between two points.
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
     // The lattice extends one step beyond both ends, as curves may begin just there. It is shifted by odd

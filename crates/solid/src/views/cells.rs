@@ -94,6 +94,7 @@ impl<'a> Cells<'a> {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
             let last = self.first.get(place + 1).map_or(self.cell_of_atom.len(), |next| *next as usize);
             let roots = self.cell_of_atom[self.first[place] as usize..last].iter().copied();
+            // Without candidate surfaces there are no slivers.
             if plan.walls_in(cell).is_empty() {
                 real.extend(roots);
                 continue;
@@ -312,6 +313,7 @@ impl<'a> Cells<'a> {
         [a, b]: [usize; 2],
     ) {
         let plan = self.plan;
+        // The usual case: each box is one atom.
         let plain = |cell| is_plain(plan, cell);
         if plain(before) && plain(behind) {
             let place = |c: [usize; 3]| (c[0] * plan.intervals(1) + c[1]) * plan.intervals(2) + c[2];
@@ -329,6 +331,7 @@ impl<'a> Cells<'a> {
         if walled {
             let mut p = [0.0; 3];
             p[axis] = value;
+            // Walls may enter a strip through its ends; their crossings there are cuts as well.
             for border in [across_b[0], across_b[across_b.len() - 1]] {
                 p[b] = border;
                 for cell in [before, behind] {

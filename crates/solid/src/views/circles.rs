@@ -79,6 +79,7 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
             (normal[axes[0]], normal[axes[1]]) = (a[1] - b[1], b[0] - a[0]);
             let normal = unit(normal);
             let offset = normal[axes[0]] * a[0] + normal[axes[1]] * a[1];
+            // Compared over the size of the drawing, as an angle has no unit of length.
             let same =
                 |p: &Plane| norm(cross(p.normal, normal)) * size < near && (p.offset - offset).abs() < near;
             if !planes.iter().any(same) {
@@ -89,6 +90,7 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
     let mut groups: Vec<Vec<Circle>> = Vec::new();
     let axes = axes(frame);
     for circle in (0..planes.len()).flat_map(|k| circles_in(drawing, &planes[k], k, &axes)) {
+        // Ends of one cylinder have parallel axes, equal radii, and centres on one line along the axis.
         let same = |group: &Vec<Circle>| {
             let known = &group[0];
             let d = sub(circle.center, known.center);
@@ -164,6 +166,8 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
                     .iter()
                     .map(|p| (crate::drawing::distance(*p, center) - radius).abs())
                     .fold(0.0, f64::max);
+                // A flat arc fits circles of any large radius, so the radius must be smaller than the drawing
+                // and ten times its error.
                 let is_circle = off < ROUGH * size && radius < size && radius > 10.0 * off;
                 if !is_circle || !*is_seen.get_or_insert_with(|| is_shown(drawing, v, &points, size)) {
                     continue;
@@ -211,6 +215,7 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
         true => (best.center, best.radius),
         false => measured(drawing, frame, group, best, near)?,
     };
+    // Designed radii are usually round.
     let round = (radius * 1e4).round() / 1e4;
     let radius = if (radius - round).abs() < EXACT * size { round } else { radius };
     let points: Vec<[f64; 3]> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
@@ -232,6 +237,7 @@ fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Secto
     let mut angles: Vec<f64> = points.iter().map(angle).collect();
     angles.sort_by(f64::total_cmp);
     angles.push(angles[0] + TAU);
+    // The first angle again, a turn later, so that the gap across the start is compared as well.
     let (gap, after) = angles.windows(2).map(|a| (a[1] - a[0], a[1])).max_by(|a, b| a.0.total_cmp(&b.0))?;
     let half_width = (TAU - gap) / 2.0;
     let (sin, cos) = (after + half_width).sin_cos();
@@ -333,6 +339,7 @@ fn adjusted(
         residuals = rows.iter().map(|r| r.1.abs()).collect();
         let jacobian = DMatrix::from_fn(count, 3, |i, j| rows[i].0[j]);
         let misclosure = DVector::from_fn(count, |i, _| -rows[i].1);
+        // Nearly parallel normals determine the position and the radius only together, as a short arc does.
         let svd = jacobian.svd(true, true);
         if svd.singular_values.min() < 1e-3 * svd.singular_values.max() {
             return None;

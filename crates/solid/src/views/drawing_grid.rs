@@ -91,6 +91,7 @@ impl Cluster {
 
     /// The representative nearest to a value, or the value itself if none is near.
     fn snap(&self, value: f64, tolerance: f64) -> f64 {
+        // A representative may be off by one tolerance from the members of its group, hence twice this.
         let at = self.values.partition_point(|v| *v < value);
         let near = [at.wrapping_sub(1), at].into_iter().filter_map(|k| self.values.get(k));
         near.copied()
@@ -191,6 +192,7 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, shortest: f64) -> Ve
         else {
             continue;
         };
+        // Neighbouring parts of one style are joined, so that short ones are not dropped below.
         match found.last_mut() {
             Some(last) if last.style == best.style && last.to >= cut[0] => last.to = cut[1],
             _ => found.push(Run { from: cut[0], to: cut[1], ..*best }),
@@ -235,6 +237,7 @@ impl DrawingGrid {
                 let run = Run { from, to, style: drawn.style, curve: index };
                 match way {
                     Along::Grid { axis, at } => on_grid.push((axis, at, run)),
+                    // A polygon on a known circle is a part of it: exporters write some arcs in this way.
                     Along::Other => {
                         if !overlay(&mut carriers, &curve, run, 2e-5 * size) {
                             others.push(index);
@@ -273,6 +276,8 @@ impl DrawingGrid {
     /// The same grid with candidate surfaces that no view sees edge-on.
     pub(crate) fn with_walls(mut self, walls: Vec<CandidateSurface>) -> Self {
         let n = [0, 1, 2].map(|a| self.intervals(a));
+        // Listed for each box: most walls pass through few of them, and every point location asks for this
+        // list.
         self.walls_of = vec![Vec::new(); n[0] * n[1] * n[2]];
         for (index, wall) in walls.iter().enumerate() {
             for i in 0..n[0] {
@@ -326,6 +331,7 @@ fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -
     if let Curve2::Segment(a, b) = curve {
         points = vec![*a, [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], *b];
     }
+    // The middle of a segment is tested, too: both ends of any chord are on the circle.
     let under = carriers.iter_mut().find(|c| {
         matches!(c.profile, Profile::Circle { .. })
             && points.iter().all(|p| c.profile.value(*p).abs() < tolerance)
@@ -445,6 +451,7 @@ fn grid_of(
         }
     }
     grid.map(|values| {
+        // Five tolerances: points of profiles come from square roots and are less accurate than drawn ends.
         let mut values = Cluster::new(values, 5.0 * tolerance).values;
         let (lo, hi) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
         // Boxes around everything, which are empty: the search needs a known state outside of the part.
@@ -519,6 +526,7 @@ impl ViewGrid {
                 }
             }
             cuts.sort_by(f64::total_cmp);
+            // Lines of both directions may cut at one point; a piece between such cuts would have no length.
             cuts.dedup_by(|b, a| *b - *a < 2.0 * tolerance / turn);
             for cut in cuts.windows(2) {
                 self.add_piece(carrier, [cut[0], cut[1]], grid, gap / turn);

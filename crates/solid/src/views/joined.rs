@@ -64,6 +64,7 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
                 Curve2::Segment(a, b) => {
                     let ends = [*a, *b];
                     (*a, *b) = ([to(0, a[0]), to(1, a[1])], [to(0, b[0]), to(1, b[1])]);
+                    // A line that had no length before is harmless and stays.
                     if a == b && ends[0] != ends[1] {
                         return Err(Error::input(format!(
                             "{} is not longer than the tolerance {tolerance:e}: needed a smaller one, or a \
@@ -91,6 +92,8 @@ fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<[f64; 3]> {
     values.sort_by(f64::total_cmp);
     let mut groups: Vec<Vec<f64>> = Vec::new();
     for value in values {
+        // Compared with the previous value, not with the first of the group: a fixed width would split values
+        // at arbitrary places.
         match groups.last_mut() {
             Some(group) if value - group[group.len() - 1] <= tolerance => group.push(value),
             _ => groups.push(vec![value]),

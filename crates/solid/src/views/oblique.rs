@@ -50,6 +50,7 @@ pub(super) fn oblique(drawing: &Drawing) -> Option<ObliqueSurfaces> {
     let near = COINCIDENT * drawing.size();
     let frame = wireframe(drawing, near)?;
     let planes = planes(&frame, near);
+    // Ends of cylinders may lie in oblique planes, so planes come first.
     let mut forms: Vec<Oblique> = planes.clone();
     if forms.len() <= MAX_WALLS {
         forms.extend(circles(drawing, &frame, &planes, near));
@@ -76,6 +77,7 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
             for &k in &ends[n + 1..] {
                 let p = frame.points[i];
                 let (a, b) = (unit(sub(frame.points[j], p)), unit(sub(frame.points[k], p)));
+                // For unit vectors this is the sine of the angle between them.
                 let normal = cross(a, b);
                 if norm(normal) < MIN_ANGLE {
                     continue;

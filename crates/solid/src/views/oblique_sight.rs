@@ -44,6 +44,7 @@ impl SightTests {
         for i in 0..walls.len() {
             for j in i + 1..walls.len() {
                 let oblique = [i, j].iter().any(|k| matches!(plan.walls[*k], CandidateSurface::Oblique(_)));
+                // Curves of two surfaces of revolution are tested box by box in `wall_sight`.
                 if !oblique || !overlap(&plan.walls[i], &plan.walls[j], plan.tolerance) {
                     continue;
                 }
@@ -59,6 +60,7 @@ impl SightTests {
                     for t in stretches(&meeting.curve, cuts) {
                         let p = meeting.curve.point(t);
                         let in_box = cells.box_of(p);
+                        // Beyond the extents of a wall, the curve is no edge.
                         let stands = |k: usize| plan.walls_in(in_box).iter().any(|w| w.0 as usize == k);
                         if stands(i) && stands(j) {
                             let tangent = cross(walls[i].normal(p), walls[j].normal(p));
@@ -83,6 +85,7 @@ fn overlap(a: &CandidateSurface, b: &CandidateSurface, tolerance: f64) -> bool {
 fn stretches(curve: &Curve3, mut cuts: Vec<f64>) -> Vec<f64> {
     cuts.sort_by(f64::total_cmp);
     if let Some(period) = curve.period() {
+        // A closed curve without corners is tested at four intervals.
         if cuts.is_empty() {
             cuts.extend([0.0, 0.25 * period, 0.5 * period, 0.75 * period]);
         }

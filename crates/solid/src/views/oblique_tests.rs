@@ -20,7 +20,7 @@ fn only(drawing: &Drawing) -> Solution {
 }
 
 #[test]
-fn a_cube_whose_corner_is_cut_off_has_a_plane_that_no_view_sees_edge_on() {
+fn cube_without_a_corner_has_one_oblique_plane() {
     let view = |kind, cut: [[f64; 2]; 2]| {
         let mut curves: Vec<DrawnCurve> = rectangle([0.0, 0.0], [10.0, 10.0]);
         curves.push(segment(cut[0], cut[1], LineStyle::Visible));
@@ -141,12 +141,12 @@ fn a_rounded_edge_of_a_turned_block_is_a_cylinder() {
     let solution = only(&block.drawing());
     assert_eq!(solution.solid.faces_by_kind(), [6, 1, 0, 0, 0]);
     let volume = 6.0 * (80.0 - 9.0 * (1.0 - PI / 4.0));
-    // The plane that touches the cylinder is measured apart from it.
+    // The tangent plane of the cylinder is measured independently of it.
     assert!((solution.measures.volume / volume - 1.0).abs() < 1e-7);
 }
 
 #[test]
-fn an_oblique_block_without_one_of_its_edges_names_lines() {
+fn missing_edge_of_an_oblique_block_is_reported() {
     let block = Block { frame: FRAME, size: [10.0, 8.0, 6.0], radius: 0.0 };
     let mut drawing = block.drawing();
     drawing.views[0].curves.remove(0);

@@ -113,6 +113,7 @@ impl Oblique {
         start[along] = 0.0;
         for end in [-1.0, 1.0].map(|sign| sector_end(axis, sector, sign)) {
             let depth = (radius - dot(end, from_axis(origin, axis, start))) / end[along];
+            // Each tangent plane counts only beyond its own end of the sector.
             let is_on = depth.is_finite() && end_at(depth).is_some_and(|e| dot(e, end) > 1.0 - 1e-12);
             found.extend(is_on.then_some(depth));
         }
@@ -171,6 +172,8 @@ impl Oblique {
                     norm([0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1])))
                 };
                 let heights: Vec<f64> = corners.map(|p| dot(sub(p, origin), axis)).collect();
+                // The nearest point of the axis lies between the corners, projected to the axis; the margin
+                // of a radius is safe.
                 let mut lo = heights.iter().copied().fold(f64::MAX, f64::min) - radius;
                 let mut hi = heights.iter().copied().fold(f64::MIN, f64::max) + radius;
                 for _ in 0..HALVINGS {

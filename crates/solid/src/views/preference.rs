@@ -23,6 +23,7 @@ pub(crate) struct Preference {
 /// A preference for each circle of a view; none if there are no surfaces of revolution.
 pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
     let plan = cells.plan;
+    // Oblique walls are not combined with surfaces of revolution, so there is nothing to prefer.
     if plan.walls.is_empty() || plan.has_oblique_walls() {
         return Vec::new();
     }

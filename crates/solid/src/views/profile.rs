@@ -36,6 +36,7 @@ impl Profile {
         match self {
             Self::Line { normal, .. } => *normal,
             Self::Circle { center, .. } => {
+                // At the centre the direction is undetermined; the result is zero instead of NaN.
                 let d = distance(p, *center).max(f64::MIN_POSITIVE);
                 [(p[0] - center[0]) / d, (p[1] - center[1]) / d]
             }
@@ -92,6 +93,7 @@ impl Profile {
                 if (d - radius).abs() <= tolerance {
                     return vec![center[other]];
                 }
+                // Outside of the circle by more than the tolerance: no intersection.
                 let square = radius * radius - d * d;
                 if square <= 0.0 {
                     return Vec::new();

@@ -140,7 +140,7 @@ fn very_large_and_very_small_drawings_give_the_same_solid() {
 }
 
 #[test]
-fn places_are_named_in_the_units_of_a_small_drawing() {
+fn messages_give_positions_in_the_unit_of_a_small_drawing() {
     let mut bad = pin(false);
     bad.views[0].curves.push(line([-4.0, 3.0], [4.0, 3.0]));
     let found = solve(&bad.scaled(1e-8)).unwrap();

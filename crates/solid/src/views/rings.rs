@@ -37,6 +37,7 @@ impl Ring {
         let mut turns = 0;
         if periodic {
             close[0] -= TAU * ((close[0] - last[0]) / TAU).round();
+            // Zero for a loop that encloses an area, ±1 for one around the axis.
             turns = ((close[0] - points[0][0]) / TAU).round() as i32;
         }
         points.push(close);
@@ -84,6 +85,7 @@ pub(super) fn faces(
     let sense = if outward { 1.0 } else { -1.0 };
     let mut face_of: Vec<usize> = (0..loops.len()).collect();
     for (index, ring) in rings.iter().enumerate() {
+        // An outer loop encloses the face and needs no ray.
         let is_outer = ring.turns == 0 && ring.area * sense > 0.0;
         // Loops around the axis that bound from below look up as well.
         let is_upper = ring.turns != 0 && f64::from(ring.turns) * sense < 0.0;
@@ -100,6 +102,7 @@ pub(super) fn faces(
         let share = 0.4871;
         let u = top[0][0] + share * (top[1][0] - top[0][0]);
         let v = top[0][1] + share * (top[1][1] - top[0][1]);
+        // Above the ring itself, which the ray would otherwise meet at once.
         let small = 1e-9 * (1.0 + v.abs());
         let seen = rings
             .iter()

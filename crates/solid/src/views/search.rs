@@ -73,6 +73,8 @@ impl Encoder {
 
     /// Literal that is true if the sectors form an edge, optionally a tangent one.
     fn event(&mut self, group: &EdgeSectors, smooth_edges: SmoothEdges) -> Lit {
+        // Without tangent pairs, both readings of the drawing give the same clauses, and one literal serves
+        // both.
         let smooth_edges = match group.tangent.is_empty() {
             true => SmoothEdges::NotDrawn,
             false => smooth_edges,
@@ -82,9 +84,10 @@ impl Encoder {
             return *event;
         }
         // One clause for each state of the distinct cells: a truth table. Sectors around a line are few, so
-        // this is smaller and propagates better than an encoding of the boundary's half-surfaces. States that
-        // drawing conventions treat differently get no clause, which leaves the event free.
+        // the table is small. States that drawing conventions treat differently get no clause, so the event
+        // is free there.
         let event = self.fresh();
+        // Several sectors may belong to one cell, which has one state.
         let mut distinct: Vec<u32> = group.sectors.clone();
         distinct.sort_unstable();
         distinct.dedup();
@@ -132,6 +135,7 @@ impl Encoder {
         for (group, event) in sight_test.groups.iter().zip(&events) {
             clear = self.clear(clear, &mut passed);
             let seen = self.fresh();
+            // seen ⇔ clear ∧ event.
             self.clause(vec![!seen, clear]);
             self.clause(vec![!seen, *event]);
             self.clause(vec![seen, !clear, !*event]);
@@ -217,6 +221,8 @@ impl Encoder {
 /// True if the sectors form an edge for given cell states; `None` if drawing conventions differ.
 fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
+    // Half-surfaces between sectors of different states belong to the boundary. Two that continue each other
+    // are no edge; all other pairs are one.
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
     let boundary: Vec<u8> = (0..n).filter(|&h| states[h] != states[(h + 1) % n]).map(|h| h as u8).collect();
     match boundary[..] {
@@ -233,6 +239,8 @@ fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, state: impl Fn(u32) -> b
 
 /// True if the half-surfaces can be paired so that each pair is smooth.
 fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
+    // The first one must have a partner, so only its choices are tried; there are at most a few
+    // half-surfaces.
     let Some((first, rest)) = halves.split_first() else {
         return true;
     };

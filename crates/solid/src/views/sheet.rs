@@ -79,6 +79,8 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
                 "needed two or three separate views, found {n}: is each view in its own file?"
             )));
         }
+        // Of two views, the convention tells which one is the front view: stacked views are front and top,
+        // views beside each other front and side.
         (_, 2) => {
             let lower = usize::from(groups[0].span[1][0] > groups[1].span[1][0]);
             let left = usize::from(groups[0].span[0][0] > groups[1].span[0][0]);
@@ -106,9 +108,9 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
         let Some(kind) = kind.filter(|k| views.iter().all(|v: &View| v.kind.axes() != k.axes())) else {
             let [[left, right], [bottom, top]] = groups[g].span;
             return Err(Error::input(format!(
-                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that is neither \
-                 at the place of the top view nor at that of a side view in the {} convention: needed views \
-                 of one scale, aligned with the front view",
+                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that is \
+                 neither at the place of the top view nor at that of a side view in the {} convention: \
+                 needed views of one scale, aligned with the front view",
                 match projection {
                     Projection::FirstAngle => "first-angle",
                     Projection::ThirdAngle => "third-angle",

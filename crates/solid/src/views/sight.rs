@@ -121,6 +121,7 @@ impl SightTests {
             let busy = busy_along(cells, view, axes[k]);
             let curved = busy_along(cells, view, axes[1 - k]);
             for i in 1..across.len() - 1 {
+                // The rays must stay within the neighbouring intervals of the grid.
                 let step =
                     (1e-5 * plan.size).min(0.2 * (across[i] - across[i - 1]).min(across[i + 1] - across[i]));
                 let at_curves = busy[i - 1] || busy[i];
@@ -204,6 +205,7 @@ impl SightTests {
                                 &plan.views[a].pieces[first as usize],
                                 &plan.views[b].pieces[second as usize],
                             );
+                            // The depths that both pieces have; too short a range may be rounding.
                             let lo = p.range[a_depth][0].max(q.range[b_depth][0]);
                             let hi = p.range[a_depth][1].min(q.range[b_depth][1]);
                             if hi - lo < 1e-4 * plan.size {
@@ -228,6 +230,8 @@ impl SightTests {
                                 let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
                                     continue;
                                 };
+                                // Both slopes over the depth give the tangent of the edge in this view, and a
+                                // quarter turn its normal.
                                 let length = du.hypot(dw);
                                 let at = [u, w];
                                 if length < 1e-6 {
@@ -267,6 +271,7 @@ pub(super) fn style_near(
     let plan = cells.plan;
     let shown = &plan.views[view];
     let axes = shown.kind.axes();
+    // Near grid lines and profiles, other tests decide. A polygon of a curve may be off by as much as this.
     let near = 1e-3 * plan.size;
     for k in 0..2 {
         let grid = &plan.grid[axes[k]];
@@ -286,6 +291,7 @@ pub(super) fn style_near(
     if shown.carriers.iter().any(on_carrier) {
         return None;
     }
+    // Chains and other curves that are not the edge-on image of a surface: edges between curved faces.
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
     // Curves of walls may approach others before they meet them. A point that is near a drawn curve but not
@@ -474,6 +480,7 @@ fn sight_test(
     let plan = cells.plan;
     let beside =
         |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
+    // Two columns on either side of the line: on the line itself, rounding would decide between cells.
     let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
     if style.is_none() && columns[0] == columns[1] {
         return None;
@@ -489,6 +496,7 @@ fn sight_test(
             limits.push((side, limit));
         }
     }
+    // Breaks closer than five tolerances belong to one line in space.
     limits.sort_by(|a, b| a.1.depth.total_cmp(&b.1.depth).then(a.0.cmp(&b.0)));
     let near = 5.0 * plan.tolerance;
     let mut now = [columns[0].start, columns[1].start];

@@ -54,7 +54,7 @@ fn some_smooth_edges_may_be_drawn_and_others_not() {
 }
 
 #[test]
-fn a_line_that_is_no_edge_is_named_among_smooth_edges() {
+fn line_that_is_no_edge_is_reported_among_smooth_edges() {
     let mut bad = rounded(true);
     let mut stray = line([20.0, 0.0], [20.0, 20.0]);
     stray.entity = "LINE 7F (line 12)".to_owned();

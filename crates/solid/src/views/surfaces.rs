@@ -73,7 +73,8 @@ impl Extruded {
             Profile::Circle { center, radius } => FaceSurface::Cylinder {
                 origin: along(along([0.0; 3], center[0], axis_of(0)), center[1], axis_of(1)),
                 axis: axis_of(2),
-                // The seam lies at +z, of upright cylinders at +x.
+                // The seam is at +z, on upright cylinders at +x. A fixed rule makes solids of equal drawings
+                // identical.
                 x: axis_of((0..2).find(|k| self.axes[*k] == 2).unwrap_or(0)),
                 radius,
             },
@@ -194,6 +195,7 @@ pub(super) fn triple(three: [&Extruded; 3], tolerance: f64) -> Vec<[f64; 3]> {
         if s.axes != t.axes {
             continue;
         }
+        // Three surfaces of one view share no point, or a whole line.
         if u.axes == s.axes {
             return Vec::new();
         }
@@ -246,6 +248,7 @@ fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<[f64; 3]> {
             let (Some(a), Some(b)) = (at(lo), at(hi)) else {
                 continue;
             };
+            // 60 halvings reduce the interval below the spacing of f64 values.
             if a.1 * b.1 > 0.0 {
                 continue;
             }
@@ -312,6 +315,7 @@ pub(super) fn meetings(s: &Extruded, t: &Extruded, tolerance: f64) -> Vec<Meetin
         curve: Curve3::Line { origin, direction },
         ends: Vec::new(),
     };
+    // A grid plane comes first, which halves the number of cases.
     let (s, t) = if s.plane.is_none() && t.plane.is_some() { (t, s) } else { (s, t) };
     if let Some((axis, value)) = s.plane {
         return match trace(t, axis, value, tolerance) {
@@ -378,6 +382,8 @@ fn oblique(s: &Extruded, t: &Extruded, shared: usize, tolerance: f64) -> Vec<Mee
         }
         (None, Some(_)) => oblique(t, s, shared, tolerance),
         (Some((center, radius)), None) => {
+            // A slanted plane maps the circle of the cylinder to an ellipse: one semi-axis keeps the radius,
+            // and the other one is stretched by the slope.
             let slope = |x: f64| t.profile.crossings(places[1], x, 0.0).first().copied();
             let c = center[places[0]];
             let (Some(at), Some(next)) = (slope(c), slope(c + 1.0)) else {
@@ -413,6 +419,8 @@ fn oblique(s: &Extruded, t: &Extruded, shared: usize, tolerance: f64) -> Vec<Mee
                     })
                     .into();
             }
+            // The interval of the shared coordinate in which both cylinders have points. Each has two sheets
+            // over it, so there are four branches, which meet at the ends of the interval.
             let range = [(a - r1).max(b - r2), (a + r1).min(b + r2)];
             if range[1] - range[0] < tolerance {
                 return Vec::new();

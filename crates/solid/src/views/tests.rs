@@ -49,7 +49,7 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
 }
 
 #[test]
-fn a_hidden_line_that_nothing_explains_is_named() {
+fn unexplained_hidden_line_is_reported_by_name() {
     let mut drawing = box_with_hole();
     let mut stray = segment([5.0, 0.0], [5.0, 20.0], LineStyle::Hidden);
     stray.entity = "LINE 7F (line 12)".to_owned();
@@ -62,7 +62,7 @@ fn a_hidden_line_that_nothing_explains_is_named() {
 }
 
 #[test]
-fn a_boundary_with_a_face_missing_is_refused() {
+fn boundary_without_one_face_is_rejected() {
     let mut solid = solve(&box_with_hole()).unwrap().solutions.remove(0).solid;
     solid.check(1e-6).unwrap();
     solid.faces.pop();
@@ -97,12 +97,12 @@ fn only(drawing: &Drawing) -> Solution {
 }
 
 #[test]
-fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
+fn circle_in_pieces_with_an_inaccurate_one_is_one_cylinder() {
     let mut drawing = box_with_hole();
     let top = &mut drawing.views[1].curves;
     top.pop();
     let on = |angle: f64| [20.0 + 6.0 * angle.cos(), 15.0 + 6.0 * angle.sin()];
-    // The last piece is where it should be, on a circle whose centre is off by 0.01.
+    // The last piece is in the right place, but its circle has a centre that is off by 0.01.
     let (off, sweep) = (0.01, 0.083);
     let turn = TAU - sweep / 2.0;
     let center = [20.0 + off * turn.cos(), 15.0 + off * turn.sin()];
@@ -111,7 +111,7 @@ fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
     let radius = (to[0] - center[0]).hypot(to[1] - center[1]);
     top.push(visible(arc([20.0, 15.0], 6.0, 0.0, TAU - sweep)));
     top.push(visible(arc(center, radius, angle(from), angle(to) - angle(from))));
-    // And a crumb of it is drawn once more, as its chord.
+    // A short piece is drawn a second time, as its chord.
     top.push(segment(on(1.0), on(1.0005), LineStyle::Visible));
     let Solution { solid, measures, .. } = only(&drawing);
     assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
@@ -119,7 +119,7 @@ fn an_outline_in_pieces_with_a_badly_fitted_one_is_one_cylinder() {
 }
 
 #[test]
-fn a_circle_that_is_off_by_rounding_fits_the_lines_that_touch_it() {
+fn rounded_circle_is_moved_to_its_tangent_lines() {
     let mut drawing = box_with_hole();
     let top = &mut drawing.views[1].curves;
     top.pop();
@@ -130,7 +130,7 @@ fn a_circle_that_is_off_by_rounding_fits_the_lines_that_touch_it() {
 }
 
 #[test]
-fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
+fn hole_that_touches_a_wall_divides_the_wall() {
     let side = |at: [f64; 2]| {
         let mut curves = rectangle([0.0, 0.0], [20.0, 20.0]);
         curves.extend(at.map(|u| hidden([u, 0.0], [u, 20.0])));
@@ -141,13 +141,13 @@ fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
     let mut front = rectangle([0.0, 0.0], [20.0, 20.0]);
     front.push(hidden([10.0, 0.0], [10.0, 20.0]));
     let Solution { solid, measures, .. } = only(&three(front, top, side([5.0, 15.0])));
-    // The wall on both sides of the line, and the hole cut at its seam, which lies opposite.
+    // The wall is divided at the line, and the hole is divided at its seam, which is opposite.
     assert_eq!(solid.faces_by_kind()[..2], [7, 2]);
     assert!((measures.volume - (8000.0 - 500.0 * PI)).abs() < 1e-8);
 }
 
 #[test]
-fn a_hole_that_touches_a_groove_from_below_is_found() {
+fn hole_that_touches_a_groove_from_below_is_found() {
     let outline = [[0.0, 11.0], [0.0, 0.0], [20.0, 0.0], [20.0, 11.0]];
     let mut front: Vec<DrawnCurve> =
         outline.windows(2).map(|p| segment(p[0], p[1], LineStyle::Visible)).collect();
@@ -167,7 +167,7 @@ fn a_hole_that_touches_a_groove_from_below_is_found() {
 }
 
 #[test]
-fn a_hardly_bent_arc_stands_for_no_cylinder() {
+fn nearly_straight_arc_is_no_cylinder() {
     let mut drawing = box_with_hole();
     let bent = arc([20.0, -30.0], 32.0, 1.56, 0.02);
     drawing.views[1].curves.push(visible(bent));
@@ -220,7 +220,7 @@ fn a_sheet_of_either_convention_gives_the_same_part() {
 }
 
 #[test]
-fn views_of_the_other_convention_are_refused_by_name() {
+fn views_of_the_wrong_convention_are_rejected_by_name() {
     let e = views_of_sheet(&step_on_a_sheet(Projection::ThirdAngle), Projection::FirstAngle).unwrap_err();
     assert!(e.to_string().contains("first-angle"), "{e}");
     let e = views_of_sheet(&rectangle([0.0, 0.0], [4.0, 3.0]), Projection::FirstAngle).unwrap_err();

@@ -68,6 +68,8 @@ impl Circle {
             radius: (self.radius / step).round() * step,
         };
         let far = FIT * size;
+        // Designed values first, then tangents of lines, then values with more decimals, which are weaker
+        // evidence and must fit better.
         let candidates = [
             (Some(round(1e-2)), far),
             (self.between(lines, far), far),
@@ -108,9 +110,11 @@ fn is_sliver(curve: &Curve2, size: f64) -> bool {
     }
 }
 
-/// A drawing with its curves tidied.
+/// The drawing with exact circles, and without very short curves.
 pub(super) fn tidied(drawing: &Drawing) -> Drawing {
     let size = drawing.size();
+    // Coordinates of lines along the axes of space. Lines of one view also fix circles of another one: the
+    // outline of a cylinder is tangent to its circle.
     let mut lines: [Vec<f64>; 3] = Default::default();
     for view in &drawing.views {
         let axes = view.kind.axes();
@@ -132,6 +136,7 @@ pub(super) fn tidied(drawing: &Drawing) -> Drawing {
     Drawing { views: drawing.views.iter().map(tidy).collect() }
 }
 
+/// The curves of a view; `lines` are the sorted coordinates of straight lines along its two axes.
 fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
     let mut circles: Vec<Circle> = Vec::new();
     let mut curves = view.curves.clone();
@@ -151,6 +156,8 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
         };
         let points = curves[index].curve.points();
         let on = |c: &Circle| points.iter().all(|p| c.off(*p) <= ON_CIRCLE * size);
+        // An arc on a known circle is a part of it. A nearly straight one without such a circle becomes a
+        // polygon: its own circle would be meaningless. Any other arc defines a circle for the shorter ones.
         let circle = match circles.iter().filter(|c| on(c)).min_by(|a, b| {
             let far = |c: &Circle| points.iter().map(|p| c.off(*p)).fold(0.0, f64::max);
             far(a).total_cmp(&far(b))

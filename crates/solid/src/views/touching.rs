@@ -65,6 +65,7 @@ impl BoundaryBuilder<'_> {
 
     /// Removes coincident opposite neighbours from a loop. The faces beside them then share one edge.
     fn close_slits(&mut self, ring: &mut Vec<Coedge>) {
+        // Removing one pair may make its neighbours a pair, so this repeats.
         while let Some(k) = (0..ring.len()).find(|&k| self.is_slit(ring[k], ring[(k + 1) % ring.len()])) {
             let next = (k + 1) % ring.len();
             let (kept, gone) = (ring[k], ring[next]);
@@ -83,6 +84,7 @@ impl BoundaryBuilder<'_> {
     fn cut_along(&mut self, key: (usize, bool), surface: &FaceSurface, angle: f64) {
         let mut at: Vec<(f64, usize)> = Vec::new();
         let mut edges: Vec<usize> = self.coedges[&key].iter().map(|c| c.edge).collect();
+        // A seam occurs twice and must be cut once.
         edges.sort_unstable();
         edges.dedup();
         for index in edges {
@@ -117,6 +119,7 @@ impl BoundaryBuilder<'_> {
             });
 
             let edge = self.solid.edges.len() - 1;
+            // The new edge is a seam: the face is on both of its sides.
             let both = [true, false].map(|forward| Coedge { edge, forward });
             self.coedges.entry(key).or_default().extend(both);
         }

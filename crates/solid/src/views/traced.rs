@@ -135,6 +135,7 @@ pub(super) fn traced(
             continue;
         }
         let (forward, closed) = follow(surfaces, start, step, &inside);
+        // An open curve is followed from the seed in both directions; the seed is in both parts.
         let mut points = forward;
         if !closed {
             let (mut back, _) = follow(surfaces, start, -step, &inside);
@@ -143,6 +144,7 @@ pub(super) fn traced(
             back.extend(points);
             points = back;
         }
+        // Fewer points are a curve of a few steps, whose tangents would be inaccurate.
         if points.len() >= 4 {
             found.push(Traced { points, closed, surfaces: surfaces.clone() });
         }

@@ -60,6 +60,7 @@ fn add(found: &mut Vec<Turned>, wall: Turned, plan: &DrawingGrid) {
         (None, None) => other.same(&wall, same, plan.size),
         _ => false,
     };
+    // One surface with several extents instead of several surfaces: coincident surfaces would leave slivers.
     match found.iter_mut().find(|w| is_same(w)) {
         Some(known) => known.extents.extend(wall.extents),
         None => found.push(wall),
@@ -98,6 +99,7 @@ fn walls_about(
     let has = |radius: f64| axis.radii.iter().any(|r| (r - radius).abs() < same);
     let mut found = Vec::new();
     for carrier in &view.carriers {
+        // Both sides of the axis show the same profile, so distances are absolute.
         let from_axis = |p: [f64; 2]| [(p[1 - up] - middle).abs(), p[up]];
         for (from, to) in parts(carrier, middle, 1 - up, plan) {
             let (p, q) = (carrier.profile.point(from), carrier.profile.point(to));
@@ -125,6 +127,7 @@ fn walls_about(
                         (at(0.0), Side::Both)
                     } else {
                         let is_inner = from_axis(carrier.profile.point((from + to) / 2.0))[0] < major;
+                        // Tori whose tube reaches the axis are excluded: they touch or cross themselves.
                         let widest = has(if is_inner { major - radius } else { major + radius });
                         if major <= radius + same || !(ends_on_circle || widest) {
                             continue;
@@ -133,6 +136,8 @@ fn walls_about(
                     }
                 }
             };
+            // The extent is that of the drawn part, turned. Beyond it the wall would divide cells without
+            // need.
             let reach = ends[0][0].max(ends[1][0]);
             let mut bounds = [[0.0; 2]; 3];
             for (k, a) in across(along).into_iter().enumerate() {
@@ -254,6 +259,7 @@ fn parts(carrier: &Carrier, middle: f64, across: usize, plan: &DrawingGrid) -> V
         if circle {
             cuts.extend((0..=4).map(|q| f64::from(q) * FRAC_PI_2));
         }
+        // An arc often ends at an extreme or on the axis, which gives two cuts that differ by rounding.
         cuts.retain(|t| *t >= from && *t <= to);
         cuts.sort_by(f64::total_cmp);
         cuts.dedup_by(|b, a| *b - *a < gap);

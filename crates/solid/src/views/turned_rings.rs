@@ -54,9 +54,12 @@ impl Ring {
         let tube = surface.periods()[1];
         let mut best: Option<f64> = None;
         for [a, b] in &self.pieces {
+            // The neighbouring turns as well: a piece may begin on one side of the ray's angle and end
+            // beyond.
             let shift = TAU * ((u - a[0]) / TAU).round();
             for shift in [shift - TAU, shift, shift + TAU] {
                 let (from, to) = (a[0] + shift, b[0] + shift);
+                // Half-open, so that a ray through a corner meets one of two pieces.
                 if (from <= u) == (to <= u) {
                     continue;
                 }
@@ -102,6 +105,7 @@ pub(super) fn turned_faces(
             }
         }
     }
+    // Loops around the axis come first: a face between two of them has no outer loop in parameters.
     by_face(loops, &face_of, |index| {
         let turn: f64 = rings[index].pieces.iter().map(|[a, b]| b[0] - a[0]).sum();
         turn.abs() < PI
@@ -122,6 +126,7 @@ fn into_face(surface: &FaceSurface, outward: bool, a: [f64; 2], b: [f64; 2]) -> 
         return None;
     }
     let rise = dot(unit(left), unit(up));
+    // Where the piece runs nearly along v, rounding would decide; other rays of the edge are used.
     (rise.abs() > 0.1).then(|| rise.signum())
 }
 
@@ -138,6 +143,8 @@ fn first_seen(rings: &[Ring], surface: &FaceSurface, from: [f64; 2], direction: 
     if let Some(found) = nearest(from, direction) {
         return Some(found);
     }
+    // Nothing was met up to the end of v. Over a pole or an apex, the same meridian continues on the other
+    // side.
     let [bottom, top] = surface.range_v();
     let end = if direction > 0.0 { top } else { bottom };
     match end.is_finite() {

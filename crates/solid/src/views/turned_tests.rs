@@ -1,4 +1,4 @@
-//! Drawings of cones, spheres and tori, with the exact measures of what they mean.
+//! Drawings of cones, spheres and tori, compared with exact measures.
 
 use super::tests::{arc, circle, hidden, rectangle, segment, visible};
 use super::*;
@@ -24,7 +24,7 @@ pub(super) fn only(drawing: &Drawing) -> Solution {
     assert_eq!((found.solutions.len(), found.complete), (1, true), "{:?}", found.unexplained);
     let solution = found.solutions.into_iter().next().unwrap();
     solution.solid.check(1e-6).unwrap();
-    // Looked at anew, by rays: it shows what is drawn.
+    // Checked independently by reprojection.
     assert_eq!(disagreements(&solution.solid, drawing, &ReprojectionOptions::default()), []);
     solution
 }
@@ -38,13 +38,13 @@ fn half_circle() -> Vec<DrawnCurve> {
 }
 
 #[test]
-fn a_half_circle_over_a_circle_is_a_half_ball_before_anything_else() {
+fn half_circle_over_a_circle_is_first_a_half_ball() {
     let two = drawing(vec![
         (ViewKind::Front, half_circle()),
         (ViewKind::Top, vec![visible(circle([0.0, 0.0], 10.0))]),
     ]);
     let mut found = solve(&two).unwrap().solutions;
-    // Of the others, one had a boundary that was inside out.
+    // An earlier version also found a solid with a boundary turned inside out.
     assert!(found.iter().all(|s| s.measures.volume > 0.0));
     let best = found.remove(0);
     assert_eq!(best.solid.faces_by_kind(), [1, 0, 0, 1, 0]);
@@ -87,7 +87,7 @@ fn a_countersunk_hole_has_one_cone() {
 }
 
 #[test]
-fn a_countersink_without_its_circle_is_refused() {
+fn countersink_without_its_circle_is_rejected() {
     let found = solve(&countersunk(false)).unwrap();
     assert!(found.solutions.is_empty() && !found.unexplained.is_empty());
 }
@@ -135,7 +135,7 @@ fn a_fillet_around_a_boss_is_one_torus() {
     assert_near(solution.measures.area, torus + planes + cylinders, 1e-9);
 }
 
-/// A ball of diameter 20 cut by two planes that do not hold its centre, as knobs have them.
+/// A ball of diameter 20 cut by two planes beside its centre, as on knobs.
 #[test]
 fn a_ball_cut_on_two_sides_is_one_sphere() {
     let (up, out) = (6.0, 8.0);

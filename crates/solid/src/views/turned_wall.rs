@@ -119,6 +119,7 @@ impl Turned {
             if ends.iter().any(|e| e[1] - e[0] <= tolerance) || !self.crosses(ends, extent.side, tolerance) {
                 continue;
             }
+            // Several extents of one wall may lie in a box; halves of a tube then combine to the whole.
             found = match found {
                 None => Some(extent.side),
                 Some(side) if side == extent.side => found,
@@ -137,9 +138,11 @@ impl Turned {
         let near = |k: usize, c: f64| c - c.clamp(ends[k][0], ends[k][1]);
         let far = |k: usize, c: f64| (c - ends[k][0]).abs().max((ends[k][1] - c).abs());
         let [ca, cb] = self.center;
+        // Minimum and maximum distance of the box from the axis.
         let mut radii = [near(a, ca).hypot(near(b, cb)), far(a, ca).hypot(far(b, cb))];
         let heights = ends[self.axis];
         match &self.profile {
+            // A linear function has its extremes at corners.
             Profile::Line { .. } => {
                 let values =
                     [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[i, j]| self.profile.value([radii[i], heights[j]]));
@@ -154,6 +157,8 @@ impl Turned {
                 if radii[1] - radii[0] <= tolerance {
                     return false;
                 }
+                // The nearest and the farthest point of the rectangle from the centre of the circle: it
+                // crosses the circle if the radius lies between both distances.
                 let off = |range: [f64; 2], c: f64| {
                     let near = c - c.clamp(range[0], range[1]);
                     [near.abs(), (c - range[0]).abs().max((range[1] - c).abs())]

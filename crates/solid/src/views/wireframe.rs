@@ -90,6 +90,7 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
             if on.len() > MAX_ON_LINE {
                 continue;
             }
+            // In order along the line, so that the pairs below run in one direction.
             on.sort_by(|a, b| {
                 let along = |k: usize| line.place([points[k][axes[0]], points[k][axes[1]]])[0];
                 along(*a).total_cmp(&along(*b))
@@ -141,6 +142,7 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
         let of_slanted = matches!(drawn.curve, Curve2::Segment(a, b) if Slanted::new(a, b, near).is_some());
         let of_curve = !matches!(drawn.curve, Curve2::Segment(..));
         for at in points {
+            // Curves that meet share an end, which has the properties of all of them.
             match found.iter_mut().find(|e| distance(e.at, at) < near) {
                 Some(end) => {
                     end.of_slanted |= of_slanted;
@@ -166,6 +168,8 @@ fn points(
     by_x.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
     let mut by_y: Vec<&End> = ends[side].iter().collect();
     by_y.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
+    // The top view shares x with the front view, and the side view shares y with the top view and z with the
+    // front view: these are the three equations of a point.
     let beside = |sorted: &[&End], value: f64| {
         let from = sorted.partition_point(|e| e.at[0] < value - near);
         from..from + sorted[from..].partition_point(|e| e.at[0] <= value + near)
@@ -178,6 +182,7 @@ fn points(
                 if !is_slanted || (s.at[1] - f.at[1]).abs() > near {
                     continue;
                 }
+                // Each coordinate is drawn in two views; the mean halves the variance of rounding.
                 points.push([
                     (f.at[0] + t.at[0]) / 2.0,
                     (t.at[1] + s.at[0]) / 2.0,
@@ -209,6 +214,7 @@ fn is_minimal(points: &[[f64; 3]], on: &[usize], i: usize, j: usize, near: f64) 
 /// True if straight lines of a view cover the segment between two points without a gap.
 fn is_covered(drawing: &Drawing, view: usize, a: [f64; 2], b: [f64; 2], near: f64) -> bool {
     let length = distance(a, b);
+    // An edge along the line of sight is a point in this view and needs no line.
     if length < near {
         return true;
     }

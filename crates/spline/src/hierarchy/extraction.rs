@@ -50,6 +50,8 @@ impl SparseExtraction {
         for leaf in 0..leaves {
             let (nodes, weights) = space.extraction(leaf);
             for k in 0..16 {
+                // Most weights are zero. About 20 entries per leaf remain, slightly more than one per
+                // coefficient.
                 for (&node, w) in nodes.iter().zip(weights).filter(|(_, w)| w[k] != 0.0) {
                     entries.push((node, w[k]));
                     count[node as usize + 1] += 1;

@@ -108,6 +108,7 @@ impl Part {
             let is_weight = (0.0..=f64::MAX).contains(&reading.information);
             if !(inside_u.contains(&u)
                 && inside_v.contains(&v)
+                // One test for three coordinates: a sum with NaN or infinity is not finite.
                 && (z[0] + z[1] + z[2]).is_finite()
                 && is_weight)
             {
@@ -221,9 +222,12 @@ impl PositionSums {
                 Some((k, first)) if !first.position.iter().all(|x| x.is_finite()) => {
                     return Err(unusable(k, self.space.extent(), &first));
                 }
+                // Sums are relative to the first position: with map coordinates, squares of the raw values
+                // would lose the digits of the residuals.
                 Some((_, first)) => *self.origin.insert(first.position),
             },
         };
+        // In batches, so that the memory of the sorted readings is bounded.
         for start in (0..size).step_by(PART * PARTS) {
             self.add_batch(start..size.min(start + PART * PARTS), origin, &read)?;
         }
@@ -309,6 +313,8 @@ impl PositionSums {
                 let [i, j] = [2 * leaf.i as usize + quarter[0], 2 * leaf.j as usize + quarter[1]];
                 if i < nu && j < nv {
                     let (fine, _) = self.space.locate(i as f64, j as f64);
+                    // Moments of a quarter are polynomials in its own coordinates, so the change of
+                    // coordinates is exact.
                     cell.add_quarter(&self.cells[fine], quarter);
                 }
             }
@@ -432,6 +438,8 @@ impl WithSimd for CellsOfBatch<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        // Without vector hardware, `mul_add` would be a library call. Results differ in the last digits
+        // between machines, not between runs.
         if S::IS_SCALAR {
             self.add::<false>();
         } else {

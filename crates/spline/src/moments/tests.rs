@@ -130,9 +130,9 @@ fn messages_name_the_invalid_reading() {
     let mut sums = PositionSums::new(&space);
     sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();
     for (at, z, w, words) in [
-        ([4.1, 0.0], [0.0; 3], 1.0, "reading 0: needed parameters in [0, 4] × [0, 4], found (4.1, 0)"),
+        ([4.1, 0.0], [0.0; 3], 1.0, "reading 0: expected parameters in [0, 4] × [0, 4], found (4.1, 0)"),
         ([f64::NAN, 0.0], [0.0; 3], 1.0, "found (NaN, 0)"),
-        ([0.0, 0.0], [0.0, f64::INFINITY, 0.0], 1.0, "reading 0: needed finite coordinates"),
+        ([0.0, 0.0], [0.0, f64::INFINITY, 0.0], 1.0, "reading 0: expected finite coordinates"),
         ([0.0, 0.0], [0.0; 3], -1.0, "not negative, found -1"),
     ] {
         let message = sums.add(&[at], &[z], Some(&[w])).unwrap_err().to_string();

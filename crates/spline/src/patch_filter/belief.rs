@@ -62,6 +62,7 @@ impl PatchBelief {
             return Err(Error::input("the belief of a patch contains a value that is not finite"));
         }
         let mut belief = Self { dimension, columns, mean, covariance };
+        // The update below keeps symmetry to the last bit, but only if the covariance has it at the start.
         belief.symmetrize();
         Ok(belief)
     }
@@ -163,6 +164,7 @@ impl PatchBelief {
         workspace.spread.resize(n, 0.0);
         let spread = &mut workspace.spread[..n];
         for &(index, weight) in row {
+            // A row instead of a column: the covariance is symmetric, and a row is contiguous.
             let line = &self.covariance[usize::from(index) * n..][..n];
             for (s, x) in spread.iter_mut().zip(line) {
                 *s += weight * x;
@@ -176,6 +178,7 @@ impl PatchBelief {
                 "a noise-free reading measures a value that is already known exactly",
             ));
         }
+        // Before the mean changes.
         let predicted = self.mean_of(row);
         let mut residual = [0.0; 3];
         for (r, (z, p)) in residual.iter_mut().zip(value.iter().zip(&predicted)).take(self.columns) {

@@ -157,6 +157,7 @@ pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64
     let mean = curvatures.iter().map(|[k, _]| k).sum::<f64>() / n;
     let variance = curvatures.iter().map(|[k, _]| (k - mean).powi(2)).sum::<f64>() / (n - 1.0);
     let sigma2 = curvatures.iter().map(|[_, s]| s * s).sum::<f64>() / n;
+    // On flat regions the mean is noise, and a ratio to it would be arbitrary.
     let scale = mean.abs().max(sigma2.sqrt());
     let beyond = if discount_noise { variance - sigma2 } else { variance };
     if beyond > 0.0 { beyond.sqrt() / scale } else { 0.0 }
@@ -167,6 +168,7 @@ fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
     let mut worst = f64::NEG_INFINITY;
     for row in 0..3 {
         for column in 0..3 {
+            // Overlapping blocks of 2 × 2 cells: a misfit on a border between cells is still in one block.
             let block = [0, 1, 4, 5].map(|k| innovations[4 * row + column + k]);
             let all = block.iter().fold(InnovationSum::default(), InnovationSum::with);
             let far = if all.far_is_shape() { all.far } else { 0 };
@@ -174,6 +176,7 @@ fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
                 continue;
             }
             let n = (all.count + far) as f64;
+            // Rejected readings have no innovation; they count with the square at the gate.
             let sum = all.normalized_squared + FAR_SQUARED * far as f64;
             // The cube root of a χ² value is nearly normal even for a few degrees of freedom. χ² itself is
             // skewed, and a limit in its standard deviations would be exceeded too often.

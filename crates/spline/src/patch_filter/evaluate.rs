@@ -106,6 +106,8 @@ impl PatchFilter {
                 let point = self.vertex(p, vertex);
                 for d in 0..3 {
                     // The bound keeps weights finite for exactly known vertices.
+                    // Copies of a vertex differ slightly between patches. Weights by information prefer the
+                    // patch with readings near it.
                     let weight = 1.0 / self.vertex_variance(p, vertex, d).max(1e-200);
                     sum[d][0] += weight;
                     sum[d][1] += weight * point[d];
@@ -158,6 +160,7 @@ impl PatchFilter {
         };
         let variance = match self.options.layout {
             StateLayout::Height => belief.variance_of(&of(2)),
+            // Coordinates share one covariance and are independent, so their variances add up.
             StateLayout::Isotropic | StateLayout::Normal => (0..3).map(|d| belief.variance_of(&of(d))).sum(),
             StateLayout::Full => {
                 let row: SparseRow = (0..3)

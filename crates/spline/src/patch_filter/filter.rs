@@ -457,6 +457,8 @@ impl PatchFilter {
                 // The difference is positive semidefinite only for a plane. In other metrics the quadrature
                 // of fine leaves differs from that of coarse ones.
                 let detail = positive_part(&prior - &alpha * &from.prior * alpha.transpose());
+                // The belief about the coarse functions is exact on the finer grid; `detail` adds the prior
+                // variance of what only the finer grid can represent.
                 let carry = expanded(&alpha, layout);
                 let covariance =
                     &carry * from.belief.covariance_matrix() * carry.transpose() + expanded(&detail, layout);
@@ -514,6 +516,7 @@ fn detail_variances(
     }
     let coarse = Quadtree::new(Arc::clone(metric.space()))?;
     let mut marked = vec![false; coarse.patches.len()];
+    // One patch is representative: on a uniform metric all of one depth have the same prior.
     marked[0] = true;
     let fine = coarse.subdivided(&marked)?;
     let (before, after) = (
@@ -542,6 +545,8 @@ fn detail_variances(
     let first = (sum / points).max(0.0) / prior.weight;
     let mut below = vec![0.0; depths + 1];
     for depth in (0..depths).rev() {
+        // The sum over all deeper levels. The variance falls to a quarter per level, as for a thin plate in
+        // the plane.
         below[depth] = below[depth + 1] + first * 0.25_f64.powi(depth as i32);
     }
     Ok(below)

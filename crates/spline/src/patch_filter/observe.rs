@@ -99,11 +99,14 @@ impl PatchFilter {
         if let Some(square) = far {
             update.within_gate = false;
             let sum = &mut member.innovations[place.cell];
+            // Counted although rejected: many rejected readings in one cell are shape and not outliers.
             sum.far += update.equations as u64;
             if !sum.far_is_shape() {
                 return Ok(update);
             }
             for scalar in scalars.iter_mut() {
+                // Readings of unresolved shape are used with the misfit as additional variance: they pull the
+                // surface without being trusted.
                 scalar.variance += square;
             }
         }
@@ -132,6 +135,7 @@ impl PatchFilter {
     ) -> Result<usize> {
         let Place { patch, cell, local, side } = place;
         let (layout, member) = (self.options.layout, &self.members[patch]);
+        // A fixed point of linearisation makes the result independent of the order of readings.
         let there = if self.options.linearize_at_initial {
             std::array::from_fn(|k| member.initial[vertex_of(cell, k)])
         } else {

@@ -136,6 +136,7 @@ pub fn patch_hierarchy(space: &Hierarchy) -> Result<Arc<Hierarchy>> {
     loop {
         let mut marked = vec![false; tree.patches.len()];
         for (leaf, cell) in space.leaves().iter().enumerate() {
+            // The centre of the leaf is inside of exactly one patch.
             let [u, v] = space.parameters(leaf, [0.5, 0.5]);
             let (patch, _) = tree.patch_of_leaf[tree.space.locate(u, v).0];
             marked[patch as usize] |= cell.level > tree.patches[patch as usize].depth;
@@ -170,6 +171,8 @@ impl Quadtree {
                 j: cell.j / PATCH_CELLS as u32,
             })
             .collect();
+        // Sorted, so that numbers of patches depend on the surface alone and not on the history of
+        // subdivisions.
         patches.sort_unstable();
         patches.dedup();
         let mut patch_of_leaf = vec![(0, 0); space.leaves().len()];
@@ -241,6 +244,7 @@ impl Quadtree {
         let mut out = vec![[0.0; 3]; VERTICES];
         for (cell, &leaf) in self.leaves[patch].iter().enumerate() {
             let c = of_leaf(leaf as usize);
+            // Adjacent cells share vertices; all write the same value.
             for (k, p) in c.iter().enumerate() {
                 out[vertex_of(cell, k)] = *p;
             }
@@ -268,6 +272,8 @@ impl Quadtree {
         let mut shared: HashMap<[u32; 2], Vec<[u16; 2]>> = HashMap::new();
         for (p, patch) in (0..).zip(&self.patches) {
             for vertex in 0..VERTICES {
+                // Functions of one level have the same cell on all patches that share them, so equal keys
+                // find shared vertices, also across periodic borders.
                 let held = holders.entry(self.function(*patch, vertex)).or_default();
                 for &(other, at) in held.iter() {
                     if other != p {
@@ -290,6 +296,8 @@ impl Quadtree {
             (0..).zip(&self.patches).map(|(p, &patch)| (patch, p)).collect();
         for (p, patch) in (0..).zip(&self.patches) {
             for side in Side::ALL {
+                // Only from finer to coarser, so that each pair is found once. Grading limits the difference
+                // to one level.
                 if let Some(coarser) = self.coarser_neighbour(*patch, side).and_then(|q| index.get(&q)) {
                     separators.push(side.separator(*coarser, p, *patch));
                 }
@@ -361,6 +369,8 @@ impl Side {
         // their covariance would be singular.
         let across = DMatrix::from_row_slice(3, 3, &[0.5, 0.5, 0.0, 0.125, 0.75, 0.125, 0.0, 0.5, 0.5]);
         let along = two_scale_rows();
+        // The pseudo-inverse gives coarse values from fine ones. It is exact, because the fine vertices are
+        // refined from them.
         let inverse = |m: &DMatrix<f64>| {
             (m.transpose() * m)
                 .try_inverse()
@@ -373,6 +383,7 @@ impl Side {
             Self::West | Self::South => (0, PATCH_CELLS),
             Self::East | Self::North => (PATCH_CELLS, 0),
         };
+        // The finer patch lies along the lower or upper half of the coarser one's side.
         let half = 2 * (if lies_along_u { patch.j } else { patch.i } % 2) as usize;
         let vertex = |across: usize, along: usize| -> u16 {
             let (column, row) = if lies_along_u { (across, along) } else { (along, across) };

@@ -189,6 +189,7 @@ impl SurfaceReading {
                 // Along the eigenvectors the three components are independent, so each is one scalar update.
                 let (axes, values) = covariance.eigen();
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
+                    // Rounding can make the zero eigenvalue of a plane or line slightly negative.
                     *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
                 }
             }
@@ -198,6 +199,8 @@ impl SurfaceReading {
             Self::Normal { normal, sigma_rad, .. } => {
                 let frame = TangentFrame::from_jet(&jet())?;
                 let own = cross(frame.tangents[0], frame.tangents[1]);
+                // The change of a tangent is projected to the surface's normal. Along the measured normal it
+                // is smaller by the cosine between both.
                 let facing = dot(normal, own);
                 // At the estimate the row gives `N·t = 0`, so the value is the residual alone.
                 for ((to, along), tangent) in out.iter_mut().zip(frame.from_parameters).zip(frame.tangents) {
@@ -220,6 +223,8 @@ impl SurfaceReading {
                     let along = [0, 1].map(|k| principal[k] * dot(directions[k], t));
                     [0, 1, 2].map(|d| along[0] * directions[0][d] + along[1] * directions[1][d])
                 };
+                // Equations are in an orthonormal frame of the surface, not along the measured directions:
+                // these are not exactly tangential, and parameter lines may be skewed.
                 let first = frame.from_parameters.map(|along| first_derivative([s, t], side, along));
                 for (to, [a, b]) in out.iter_mut().zip([[0, 0], [0, 1], [1, 1]]) {
                     let second =
@@ -234,6 +239,8 @@ impl SurfaceReading {
                     });
                     *to = Some(Equation {
                         what: EquationKind::Form(form, -dot(frame.tangents[a], bent_b)),
+                        // The mixed component of a tensor with isotropic noise has half the variance of a
+                        // diagonal one.
                         variance: sigma * sigma * if a == b { 1.0 } else { 0.5 },
                         detail_fraction: 0.0,
                     });
@@ -305,6 +312,8 @@ impl SurfaceReading {
                 }
             }
             Self::Position { .. } | Self::PositionWithCovariance { .. } => {
+                // A position would have to be projected first, and the foot point depends on the search that
+                // the caller chose.
                 return Err(Error::unsupported(
                     "a filter along normals needs positions as readings along the normal at their foot \
                      points",
@@ -323,6 +332,7 @@ fn no_tangent_plane() -> Error {
 }
 
 fn is_unit(d: &[f64; 3]) -> bool {
+    // Wide enough for unit vectors from files in single precision.
     (dot(*d, *d) - 1.0).abs() < 1e-6
 }
 
@@ -338,6 +348,8 @@ impl TangentFrame {
         let (l, m) = (norm(jet.du), dot(jet.dv, t1));
         let across = [0, 1, 2].map(|d| jet.dv[d] - m * t1[d]);
         let q = norm(across);
+        // At poles both derivatives are parallel or zero. The threshold is relative, because parameters have
+        // no unit.
         if q <= 1e-9 * (norm(jet.dv) + l) {
             return Err(no_tangent_plane());
         }

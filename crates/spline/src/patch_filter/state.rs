@@ -55,6 +55,8 @@ pub struct PatchState {
 impl PatchFilterState {
     /// Moves every point by `by`. Covariances do not change.
     pub fn translate(&mut self, by: [f64; 3]) {
+        // The metric depends on derivatives only; its vertices are moved as well, so that both surfaces stay
+        // in one frame.
         for vertices in [&mut self.initial_vertices, &mut self.metric_vertices] {
             for p in vertices {
                 *p = add(*p, by);
@@ -143,6 +145,7 @@ impl PatchFilter {
             .collect();
         let space = Arc::new(Hierarchy::from_leaves(state.shape, state.base, &cells)?);
         let quadtree = Quadtree::new(Arc::clone(&space))?;
+        // Recomputed instead of stored: it follows from the initial surface and the patches.
         let refined = initial.refined(space)?;
         if quadtree.patches.len() != state.patches.len() {
             return Err(Error::input("the state of a patch filter lists a patch twice"));
@@ -153,6 +156,8 @@ impl PatchFilter {
             .iter()
             .enumerate()
             .map(|(p, patch)| {
+                // Searched by patch, because the order in the state may differ from that of the quadtree.
+                // Rejecting duplicates above makes the match unique.
                 let own =
                     state.patches.iter().find(|s| s.patch == *patch).ok_or_else(|| {
                         Error::input(format!("the state of a patch filter lacks {patch:?}"))

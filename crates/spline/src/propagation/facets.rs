@@ -135,6 +135,7 @@ fn group_points(
     let mut cut: BTreeMap<[i64; 4], Vec<u32>> = BTreeMap::new();
     for ((i, p), n) in (0..).zip(points).zip(normals) {
         let axis = (0..3).max_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
+        // Points without a normal.
         if n[axis] == 0.0 {
             continue;
         }
@@ -189,6 +190,7 @@ impl Facet {
             right += row * (w * z);
         }
         let inverse = normal_matrix.cholesky()?.inverse();
+        // The inverse is needed anyway, as covariance.
         let scaled = inverse * right;
         let chi2: f64 = members
             .iter()
@@ -225,6 +227,8 @@ impl Facet {
         let row = monomials(x, y);
         let slope_x = c[1] + 2.0 * c[3] * x + c[4] * y;
         let slope_y = c[2] + c[4] * x + 2.0 * c[5] * y;
+        // The height over the tangent plane of the quadric instead of the vertical one: a distance to first
+        // order.
         let over = 1.0 / (1.0 + slope_x * slope_x + slope_y * slope_y).sqrt();
         let surface: f64 = row.iter().zip(c).map(|(r, c)| r * c).sum();
         let [e1, e2, n] = self.axes;

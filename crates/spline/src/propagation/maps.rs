@@ -137,6 +137,7 @@ impl Symmetry {
         let (e1, e2) = tangents(d);
         let tilted = |a: f64, b: f64| {
             let t = add_scaled(add_scaled(d, a, e1), b, e2);
+            // Normalised after each step; otherwise the length would grow at second order.
             scale(1.0 / dot(t, t).sqrt(), t)
         };
         match *self {
@@ -173,6 +174,7 @@ impl Symmetry {
             Self::Rotation { order: Some(n), .. } => {
                 (1..n).map(|k| Map::turn(TAU * f64::from(k) / f64::from(n))).collect()
             }
+            // Infinitely many, so they cannot be listed.
             Self::Rotation { order: None, .. } => Vec::new(),
             Self::Mirror { .. } => vec![Map::Reflect],
         }

@@ -7,7 +7,8 @@ use planish_estimate::vector3::{dot, sub};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
-/// Minimum cosine between the normals of an image and its partner.
+/// Minimum cosine between the normals of an image and its partner: 37°. A smaller cosine would pair the sides
+/// of an edge, a larger one would reject partners of inaccurate starts.
 const MIN_COSINE: f64 = 0.8;
 /// Maximum distance of an image along the normal, relative to the reach. Farther images belong to another
 /// part.
@@ -39,6 +40,7 @@ pub(super) struct Pair {
 /// The pairs of every `stride`-th facet with all facets within `reach` of its images.
 pub(super) fn pairs(facets: &Facets, symmetry: &Symmetry, reach: f64, stride: usize) -> Vec<Pair> {
     let sources: Vec<u32> = (0..facets.all.len() as u32).step_by(stride).collect();
+    // Collected in the order of the sources, so the result does not depend on the number of threads.
     let found: Vec<Vec<Pair>> = if let Symmetry::Rotation { order: None, .. } = symmetry {
         let places: Vec<[f64; 3]> = facets.all.iter().map(|f| symmetry.cylindrical(f.point)).collect();
         sources.par_iter().map(|&from| on_one_ring(facets, symmetry, &places, reach, from)).collect()

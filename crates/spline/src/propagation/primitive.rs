@@ -133,6 +133,7 @@ impl Primitive {
             }
             Self::Sphere { centre, radius } => {
                 let r = sub(p, centre);
+                // At the centre every direction is correct.
                 let u = unit(r).unwrap_or([0.0, 0.0, 1.0]);
                 (norm(r) - radius, u, [-u[0], -u[1], -u[2], -1.0, 0.0].into())
             }
@@ -226,6 +227,8 @@ impl FittedPrimitive {
             covariance,
             chi_square,
             degrees: n - p as f64,
+            // A sphere or cylinder of large radius fits a plane as well; the information criterion prefers
+            // the shape with fewer parameters.
             bic: chi_square + p as f64 * n.ln(),
         })
     }
@@ -310,6 +313,8 @@ impl Classification {
         let point = add_scaled(place, -d, away);
         let (_, _, row) = best.primitive.distance(point);
         let of_place = (row.transpose() * best.covariance * row)[(0, 0)];
+        // The scatter between candidate shapes, weighted by their probabilities: far from the readings it
+        // dominates.
         let of_kind: f64 = (self.candidates.iter().zip(&self.probabilities))
             .map(|(other, p)| p * other.primitive.distance(point).0.powi(2))
             .sum();
@@ -338,6 +343,8 @@ fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Pr
     all.extend(algebraic_sphere(points, middle));
     let (of_normals, _) = moments(normals, [0.0; 3]).eigen();
     let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
+    // Normals of a cylinder are perpendicular to its axis, so the axis has the smallest moment of the
+    // normals. The other directions serve noisy normals and short cylinders.
     all.extend(directions.into_iter().filter_map(|d| algebraic_cylinder(points, middle, d)));
     all
 }

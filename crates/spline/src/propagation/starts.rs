@@ -13,7 +13,8 @@ use std::f64::consts::TAU;
 /// symmetries at a higher cost.
 const EXAMINED_PAIRS: u64 = 20_000;
 const MAX_STARTS: usize = 200;
-/// Minimum cosine between the normal of a facet and that of the image of its partner.
+/// Minimum cosine between the normal of a facet and that of the image of its partner: 14°. Normals of
+/// matching facets differ by their errors and by the curvature over a facet.
 const MIN_COSINE: f64 = 0.97;
 /// Minimum distance of a pair, in sides of a facet. Closer pairs do not determine a symmetry.
 const MIN_SEPARATION: f64 = 3.0;

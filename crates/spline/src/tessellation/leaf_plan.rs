@@ -108,6 +108,7 @@ impl LeafPlan {
 
     /// Index in the ring of a distance along a side; at a pole, the index of the pole.
     pub(super) fn on_side(&self, s: usize, offset: u32) -> u32 {
+        // Offsets are ascending. The minimum handles poles, whose side has one vertex.
         let k = self.side(s).partition_point(|&o| o < offset);
         self.ring_index(s, k.min(self.side(s).len() - 1)) as u32
     }
@@ -165,6 +166,8 @@ impl LeafPlan {
 
     /// True if a polygon in row `b` of the grid has more corners than two triangles (at a pole: one).
     pub(super) fn needs_middle(&self, b: u32, polygon: &[u32]) -> bool {
+        // A rectangle at a pole is a triangle. More corners than that mean vertices of a finer neighbour; a
+        // fan around the centre connects them without slivers.
         let at_pole = self.polar[0] && b == 0 || self.polar[2] && b + 1 == self.grid()[1];
         polygon.len() > if at_pole { 3 } else { 4 }
     }
@@ -237,6 +240,7 @@ impl LeafPlan {
         let number = |index: u32| {
             if index < ring { self.ring[index as usize] as u32 } else { first_inner + (index - ring) }
         };
+        // The order of `vertices`.
         let mut middle = first_inner + self.inner_count();
         self.for_each_polygon(|_, _, polygon, has_middle| {
             if has_middle {
@@ -270,6 +274,8 @@ fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f6
             return normal;
         }
     }
+    // Where derivatives vanish, a point slightly inside has a normal that differs by the order of the
+    // distance.
     for towards in [0.0, 1e-6, 1e-4, 1e-2, 0.1, 0.5, 1.0] {
         let [s, t] = local.map(|x| x + towards * (0.5 - x));
         let jet = surface.leaf_jet(leaf, s, t);

@@ -1,6 +1,6 @@
 //! The measured region: no readings are inferred there.
 
-use crate::observe::Observations;
+use crate::observe::ReadingColumns;
 use planish_estimate::vector3::{dot, sub};
 use std::collections::HashMap;
 
@@ -9,19 +9,19 @@ const SAME_SIDE: f64 = 0.3;
 
 /// The readings of a cloud in a grid of cells.
 pub(crate) struct MeasuredRegion<'a> {
-    observations: &'a Observations,
+    readings: &'a ReadingColumns,
     reach: f64,
     cells: HashMap<[i64; 3], Vec<u32>>,
 }
 
 impl<'a> MeasuredRegion<'a> {
     /// Points within `reach` of a reading count as measured.
-    pub(crate) fn new(observations: &'a Observations, reach: f64) -> Self {
+    pub(crate) fn new(readings: &'a ReadingColumns, reach: f64) -> Self {
         let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
-        for (i, p) in (0..).zip(&observations.readings.points) {
+        for (i, p) in (0..).zip(&readings.points) {
             cells.entry(cell(*p, reach)).or_default().push(i);
         }
-        Self { observations, reach, cells }
+        Self { readings, reach, cells }
     }
 
     /// True if a reading lies within reach of `p` on the same side.
@@ -31,8 +31,8 @@ impl<'a> MeasuredRegion<'a> {
             let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
             self.cells.get(&there).into_iter().flatten().any(|&i| {
                 let i = i as usize;
-                let d = sub(self.observations.readings.points[i], p);
-                dot(d, d) <= self.reach * self.reach && dot(self.observations.normal(i), normal) > SAME_SIDE
+                let d = sub(self.readings.points[i], p);
+                dot(d, d) <= self.reach * self.reach && dot(self.readings.normal(i), normal) > SAME_SIDE
             })
         })
     }

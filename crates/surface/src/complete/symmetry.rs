@@ -6,6 +6,7 @@
 
 use super::measured_region::MeasuredRegion;
 use crate::observe::{InferredReading, InferredVariance, Observations, Quantity};
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use planish_spline::{Facets, FittedSymmetry, Symmetry, SymmetryKind, fit_symmetry, propose_symmetry};
 use serde::Serialize;
@@ -142,11 +143,12 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
         SymmetryKind::Rotation { order: Some(n), .. } => format!("a rotation of order {n}"),
         SymmetryKind::Mirror { .. } => "a mirror plane".to_owned(),
     };
-    let advice = "leave --symmetry out, try another, or let --symmetry auto look for one";
+    let advice = "omit the symmetry, state another, or let it be detected";
     let Some(found) = found else {
         return Err(Error::undetermined(format!(
             "the readings do not place {what}: no part of them meets the image of another; {advice}"
-        )));
+        ))
+        .with_setting(Setting::Symmetry));
     };
     if found.supported {
         return Ok(found);
@@ -161,7 +163,8 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
         found.compared,
         found.agreeing,
         shifts.into_iter().fold(0.0, f64::max)
-    )))
+    ))
+    .with_setting(Setting::Symmetry))
 }
 
 /// A cloud in facets, with the readings that form them.
@@ -201,7 +204,7 @@ impl Cloud {
 
     /// Images of readings that obey the symmetry, where nothing was measured.
     fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InferredReading> {
-        let measured = MeasuredRegion::new(observations, MEASURED_REACH * self.facets.side);
+        let measured = MeasuredRegion::new(&observations.readings, MEASURED_REACH * self.facets.side);
         let sources: Vec<usize> = (0..self.readings.len())
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();

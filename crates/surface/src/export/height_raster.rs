@@ -13,9 +13,10 @@
 
 use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
-use planish_exchange::GeoReference;
 use planish_exchange::geotiff::{HeightGrid, NODATA};
+use planish_exchange::{GeoReference, Unit};
 use planish_spline::{Shape, Surface};
 use rayon::prelude::*;
 
@@ -28,7 +29,7 @@ pub const MAX_MEDIANS: f64 = 30.0;
 /// Largest share of cells under an overhang. They are left empty; more of them refuse the raster.
 const MAX_OVERHANGS: f64 = 0.01;
 
-/// A raster with its warnings.
+/// A raster with its findings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dem {
     /// The raster.
@@ -36,7 +37,7 @@ pub struct Dem {
     /// Number of cells with a height.
     pub known: usize,
     /// What a user should know.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// Heights of a sheet on a grid of squares of side `cell`.
@@ -65,51 +66,106 @@ pub fn dem_from_model(
     cell: Option<f64>,
     georeference: Option<GeoReference>,
 ) -> Result<Dem> {
-    let surface = &model.surface;
-    let shape = surface.space().shape();
+    check_input(model, cell)?;
+    let extent = Extent::of_measured_leaves(&model.surface, &model.observed)?;
+    let cell = cell.unwrap_or_else(|| round_down((extent.area / model.observations.max(1) as f64).sqrt()));
+    let layout = Layout::new(&extent, cell)?;
+    let places = places_under_cells(model, &layout, &extent.map);
+    let found = places.len();
+    let places = without_overhangs(places, &extent.map)?;
+    let overhangs = found - places.len();
+    let (values, known) = values_of_cells(posterior, &layout, &places)?;
+    Ok(Dem {
+        grid: HeightGrid {
+            corner: [layout.first[0] * cell, (layout.first[1] + layout.rows as f64) * cell],
+            cell,
+            columns: layout.columns,
+            rows: layout.rows,
+            values,
+            unit: model.unit,
+            georeference,
+        },
+        known,
+        findings: findings_of_cells(overhangs, found, cell, model.unit),
+    })
+}
+
+/// Rejects a model that is not a sheet, and a cell size that is not positive.
+fn check_input(model: &SurfaceModel, cell: Option<f64>) -> Result<()> {
+    let shape = model.surface.space().shape();
     if shape != Shape::Sheet {
-        return Err(Error::input(format!(
-            "a raster of heights: needed a sheet, found a {}; say --shape sheet",
-            shape.name()
-        )));
+        return Err(Error::input(format!("a raster of heights: needed a sheet, found a {}", shape.name()))
+            .with_setting(Setting::Shape));
     }
     if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
         return Err(Error::input(format!("needed a cell size > 0, found {cell}")));
     }
-    let Extent { low, high, area, map } = Extent::of_measured_leaves(surface, &model.observed)?;
-    let cell = cell.unwrap_or_else(|| round_down((area / model.observations.max(1) as f64).sqrt()));
-    let first = low.map(|c| (c / cell).floor());
-    let [columns, rows] = [0, 1].map(|d| ((high[d] / cell).ceil() - first[d]).max(1.0));
-    if columns * rows > MAX_CELLS {
-        return Err(Error::input(format!(
-            "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; \
-             say a larger --cell-size"
-        )));
+    Ok(())
+}
+
+/// The cells of a raster.
+struct Layout {
+    cell: f64,
+    /// West and south borders, in cells from the origin of the map.
+    first: [f64; 2],
+    columns: usize,
+    rows: usize,
+}
+
+impl Layout {
+    /// The smallest raster around the measured part of the sheet whose borders are multiples of `cell`.
+    fn new(extent: &Extent, cell: f64) -> Result<Self> {
+        let first = extent.low.map(|c| (c / cell).floor());
+        let [columns, rows] = [0, 1].map(|d| ((extent.high[d] / cell).ceil() - first[d]).max(1.0));
+        if columns * rows > MAX_CELLS {
+            return Err(Error::input(format!(
+                "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of \
+                 {cell}; choose a larger cell size"
+            ))
+            .with_setting(Setting::CellSize));
+        }
+        Ok(Self { cell, first, columns: columns as usize, rows: rows as usize })
     }
-    let (columns, rows) = (columns as usize, rows as usize);
-    let west = first[0] * cell;
-    let north = (first[1] + rows as f64) * cell;
-    let lines: Vec<Vec<Place>> = (0..rows)
+
+    /// The middle of a cell; rows count from the north.
+    fn middle(&self, column: usize, row: usize) -> [f64; 2] {
+        let x = (self.first[0] + column as f64 + 0.5) * self.cell;
+        let y = (self.first[1] + (self.rows - row) as f64 - 0.5) * self.cell;
+        [x, y]
+    }
+}
+
+/// The measured surface points at the middles of the cells, row by row.
+fn places_under_cells(model: &SurfaceModel, layout: &Layout, map: &AffineMap) -> Vec<Place> {
+    let surface = &model.surface;
+    // Rows are independent: a start never comes from another row, so threads do not change the result.
+    let lines: Vec<Vec<Place>> = (0..layout.rows)
         .into_par_iter()
         .map(|row| {
-            let y = (first[1] + (rows - row) as f64 - 0.5) * cell;
             let mut guess = None;
-            (0..columns)
+            (0..layout.columns)
                 .filter_map(|column| {
-                    let x = (first[0] + column as f64 + 0.5) * cell;
+                    let at = layout.middle(column, row);
                     // The neighbouring cell is the best start; the affine map helps where there is none.
                     let place = guess
-                        .and_then(|from| place_under(surface, [x, y], from))
-                        .or_else(|| place_under(surface, [x, y], map.parameters([x, y])));
+                        .and_then(|from| place_under(surface, at, from))
+                        .or_else(|| place_under(surface, at, map.parameters(at)));
                     guess = place.as_ref().map(|p| p.parameters);
                     place
                         .filter(|p| model.observed[p.leaf as usize].is_measured())
-                        .map(|p| Place { cell: row * columns + column, ..p })
+                        .map(|p| Place { cell: row * layout.columns + column, ..p })
                 })
                 .collect()
         })
         .collect();
-    let mut places: Vec<Place> = lines.into_iter().flatten().collect();
+    lines.into_iter().flatten().collect()
+}
+
+/// The places where the sheet faces the same side as most of it.
+///
+/// # Errors
+/// `Input` if too many places face the other side, or if the whole sheet is vertical.
+fn without_overhangs(mut places: Vec<Place>, map: &AffineMap) -> Result<Vec<Place>> {
     let found = places.len();
     let up = places.iter().filter(|p| p.normal[2] > 0.0).count();
     // Normals of a sheet may point down as a whole; the majority decides.
@@ -122,45 +178,47 @@ pub fn dem_from_model(
              upright or leans over in {overhangs} of {found} cells; z must be up"
         )));
     }
+    Ok(places)
+}
+
+/// Height and vertical σ of every cell, and the number of cells that have both.
+fn values_of_cells(
+    posterior: &Posterior<'_>,
+    layout: &Layout,
+    places: &[Place],
+) -> Result<(Vec<[f32; 2]>, usize)> {
     let leaves: Vec<u32> = places.iter().map(|p| p.leaf).collect();
     let local: Vec<[f64; 2]> = places.iter().map(|p| p.local).collect();
     let normals: Vec<[f64; 3]> = places.iter().map(|p| p.normal).collect();
     let sigmas = sigmas_along(posterior, &leaves, &local, &normals)?;
-    let mut values = vec![[NODATA; 2]; columns * rows];
+    let mut values = vec![[NODATA; 2]; layout.columns * layout.rows];
     let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
     let mut sorted = vertical.clone();
     sorted.sort_by(f64::total_cmp);
-    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MAX_MEDIANS * median);
+    let max_sigma = sorted.get(sorted.len() / 2).map_or(0.0, |median| MAX_MEDIANS * median);
     let mut known = 0;
-    for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= most) {
+    for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= max_sigma) {
         values[place.cell] = [place.height as f32, sigma as f32];
         known += 1;
     }
-    let mut warnings = Vec::new();
+    Ok((values, known))
+}
+
+/// Findings about cells without a height: `overhangs` of `found` cells are under an overhang.
+fn findings_of_cells(overhangs: usize, found: usize, cell: f64, unit: Unit) -> Vec<Finding> {
+    let mut findings = Vec::new();
     if overhangs > 0 {
-        warnings.push(format!(
-            "{overhangs} of {found} cells of the raster lie where the sheet leans over: they hold no height"
-        ));
+        let text = format!(
+            "{overhangs} of {found} cells of the raster are under an overhang of the sheet: they have no \
+             height"
+        );
+        findings.push(Finding::new(FindingCode::RasterOverhangs, text));
     }
     if found == 0 {
-        warnings.push(format!(
-            "no cell of the raster holds a height: its cells of {cell} {} are too large",
-            model.unit
-        ));
+        let text = format!("no cell of the raster has a height: its cells of {cell} {unit} are too large");
+        findings.push(Finding::new(FindingCode::RasterEmpty, text).with_setting(Setting::CellSize));
     }
-    Ok(Dem {
-        grid: HeightGrid {
-            corner: [west, north],
-            cell,
-            columns,
-            rows,
-            values,
-            unit: model.unit,
-            georeference,
-        },
-        known,
-        warnings,
-    })
+    findings
 }
 
 /// The surface point at the middle of a cell.
@@ -325,7 +383,7 @@ mod tests {
         let posterior = model.posterior().unwrap();
         let dem = dem_from_model(&model, &posterior, Some(0.05), None).unwrap();
         let grid = &dem.grid;
-        assert!(dem.warnings.is_empty() && dem.known > grid.values.len() / 2);
+        assert!(dem.findings.is_empty() && dem.known > grid.values.len() / 2);
         let search = FootPointSearch::new(&model.surface, 4, 0.0).unwrap();
         for (at, [height, sigma]) in grid.values.iter().enumerate().filter(|(_, v)| v[0] != NODATA).step_by(7)
         {
@@ -377,7 +435,7 @@ mod tests {
             (flat.vertices().iter()).map(|p| [p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()]).collect();
         let rolled = model_of(flat.with_vertices(rolled).unwrap(), |_| true);
         assert!(refused(&rolled, Some(0.02)).contains("leans over"), "{}", refused(&rolled, Some(0.02)));
-        assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("--cell-size"));
+        assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("a larger cell size"));
         assert!(refused(&hills([0.0; 2], |_| true), Some(-1.0)).contains("cell size > 0"));
     }
 

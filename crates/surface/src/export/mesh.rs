@@ -11,6 +11,7 @@
 use crate::model::SigmaSummary;
 use crate::model::sigmas_along;
 use crate::model::{Posterior, SurfaceModel};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
@@ -39,14 +40,14 @@ pub struct ModelMesh {
     /// Unit of every length.
     pub unit: Unit,
     /// What a user should know.
-    pub warnings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// A mesh within `tolerance` of the model's surface, with σ at each vertex.
 ///
 /// The default tolerance is half the median σ of the measured surface, or what [`MAX_DEFAULT_TRIANGLES`]
 /// allow. A given tolerance is enlarged to what [`MAX_TRIANGLES`] allow. A leaf is divided into 64 × 64
-/// squares at most. A warning reports each limit that applies.
+/// squares at most. A finding reports each limit that applies.
 ///
 /// Cost: one covariance for each leaf; one jet and about 300 multiply-adds for each vertex.
 ///
@@ -110,7 +111,7 @@ fn placed_mesh_of_size(
     tolerance: Option<f64>,
     [most_by_default, most]: [u64; 2],
 ) -> Result<PlacedMesh> {
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     let unit = model.unit;
     let (wanted, most) = match tolerance {
         Some(tolerance) => (tolerance, most),
@@ -119,25 +120,32 @@ fn placed_mesh_of_size(
     // The tolerance is enlarged before the surface is divided: the number of triangles can be predicted.
     let affordable = affordable_tolerance(&model.surface, wanted, most)?;
     if affordable > wanted {
-        let (goal, way_out) = match tolerance {
-            Some(_) => (format!("the {wanted:.2e} {unit} asked for"), ""),
-            None => (format!("half its median σ, {wanted:.2e} {unit}"), "; ask for it with --mesh-tolerance"),
+        let goal = match tolerance {
+            Some(_) => format!("the requested {wanted:.2e} {unit}"),
+            None => format!("half its median σ, {wanted:.2e} {unit}"),
         };
-        warnings.push(format!(
+        let text = format!(
             "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more \
-             than {most} triangles{way_out}"
-        ));
+             than {most} triangles"
+        );
+        findings.push(match tolerance {
+            Some(_) => Finding::new(FindingCode::MeshTriangleLimit, text),
+            // A stated tolerance may have more triangles.
+            None => Finding::new(FindingCode::MeshTriangleLimit, text + "; state the chord error to get it")
+                .with_setting(Setting::MeshTolerance),
+        });
     }
     let tolerance = affordable;
     let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
     let made = tessellate(&model.surface, &options)?;
     if made.limited_leaves > 0 {
-        warnings.push(format!(
+        let text = format!(
             "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are \
-             cut into 64 × 64 at most",
+             divided into 64 × 64 squares at most",
             made.limited_leaves,
             model.observed.len()
-        ));
+        );
+        findings.push(Finding::new(FindingCode::MeshSubdivisionLimit, text));
     }
     let sigma = sigmas_along(posterior, &made.leaf, &made.local, &made.normals)?;
     let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize].mark()).collect();
@@ -149,7 +157,7 @@ fn placed_mesh_of_size(
             observed,
             tolerance,
             unit: model.unit,
-            warnings,
+            findings,
         },
         leaf: made.leaf,
         local: made.local,
@@ -305,7 +313,7 @@ mod tests {
         let posterior = model.posterior().unwrap();
         let mesh = mesh_from_model(&model, &posterior, None).unwrap();
         assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
-        assert!(mesh.warnings.is_empty() && mesh.mesh.check().watertight);
+        assert!(mesh.findings.is_empty() && mesh.mesh.check().watertight);
         // A unit ball: no chord lies deeper than the tolerance.
         for corners in (0..mesh.mesh.triangles.len()).map(|t| mesh.mesh.corners(t)) {
             let middle = [0, 1, 2].map(|d| corners.iter().map(|p| p[d]).sum::<f64>() / 3.0);
@@ -324,18 +332,19 @@ mod tests {
         // holds.
         let mesh = mesh_of_size(&model, &posterior, None, [4_000_000, 4_000_000]).unwrap();
         assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
-        let [warning] = &mesh.warnings[..] else {
-            panic!("{:?}", mesh.warnings);
+        let [warning] = &mesh.findings[..] else {
+            panic!("{:?}", mesh.findings);
         };
-        assert!(warning.contains("64 × 64 at most"), "{warning}");
+        assert!(warning.text.contains("64 × 64 squares at most"), "{warning}");
         // Triangles run out first.
         let mesh = mesh_of_size(&model, &posterior, None, [20_000, 40_000]).unwrap();
         assert!(mesh.tolerance > 0.5 * median_sigma(&model, &posterior).unwrap());
         assert!(mesh.mesh.triangles.len() <= 22_000 && mesh.mesh.triangles.len() > 10_000);
-        let [warning] = &mesh.warnings[..] else {
-            panic!("{:?}", mesh.warnings);
+        let [warning] = &mesh.findings[..] else {
+            panic!("{:?}", mesh.findings);
         };
-        assert!(warning.contains("half its median σ") && warning.contains("--mesh-tolerance"), "{warning}");
+        assert!(warning.text.contains("half its median σ"), "{warning}");
+        assert_eq!(warning.settings, [Setting::MeshTolerance]);
     }
 
     #[test]
@@ -344,7 +353,7 @@ mod tests {
         let posterior = model.posterior().unwrap();
         let mesh = mesh_of_size(&model, &posterior, Some(1e-9), [20_000, 40_000]).unwrap();
         assert!(mesh.tolerance > 1e-9 && mesh.mesh.triangles.len() <= 44_000);
-        assert!(mesh.warnings[0].contains("asked for"), "{:?}", mesh.warnings);
+        assert!(mesh.findings[0].text.contains("the requested"), "{:?}", mesh.findings);
         assert!(mesh_from_model(&model, &posterior, Some(0.0)).is_err());
     }
 

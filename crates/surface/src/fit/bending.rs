@@ -41,6 +41,7 @@ use super::leaves::leaf_areas;
 use super::{Fit, FitOptions, GlobalOptions, fit, observation_options, observe, scans_of};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::observe::{ObservationOptions, Quantity};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::vector3::add_scaled;
 use planish_estimate::{Error, ErrorKind, Result};
@@ -105,20 +106,24 @@ fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result
         return Ok(());
     }
     Err(Error::input(format!(
-        "{}: --motion bend follows sheets, which have one border; the first state looks like a {}: if it is \
-         a sheet, say --shape sheet",
-        set.scans[first.scans[0]].scan.name,
+        "bending needs a sheet, which has one border; the first state looks like a {}: if it is a sheet, \
+         state that shape",
         shape.name()
-    )))
+    ))
+    .at(&set.scans[first.scans[0]].scan.name)
+    .with_setting(Setting::Motion)
+    .with_setting(Setting::Shape))
 }
 
 /// Refuses to follow another shape than a sheet.
 fn refuse_other_shape(options: &FitOptions) -> Result<()> {
     match options.shape {
         Some(shape) if shape != Shape::Sheet => Err(Error::input(format!(
-            "--motion bend follows sheets, which have one border: needed --shape sheet, found {}",
+            "bending needs a sheet, which has one border: found the shape {}",
             shape.name()
-        ))),
+        ))
+        .with_setting(Setting::Motion)
+        .with_setting(Setting::Shape)),
         _ => Ok(()),
     }
 }
@@ -157,12 +162,13 @@ fn follow(
         // one.
         let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
         let laid = sheet.lay(&mut observations, &progress).map_err(|e| match e.kind() {
-            ErrorKind::Undetermined => e.in_context(format!(
-                "{}: the sheet cannot be bent to all readings of its time; is the time right, and the shape \
-                 one?",
-                state.name(set)
-            )),
-            _ => e.in_context(state.name(set)),
+            ErrorKind::Undetermined => e
+                .in_context(
+                    "the sheet cannot be bent to all readings of its time; is the time right, and the shape \
+                     one?",
+                )
+                .at(state.name(set)),
+            _ => e.at(state.name(set)),
         })?;
         let LaidSheet { converged, beyond, held } = laid;
         let quiet = planish_core::Silent;
@@ -337,7 +343,7 @@ fn reported(
     last.report.observed_area_fraction = last.model.area_fraction(Observed::Measured);
     last.earlier_states = std::iter::once(first).chain(followed.into_iter().map(|(fit, _)| fit)).collect();
     let stretched: Vec<&BendingState> = states.iter().filter(|state| !state.isometric).collect();
-    last.report.warnings.extend(stretched.iter().map(|state| warning(state)));
+    last.report.findings.extend(stretched.iter().map(|state| stretched_finding(state)));
     let inferred_area_fraction = last.model.area_fraction(Observed::Inferred);
     last.report.propagation = Some(PropagationReport {
         bending: Some(BendingReport {
@@ -352,16 +358,17 @@ fn reported(
     last
 }
 
-fn warning(state: &BendingState) -> String {
+fn stretched_finding(state: &BendingState) -> Finding {
     let change = state.largest_change.iter().copied().fold(0.0, f64::max);
-    format!(
+    let text = format!(
         "{}: not the sheet of the first scan, bent and not stretched: E, F or G changes by up to {:.1} %, \
          residuals are {:.2} times their noise, and {} of {} readings lie beyond the border; what was \
-         carried there from other times does not hold",
+         transferred there from other times is not valid",
         state.scans.join(", "),
         100.0 * change,
         state.misfit,
         state.beyond_border,
         state.observations
-    )
+    );
+    Finding::new(FindingCode::SheetStretched, text)
 }

@@ -1,6 +1,7 @@
 //! The states of a sheet that bends without stretch, and their report.
 
 use super::motion::scans_in_time;
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use serde::Serialize;
@@ -75,8 +76,9 @@ pub(crate) fn states_in_time(set: &ScanSet) -> Result<Vec<State>> {
     if set.scans.len() < 2 {
         let found = set.scans.first().map_or("none", |posed| posed.scan.name.as_str());
         return Err(Error::input(format!(
-            "--motion bend needs scans of at least two states of the sheet, found one: {found}"
-        )));
+            "a bending sheet needs scans of at least two states, found one: {found}"
+        ))
+        .with_setting(Setting::Motion));
     }
     if set.scans.iter().all(|posed| posed.scan.time_s.is_none()) {
         let each = (0..set.scans.len()).map(|k| State { time_s: None, scans: vec![k] });

@@ -9,17 +9,18 @@
 //! | degrees | degrees of freedom that the readings of each channel determine |
 //! | held_out | comparison with the readings that were held out |
 //! | reports | figures of sensors and poses |
-//! | warnings | what a user should know |
+//! | findings | what a user should know |
 
 mod covariance;
 mod degrees;
+mod findings;
 mod held_out;
 mod reports;
-mod warnings;
 
 pub(super) use degrees::variances_of_surface;
+pub(super) use findings::common_findings;
+use planish_core::{Finding, FindingCode, Setting};
 pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
-pub(super) use warnings::common_warnings;
 
 use super::batches::AddedBatches;
 use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
@@ -36,6 +37,7 @@ use crate::model::{
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
 use crate::subdivision::RefinementLog;
 use degrees::degrees_of_channels;
+use findings::{SurfaceResults, all_findings};
 use held_out::judge_held_out;
 use planish_core::Progress;
 use planish_estimate::sparse::BlockInformation;
@@ -45,7 +47,6 @@ use planish_spline::SurfaceSystem;
 use reports::sensor_reports;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use warnings::{SurfaceFindings, all_warnings};
 
 /// Largest share of the area with unresolved shape before a depth limit is reported as the cause.
 ///
@@ -120,10 +121,7 @@ pub(super) fn finish(
     let FinishInput { set, observations, options, earlier, added, origin } = input;
     progress.check("information", 0.9)?;
     let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
-    let filtered = match &kind {
-        ConvergedKind::Patches(filtered) => Some(filtered),
-        ConvergedKind::AlongNormals | ConvergedKind::Free => None,
-    };
+    let filtered = kind.filtered();
     let information = match filtered {
         Some(filtered) => filtered.information(readings, &noise),
         None => weights(readings, &noise, options.gate, false),
@@ -149,17 +147,9 @@ pub(super) fn finish(
         Some(_) => system.nothing()?,
         None => accumulate(&system, &surface, &feet, &information)?,
     };
-    let vertices = || Ok::<_, Error>(VertexInformation { data: this.all_data(&own_data)?, prior });
-    let known = match &kind {
-        ConvergedKind::AlongNormals => {
-            Knowledge::AlongNormals { information: vertices()?, scan_errors: None }
-        }
-        ConvergedKind::Free => Knowledge::Free { information: vertices()? },
-        ConvergedKind::Patches(filtered) => Knowledge::Patches(Arc::clone(&filtered.filter)),
-    };
     let mut model = SurfaceModel {
         unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
-        known,
+        known: this.knowledge(&kind, &own_data, prior)?,
         surface,
         observed: Vec::new(),
         unresolved_shape: Vec::new(),
@@ -283,9 +273,9 @@ impl Finishing<'_> {
         let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
         let too_shallow = options.max_depth.is_some()
             && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
-        let mut warnings = all_warnings(
+        let mut findings = all_findings(
             self,
-            &SurfaceFindings {
+            &SurfaceResults {
                 sensors: &sensors,
                 noise,
                 rejected: &rejected,
@@ -296,7 +286,7 @@ impl Finishing<'_> {
                 reached_limit: ending.reached_limit,
             },
         );
-        let poses = self.poses(covariance, fit.stated, &mut warnings)?;
+        let poses = self.poses(covariance, fit.stated, &mut findings)?;
         let space = model.surface.space();
         Ok(FitReport {
             observations: totals.count,
@@ -326,7 +316,7 @@ impl Finishing<'_> {
             } else {
                 FitTermination::Converged
             },
-            warnings,
+            findings,
         })
     }
 
@@ -346,11 +336,29 @@ impl Finishing<'_> {
             return Err(Error::undetermined(format!(
                 "only {near} of {} positions lie near the surface that was found, given their σ: there are \
                  too few for the shape, or their σ is stated too small; add readings, leave σ out so that it \
-                 is estimated, or allow finer cells by --max-coefficients",
+                 is estimated, or allow more coefficients",
                 near + far
-            )));
+            ))
+            .with_setting(Setting::MaxCoefficients));
         }
         Ok(())
+    }
+
+    /// What is known about the vertices, before the poses and biases of scans.
+    fn knowledge(
+        &self,
+        kind: &ConvergedKind,
+        own: &BlockInformation,
+        prior: BlockInformation,
+    ) -> Result<Knowledge> {
+        let information = || Ok::<_, Error>(VertexInformation { data: self.all_data(own)?, prior });
+        Ok(match kind {
+            ConvergedKind::AlongNormals => {
+                Knowledge::AlongNormals { information: information()?, scan_errors: None }
+            }
+            ConvergedKind::Free => Knowledge::Free { information: information()? },
+            ConvergedKind::Patches(filtered) => Knowledge::Patches(Arc::clone(&filtered.filter)),
+        })
     }
 
     /// Information of the readings at hand, of the earlier model, and of further batches.
@@ -476,12 +484,12 @@ impl Finishing<'_> {
     }
 
     /// The pose of every scan, with its estimate where it was unknown; directions that stay open are added
-    /// to the warnings.
+    /// to the findings.
     fn poses(
         &self,
         covariance: &NodeCovariance,
         stated: &[f64],
-        warnings: &mut Vec<String>,
+        findings: &mut Vec<Finding>,
     ) -> Result<Vec<ScanPoseReport>> {
         let mut poses = scan_pose_reports(self.set);
         let Some(bordered) = covariance.scan_errors() else {
@@ -489,14 +497,17 @@ impl Finishing<'_> {
         };
         for estimate in self.observations.scan_errors.estimates(bordered, stated)? {
             let pose = &mut poses[estimate.scan];
-            estimate.report(pose, self.origin, self.observations);
+            estimate.report(pose, self.origin, &self.observations.readings);
             if !pose.undetermined.is_empty() {
-                warnings.push(format!(
-                    "the readings leave {} of the six directions of the pose of {} open: see \
-                     `undetermined` in the JSON of its pose; the thing may be symmetric, or the scan small \
+                findings.push(Finding::new(
+                    FindingCode::PoseUndetermined,
+                    format!(
+                        "the readings leave {} of the six directions of the pose of {} open: see \
+                     `undetermined` in the JSON of its pose; the object may be symmetric, or the scan small \
                      or flat",
-                    pose.undetermined.len(),
-                    pose.scan
+                        pose.undetermined.len(),
+                        pose.scan
+                    ),
                 ));
             }
         }

@@ -11,7 +11,7 @@ use super::leaves::{leaf_areas, neighbourhood};
 use super::refine::ConvergedFit;
 use super::weights::weights;
 use crate::complete::{GapReport, MeasuredRegion};
-use crate::observe::{InferredReading, InferredVariance, Observations};
+use crate::observe::{InferredReading, InferredVariance, Observations, ReadingColumns};
 use planish_estimate::vector3::{distance, dot, sub};
 use planish_spline::{Classification, classify};
 use std::f64::consts::PI;
@@ -47,8 +47,8 @@ pub(super) fn completed(
         .collect();
     let mut readings = Vec::new();
     let mut reports = Vec::new();
-    for gap in gaps(observations, converged, &used) {
-        let (found, around) = surroundings(observations, converged, &used, &information, &gap);
+    for gap in gaps(&observations.readings, converged, &used) {
+        let (found, around) = surroundings(&observations.readings, converged, &used, &information, &gap);
         let before = readings.len();
         if let Some(found) = &found {
             readings.extend(inferred_readings(found, &gap, around.typical_variance));
@@ -60,7 +60,7 @@ pub(super) fn completed(
 }
 
 /// The points of each gap, the largest gap first.
-fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -> Vec<Vec<Place>> {
+fn gaps(readings: &ReadingColumns, converged: &ConvergedFit, used: &[usize]) -> Vec<Vec<Place>> {
     let (surface, space) = (&converged.surface, converged.surface.space());
     let areas = leaf_areas(surface);
     let mut own = vec![false; areas.len()];
@@ -70,7 +70,7 @@ fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -
     let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
     // The spacing comes from leaves with readings alone, or gaps would enlarge it.
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
-    let measured = MeasuredRegion::new(observations, EMPTY * spacing);
+    let measured = MeasuredRegion::new(readings, EMPTY * spacing);
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
             let grid = (0..PLACES * PLACES)
@@ -119,7 +119,7 @@ struct Surroundings {
 
 /// Classifies the readings around a gap.
 fn surroundings(
-    observations: &Observations,
+    readings: &ReadingColumns,
     converged: &ConvergedFit,
     used: &[usize],
     information: &[f64],
@@ -131,7 +131,7 @@ fn surroundings(
     let away: Vec<f64> = used
         .iter()
         .map(|&k| {
-            let z = observations.readings.points[converged.subset[k] as usize];
+            let z = readings.points[converged.subset[k] as usize];
             sample.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
         })
         .collect();
@@ -146,7 +146,7 @@ fn surroundings(
         let near: Vec<usize> =
             near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
         let points: Vec<[f64; 3]> =
-            near.iter().map(|&k| observations.readings.points[converged.subset[k] as usize]).collect();
+            near.iter().map(|&k| readings.points[converged.subset[k] as usize]).collect();
         let normals: Vec<[f64; 3]> = near.iter().map(|&k| converged.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();

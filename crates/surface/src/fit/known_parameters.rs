@@ -11,7 +11,7 @@
 
 mod readings;
 
-use super::finish::{common_warnings, has_uncertain_pose, scan_pose_reports};
+use super::finish::{common_findings, has_uncertain_pose, scan_pose_reports};
 use super::leaves::with_neighbours;
 use super::noise::{
     ENOUGH_TO_CONTRADICT, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
@@ -23,6 +23,7 @@ use crate::model::{
 };
 use crate::observe::{Quantity, RejectionCause};
 use planish_core::Progress;
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
@@ -347,18 +348,23 @@ impl Solved {
         let n = self.coordinates() * self.count().max(1) as f64;
         let space = model.surface.space();
         let (rejected, total) = readings.rejected();
-        let mut warnings = common_warnings(&model.sensors, observed_share, 0.0, &rejected, total);
+        let mut findings = common_findings(&model.sensors, observed_share, 0.0, &rejected, total);
         if has_uncertain_pose(readings.set) {
-            warnings
-                .push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
+            findings.push(Finding::new(
+                FindingCode::PoseSigmaUnused,
+                "with known parameters, poses are taken as exact: their σ was not used",
+            ));
         }
         if let Some(share) = unresolved_share {
             let [nu, nv] = space.base();
-            warnings.push(format!(
-                "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot follow: take more \
+            let text = format!(
+                "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot resolve: use more \
                  cells, or σ is too small",
                 100.0 * share
-            ));
+            );
+            findings.push(
+                Finding::new(FindingCode::UnresolvedShape, text).with_setting(Setting::KnownParameters),
+            );
         }
         Ok(FitReport {
             observations: self.count(),
@@ -371,7 +377,7 @@ impl Solved {
             rms: (square / n).sqrt(),
             rms_normalised: (noise.weighted / (noise.used * n)).sqrt(),
             reduced_chi_square: noise.weighted / (noise.used * noise.redundant * noise.kept),
-            warnings,
+            findings,
             rejected,
             sensors: model.sensors.clone(),
             poses: model.poses.clone(),

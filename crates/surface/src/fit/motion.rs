@@ -124,11 +124,11 @@ fn curves_away(fitted: &Fit) -> bool {
 /// `Input` if one states no time, or all state the same.
 pub(crate) fn scans_in_time(set: &ScanSet) -> Result<Vec<usize>> {
     if let Some(untimed) = set.scans.iter().find(|posed| posed.scan.time_s.is_none()) {
-        return Err(Error::input(format!(
-            "{}: needed the time of every scan of a thing that moves, found none: say `time = 1.5` (seconds) \
-             in its [[scan]]",
-            untimed.scan.name
-        )));
+        return Err(Error::input(
+            "needed the time of every scan of a moving object, found none: add `time = 1.5` (seconds) to its \
+             [[scan]]",
+        )
+        .at(&untimed.scan.name));
     }
     let time = |k: usize| set.scans[k].scan.time_s.unwrap_or_default();
     let mut order: Vec<usize> = (0..set.scans.len()).collect();

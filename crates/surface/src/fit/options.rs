@@ -58,7 +58,7 @@ pub struct FitOptions {
 /// | `Global` | all at once | displacement along the normal | of the whole surface |
 /// | `Patches` | one after the other | displacement along the normal | of each patch |
 /// | `KnownParameters` | all at once, with columns `u` and `v` | its coordinates | of the whole surface |
-/// | `Moving` | all at once, after the motion is known | displacement along the normal | of the whole surface |
+/// | `Moving` | all at once, with the motion known | displacement along the normal | of the whole surface |
 /// | `Bending` | time by time | its coordinates | of the whole surface at each time |
 ///
 /// # Examples

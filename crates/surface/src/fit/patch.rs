@@ -23,6 +23,7 @@ use crate::observe::{FootState, ProjectedReadings, by_leaf, project};
 use crate::observe::{Measured, Observations, Quantity, RejectionCause, hash01};
 use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::subdivision::{Cause, RefinementLog};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
@@ -70,15 +71,16 @@ impl PatchFilterOutcome {
             .collect()
     }
 
-    pub(super) fn warning(&self) -> Option<String> {
+    pub(super) fn finding(&self) -> Option<Finding> {
         (self.held_back > 0).then(|| {
-            format!(
-                "{} of {} patches still err together at level {}, the deepest allowed: raise --max-depth for \
-                 more detail",
+            let text = format!(
+                "the residuals of {} of {} patches are correlated at level {}, the maximum depth: raise it \
+                 for more detail",
                 self.held_back,
                 self.filter.patches().len(),
                 self.deepest
-            )
+            );
+            Finding::new(FindingCode::PatchErrorsCorrelated, text).with_setting(Setting::MaxDepth)
         })
     }
 }
@@ -266,15 +268,16 @@ pub(super) fn refuse_align(align: bool) -> Result<()> {
 }
 
 /// Warnings about biases of sensors, which the filter cannot use for the same reason.
-pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
+pub(super) fn unused_biases(set: &ScanSet) -> Vec<Finding> {
     (set.sensors.iter().enumerate())
         .filter(|(k, sensor)| sensor.sigma_bias.is_some() && set.scans.iter().any(|posed| posed.sensor == *k))
         .map(|(_, sensor)| {
-            format!(
+            let text = format!(
                 "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was \
                  not used, and σ of the surface is too small by it",
                 sensor.name
-            )
+            );
+            Finding::new(FindingCode::BiasUnused, text)
         })
         .collect()
 }

@@ -93,6 +93,16 @@ pub(super) enum ConvergedKind {
     Patches(PatchFilterOutcome),
 }
 
+impl ConvergedKind {
+    /// The outcome of the patch filter, if it fused the readings.
+    pub(super) fn filtered(&self) -> Option<&PatchFilterOutcome> {
+        match self {
+            Self::Patches(filtered) => Some(filtered),
+            Self::AlongNormals | Self::Free => None,
+        }
+    }
+}
+
 impl ConvergedFit {
     /// The readings that take part, with their feet.
     pub(super) fn readings<'a>(&'a self, observations: &'a Observations) -> ProjectedReadings<'a> {

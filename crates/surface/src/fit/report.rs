@@ -5,6 +5,7 @@ use super::{Filter, PropagationReport};
 use crate::model::{ScanPoseReport, SensorReport, SigmaSummary};
 use crate::observe::RejectionCause;
 use crate::subdivision::LevelRefinement;
+use planish_core::finding::{Finding, with_warnings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -75,7 +76,8 @@ pub struct FitReport {
     /// How the fit ended.
     pub termination: FitTermination,
     /// What a user should know.
-    pub warnings: Vec<String>,
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }
 
 impl FitReport {

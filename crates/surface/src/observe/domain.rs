@@ -1,9 +1,10 @@
 //! The range of numbers that a fit accepts.
 //!
-//! Input: scans as read. Output: warnings, or an error that names the first number out of range. Inside the
+//! Input: scans as read. Output: findings, or an error that names the first number out of range. Inside the
 //! range no square overflows and positions keep enough digits. Numbers outside usually come from a wrong unit
 //! or a faulty export.
 
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
@@ -18,7 +19,7 @@ const FARTHEST: f64 = 1e7;
 /// Distance from the origin, in sizes, at which the last digits of a good scanner are lost.
 const FAR: f64 = 1e6;
 
-/// Checks coordinates and stated σ; returns warnings. `inputs` is the name of all scans together in messages.
+/// Checks coordinates and stated σ; returns findings. `inputs` is the name of all scans together in messages.
 ///
 /// # Errors
 /// `Input` for numbers out of range, with scan and point.
@@ -38,7 +39,7 @@ const FAR: f64 = 1e6;
 /// let error = check_domain(&set, "job.toml").unwrap_err();
 /// assert!(error.to_string().starts_with("a.ply: point 2: needed coordinates within"));
 /// ```
-pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
+pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     let mut corners = Vec::new();
     let mut boxes = Vec::new();
     for posed in &set.scans {
@@ -75,19 +76,22 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
              left: subtract an offset from its coordinates first"
         )));
     }
-    let mut warnings: Vec<String> = apart(boxes).into_iter().collect();
+    let mut findings: Vec<Finding> = apart(boxes).into_iter().collect();
     if away > FAR * size {
-        warnings.push(format!(
-            "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better \
+        findings.push(Finding::new(
+            FindingCode::FarFromOrigin,
+            format!(
+                "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better \
              subtract an offset from its coordinates first"
+            ),
         ));
     }
-    Ok(warnings)
+    Ok(findings)
 }
 
-/// A warning about scans that are farther apart than their sizes: they are in another frame or unit, or of
+/// A finding about scans that are farther apart than their sizes: they are in another frame or unit, or of
 /// another object.
-fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
+fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<Finding> {
     if boxes.is_empty() {
         return None;
     }
@@ -111,10 +115,11 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
         }
     }
     let (_, distant) = boxes.first()?;
-    Some(format!(
+    let text = format!(
         "the scans {first} and {distant} lie farther apart than either is large: do they share one frame and \
          unit?"
-    ))
+    );
+    Some(Finding::new(FindingCode::ScansApart, text))
 }
 
 fn wrong(posed: &PosedScan, point: usize, message: String) -> Error {
@@ -208,7 +213,7 @@ mod tests {
             three.scans.push(next);
         }
         let said = check_domain(&three, "job.toml").unwrap();
-        assert!(said.len() == 1 && said[0].contains("a.ply and 2.ply lie farther apart"), "{said:?}");
+        assert!(said.len() == 1 && said[0].text.contains("a.ply and 2.ply lie farther apart"), "{said:?}");
         // What lies between joins them.
         let mut between = three.scans[0].clone();
         between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
@@ -227,6 +232,6 @@ mod tests {
             |scan: &mut Scan, _: &mut Sensor| scan.points = vec![[3e6, 5e6, 0.0], [3.001e6, 5.001e6, 90.0]];
         assert!(check_domain(&set(survey), "job.toml").unwrap().is_empty());
         let far = |scan: &mut Scan, _: &mut Sensor| scan.points.iter_mut().for_each(|p| p[0] += 1e7);
-        assert!(check_domain(&set(far), "job.toml").unwrap()[0].contains("digits are lost"));
+        assert!(check_domain(&set(far), "job.toml").unwrap()[0].text.contains("digits are lost"));
     }
 }

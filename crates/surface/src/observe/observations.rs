@@ -16,6 +16,7 @@ mod normals;
 
 pub use columns::{IntakeFigures, ReadingColumns, ScanColumns};
 pub(crate) use intake::has_ground;
+use planish_core::{Finding, FindingCode};
 
 use super::quantity::{Channel, Measured, Quantity};
 use super::rejection::RejectionCause;
@@ -28,7 +29,7 @@ use planish_mesh::BoundingBox;
 use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at};
 use rayon::prelude::*;
 
-/// Duplicate pairs of scans that are listed one by one in warnings.
+/// Duplicate pairs of scans that are listed one by one in findings.
 const MAX_LISTED_DUPLICATES: usize = 5;
 
 /// Points farther from the origin than this many times their size are moved there for the fit.
@@ -131,13 +132,13 @@ impl Observations {
         }
     }
 
-    /// Warnings about scans that repeat each other.
-    pub(crate) fn duplicate_scan_warnings(&self, set: &ScanSet) -> Vec<String> {
+    /// Findings about scans that repeat each other.
+    pub(crate) fn duplicate_scan_findings(&self, set: &ScanSet) -> Vec<Finding> {
         let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
         let listed = self.intake.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
             format!(
                 "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among \
-                 what was set aside",
+                 the rejected readings",
                 name(second),
                 name(first)
             )
@@ -145,6 +146,7 @@ impl Observations {
         let more = self.intake.copies.len().saturating_sub(MAX_LISTED_DUPLICATES);
         listed
             .chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
+            .map(|text| Finding::new(FindingCode::DuplicateReadings, text))
             .collect()
     }
 

@@ -10,6 +10,7 @@
 /// Andrew 1979, *Another efficient algorithm for convex hulls in two dimensions*.
 pub(super) fn polygon(points: &[[f64; 2]], count: usize) -> Option<Vec<f64>> {
     let mut corners = hull(points);
+    // The area lost is the triangle of a corner and its neighbours; noise adds many corners of tiny area.
     while corners.len() > count {
         let n = corners.len();
         let area = |i: usize| turn(corners[(i + n - 1) % n], corners[i], corners[(i + 1) % n]);
@@ -36,6 +37,7 @@ fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
             }
             chain.push(p);
         }
+        // The last point is the first one of the other half.
         chain.pop();
         chain
     };

@@ -49,6 +49,7 @@ impl Curve<'_> {
         if subset.len() < 2 * self.needed {
             return None;
         }
+        // A local generator: starts must not depend on the order in which kinds are fitted in parallel.
         let mut random = SplitMix64::new(subset.len() as u64);
         let mut best: Option<(f64, Vec<f64>)> = None;
         for _ in 0..SAMPLES {

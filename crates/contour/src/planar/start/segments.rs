@@ -25,6 +25,7 @@ fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, max_pieces: usize) -
     value[0][0] = 0.0;
     for k in 1..=max_pieces {
         for to in k..=bins {
+            // Each of the k − 1 pieces before needs at least one bin.
             for middle in (k - 1)..to {
                 let cost = value[k - 1][middle] + costs[(start + middle) % bins][to - middle];
                 if cost < value[k][to] {
@@ -133,6 +134,7 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
                 sequence.origin[0] + (before.1 * after.0[1] - after.1 * before.0[1]) / cross,
                 sequence.origin[1] + (after.1 * before.0[0] - before.1 * after.0[0]) / cross,
             ];
+            // Nearly parallel lines meet far away or at random: use the measured point instead.
             let reach = (at[0] - sequence.origin[0]).hypot(at[1] - sequence.origin[1]);
             if cross.abs() > 0.1 && (met[0] - at[0]).hypot(met[1] - at[1]) < 0.7 * reach { met } else { at }
         })
@@ -163,6 +165,7 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
             })
             .collect();
     let least = found.iter().map(|one| one.0).fold(f64::INFINITY, f64::min);
+    // Each chain costs a complete fit.
     found.retain(|one| one.0 <= least || one.1.pieces() <= FEW_PIECES);
     found.into_iter().map(|(_, kind, theta)| (kind, theta)).collect()
 }

@@ -7,6 +7,7 @@
 use super::super::parts::usual_gap;
 use super::super::reading::{ContourReading, ContourTarget};
 use super::{circle, mean};
+use planish_core::BoundingBox;
 
 /// Maximum number of bins of a sequence. The tables over runs grow with its square, and the resolution of
 /// cuts with it.
@@ -65,6 +66,7 @@ impl Sums {
             (self.0[3] - m * c[0] * c[0], self.0[4] - m * c[0] * c[1], self.0[5] - m * c[1] * c[1]);
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         let normal = [-angle.sin(), angle.cos()];
+        // The smaller eigenvalue of the scatter matrix is the sum of squared distances.
         let left = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
         let offset = normal[0] * c[0] + normal[1] * c[1];
         (normal, offset, left.max(0.0) / self.variance_along(normal))
@@ -76,6 +78,7 @@ impl Sums {
     /// segmentations.
     pub(super) fn arc(&self) -> f64 {
         let m = self.count();
+        // A circle through so few points has almost no residuals.
         if m < 5.0 {
             return f64::INFINITY;
         }
@@ -87,6 +90,7 @@ impl Sums {
         let xz = self.0[6] / m - c[0] * z;
         let yz = self.0[7] / m - c[1] * z;
         let zz = self.0[8] / m - z * z;
+        // Collinear points have no circle; the line explains them anyway.
         let determinant = xx * yy - xy * xy;
         if determinant <= 1e-12 * (xx + yy) * (xx + yy) {
             return f64::INFINITY;
@@ -126,8 +130,8 @@ impl Sequence {
     ///
     /// The orders are by direction from the centre, by direction from a grid of view points, and that of the
     /// file. For a non-convex outline, some view point often sees all of it.
-    pub(super) fn closed(sightings: &[ContourReading]) -> Self {
-        let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    pub(super) fn closed(readings: &[ContourReading]) -> Self {
+        let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let mut best = around(&points, origin);
         for from in view_points(&points) {
@@ -138,6 +142,7 @@ impl Sequence {
             }
         }
         let filed: Vec<usize> = (0..points.len()).collect();
+        // The order of the file is often that of the scan; keep it if it is clearly shorter.
         let mut order = if tour_length(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
         let area: f64 = (0..order.len())
             .map(|k| {
@@ -145,10 +150,11 @@ impl Sequence {
                 a[0] * b[1] - a[1] * b[0]
             })
             .sum();
+        // Counter-clockwise, as outlines are.
         if area < 0.0 {
             order.reverse();
         }
-        Self::new(sightings, &points, &order, origin, true)
+        Self::new(readings, &points, &order, origin, true)
     }
 
     /// An open sequence that begins at the end with the smaller y (then x).
@@ -158,9 +164,10 @@ impl Sequence {
     /// It is the shortest path among the order of the file and the orders by direction from the mean sensor
     /// position, from far away on either side, and from view points among the readings. Each tour is cut at
     /// its widest step.
-    pub(super) fn open(sightings: &[ContourReading]) -> Option<Self> {
-        let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    pub(super) fn open(readings: &[ContourReading]) -> Option<Self> {
+        let points: Vec<[f64; 2]> = readings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
+        // An open path is a closed tour without its widest step.
         let cut = |(length, mut order): (f64, Vec<usize>)| {
             let count = order.len();
             let step = |k: usize| {
@@ -172,7 +179,7 @@ impl Sequence {
             order.rotate_left((widest + 1) % count);
             (length - gap, gap, order)
         };
-        let sensors: Vec<[f64; 2]> = (sightings.iter())
+        let sensors: Vec<[f64; 2]> = (readings.iter())
             .filter_map(|s| match s.target {
                 ContourTarget::Range { origin, .. } => Some(origin),
                 ContourTarget::Point { .. } => None,
@@ -195,18 +202,18 @@ impl Sequence {
             }
         }
         let (_, gap, mut order) = best;
-        if gap <= usual_gap(sightings) {
+        if gap <= usual_gap(readings) {
             return None;
         }
         let (first, last) = (points[*order.first()?], points[*order.last()?]);
         if (last[1], last[0]) < (first[1], first[0]) {
             order.reverse();
         }
-        Some(Self::new(sightings, &points, &order, origin, false))
+        Some(Self::new(readings, &points, &order, origin, false))
     }
 
     fn new(
-        sightings: &[ContourReading],
+        readings: &[ContourReading],
         points: &[[f64; 2]],
         order: &[usize],
         origin: [f64; 2],
@@ -220,10 +227,11 @@ impl Sequence {
             let end = if b + 1 < bins { first[b + 1] } else { count };
             for &i in &order[first[b]..end] {
                 let p = [points[i][0] - origin[0], points[i][1] - origin[1]];
-                sums.add(p, sightings[i].covariance());
+                sums.add(p, readings[i].covariance());
             }
         }
         let mut cumulated = vec![Sums::default()];
+        // Two rounds, so that runs across the start of a closed sequence are differences as well.
         for k in 0..2 * bins {
             cumulated.push(cumulated[k].plus(&each[k % bins]));
         }
@@ -269,12 +277,10 @@ fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
 
 /// A grid of view points within the bounding box of the points.
 fn view_points(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
-    let bound =
-        |k: usize, start: f64, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[k]).fold(start, pick);
-    let low = [0, 1].map(|k| bound(k, f64::INFINITY, f64::min));
-    let high = [0, 1].map(|k| bound(k, f64::NEG_INFINITY, f64::max));
+    let bounds: BoundingBox<2> = points.iter().copied().collect();
+    let (low, sides) = (bounds.min, bounds.extent());
     (0..GRID * GRID).map(move |k| {
         let share = |i: usize| (i as f64 + 0.5) / GRID as f64;
-        [low[0] + share(k % GRID) * (high[0] - low[0]), low[1] + share(k / GRID) * (high[1] - low[1])]
+        [low[0] + share(k % GRID) * sides[0], low[1] + share(k / GRID) * sides[1]]
     })
 }

@@ -1,9 +1,9 @@
-//! Typed access to what instances say, with errors that name them.
+//! Typed access to the attributes of instances, with errors that name the instance.
 
 use super::syntax::{Index, Record, Value};
 use planish_estimate::{Error, Result};
 
-/// An instance of one keyword, with its attributes.
+/// An instance with one keyword, and its attributes.
 pub(super) struct Entity<'a> {
     pub(super) id: u64,
     line: usize,
@@ -11,7 +11,7 @@ pub(super) struct Entity<'a> {
 }
 
 impl<'a> Index<'a> {
-    /// An instance of one keyword; of a complex one, the part of a keyword.
+    /// Parses an instance that must have one keyword.
     pub(super) fn entity(&self, id: u64) -> Result<Entity<'a>> {
         let mut records = self.records(id)?;
         match records.len() {
@@ -22,7 +22,7 @@ impl<'a> Index<'a> {
         }
     }
 
-    /// An instance that must be of a keyword.
+    /// Parses an instance that must have the given keyword.
     pub(super) fn entity_of(&self, id: u64, keyword: &str) -> Result<Entity<'a>> {
         let entity = self.entity(id)?;
         match entity.record.keyword == keyword {
@@ -31,7 +31,7 @@ impl<'a> Index<'a> {
         }
     }
 
-    /// The parts of a complex instance.
+    /// Parses the parts of a complex instance.
     pub(super) fn parts(&self, id: u64) -> Result<Vec<Entity<'a>>> {
         let line = self.line(id);
         let records = self.records(id)?;
@@ -39,17 +39,18 @@ impl<'a> Index<'a> {
     }
 }
 
-/// The part of a keyword.
+/// Finds the part with a keyword.
 pub(super) fn part<'b, 'a>(parts: &'b [Entity<'a>], keyword: &str) -> Option<&'b Entity<'a>> {
     parts.iter().find(|p| p.record.keyword == keyword)
 }
 
 impl<'a> Entity<'a> {
-    /// An error of this instance.
+    /// Creates an error that names this instance.
     pub(super) fn wrong(&self, what: &str) -> Error {
         Error::input(format!("#{} {} in line {}: {what}", self.id, self.record.keyword, self.line))
     }
 
+    /// Error for an attribute of another kind than expected, or a missing one.
     fn unexpected(&self, at: usize, what: &str) -> Error {
         match self.record.values.get(at) {
             Some(found) => self.wrong(&format!("attribute {}: expected {what}, found {found}", at + 1)),
@@ -70,10 +71,11 @@ impl<'a> Entity<'a> {
         }
     }
 
-    /// An instance, or none where it is omitted.
+    /// An instance, or none if the attribute is omitted.
     pub(super) fn optional(&self, at: usize) -> Result<Option<u64>> {
         match self.value(at) {
             Some(Value::Reference(id)) => Ok(Some(*id)),
+            // `*` marks an attribute that a subtype derives, which has no value in the file.
             Some(Value::Omitted | Value::Derived) => Ok(None),
             _ => Err(self.unexpected(at, "an instance or $")),
         }
@@ -108,10 +110,10 @@ impl<'a> Entity<'a> {
         }
     }
 
-    fn all<T>(&self, at: usize, what: &str, of: impl Fn(&Value<'a>) -> Option<T>) -> Result<Vec<T>> {
+    fn all<T>(&self, at: usize, what: &str, convert: impl Fn(&Value<'a>) -> Option<T>) -> Result<Vec<T>> {
         let each = self.list(at)?.iter().enumerate();
         each.map(|(k, value)| {
-            of(value).ok_or_else(|| {
+            convert(value).ok_or_else(|| {
                 let place = format!("attribute {}, value {}", at + 1, k + 1);
                 self.wrong(&format!("{place}: expected a list of {what}, found {value} in it"))
             })
@@ -134,12 +136,12 @@ impl<'a> Entity<'a> {
         self.all(at, "counts", count)
     }
 
-    /// Rows of equal length, one after the other, and how many there are.
+    /// Number of rows of equal length, and their values row by row.
     pub(super) fn rows<T>(
         &self,
         at: usize,
         what: &str,
-        of: impl Fn(&Value<'a>) -> Option<T>,
+        convert: impl Fn(&Value<'a>) -> Option<T>,
     ) -> Result<(usize, Vec<T>)> {
         let rows = self.list(at)?;
         let mut found = Vec::new();
@@ -149,9 +151,11 @@ impl<'a> Entity<'a> {
                 return Err(self.unexpected(at, what));
             };
             if *width.get_or_insert(row.len()) != row.len() {
-                return Err(self.wrong(&format!("attribute {}: expected rows of equal length", at + 1)));
+                return Err(
+                    self.wrong(&format!("attribute {}: expected rows of equal length, found others", at + 1))
+                );
             }
-            let values: Option<Vec<T>> = row.iter().map(&of).collect();
+            let values: Option<Vec<T>> = row.iter().map(&convert).collect();
             found.extend(values.ok_or_else(|| self.unexpected(at, what))?);
         }
         Ok((rows.len(), found))
@@ -169,7 +173,7 @@ impl<'a> Entity<'a> {
     }
 }
 
-/// A number, bare or with its type, as `LENGTH_MEASURE(2.)`.
+/// A number, plain or with its type, as `LENGTH_MEASURE(2.)`.
 fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Number(x) => Some(*x),
@@ -183,6 +187,7 @@ fn number(value: &Value) -> Option<f64> {
 
 fn count(value: &Value) -> Option<usize> {
     match value {
+        // The limit keeps the conversion exact and excludes sizes that no file can hold.
         Value::Number(x) if *x >= 0.0 && x.fract() == 0.0 && *x <= 1e9 => Some(*x as usize),
         _ => None,
     }

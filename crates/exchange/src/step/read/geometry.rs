@@ -1,11 +1,11 @@
-//! Curves and surfaces of STEP files.
+//! Reads curves and surfaces of STEP files.
 //!
 //! **Input.** Instances, a scale for lengths and the unit of angles of the file.
 //!
 //! **Output.** Curves and surfaces in the requested unit and in radians.
 //!
 //! # References
-//! ISO 10303-42:2022, *Geometric and topological representation*, 4.
+//! ISO 10303-42:2022, *Geometric and topological representation*, clause 4.
 
 use super::attributes::{Entity, part};
 use super::syntax::Index;
@@ -15,13 +15,13 @@ use planish_solid::brep;
 use planish_solid::parametric::{MAX_DEGREE, ParametricCurve, ParametricSurface, SplineCurve, SplineSurface};
 use std::f64::consts::FRAC_PI_2;
 
-/// Geometry that is made of other geometry, deeper than this, is refused.
+/// Maximum nesting of geometry that refers to other geometry; finds cycles.
 const MAX_DEPTH: usize = 12;
 
-/// Larger coordinates are no part's, and their squares would overflow.
+/// Upper limit of coordinates: their squares must not overflow.
 const MAX_COORDINATE: f64 = 1e100;
 
-/// Where a frame is, and its directions.
+/// A right-handed orthonormal frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
     pub(super) origin: [f64; 3],
@@ -30,13 +30,13 @@ pub(super) struct Frame {
     pub(super) z: [f64; 3],
 }
 
-/// Reads geometry in one unit.
+/// Reader of geometry in the units of a representation.
 #[derive(Clone, Copy)]
 pub(super) struct Geometry<'b, 'a> {
     pub(super) index: &'b Index<'a>,
-    /// What lengths are multiplied by.
+    /// Factor of lengths.
     pub(super) length: f64,
-    /// Radians of the unit of angles.
+    /// Unit of angles in radians.
     pub(super) angle: f64,
 }
 
@@ -47,7 +47,10 @@ impl Geometry<'_, '_> {
             [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MAX_COORDINATE) => {
                 Ok([*x, *y, *z].map(|c| c * self.length))
             }
-            [_, _, _] => Err(entity.wrong(&format!("expected coordinates below {MAX_COORDINATE:e}"))),
+            [_, _, _] => {
+                Err(entity
+                    .wrong(&format!("expected coordinates below {MAX_COORDINATE:e}, found larger ones")))
+            }
             other => Err(entity.wrong(&format!("expected three coordinates, found {}", other.len()))),
         }
     }
@@ -58,7 +61,7 @@ impl Geometry<'_, '_> {
             [x, y, z] => unit([*x, *y, *z]),
             _ => None,
         };
-        found.ok_or_else(|| entity.wrong("expected three numbers that are not all 0"))
+        found.ok_or_else(|| entity.wrong("expected three numbers that are not all 0, found others"))
     }
 
     fn direction_or(&self, id: Option<u64>, default: [f64; 3]) -> Result<[f64; 3]> {
@@ -71,19 +74,21 @@ impl Geometry<'_, '_> {
         let found = scale(size, self.direction(entity.reference(1)?)?);
         match norm(found) > 0.0 {
             true => Ok(found),
-            false => Err(entity.wrong("expected a length that is not 0")),
+            false => Err(entity.wrong("expected a length other than 0, found 0")),
         }
     }
 
-    /// `AXIS2_PLACEMENT_3D`.
+    /// Reads an `AXIS2_PLACEMENT_3D`. The second direction need not be perpendicular to the first, so it is
+    /// orthogonalised (ISO 10303-42, `build_axes`).
     pub(super) fn frame(&self, id: u64) -> Result<Frame> {
         let entity = self.index.entity_of(id, "AXIS2_PLACEMENT_3D")?;
         let origin = self.point(entity.reference(1)?)?;
         let z = self.direction_or(entity.optional(2)?, [0.0, 0.0, 1.0])?;
+        // Without a second direction, any one that is far from parallel to z will do.
         let aside = if z[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let wanted = self.direction_or(entity.optional(3)?, aside)?;
         let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
-            return Err(entity.wrong("expected two directions that are not parallel"));
+            return Err(entity.wrong("expected two directions that are not parallel, found parallel ones"));
         };
         let y = cross(z, x);
         Ok(Frame { origin, x, y, z })
@@ -146,6 +151,7 @@ impl Geometry<'_, '_> {
                     SplineCurve::polyline(&points?).map_err(|e| entity.wrong(&e.to_string()))?,
                 )
             }
+            // Trimming is ignored: the vertices of the edge bound the curve.
             "TRIMMED_CURVE"
             | "SURFACE_CURVE"
             | "SEAM_CURVE"
@@ -154,22 +160,23 @@ impl Geometry<'_, '_> {
             "B_SPLINE_CURVE_WITH_KNOTS" | "BEZIER_CURVE" | "UNIFORM_CURVE" | "QUASI_UNIFORM_CURVE" => {
                 self.spline_curve(&parts)?
             }
-            _ => return Err(unread(entity, "curve")),
+            _ => return Err(unsupported_kind(entity, "curve")),
         })
     }
 
-    /// A B-spline curve, given by one keyword or by several.
+    /// Reads a B-spline curve. A rational one is a complex instance of several keywords.
     fn spline_curve(&self, parts: &[Entity]) -> Result<ParametricCurve> {
         let Some(first) = parts.first() else {
             return Err(Error::input("an instance without keyword"));
         };
         let simple = parts.len() == 1;
-        // With one keyword the name comes first.
+        // A simple instance has the name as its first attribute; in a complex one, the name is in another
+        // part.
         let Some((base, at)) = (match simple {
             true => Some((first, 1)),
             false => part(parts, "B_SPLINE_CURVE").map(|base| (base, 0)),
         }) else {
-            return Err(unread(first, "curve"));
+            return Err(unsupported_kind(first, "curve"));
         };
         let degree = base.count(at)?;
         let poles: Result<Vec<_>> = base.references(at + 1)?.into_iter().map(|p| self.point(p)).collect();
@@ -183,6 +190,7 @@ impl Geometry<'_, '_> {
                 .ok_or_else(|| first.wrong("has no knots"))?,
         };
         let weights = part(parts, "RATIONAL_B_SPLINE_CURVE").map(|w| w.numbers(0)).transpose()?;
+        // Validity of knots, poles and weights is checked by the constructor.
         let made = SplineCurve::try_new(degree, knots, &poles, weights.as_deref());
         Ok(ParametricCurve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
     }
@@ -246,6 +254,7 @@ impl Geometry<'_, '_> {
                 base: Box::new(self.surface_at(entity.reference(1)?, depth + 1)?),
                 distance: entity.number(2)? * self.length,
             },
+            // Trimming is ignored: the loops of the face bound the surface.
             "RECTANGULAR_TRIMMED_SURFACE" | "CURVE_BOUNDED_SURFACE" => {
                 self.surface_at(entity.reference(1)?, depth + 1)?
             }
@@ -253,7 +262,7 @@ impl Geometry<'_, '_> {
             | "BEZIER_SURFACE"
             | "UNIFORM_SURFACE"
             | "QUASI_UNIFORM_SURFACE" => self.spline_surface(&parts)?,
-            _ => return Err(unread(entity, "surface")),
+            _ => return Err(unsupported_kind(entity, "surface")),
         })
     }
 
@@ -261,10 +270,11 @@ impl Geometry<'_, '_> {
         let Frame { origin, x, z, .. } = frame;
         let radius = entity.number(2)? * self.length;
         let half_angle_rad = entity.number(3)? * self.angle;
+        // A radius of 0 is valid: the frame is then at the tip.
         if !(radius >= 0.0 && half_angle_rad > 0.0 && half_angle_rad < FRAC_PI_2) {
             return Err(entity.wrong(&format!(
-                "expected a radius of 0 or more and half an angle between 0 and a right angle, found {radius} \
-                 and {half_angle_rad} rad"
+                "expected a radius of at least 0 and a half angle between 0 and π/2, found {radius} and \
+                 {half_angle_rad} rad"
             )));
         }
         Ok(ParametricSurface::Elementary(brep::FaceSurface::Cone {
@@ -276,7 +286,7 @@ impl Geometry<'_, '_> {
         }))
     }
 
-    /// A B-spline surface, given by one keyword or by several.
+    /// Reads a B-spline surface. A rational one is a complex instance of several keywords.
     fn spline_surface(&self, parts: &[Entity]) -> Result<ParametricSurface> {
         let Some(first) = parts.first() else {
             return Err(Error::input("an instance without keyword"));
@@ -286,7 +296,7 @@ impl Geometry<'_, '_> {
             true => Some((first, 1)),
             false => part(parts, "B_SPLINE_SURFACE").map(|base| (base, 0)),
         }) else {
-            return Err(unread(first, "surface"));
+            return Err(unsupported_kind(first, "surface"));
         };
         let degrees = [base.count(at)?, base.count(at + 1)?];
         let (n_u, ids) = base.rows_of_references(at + 2)?;
@@ -294,6 +304,7 @@ impl Geometry<'_, '_> {
         let poles: Result<Vec<_>> = ids.into_iter().map(|p| self.point(p)).collect();
         let knots = match part(parts, "B_SPLINE_SURFACE_WITH_KNOTS") {
             Some(own) => {
+                // Attributes: multiplicities along u and v, then knots along u and v.
                 let at = if simple { 8 } else { 0 };
                 [
                     repeated(own, &own.counts(at)?, &own.numbers(at + 2)?, n_u + degrees[0] + 1)?,
@@ -316,17 +327,21 @@ impl Geometry<'_, '_> {
     }
 }
 
-fn unread(entity: &Entity, what: &str) -> Error {
-    Error::unsupported(format!("#{} {}: a {what} of this kind is not read", entity.id, entity.record.keyword))
+fn unsupported_kind(entity: &Entity, what: &str) -> Error {
+    Error::unsupported(format!(
+        "#{} {}: this kind of {what} is not supported",
+        entity.id, entity.record.keyword
+    ))
 }
 
-/// Knots as often as they count. No more than wanted are made, as a file can count to anything.
+/// Repeats knots by their multiplicities. The sum is checked first, because a file can state any
+/// multiplicity.
 fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> Result<Vec<f64>> {
     let sum = counts.iter().fold(0_usize, |sum, n| sum.saturating_add(*n));
     if counts.len() != knots.len() || sum != wanted {
         return Err(entity.wrong(&format!(
-            "expected a multiplicity for each knot, {wanted} in all, found {} knots and {} multiplicities \
-             that sum to {sum}",
+            "expected a multiplicity per knot, {wanted} in all, found {} knots and {} multiplicities that \
+             sum to {sum}",
             knots.len(),
             counts.len()
         )));
@@ -335,8 +350,10 @@ fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> 
     Ok(each.flat_map(|(k, n)| std::iter::repeat_n(*k, *n)).collect())
 }
 
-/// Knots that a keyword says without giving them.
+/// Knots that the keywords `UNIFORM_…`, `QUASI_UNIFORM_…` and `BEZIER_…` imply (ISO 10303-42,
+/// `default_b_spline_knots`).
 fn implied_knots(parts: &[Entity], kind: &str, degree: usize, n: usize) -> Option<Vec<f64>> {
+    // Checked before knots are allocated, because the degree comes from the file.
     if !(1..=MAX_DEGREE).contains(&degree) || n <= degree {
         return None;
     }
@@ -350,6 +367,7 @@ fn implied_knots(parts: &[Entity], kind: &str, degree: usize, n: usize) -> Optio
     } else if is("QUASI_UNIFORM") {
         Some(clamped(&mut (1..n - degree).map(|k| k as f64), (n - degree) as f64))
     } else if is("BEZIER") {
+        // Pieces share their end poles; a remainder means that the number of poles is wrong.
         let pieces = (n - 1) / degree;
         let inner = (1..pieces).flat_map(|k| std::iter::repeat_n(k as f64, degree));
         (pieces * degree + 1 == n).then(|| clamped(&mut inner.into_iter(), pieces as f64))

@@ -1,4 +1,4 @@
-//! Units, representations and assemblies of STEP files.
+//! Reads units, representations and assemblies of STEP files.
 //!
 //! # References
 //! ISO 10303-41 (units, products), ISO 10303-43 (representations and their relationships), ISO 10303-44
@@ -11,10 +11,10 @@ use planish_estimate::vector3::{add_scaled, cross, dot, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
 
-/// Units of units of units: how deep.
+/// Maximum nesting of units that are defined by other units; finds cycles.
 const MAX_DEPTH: usize = 8;
 
-/// An affine motion: columns of its matrix, and what is added.
+/// An affine map: the columns of its matrix, and a translation. Copies may scale and mirror.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Motion {
     columns: [[f64; 3]; 3],
@@ -34,23 +34,23 @@ impl Motion {
         add_scaled(self.turn(p), 1.0, self.shift)
     }
 
-    /// This after another.
+    /// Composition that applies `first` first.
     pub(super) fn after(&self, first: &Self) -> Self {
         Self { columns: first.columns.map(|c| self.turn(c)), shift: self.apply(first.shift) }
     }
 
-    /// Whether it turns left into right.
+    /// True if the map mirrors.
     pub(super) fn is_mirror(&self) -> bool {
         let [x, y, z] = self.columns;
         dot(cross(x, y), z) < 0.0
     }
 
-    /// Motion from a frame's coordinates to those that the frame is given in.
+    /// Map from the coordinates of a frame to those in which the frame is given.
     fn out_of(frame: &Frame) -> Self {
         Self { columns: [frame.x, frame.y, frame.z], shift: frame.origin }
     }
 
-    /// Into a frame's coordinates.
+    /// Map into the coordinates of a frame; the inverse of [`Motion::out_of`].
     fn into(frame: &Frame) -> Self {
         let axes = [frame.x, frame.y, frame.z];
         let columns = [0, 1, 2].map(|c| axes.map(|a| a[c]));
@@ -58,21 +58,21 @@ impl Motion {
     }
 }
 
-/// What a context says of numbers.
+/// Units of a context.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Units {
-    /// Millimetres of the unit of lengths; none where no unit is named.
+    /// Unit of lengths in millimetres; none if the file states none.
     pub(super) length_mm: Option<f64>,
-    /// Radians of the unit of angles.
+    /// Unit of angles in radians.
     pub(super) angle: f64,
-    /// How far apart points may be that are one, in the unit of lengths.
+    /// Maximum distance of points that coincide, in the unit of lengths.
     pub(super) uncertainty: Option<f64>,
 }
 
 impl Units {
     pub(super) const NONE: Self = Self { length_mm: None, angle: 1.0, uncertainty: None };
 
-    /// The units of a context of representations.
+    /// Reads the units of the context of a representation.
     pub(super) fn of_context(index: &Index, id: u64) -> Result<Self> {
         let parts = index.parts(id)?;
         let mut found = Self::NONE;
@@ -90,6 +90,7 @@ impl Units {
             let measure = index.entity(id)?;
             let (value, unit) = (measure.number(0)?, size_of_unit(index, measure.reference(1)?, 0)?);
             if let (Some(("LENGTH_UNIT", metres)), Some(mm)) = (unit, found.length_mm) {
+                // Converted to the unit of lengths, because it may be stated in another one.
                 found.uncertainty = Some(value * 1000.0 * metres / mm);
             }
         }
@@ -97,10 +98,10 @@ impl Units {
     }
 }
 
-/// What a unit is of, and its size in metres or radians; none of others.
+/// Kind of a unit, and its size in metres or radians; none for other kinds.
 fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static str, f64)>> {
     if depth > MAX_DEPTH {
-        return Err(Error::input(format!("#{id}: units refer to themselves")));
+        return Err(Error::input(format!("#{id}: expected a unit, found a cycle of units")));
     }
     let parts = index.parts(id)?;
     let kinds = ["LENGTH_UNIT", "PLANE_ANGLE_UNIT"];
@@ -113,16 +114,17 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
     let Some(based) = part(&parts, "CONVERSION_BASED_UNIT") else {
         return Ok(None);
     };
-    // The measure is of any type: a value and its unit.
+    // Subtypes of the measure differ by exporter; each has a value and its unit.
     let measure = index.parts(based.reference(1)?)?;
     let (value, of) = match measure.as_slice() {
         [one] => (one.number(0)?, one.reference(1)?),
         several => {
             let with_unit = part(several, "MEASURE_WITH_UNIT")
-                .ok_or_else(|| based.wrong("expected a measure with its unit"))?;
+                .ok_or_else(|| based.wrong("expected a measure with its unit, found none"))?;
             (with_unit.number(0)?, with_unit.reference(1)?)
         }
     };
+    // A unit of another kind as the base counts as the SI unit.
     let base = size_of_unit(index, of, depth + 1)?.map_or(1.0, |(_, size)| size);
     match value > 0.0 {
         true => Ok(Some((kind, value * base))),
@@ -142,33 +144,33 @@ fn prefix(si: &Entity) -> Result<f64> {
         Some(Name(b"MILLI")) => 1e-3,
         Some(Name(b"MICRO")) => 1e-6,
         Some(Name(b"NANO")) => 1e-9,
-        _ => return Err(si.wrong("expected a prefix of lengths, or $")),
+        _ => return Err(si.wrong("expected an SI prefix of lengths, or $, found another value")),
     })
 }
 
-/// A representation of shape: what is in it.
+/// A shape representation and its items.
 #[derive(Debug, Clone)]
 pub(super) struct Representation {
     pub(super) items: Vec<u64>,
     pub(super) units: Units,
-    /// Whether its keyword says no more than that it is one of shape.
+    /// True if its keyword is the general `SHAPE_REPRESENTATION`.
     is_plain: bool,
 }
 
-/// A representation within another, or a copy of it.
+/// Placement of a representation, or a copy of it, in another one.
 #[derive(Debug, Clone, Copy)]
 struct Within {
     child: u64,
     parent: u64,
-    /// Frames of the child and of the parent, or the operator of a copy.
+    /// Frames of the child and of the parent; for a copy, the second may be an operator.
     frames: [u64; 2],
 }
 
-/// Representations, and where each stands.
+/// Representations and their placements.
 pub(super) struct Products {
     pub(super) representations: BTreeMap<u64, Representation>,
     within: Vec<Within>,
-    /// Representations in one frame: to the first of them.
+    /// Representations with a common frame: maps each to an earlier one.
     same: HashMap<u64, u64>,
 }
 
@@ -181,6 +183,7 @@ impl Products {
         let mut found = Self { representations: BTreeMap::new(), within: Vec::new(), same: HashMap::new() };
         let mut contexts: HashMap<u64, Units> = HashMap::new();
         let mut add = |found: &mut Self, id: u64, items: Vec<u64>, context: u64| -> Result<()> {
+            // Many representations share a context, which is read once.
             let units = match contexts.get(&context) {
                 Some(units) => *units,
                 None => Units::of_context(index, context)?,
@@ -193,6 +196,7 @@ impl Products {
         let is_shape = |keyword: &str| {
             keyword.ends_with("SHAPE_REPRESENTATION") && keyword != "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"
         };
+        // The order of keywords is arbitrary, which is harmless: the result is a sorted map.
         for (_, ids) in index.keywords().filter(|(keyword, _)| is_shape(keyword)) {
             for id in ids {
                 let entity = index.entity(*id)?;
@@ -201,7 +205,7 @@ impl Products {
         }
         for id in index.complex() {
             let parts = index.parts(*id)?;
-            // Pictures of a part hold it once more.
+            // Draughting models contain the shape once more, with annotations.
             let is_drawing = part(&parts, "DRAUGHTING_MODEL").is_some();
             if !is_drawing
                 && parts.iter().any(|p| is_shape(p.record.keyword))
@@ -223,10 +227,12 @@ impl Products {
                 }
             }
         }
+        // Such a relationship joins representations in one frame, for example a product and its geometry.
         for id in index.of_keyword("SHAPE_REPRESENTATION_RELATIONSHIP") {
             let entity = index.entity(*id)?;
             let [a, b] = [entity.reference(2)?, entity.reference(3)?].map(|r| found.first_of(r));
             if a != b {
+                // Larger numbers refer to smaller ones, so that chains end and contain no cycle.
                 found.same.insert(a.max(b), a.min(b));
             }
         }
@@ -250,14 +256,14 @@ impl Products {
         Ok(found)
     }
 
-    /// Representations, plain ones last: these may repeat what others hold, as parts to which a note is
-    /// attached.
-    pub(super) fn most_special_first(&self) -> impl Iterator<Item = (&u64, &Representation)> {
+    /// Representations, plain ones last. These may repeat items of others, for example to attach a note, so
+    /// the others claim their items first.
+    pub(super) fn specialised_first(&self) -> impl Iterator<Item = (&u64, &Representation)> {
         let of = |plain: bool| self.representations.iter().filter(move |(_, r)| r.is_plain == plain);
         of(false).chain(of(true))
     }
 
-    /// The first of the representations in one frame with another.
+    /// First of the representations that share a frame with the given one.
     fn first_of(&self, mut id: u64) -> u64 {
         while let Some(next) = self.same.get(&id) {
             id = *next;
@@ -265,10 +271,10 @@ impl Products {
         id
     }
 
-    /// Every place at which a representation stands, by representation.
+    /// All placements of each representation.
     ///
     /// # Errors
-    /// `Input` where an assembly holds itself, or has more than `most` parts.
+    /// `Input` if an assembly contains itself; `Unsupported` if it has more than `most` parts.
     pub(super) fn places(
         &self,
         index: &Index,
@@ -284,19 +290,26 @@ impl Products {
             is_child.insert(child, true);
         }
         let mut places: HashMap<u64, Vec<Motion>> = HashMap::new();
+        // Sorted, so that placements do not depend on the order of a hash map.
         let mut firsts: Vec<u64> = self.representations.keys().map(|id| self.first_of(*id)).collect();
         firsts.sort_unstable();
         firsts.dedup();
         let mut total = 0;
+        // Representations that are not part of another one are the roots of assemblies.
         for root in firsts.iter().filter(|id| !is_child.contains_key(id)) {
             let mut open = vec![(*root, Motion::NONE, 0)];
             while let Some((id, motion, depth)) = open.pop() {
                 total += 1;
+                // A path longer than the number of representations visits one of them twice.
                 if depth > self.representations.len() {
-                    return Err(Error::input(format!("#{id}: an assembly holds itself")));
+                    return Err(Error::input(format!(
+                        "#{id}: expected a tree of parts, found an assembly that contains itself"
+                    )));
                 }
                 if total > most {
-                    return Err(Error::unsupported(format!("an assembly of more than {most} parts")));
+                    return Err(Error::unsupported(format!(
+                        "expected an assembly of at most {most} parts, found more"
+                    )));
                 }
                 places.entry(id).or_default().push(motion);
                 for (child, within) in children.get(&id).into_iter().flatten() {
@@ -304,22 +317,24 @@ impl Products {
                 }
             }
         }
+        // Without a root, each representation is part of another one, so there is a cycle.
         if places.is_empty() && !self.representations.is_empty() {
-            return Err(Error::input("an assembly holds itself"));
+            return Err(Error::input("expected a tree of parts, found an assembly that contains itself"));
         }
         let of = |id: &u64| places.get(&self.first_of(*id)).cloned().unwrap_or_default();
         Ok(self.representations.keys().map(|id| (*id, of(id))).collect())
     }
 
-    /// From a child's coordinates to its parent's.
+    /// Map from the coordinates of a child to those of its parent.
     fn motion(&self, index: &Index, within: &Within, length: &dyn Fn(&Units) -> f64) -> Result<Motion> {
         let geometry = |id: u64| {
             let units = self.representations.get(&id).map_or(Units::NONE, |r| r.units);
             Geometry { index, length: length(&units), angle: units.angle }
         };
+        // Each frame is in the units of its own representation, and these may differ.
         let [mut from, mut to] = within.frames;
-        // Some programs give the frames the other way round: each is among the items of its own
-        // representation.
+        // Some exporters swap the frames. Each frame is an item of its own representation, which shows the
+        // swap.
         let holds =
             |id: u64, item: u64| self.representations.get(&id).is_some_and(|r| r.items.contains(&item));
         if holds(within.parent, from) && holds(within.child, to) && !holds(within.child, from) {
@@ -337,7 +352,8 @@ impl Products {
 
 /// `CARTESIAN_TRANSFORMATION_OPERATOR_3D(name, description, name, axis1, axis2, origin, scale, axis3)`.
 fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
-    // The two names of its supertypes are one attribute or two, as the schema has it.
+    // Depending on the schema, the names of the supertypes are one attribute or two, so the attributes are
+    // located by their content: the origin is the first point.
     let first =
         (0..entity.record.values.len()).find(|k| entity.optional(*k).is_ok_and(|v| v.is_some())).unwrap_or(0);
     let at_origin = (first..entity.record.values.len()).find(|k| {
@@ -345,7 +361,7 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
         id.is_some_and(|id| geometry.point(id).is_ok())
     });
     let Some(at) = at_origin.filter(|at| *at >= 2) else {
-        return Err(entity.wrong("expected a point as its origin"));
+        return Err(entity.wrong("expected a point as its origin, found none"));
     };
     let axis = |k: usize| -> Result<Option<[f64; 3]>> {
         match entity.optional(k)? {
@@ -356,8 +372,9 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
     let z = axis(at + 2)?.unwrap_or([0.0, 0.0, 1.0]);
     let wanted = axis(at - 2)?.unwrap_or([1.0, 0.0, 0.0]);
     let x = unit(add_scaled(wanted, -dot(wanted, z), z))
-        .ok_or_else(|| entity.wrong("expected directions that are not parallel"))?;
+        .ok_or_else(|| entity.wrong("expected directions that are not parallel, found parallel ones"))?;
     let mut y = cross(z, x);
+    // The second axis only determines the handedness.
     if axis(at - 1)?.is_some_and(|given| dot(given, y) < 0.0) {
         y = scale(-1.0, y);
     }

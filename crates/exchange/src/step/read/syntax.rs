@@ -1,20 +1,20 @@
-//! Syntax of STEP files: the position and the content of each instance.
+//! Syntax of STEP files: position and content of each instance.
 //!
 //! **Input.** The bytes of a file.
 //!
-//! **Output.** An index of instances. Each is parsed when it is requested, so that memory depends on what is
-//! used.
+//! **Output.** An index of instances. Each is parsed when it is requested, so that notes and tessellations,
+//! often most of a file, cost only their entry in the index (decision 0044).
 //!
 //! **Limits.** Anchors, references and signatures of later editions are ignored.
 //!
 //! # References
-//! ISO 10303-21:2016, *Clear text encoding of the exchange structure*, 5 and 10.
+//! ISO 10303-21:2016, *Clear text encoding of the exchange structure*.
 
 use planish_estimate::{Error, Result};
 use std::collections::HashMap;
 use std::fmt;
 
-/// Lists within lists beyond this are refused.
+/// Maximum nesting of lists, which bounds the recursion of the parser.
 const MAX_DEPTH: usize = 24;
 
 /// A parameter of an instance.
@@ -56,7 +56,7 @@ pub(super) struct Record<'a> {
     pub(super) values: Vec<Value<'a>>,
 }
 
-/// Where an instance stands.
+/// Position of an instance.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     start: usize,
@@ -68,7 +68,7 @@ struct Place {
 pub(super) struct Index<'a> {
     bytes: &'a [u8],
     places: HashMap<u64, Place>,
-    /// Instances of one keyword, in the order of the file; those of several under none.
+    /// Instances by keyword, in the order of the file; complex instances have the empty keyword.
     by_keyword: HashMap<&'a str, Vec<u64>>,
 }
 
@@ -76,14 +76,14 @@ fn is_space(byte: u8) -> bool {
     byte.is_ascii_whitespace()
 }
 
-/// Goes through bytes, past comments.
+/// Position in the bytes; skips comments.
 struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Cursor<'a> {
-    /// Past blanks and comments.
+    /// Skips blanks and comments.
     fn skip(&mut self) {
         loop {
             match self.bytes.get(self.at) {
@@ -131,6 +131,7 @@ impl<'a> Cursor<'a> {
 
     fn keyword(&mut self) -> Result<&'a str> {
         self.skip();
+        // `!` begins user-defined keywords.
         let word = self.while_is(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'!');
         match std::str::from_utf8(word) {
             Ok(word) if !word.is_empty() => Ok(word),
@@ -140,7 +141,7 @@ impl<'a> Cursor<'a> {
 
     fn list(&mut self, depth: usize) -> Result<Vec<Value<'a>>> {
         if depth > MAX_DEPTH {
-            return Err(Error::input(format!("lists are nested more than {MAX_DEPTH} deep")));
+            return Err(Error::input(format!("expected at most {MAX_DEPTH} nested lists, found more")));
         }
         self.expect(b'(')?;
         let mut values = Vec::new();
@@ -173,7 +174,7 @@ impl<'a> Cursor<'a> {
             Some(b'(') => Ok(Value::List(self.list(depth + 1)?)),
             Some(quote @ (b'\'' | b'"')) => {
                 let end = text_end(self.bytes, self.at, quote)
-                    .ok_or_else(|| Error::input("a string does not end"))?;
+                    .ok_or_else(|| Error::input("expected the end of a string, found the end of the file"))?;
                 let text = &self.bytes[self.at + 1..end - 1];
                 self.at = end;
                 Ok(Value::Text(text))
@@ -187,6 +188,7 @@ impl<'a> Cursor<'a> {
             Some(b'+' | b'-' | b'0'..=b'9') => {
                 let text =
                     self.while_is(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
+                // Rust parses `1.` and `1.E-7`, as STEP writes reals.
                 let number = std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok());
                 match number {
                     Some(x) if x.is_finite() => Ok(Value::Number(x)),
@@ -213,7 +215,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Behind a comment that begins at a place; the end of the file where it is not closed.
+/// Position after the comment that starts at `from`; the end of the file if it is not closed.
 fn comment_end(bytes: &[u8], from: usize) -> usize {
     let rest = bytes.get(from + 2..).unwrap_or_default();
     match rest.windows(2).position(|w| w == b"*/") {
@@ -222,7 +224,7 @@ fn comment_end(bytes: &[u8], from: usize) -> usize {
     }
 }
 
-/// Behind a string that begins at a place; none where it does not end. A quote within it is written twice.
+/// Position after the string that starts at `from`; none if it does not end. Quotes inside it are doubled.
 fn text_end(bytes: &[u8], from: usize, quote: u8) -> Option<usize> {
     let mut at = from + 1;
     loop {
@@ -238,8 +240,8 @@ impl<'a> Index<'a> {
     /// Finds the instances of all data sections.
     ///
     /// # Errors
-    /// `Input` for what is no STEP file, one that ends too early, a number given twice, and a statement that
-    /// is none; with its line.
+    /// `Input`, with the line, for a file that is not STEP or ends too early, a repeated number, and an
+    /// invalid statement.
     pub(super) fn new(bytes: &'a [u8]) -> Result<Self> {
         let mut index = Self { bytes, places: HashMap::new(), by_keyword: HashMap::new() };
         let mut start = bytes.strip_prefix(b"\xef\xbb\xbf").map_or(0, |_| 3);
@@ -252,16 +254,21 @@ impl<'a> Index<'a> {
             cursor.skip();
             let (from, at_line) = (cursor.at, line + count_lines(&bytes[start..cursor.at]));
             let named = |e: Error| e.in_context(format!("line {at_line}"));
+            // Lines are counted statement by statement, so that the file is scanned once.
             line += count_lines(&bytes[start..end]);
             start = end;
+            // Only the position and the keyword are stored; attributes are parsed on request.
             if bytes[from] == b'#' {
                 if !is_data {
-                    return Err(named(Error::input("an instance outside of a DATA section")));
+                    return Err(named(Error::input(
+                        "expected a DATA section before an instance, found none",
+                    )));
                 }
                 index.add(from, end, at_line).map_err(named)?;
                 continue;
             }
             let text = &bytes[from..end];
+            // A file of another format is recognised at its first statement.
             if std::mem::take(&mut is_first) && !text.starts_with(b"ISO-10303-21") {
                 break;
             }
@@ -281,7 +288,7 @@ impl<'a> Index<'a> {
         Err(
             match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21")
             {
-                true => Error::input("it is no STEP file: expected `ISO-10303-21;` at its beginning"),
+                true => Error::input("expected `ISO-10303-21;` at the beginning: not a STEP file"),
                 false => Error::input(format!("line {line}: the file ends before `END-ISO-10303-21;`")),
             },
         )
@@ -289,7 +296,7 @@ impl<'a> Index<'a> {
 
     fn whole(self, sections: usize) -> Result<Self> {
         match sections {
-            0 => Err(Error::input("it has no DATA section")),
+            0 => Err(Error::input("expected a DATA section, found none")),
             _ => Ok(self),
         }
     }
@@ -300,40 +307,42 @@ impl<'a> Index<'a> {
         cursor.expect(b'=').map_err(|e| e.in_context(format!("#{id}")))?;
         cursor.skip();
         let place = Place { start: cursor.at, end, line };
+        // A complex instance begins with a bracket; its keywords are read when it is parsed.
         let keyword = match cursor.peek() {
             Some(b'(') => "",
             _ => cursor.keyword().map_err(|e| e.in_context(format!("#{id}")))?,
         };
         if self.places.insert(id, place).is_some() {
-            return Err(Error::input(format!("#{id} is given twice")));
+            return Err(Error::input(format!("expected one instance #{id}, found two")));
         }
         self.by_keyword.entry(keyword).or_default().push(id);
         Ok(())
     }
 
-    /// Instances of one keyword, in the order of the file.
+    /// Instances with one keyword, in the order of the file.
     pub(super) fn of_keyword(&self, keyword: &str) -> &[u64] {
         self.by_keyword.get(keyword).map_or(&[], Vec::as_slice)
     }
 
-    /// Instances of several keywords.
+    /// Complex instances, which have several keywords.
     pub(super) fn complex(&self) -> &[u64] {
         self.of_keyword("")
     }
 
-    /// Keywords that the file uses, with how often.
+    /// Keywords of the file with their instances. The order is arbitrary: callers must not depend on it.
     pub(super) fn keywords(&self) -> impl Iterator<Item = (&'a str, &[u64])> {
         self.by_keyword.iter().map(|(k, ids)| (*k, ids.as_slice()))
     }
 
-    /// The records of an instance: one, or several of a complex one.
+    /// Parses the records of an instance: one, or several of a complex instance.
     ///
     /// # Errors
-    /// `Input` where there is none of that number, or its text is not well formed; with number and line.
+    /// `Input`, with number and line, if the instance does not exist or is malformed.
     pub(super) fn records(&self, id: u64) -> Result<Vec<Record<'a>>> {
         let Some(place) = self.places.get(&id) else {
-            return Err(Error::input(format!("there is no #{id}")));
+            return Err(Error::input(format!("expected the instance #{id}, found none")));
         };
+        // Limited to the statement, so that a missing bracket cannot consume the next instance.
         let mut cursor = Cursor { bytes: &self.bytes[..place.end], at: place.start };
         let read = |cursor: &mut Cursor<'a>| -> Result<Vec<Record<'a>>> {
             let mut records = Vec::new();
@@ -355,7 +364,7 @@ impl<'a> Index<'a> {
         read(&mut cursor).map_err(|e| e.in_context(format!("#{id} in line {}", place.line)))
     }
 
-    /// The line of an instance, for messages.
+    /// Line of an instance, for messages.
     pub(super) fn line(&self, id: u64) -> usize {
         self.places.get(&id).map_or(0, |p| p.line)
     }
@@ -365,7 +374,8 @@ fn count_lines(bytes: &[u8]) -> usize {
     bytes.iter().filter(|b| **b == b'\n').count()
 }
 
-/// Behind the semicolon of the statement that begins at a place; none at the end.
+/// Position after the statement that starts at `from`; none at the end. Semicolons in strings and comments do
+/// not count.
 fn statement_end(bytes: &[u8], from: usize) -> Option<usize> {
     let mut at = from;
     while let Some(byte) = bytes.get(at) {
@@ -388,7 +398,7 @@ mod tests {
         #20=(A_B(#1)C()D(LENGTH(2.),(),((1),(2))));\nENDSEC;\nEND-ISO-10303-21;\n";
 
     #[test]
-    fn values_of_every_kind_are_read() {
+    fn all_kinds_of_values_are_parsed() {
         let index = Index::new(FILE.as_bytes()).unwrap();
         let one = &index.records(1).unwrap()[0];
         assert_eq!(one.keyword, "POINT");
@@ -411,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_named_with_line_and_instance() {
+    fn errors_name_line_and_instance() {
         let broken = |from: &str, to: &str| {
             let text = FILE.replace(from, to);
             let index = Index::new(text.as_bytes());
@@ -421,17 +431,17 @@ mod tests {
             }
         };
         for (from, to, error) in [
-            ("ISO-10303-21;\n", "solid\n", "no STEP file"),
+            ("ISO-10303-21;\n", "solid\n", "not a STEP file"),
             ("END-ISO-10303-21;", "", "ends before"),
-            ("ENDSEC;\nEND", "END", "no DATA"),
-            ("#20=", "#1=", "line 6: #1 is given twice"),
+            ("ENDSEC;\nEND", "END", "expected a DATA section, found none"),
+            ("#20=", "#1=", "line 6: expected one instance #1, found two"),
             ("#20=", "#20", "line 6: #20: expected `=`"),
             ("#20=", "HELLO;#20=", "line 6: expected an instance"),
             ("3)", "3", "#1 in line 5: expected"),
             ("-2.5E-1", "-2.5E-1E", "expected a finite number, found `-2.5E-1E`"),
             ("-2.5E-1", "1E999", "expected a finite number"),
-            ("DATA;\n", "", "outside of a DATA section"),
-            ("(1),(2)", &format!("{}1{}", "(".repeat(40), ")".repeat(40)), "nested more than"),
+            ("DATA;\n", "", "expected a DATA section before an instance"),
+            ("(1),(2)", &format!("{}1{}", "(".repeat(40), ")".repeat(40)), "nested lists"),
         ] {
             let e = match from {
                 "ENDSEC;\nEND" => Index::new(FILE.replace("DATA;", "HEADER;").as_bytes())
@@ -440,12 +450,12 @@ mod tests {
                 _ => broken(from, to),
             };
             match from {
-                "ENDSEC;\nEND" => assert!(e.contains("outside of a DATA"), "{e}"),
+                "ENDSEC;\nEND" => assert!(e.contains("expected a DATA section"), "{e}"),
                 _ => assert!(e.contains(error), "{from}: {e}"),
             }
         }
         assert!(Index::new(b"").is_err() && Index::new(b"ISO-10303-21;").is_err());
         let index = Index::new(FILE.as_bytes()).unwrap();
-        assert_eq!(index.records(7).unwrap_err().to_string(), "there is no #7");
+        assert_eq!(index.records(7).unwrap_err().to_string(), "expected the instance #7, found none");
     }
 }

@@ -1,5 +1,5 @@
-//! Files of Open Cascade 7.9 (`tests/data`, made by `benches/peers/step_files.py`, which prints area and
-//! volume), and small ones written here.
+//! Reads files of Open Cascade 7.9 (`tests/data`, created by `benches/peers/step_files.py`, which prints area
+//! and volume), and small files that are written here.
 
 use super::*;
 use planish_estimate::vector3::{cross, dot, norm, sub};
@@ -33,7 +33,7 @@ fn near(found: f64, truth: f64, share: f64) {
 }
 
 #[test]
-fn a_rounded_box_in_inches_is_closed_and_has_its_volume() {
+fn a_rounded_box_in_inches_is_closed_and_has_the_right_volume() {
     let faces = read_step(&data("rounded_box")).unwrap();
     assert_eq!(faces.unit(), Some(Unit::Inch));
     let mesh = triangles(&faces, 1e-4);
@@ -45,7 +45,7 @@ fn a_rounded_box_in_inches_is_closed_and_has_its_volume() {
 }
 
 #[test]
-fn turned_bodies_with_seams_poles_and_tips_are_closed_and_have_their_volumes() {
+fn bodies_of_revolution_are_closed_and_have_the_right_volumes() {
     let faces = read_step(&data("turned")).unwrap();
     let mesh = triangles(&faces, 3e-5);
     let truth = [
@@ -68,7 +68,7 @@ fn turned_bodies_with_seams_poles_and_tips_are_closed_and_have_their_volumes() {
 }
 
 #[test]
-fn trimmed_splines_and_what_curves_sweep_have_their_areas() {
+fn trimmed_splines_and_swept_surfaces_have_the_right_areas() {
     let sheet = triangles(&read_step(&data("sheet")).unwrap(), 1e-4);
     let (area, _, check) = measured(&sheet.parts[0]);
     near(area, 2076.9474, 1e-3);
@@ -81,7 +81,7 @@ fn trimmed_splines_and_what_curves_sweep_have_their_areas() {
 }
 
 #[test]
-fn an_assembly_holds_its_part_wherever_it_is_placed() {
+fn parts_of_an_assembly_are_placed() {
     let faces = read_step(&data("assembly")).unwrap();
     let mesh = triangles(&faces, 1e-4);
     assert_eq!((mesh.parts.len(), mesh.faces), (4, 24));
@@ -98,7 +98,7 @@ fn an_assembly_holds_its_part_wherever_it_is_placed() {
     assert_eq!(middles, [[5, -15, 510], [5, 10, 15], [90, -15, 505], [90, 5, 15]]);
 }
 
-/// A file in the given units with a representation that holds some items.
+/// A file in the given units, with a representation of some items.
 fn file(length: &str, angle: &str, items: &str, lines: &str) -> String {
     format!(
         "ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n\
@@ -118,7 +118,7 @@ fn file(length: &str, angle: &str, items: &str, lines: &str) -> String {
     )
 }
 
-/// A cone of height 1 and half an angle as given between radius 1 and its tip, as one face.
+/// A cone from radius 1 to its tip as one face, with the given half angle.
 fn cone(half_angle: &str) -> String {
     format!(
         "#20=CONICAL_SURFACE('',#13,1.,{half_angle});\n#21=CIRCLE('',#13,1.);\n#22=CARTESIAN_POINT('',(1.,\
@@ -138,7 +138,7 @@ fn lengths_and_angles_are_in_the_units_of_the_file() {
         ("#8", "#5", "45.", Unit::Millimetre, 10.0),
     ] {
         let text = file(length, angle, "#30", &cone(half));
-        let faces = StepFaces::of_bytes(text.as_bytes()).unwrap();
+        let faces = StepFaces::from_bytes(text.as_bytes()).unwrap();
         assert_eq!(faces.unit(), Some(unit));
         let mesh = triangles(&faces, 1e-5);
         near(measured(&mesh.parts[0]).0, PI * 2_f64.sqrt() * factor * factor, 1e-3);
@@ -146,8 +146,8 @@ fn lengths_and_angles_are_in_the_units_of_the_file() {
 }
 
 #[test]
-fn corners_of_straight_sides_and_bare_surfaces_are_read() {
-    // A tetrahedron by loops of points, all its faces outwards, and a bilinear surface that no face bounds.
+fn polygonal_loops_and_bare_surfaces_are_read() {
+    // A tetrahedron of polygonal loops with outward faces, and a bilinear surface without a face.
     let corners = [(20, "0.,0.,0."), (21, "1.,0.,0."), (22, "0.,1.,0."), (23, "0.,0.,1.")];
     let mut lines: String = corners.map(|(id, at)| format!("#{id}=CARTESIAN_POINT('',({at}));\n")).concat();
     let planes = [
@@ -182,7 +182,7 @@ fn corners_of_straight_sides_and_bare_surfaces_are_read() {
         #82=(BEZIER_SURFACE()BOUNDED_SURFACE()B_SPLINE_SURFACE(1,1,((#20,#21),(#22,#23)),.UNSPECIFIED.,.F.,\
         .F.,.F.)GEOMETRIC_REPRESENTATION_ITEM()REPRESENTATION_ITEM('')SURFACE());\n\
         #83=GEOMETRIC_SET('',(#82));\n";
-    let faces = StepFaces::of_bytes(file("#1", "#2", "#81,#83", &lines).as_bytes()).unwrap();
+    let faces = StepFaces::from_bytes(file("#1", "#2", "#81,#83", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-4);
     assert_eq!((mesh.parts.len(), mesh.faces, mesh.left_out.len()), (2, 5, 0));
     let (area, volume, check) = measured(&mesh.parts[0]);
@@ -193,20 +193,20 @@ fn corners_of_straight_sides_and_bare_surfaces_are_read() {
 }
 
 #[test]
-fn copies_of_a_map_are_scaled_and_mirrored() {
+fn mapped_items_are_scaled_and_mirrored() {
     let lines = cone("0.5")
         + "#40=REPRESENTATION_MAP(#13,#41);\n#41=SHAPE_REPRESENTATION('',(#13,#30),#9);\n\
             #42=CARTESIAN_POINT('',(5.,0.,0.));\n\
            #43=DIRECTION('',(0.,-1.,0.));\n\
            #44=CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',$,#12,#43,#42,2.,#11);\n#45=MAPPED_ITEM('',#40,\
            #44);\n";
-    let faces = StepFaces::of_bytes(file("#1", "#2", "#45", &lines).as_bytes()).unwrap();
+    let faces = StepFaces::from_bytes(file("#1", "#2", "#45", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-4);
     assert_eq!(mesh.parts.len(), 1);
     let part = &mesh.parts[0];
     let reach = |c: usize, way: f64| part.points.iter().map(|p| way * p[c]).fold(f64::MIN, f64::max);
     assert!((reach(0, 1.0) - 7.0).abs() < 1e-9 && (reach(0, -1.0) + 3.0).abs() < 1e-2);
-    // Still outwards: away from the axis.
+    // The normals still point away from the axis.
     for t in &part.triangles {
         let [a, b, c] = t.map(|v| part.points[v as usize]);
         let n = cross(sub(b, a), sub(c, a));
@@ -216,16 +216,16 @@ fn copies_of_a_map_are_scaled_and_mirrored() {
 }
 
 #[test]
-fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
+fn unreadable_faces_are_reported_and_the_rest_is_kept() {
     // A second face whose surface does not exist, and one whose kind is unknown.
     let lines = cone("0.5").replace("(#28)", "(#28,#50,#52)")
         + "#50=ADVANCED_FACE('',(#27),#99,.T.);\n#51=HELIX_SURFACE('',#13);\n#52=ADVANCED_FACE('',(#27),#51,\
             .T.);\n";
-    let faces = StepFaces::of_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
+    let faces = StepFaces::from_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-3);
     assert_eq!((mesh.faces, mesh.left_out.len()), (1, 2));
-    assert_eq!(mesh.left_out[0], "face #50: there is no #99");
-    assert!(mesh.left_out[1].contains("#51 HELIX_SURFACE: a surface of this kind is not read"));
+    assert_eq!(mesh.left_out[0], "face #50: expected the instance #99, found none");
+    assert!(mesh.left_out[1].contains("#51 HELIX_SURFACE: this kind of surface is not supported"));
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("part.stp");
@@ -234,15 +234,15 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         read_mesh(&path).unwrap_err().to_string()
     };
     for (text, words) in [
-        (file("#1", "#2", "#30", &lines), "part.stp: 2 of its 3 faces cannot be read, the first: face #50"),
-        (file("#1", "#2", "#13", ""), "part.stp: it holds no faces"),
+        (file("#1", "#2", "#30", &lines), "part.stp: 2 of 3 faces cannot be read; the first is face #50"),
+        (file("#1", "#2", "#13", ""), "part.stp: expected faces, found none"),
         (
             file("#1", "#2", "#16", "#16=GEOMETRIC_CURVE_SET('',(#10));\n"),
-            "it holds no faces, only 1 GEOMETRIC_CURVE_SET",
+            "expected faces, found only 1 GEOMETRIC_CURVE_SET",
         ),
         (
             file("#1", "#2", "#30", &cone("2.")),
-            "none of its 1 faces could be read: face #28: #20 CONICAL_SURFACE in line",
+            "none of the 1 faces can be read; the first is face #28: #20 CONICAL_SURFACE in line",
         ),
         (
             file("#1", "#2", "#30", &cone("0.5").replace("#21,.T.", "#21,$")),
@@ -263,9 +263,9 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         ),
         (
             file("#1", "#2", "#45", "#45=MAPPED_ITEM('',#46,#13);\n#46=REPRESENTATION_MAP(#13,#14);\n"),
-            "an assembly holds itself",
+            "an assembly that contains itself",
         ),
-        ("solid\n".to_owned(), "it is no STEP file"),
+        ("solid\n".to_owned(), "not a STEP file"),
     ] {
         let e = error(&text);
         assert!(e.contains(words), "{e}");
@@ -273,11 +273,11 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
 }
 
 #[test]
-fn a_file_that_counts_to_anything_takes_no_memory() {
+fn huge_multiplicities_do_not_allocate_memory() {
     let knots = "#60=B_SPLINE_CURVE_WITH_KNOTS('',3,(#10,#22,#10,#22),.UNSPECIFIED.,.F.,.F.,(900000000,4),\
         (0.,1.),.UNSPECIFIED.);\n";
     let lines = cone("0.5").replace("#23,#23,#21", "#23,#23,#60") + knots;
-    let faces = StepFaces::of_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
+    let faces = StepFaces::from_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
     let e = faces.triangles(&faces.fineness(None)).unwrap_err().to_string();
     assert!(e.contains("multiplicities that sum to 900000004"), "{e}");
 }

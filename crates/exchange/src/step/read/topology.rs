@@ -1,9 +1,9 @@
-//! Faces of STEP files, and the shells that they are in.
+//! Reads faces of STEP files and the shells that contain them.
 //!
 //! **Input.** Items of a representation.
 //!
-//! **Output.** Shapes that share the vertices and edges that the file shares. A face that cannot be read is
-//! skipped and reported.
+//! **Output.** Shapes that share vertices and edges as the file does. A face that cannot be read is skipped
+//! and reported.
 
 use super::geometry::Geometry;
 use super::syntax::Index;
@@ -14,26 +14,26 @@ use planish_solid::parametric::{
 };
 use std::collections::HashMap;
 
-/// A shape, and what of it could not be read.
+/// A shape and its unreadable faces.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Read {
     pub(super) shape: ParametricShape,
-    /// Faces by name, each with the reason.
+    /// Names of unreadable faces, each with the reason.
     pub(super) left_out: Vec<(String, String)>,
 }
 
-/// Puts faces into a shape.
+/// Builds a shape from faces.
 pub(super) struct Builder<'b, 'a> {
     geometry: Geometry<'b, 'a>,
     read: Read,
     vertex_of: HashMap<u64, usize>,
     edge_of: HashMap<u64, usize>,
-    /// Straight sides of loops of points, by vertices.
+    /// Straight edges of polygonal loops, by their vertices.
     side_of: HashMap<[usize; 2], usize>,
     surface_of: HashMap<u64, ParametricSurface>,
 }
 
-/// Faces in shells that are in shells: how deep.
+/// Maximum nesting of shells; finds cycles.
 const MAX_DEPTH: usize = 8;
 
 impl<'b, 'a> Builder<'b, 'a> {
@@ -60,21 +60,22 @@ impl<'b, 'a> Builder<'b, 'a> {
         self.geometry.index
     }
 
-    /// Adds what an item holds: a body, shells, faces or a bare surface. False where it is of another kind.
+    /// Adds the faces of an item: a body, shells, faces or a bare surface. False for another kind of item.
     ///
     /// # Errors
-    /// `Input` where bodies and shells are not as they must be. Faces that are not are left out.
+    /// `Input` for invalid bodies and shells. Invalid faces are skipped and reported.
     pub(super) fn add_item(&mut self, id: u64) -> Result<bool> {
         self.add(id, true, 0)
     }
 
     fn add(&mut self, id: u64, forward: bool, depth: usize) -> Result<bool> {
         if depth > MAX_DEPTH {
-            return Err(Error::input(format!("#{id}: shells refer to themselves")));
+            return Err(Error::input(format!("#{id}: expected a tree of shells, found a cycle")));
         }
         let records = self.index().records(id)?;
         let [record] = records.as_slice() else {
             let is_surface = records.iter().any(|r| r.keyword == "B_SPLINE_SURFACE");
+            // A rational B-spline surface is a complex instance.
             if is_surface {
                 self.add_bare(id);
             }
@@ -120,7 +121,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         Ok(is_any)
     }
 
-    /// A surface that no face bounds: all of it.
+    /// Adds a whole surface without a face that bounds it.
     fn add_bare(&mut self, id: u64) {
         let name = format!("#{id}");
         match self.geometry.surface(id) {
@@ -151,6 +152,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             return Err(entity.wrong("expected ADVANCED_FACE or FACE_SURFACE"));
         }
         let surface_id = entity.reference(2)?;
+        // Faces may share a surface, for example the halves of a cylinder.
         let surface = match self.surface_of.get(&surface_id) {
             Some(surface) => surface.clone(),
             None => {
@@ -166,9 +168,10 @@ impl<'b, 'a> Builder<'b, 'a> {
             if !matches!(bound.record.keyword, "FACE_BOUND" | "FACE_OUTER_BOUND") {
                 return Err(bound.wrong("expected FACE_BOUND or FACE_OUTER_BOUND"));
             }
+            // `FACE_BOUND` may reverse its loop, and an enclosing oriented shell the whole face.
             let is_as_written = bound.truth(2)?;
             let mut ring = self.ring(bound.reference(1)?)?;
-            // Loops run as the face's own normal has them; a face that is turned over has them turned, too.
+            // Loops run counter-clockwise about the normal of the face, so reversing the face reverses them.
             if is_as_written != forward {
                 ring.reverse();
                 for (_, forward) in &mut ring {
@@ -182,7 +185,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         Ok(ParametricFace { name: format!("#{id}"), surface, is_outward: same_sense == forward, loops })
     }
 
-    /// The edges of a loop; none of one that is a vertex.
+    /// Edges of a loop; none for a loop that consists of a vertex.
     fn ring(&mut self, id: u64) -> Result<Vec<(usize, bool)>> {
         let entity = self.index().entity(id)?;
         match entity.record.keyword {
@@ -194,6 +197,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 }
                 Ok(ring)
             }
+            // A vertex bounds nothing: the surface is closed there, as at the tip of a cone.
             "VERTEX_LOOP" => Ok(Vec::new()),
             "POLY_LOOP" => {
                 let points = entity.references(1)?;
@@ -211,6 +215,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             return Ok(*edge);
         }
         let entity = self.index().entity_of(id, "EDGE_CURVE")?;
+        // An edge is added once and shared by both faces, so that their triangles meet without gaps.
         let ends = [self.vertex(entity.reference(1)?)?, self.vertex(entity.reference(2)?)?];
         self.read.shape.edges.push(ParametricEdge {
             curve: self.geometry.curve(entity.reference(3)?)?,
@@ -232,7 +237,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         Ok(vertex)
     }
 
-    /// The vertex of a point: points and vertices are numbered together, as instances are.
+    /// Vertex of a point. One map serves points and vertices, because numbers of instances are unique.
     fn corner(&mut self, point: u64) -> Result<usize> {
         if let Some(vertex) = self.vertex_of.get(&point) {
             return Ok(*vertex);
@@ -243,8 +248,9 @@ impl<'b, 'a> Builder<'b, 'a> {
         Ok(vertex)
     }
 
-    /// The straight edge between two vertices, and whether it runs from the first.
+    /// Straight edge between two vertices, and whether it starts at the first.
     fn side(&mut self, [a, b]: [usize; 2]) -> (usize, bool) {
+        // Both faces find the same side, whatever their direction.
         let ends = [a.min(b), a.max(b)];
         let shape = &mut self.read.shape;
         let edge = *self.side_of.entry(ends).or_insert_with(|| {

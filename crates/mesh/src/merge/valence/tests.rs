@@ -1,4 +1,4 @@
-//! Turns of edges on sheets and balls whose edges are out of order.
+//! Edge flips on sheets and balls whose edges were flipped at random.
 
 use super::*;
 use crate::mesh::TriangleMesh;
@@ -11,10 +11,10 @@ fn valences_of(triangles: &[[u32; 3]], vertices: usize) -> Vec<u32> {
 }
 
 #[test]
-fn a_fan_is_evened_out_and_stays_a_surface() {
+fn flips_reduce_high_valences_and_keep_the_surface() {
     let sheet = grid_sheet(1.0, 1.0, 12, 12);
     let mut triangles = sheet.triangles.clone();
-    // Turn some diagonals the other way.
+    // Flip some diagonals.
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for square in 0..triangles.len() / 2 {
         if rng.random::<f64>() < 0.5 {
@@ -22,22 +22,22 @@ fn a_fan_is_evened_out_and_stays_a_surface() {
         }
         let pair = [triangles[2 * square], triangles[2 * square + 1]];
         let lone = |k: usize| *pair[k].iter().find(|v| !pair[1 - k].contains(v)).unwrap();
-        let turned = |k: usize| {
+        let flipped = |k: usize| {
             let at = pair[k].iter().position(|v| *v == lone(k)).unwrap();
             [pair[k][at], pair[k][(at + 1) % 3], lone(1 - k)]
         };
-        triangles[2 * square] = turned(0);
-        triangles[2 * square + 1] = turned(1);
+        triangles[2 * square] = flipped(0);
+        triangles[2 * square + 1] = flipped(1);
     }
     let before = valences_of(&triangles, sheet.positions.len());
     let area = TriangleMesh::try_new(sheet.positions.clone(), triangles.clone()).unwrap().area();
-    let (turns, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
+    let (flips, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
     let after = valences_of(&triangles, sheet.positions.len());
     assert_eq!(counted, after);
     let mesh = TriangleMesh::try_new(sheet.positions, triangles).unwrap();
     assert!(
-        turns > 0 && mesh.check().manifold && mesh.check().oriented,
-        "{turns} {:?} {before:?}",
+        flips > 0 && mesh.check().manifold && mesh.check().oriented,
+        "{flips} {:?} {before:?}",
         mesh.check()
     );
     assert!((mesh.area() - area).abs() < 1e-12);
@@ -45,8 +45,8 @@ fn a_fan_is_evened_out_and_stays_a_surface() {
     assert!(4 * over(&after) < over(&before), "{} and {}", over(&after), over(&before));
 }
 
-/// Of 20 seams that are much out of order no vertex keeps seven edges: what is too much is carried to where
-/// there is room for it.
+/// No vertex of 20 irregular seams keeps seven edges: the excess is carried to vertices that have room for
+/// it.
 #[test]
 fn no_vertex_of_a_seam_keeps_seven_edges() {
     let ball = icosphere(1.0, 5);
@@ -62,7 +62,7 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
                 && rng.random::<f64>() < 0.3
                 && net.change(half).is_some_and(|(_, around)| net.may_flip(around))
             {
-                net.turn(half);
+                net.flip(half);
             }
         }
         let seam: Vec<bool> = ball.positions.iter().map(|p| p[2].abs() < 0.04).collect();

@@ -34,7 +34,7 @@ fn square(
 }
 
 /// Aligns patches in place.
-fn aligned(patches: &mut [MergePatch]) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
+fn aligned(patches: &mut [MergePatch]) -> Result<(Vec<ScanPoseReport>, Vec<Finding>)> {
     let names: Vec<String> = (0..patches.len()).map(|k| format!("square {k}")).collect();
     let mut searches = planish_mesh::searches_of(patches)?;
     align(patches, &mut searches, &names, &Silent)
@@ -77,8 +77,8 @@ fn pose_errors_match_their_covariances() {
         let mut patches: Vec<MergePatch> = (moved.iter().enumerate())
             .map(|(k, m)| square(22.3 * k as f64, m, rolling, |_, _| SIGMA * normal(&mut random)))
             .collect();
-        let (poses, warnings) = aligned(&mut patches).unwrap();
-        assert!(warnings.is_empty(), "{warnings:?}");
+        let (poses, findings) = aligned(&mut patches).unwrap();
+        assert!(findings.is_empty(), "{findings:?}");
         assert!(poses[0].covariance.is_none() && poses[0].translation == [0.0; 3]);
         for k in [1, 2] {
             sum += chi_square(&poses[k], &moved[k]);
@@ -126,8 +126,8 @@ fn outliers_do_not_move_a_patch() {
             bump + SIGMA * normal(&mut random)
         }),
     ];
-    let (poses, warnings) = aligned(&mut patches).unwrap();
-    assert!(warnings.is_empty(), "{warnings:?}");
+    let (poses, findings) = aligned(&mut patches).unwrap();
+    assert!(findings.is_empty(), "{findings:?}");
     let error = error_of(&poses[1], &moved);
     assert!(error.fixed_rows::<3>(0).norm() < 0.02, "{error}");
     let moved_by = poses[1].moved.unwrap();
@@ -143,9 +143,9 @@ fn sliding_directions_are_undetermined() {
         square(0.0, &Pose::identity(), |_, _| 0.0, |_, _| SIGMA * normal(&mut random)),
         square(15.3, &moved, |_, _| 0.0, |_, _| SIGMA * normal(&mut random)),
     ];
-    let (poses, warnings) = aligned(&mut patches).unwrap();
+    let (poses, findings) = aligned(&mut patches).unwrap();
     assert_eq!(poses[1].undetermined.len(), 3, "{:?}", poses[1]);
-    let message = warnings.join("\n");
+    let message = findings.iter().map(|f| f.text.as_str()).collect::<Vec<_>>().join("\n");
     assert!(message.contains("do not determine 3 of the six directions of motion of square 1"), "{message}");
     let error = error_of(&poses[1], &moved);
     assert!(error[2].abs() < 0.01 && error[3].abs() < 1e-3 && error[4].abs() < 1e-3, "{error}");

@@ -1,5 +1,7 @@
 //! The figures of a shell fit.
 
+use planish_core::Finding;
+use planish_core::finding::with_warnings;
 use planish_exchange::Unit;
 use planish_shell::SourceFit;
 use planish_surface::model::SigmaSummary;
@@ -137,7 +139,7 @@ pub struct ShellFitReport {
     /// Every file that was written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// Warnings for the user.
-    #[serde(skip)]
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(flatten, serialize_with = "with_warnings")]
+    pub findings: Vec<Finding>,
 }

@@ -3,7 +3,7 @@
 use super::super::pose::{USUAL_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
 use nalgebra::{DMatrix, DVector};
-use planish_core::SymmetricMatrix3;
+use planish_core::{Finding, FindingCode, Setting, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_exchange::picture::read_brightness;
@@ -69,9 +69,9 @@ impl Frame {
         files: &FrameFiles,
         size: f64,
         units: &mut Units,
-        warnings: &mut Vec<String>,
+        findings: &mut Vec<Finding>,
     ) -> Result<Self> {
-        let (points, states_sigma) = read_points(job, &files.points, size, units, warnings)?;
+        let (points, states_sigma) = read_points(job, &files.points, size, units, findings)?;
         let mut read = Vec::new();
         let views = match &files.silhouettes {
             Some(path) => {
@@ -310,7 +310,7 @@ fn read_points(
     files: &[PathBuf],
     size: f64,
     units: &mut Units,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<(Vec<PointReading>, bool)> {
     if files.is_empty() {
         return Ok((Vec::new(), false));
@@ -321,8 +321,10 @@ fn read_points(
     let mut unknown = 0_usize;
     let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
     if not_finite > 0 {
-        warnings
-            .push(format!("{} with coordinates that are not finite: ignored", counted(not_finite, "point")));
+        findings.push(Finding::new(
+            FindingCode::PointsNotFinite,
+            format!("{} with coordinates that are not finite: ignored", counted(not_finite, "point")),
+        ));
     }
     for posed in &set.scans {
         let (scan, pose) = (&posed.scan, &posed.scan.world_from_scanner);
@@ -340,14 +342,18 @@ fn read_points(
     }
     if unknown > 0 && job.believe_sigma {
         return Err(Error::input(format!(
-            "{unknown} points state no σ, and --believe-sigma needs one of all"
-        )));
+            "{unknown} points state no σ: to use σ as stated, every point needs one"
+        ))
+        .with_setting(Setting::BelieveSigma));
     }
     if unknown > 0 && unknown < points.len() {
-        warnings.push(format!(
-            "{unknown} of {} points state no σ: {:.3e} was taken",
-            points.len(),
-            UNKNOWN_SIGMA * size
+        findings.push(Finding::new(
+            FindingCode::SigmaAssumed,
+            format!(
+                "{unknown} of {} points state no σ: {:.3e} was assumed",
+                points.len(),
+                UNKNOWN_SIGMA * size
+            ),
         ));
     }
     Ok((points, unknown == 0))

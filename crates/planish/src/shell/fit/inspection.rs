@@ -1,11 +1,12 @@
 //! What of a fit's input cannot be meant, and what of its outcome should be looked at.
 //!
 //! Input: the mesh and the readings of a frame before the fit; what was found after it. Output: an error
-//! where readings and mesh are of other sizes or places, and words for a user. Not guaranteed: that what
+//! where readings and mesh are of other sizes or places, and findings. Not guaranteed: that what
 //! passes is right; half an object in the right place looks like the whole of a smaller one.
 
 use super::input::Frame;
 use super::{ReadingsReport, ShellFitReport};
+use planish_core::{Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, quantile_of_sorted};
@@ -23,8 +24,10 @@ const FAR: f64 = 0.25;
 const DISTANCE_SAMPLES: usize = 1000;
 /// This share of points, in either direction, may be anything.
 const WILD: usize = 10;
-/// Ratio of estimated to stated σ (or its inverse) beyond which a warning is given.
-const MISSTATED: f64 = 3.0;
+/// Factors between the estimated and the stated σ that are not reported.
+pub(super) const TRUE_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
+/// A view that was held out agrees with its mask by at least this.
+pub(super) const MIN_OVERLAP: f64 = 0.9;
 /// A mask that a mesh agrees with by less before the fit is not that view's.
 const UNLIKE: f64 = 0.05;
 /// Overlap after the fit below which the mask counts as not matched.
@@ -49,9 +52,10 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     let [size_text, reach_text] = [size, reach].map(|length| significant(length, 3));
     if reach > MAX_SIZE_RATIO * size || reach < SMALLER * size {
         return Err(Error::undetermined(format!(
-            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit \
-             (--unit is that of files that name none), or a mesh of the thing's size"
-        )));
+            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit, \
+             or a mesh of the object's size"
+        ))
+        .with_setting(Setting::Unit));
     }
     let search = MeshSearch::try_new(mesh)?;
     let step = (frame.points.len() / DISTANCE_SAMPLES).max(1);
@@ -87,42 +91,46 @@ fn most_of(frame: &Frame) -> Option<BoundingBox> {
 
 /// Warnings about masks before the fit. `should_show`: also check that the mesh is visible in them (not for a
 /// rough start).
-pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Vec<String> {
-    let mut words = Vec::new();
+pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Vec<Finding> {
+    let mut findings = Vec::new();
     for ((view, mask), fitted) in frame.views.iter().zip(&frame.masks).zip(&frame.fitted) {
         let Some(mask) = mask else { continue };
         let name = &view.name;
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
         if share > AT_FRAME {
-            words.push(format!(
-                "view {name}: {} of the mask's frame is the thing: is the mask inverted? The thing is what \
+            let text = format!(
+                "view {name}: {} of the mask's frame belongs to the object: is the mask inverted? The object \
                  is brighter than its threshold",
                 percent(share)
-            ));
+            );
+            findings.push(Finding::new(FindingCode::MaskInverted, text));
         }
         if should_show
             && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows) < UNLIKE
         {
-            let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
+            let middle = [fitted.camera.pinhole.k[0][2], fitted.camera.pinhole.k[1][2]];
             let picture = [mask.columns as f64, mask.rows as f64];
             // In calibrations from projection matrices, the optical axis may be anywhere. Alone, it is no
             // evidence of an error.
             let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
-            words.push(format!(
-                "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of \
+            findings.push(Finding::new(
+                FindingCode::MaskMismatch,
+                format!(
+                    "view {name}: the mesh hardly appears in its mask before the fit: is it the mask of \
                  another view, or the camera or the mesh in another unit or frame?{}",
-                match off_axis {
-                    true => format!(
-                        " The camera's axis meets the picture at {:.0}, {:.0}, and the mask has {} × {} \
+                    match off_axis {
+                        true => format!(
+                            " The camera's axis meets the picture at {:.0}, {:.0}, and the mask has {} × {} \
                          pixels: K may be of a picture of another size",
-                        middle[0], middle[1], mask.columns, mask.rows
-                    ),
-                    false => String::new(),
-                }
+                            middle[0], middle[1], mask.columns, mask.rows
+                        ),
+                        false => String::new(),
+                    }
+                ),
             ));
         }
     }
-    words
+    findings
 }
 
 /// The share of a picture's outermost pixels that a mask has.
@@ -142,57 +150,96 @@ pub(super) fn outcome(
     found: &[[f64; 3]],
     states_sigma: bool,
     believed: bool,
-) -> Vec<String> {
-    let mut words = Vec::new();
+) -> Vec<Finding> {
+    let mut findings = Vec::new();
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines)] {
         let Some(report) = report else { continue };
         if 3 * report.outliers > report.count {
-            words.push(format!(
-                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or \
-                 have started too far away",
-                report.outliers, report.count
+            findings.push(Finding::new(
+                FindingCode::ManyOutliers,
+                format!(
+                    "{} of {} {what} are gross errors: the mesh may have too few controls for the object, or \
+                 start too far away",
+                    report.outliers, report.count
+                ),
             ));
         }
     }
-    if let Some(points) = done.points.filter(|_| states_sigma) {
-        words.extend(misstated(&points, believed));
+    for (what, report) in [("points", &done.points), ("outlines", &done.outlines), ("tracks", &done.tracks)] {
+        // Points without σ have an assumed one, and there is nothing to judge.
+        if let Some(report) = report.filter(|_| !believed && (what != "points" || states_sigma)) {
+            findings.extend(misstated(what, &report));
+        }
     }
     for (view, iou) in done.iou.iter().filter(|(_, iou)| **iou < NOT_REACHED) {
-        words.push(format!(
-            "view {view}: what the mesh shows agrees with its mask by {} only (intersection over union): \
-             see whether the mask is that view's",
-            significant(*iou, 2)
+        findings.push(Finding::new(
+            FindingCode::MaskNotReached,
+            format!(
+                "view {view}: the mesh agrees with its mask by {} only (intersection over union): check \
+             whether the mask is that of the view",
+                significant(*iou, 2)
+            ),
         ));
     }
     let distortion = mesh.distortion(found);
     if distortion.folds > 0 {
-        words.push(format!(
-            "{} of the mesh folded over: bent by less than a right angle before, by more than 120° now; \
+        findings.push(Finding::new(
+            FindingCode::MeshFolded,
+            format!(
+                "{} of the mesh folded over: bent by less than a right angle before, by more than 120° now; \
              fewer controls hold it smoother",
-            counted(distortion.folds, "edge")
+                counted(distortion.folds, "edge")
+            ),
         ));
     }
     if distortion.stretched > 0 {
-        words.push(format!(
-            "{} grew by four times what the others did, and more: see whether there are spikes, which fewer \
-             controls or more points prevent",
+        let text = format!(
+            "the lengths of {} grew by four times those of other edges, and more: check for spikes, which \
+             fewer controls or more points prevent",
             counted(distortion.stretched, "edge")
-        ));
+        );
+        findings.push(Finding::new(FindingCode::MeshStretched, text));
     }
-    words
+    findings
 }
 
-fn misstated(points: &ReadingsReport, believed: bool) -> Option<String> {
-    let factor = points.sigma_factor;
-    let grossly = !(1.0 / MISSTATED..=MISSTATED).contains(&factor);
-    (grossly && !believed).then(|| {
-        format!(
-            "the points' residuals are {} of what their σ say: that was taken (--believe-sigma takes σ as \
-             stated)",
-            match factor > 1.0 {
-                true => format!("{} times", significant(factor, 2)),
-                false => percent(factor),
-            }
-        )
-    })
+/// A finding if the residuals contradict the stated σ.
+fn misstated(what: &str, report: &ReadingsReport) -> Option<Finding> {
+    let factor = report.sigma_factor;
+    if (TRUE_FACTORS[0]..=TRUE_FACTORS[1]).contains(&factor) {
+        return None;
+    }
+    let times = match factor > 1.0 {
+        true => format!("{} times", significant(factor, 2)),
+        false => percent(factor),
+    };
+    let text = format!(
+        "σ of {what} is {times} what is stated, by their residuals: the stated σ is wrong, or the controls \
+         are too few; the estimate was used"
+    );
+    Some(Finding::new(FindingCode::SensorSigmaMisstated, text).with_setting(Setting::BelieveSigma))
+}
+
+/// Findings about the end of the fit and about views that were held out.
+pub(super) fn ending(done: &ShellFitReport) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for view in &done.held_out {
+        if let Some(share) = done.iou.get(view) {
+            let code = match *share < MIN_OVERLAP {
+                true => FindingCode::HeldOutViewMisfit,
+                false => FindingCode::HeldOutView,
+            };
+            let text =
+                format!("view {view}, which was held out, agrees with its mask by {}", percent(*share));
+            found.push(Finding::new(code, text));
+        }
+    }
+    let iterations = counted(done.iterations, "iteration");
+    found.push(match done.termination {
+        "limit" => {
+            Finding::new(FindingCode::NotConverged, format!("the fit did not converge in {iterations}"))
+        }
+        _ => Finding::new(FindingCode::Converged, format!("the fit converged in {iterations}")),
+    });
+    found
 }

@@ -1,20 +1,15 @@
 //! The report of a fitted shell.
 
+use super::inspection::{MIN_OVERLAP, TRUE_FACTORS};
 use crate::report::scenes::{numbers, observed_field};
-use crate::report::words::{SmallUnit, warnings_as_findings};
+use crate::report::words::SmallUnit;
 use crate::shell::fit::{ReadingsReport, ShellFitReport};
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{
-    Block, Cloud, FieldKind, Figure, Finding, FindingLevel, Page, Scene, Section, SurfaceShown, Table,
-};
+use planish_report::{Block, Cloud, FieldKind, Figure, Page, Scene, Section, SurfaceShown, Table};
 use std::path::PathBuf;
 
-/// Ratio of estimated to stated σ from which the page reports a conflict.
-const MAX_FACTOR: f64 = 1.5;
-/// Minimum overlap (IoU) of held-out views for a good fit.
-const MIN_OVERLAP: f64 = 0.9;
 /// Points that are drawn at most.
 const MOST_POINTS: usize = 20_000;
 
@@ -70,7 +65,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
             counted(shown.found.triangles.len(), "triangle"),
             counted(report.controls, "control")
         ),
-        findings: findings(report),
+        findings: report.findings.clone(),
         figures,
         scene: Some(scene(report, shown)),
         drawings: Vec::new(),
@@ -85,41 +80,6 @@ fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
 
 fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
     [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
-}
-
-fn findings(report: &ShellFitReport) -> Vec<Finding> {
-    let mut found = warnings_as_findings(&report.warnings);
-    for (what, of) in kinds(report) {
-        if let Some(of) = of.filter(|of| of.sigma_factor > MAX_FACTOR) {
-            found.push(Finding::new(
-                FindingLevel::Look,
-                format!(
-                    "The σ of {what} is {} times what was stated: the stated one is false, or the controls \
-                     are too few for the shape.",
-                    significant(of.sigma_factor, 3)
-                ),
-            ));
-        }
-    }
-    for view in &report.held_out {
-        if let Some(share) = report.iou.get(view) {
-            let text =
-                format!("View {view}, which took no part, agrees with its mask by {}.", percent(*share));
-            let level = if *share < MIN_OVERLAP { FindingLevel::Look } else { FindingLevel::Good };
-            found.push(Finding::new(level, text));
-        }
-    }
-    found.push(match report.termination {
-        "limit" => Finding::new(
-            FindingLevel::Look,
-            format!("The fit had not come to rest after {}.", counted(report.iterations, "iteration")),
-        ),
-        _ => Finding::new(
-            FindingLevel::Good,
-            format!("The fit came to rest after {}.", counted(report.iterations, "iteration")),
-        ),
-    });
-    found
 }
 
 fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
@@ -182,7 +142,7 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
                 },
                 significant(of.sigma_factor, 3),
             ],
-            of.sigma_factor > MAX_FACTOR || 3 * of.outliers > of.count,
+            of.sigma_factor > TRUE_FACTORS[1] || 3 * of.outliers > of.count,
         );
     }
     Section::new(

@@ -41,8 +41,8 @@ pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {
             view: frame.views[v].name.clone(),
             turned_deg: length(&change[..3]).to_degrees(),
             moved: length(&change[3..]),
-            r: std::array::from_fn(|i| std::array::from_fn(|j| camera.r[(i, j)])),
-            t: camera.t.into(),
+            r: camera.pinhole.r,
+            t: camera.pinhole.t,
             sigma_rotation_deg: std::array::from_fn(|k| covariance[(k, k)].sqrt().to_degrees()),
             sigma_translation: std::array::from_fn(|k| covariance[(3 + k, 3 + k)].sqrt()),
         });

@@ -20,6 +20,7 @@
 use super::input::{Frame, FrameFiles, Units};
 use super::{FlowReport, ShellFitJob, overlap};
 use crate::occluding::contour_view;
+use planish_core::{Finding, FindingCode};
 use planish_estimate::Result;
 use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::ViewFile;
@@ -217,10 +218,11 @@ fn covers(
 pub(super) fn without_looks(
     appearance: TexturedMesh,
     mesh: &TriangleMesh,
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> TexturedMesh {
     if !appearance.uv_triangles.is_empty() {
-        warnings.push("the mesh was remeshed: its texture is dropped".to_owned());
+        let text = "the mesh was remeshed: its texture is dropped";
+        findings.push(Finding::new(FindingCode::TextureDropped, text));
     }
     TexturedMesh {
         points: mesh.positions.clone(),

@@ -6,6 +6,7 @@
 use super::atlas::{self, Chart, at_place};
 use super::view::ColourView;
 use super::{Coloured, DEFAULT_SIDES, LARGEST_TEXTURE, Scene, ShellTextureJob, TextureReport, fill};
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::colour_png;
 use planish_exchange::textured::TexturedMesh;
@@ -49,7 +50,7 @@ pub(super) struct Painting<'a> {
 pub(super) fn paint(
     Painting { job, file, scene, coloured, views }: &Painting<'_>,
     seen: &(dyn Fn([f64; 3], [f64; 3]) -> Option<[f64; 3]> + Sync),
-    warnings: &mut Vec<String>,
+    findings: &mut Vec<Finding>,
 ) -> Result<Texture> {
     let (mesh, normals) = (&scene.mesh, &scene.normals[..]);
     let own = Chart::from_mesh(file);
@@ -69,11 +70,11 @@ pub(super) fn paint(
     let chart = own.unwrap_or_else(|| Chart::atlas(count, size));
     match chart.outside() {
         0 => {}
-        n => warnings.push(format!(
+        n => findings.push(Finding::new(FindingCode::TextureIncomplete, format!(
             "{}: {n} of {count} triangles have no texture coordinates or reach out of the picture: they get \
              no colours of their own",
             job.mesh.display()
-        )),
+        ))),
     }
     let drawn = chart.drawn(size, size);
     // Colour, and whether a view saw it.
@@ -92,10 +93,11 @@ pub(super) fn paint(
     let texels = found.iter().flatten().count();
     let covered = chart.covered() * (size * size) as f64;
     if covered > 1.1 * texels as f64 + 1000.0 {
-        warnings.push(format!(
+        let text = format!(
             "{}: parts of the mesh share the same place of the texture, and show the colours of one of them",
             job.mesh.display()
-        ));
+        );
+        findings.push(Finding::new(FindingCode::TextureShared, text));
     }
     let report =
         TextureReport { size, texels, seen: found.iter().flatten().filter(|(_, seen)| *seen).count(), atlas };

@@ -78,7 +78,7 @@ impl ColourView {
         let colours = (picture.values.chunks_exact(picture.channels))
             .map(|p| [byte(p[0]), byte(p[p.len() / 2]), byte(p[p.len() - 1])])
             .collect();
-        let clear = clear_of_jumps(&depth, columns, rows, focal(&camera));
+        let clear = clear_of_jumps(&depth, columns, rows, camera.pinhole.focal_px());
         Self { camera, columns, rows, colours, depth, clear, size }
     }
 
@@ -103,7 +103,7 @@ impl ColourView {
         if clear == 0 {
             return None;
         }
-        let width = depth / focal(&self.camera);
+        let width = depth / self.camera.pinhole.focal_px();
         let front: f64 = around.iter().map(|(k, w)| w * f64::from(self.depth[*k])).sum();
         if depth > front + BEHIND * width {
             return None;
@@ -163,10 +163,6 @@ impl ColourView {
         let [a, b, c] = at;
         0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])).abs()
     }
-}
-
-fn focal(camera: &Camera) -> f64 {
-    (camera.k[(0, 0)] * camera.k[(1, 1)]).abs().sqrt()
 }
 
 /// Distances to the nearest jump of the depth in steps to one of eight neighbours, up to [`CLEAR_PX`]; the

@@ -28,7 +28,7 @@ fn middle_of(image: &Image) -> Option<Crossing> {
     (crossings.found.into_iter()).find(|c| apart(c.image, MIDDLE) < 2.0)
 }
 
-/// Errors of place and angles, each angle against the line that it belongs to.
+/// Errors of position and angles, each angle against its own line.
 fn errors(found: &Crossing, angles: [f64; 2]) -> [f64; 4] {
     let turned = |a: f64, b: f64| (a - b).sin().atan2((a - b).cos().abs());
     let wrapped = |a: f64, b: f64| {
@@ -50,7 +50,7 @@ const CASES: [([f64; 2], f64); 4] =
     [([0.2, 1.7], 0.0), ([0.2, 1.7], 0.004), ([0.6, 1.6], 0.003), ([2.9, 1.2], -0.003)];
 
 #[test]
-fn crossings_are_found_to_a_tenth_of_a_pixel_and_half_a_degree() {
+fn crossings_are_accurate_to_a_tenth_of_a_pixel_and_half_a_degree() {
     for (angles, bend) in CASES {
         let found = middle_of(&picture(angles, bend, 0.0, 0)).unwrap();
         let e = errors(&found, angles);
@@ -62,7 +62,7 @@ fn crossings_are_found_to_a_tenth_of_a_pixel_and_half_a_degree() {
 }
 
 #[test]
-fn the_covariance_is_that_of_many_pictures() {
+fn covariance_matches_a_simulation() {
     let sigma = 6.0;
     for (angles, bend) in CASES {
         let draws: Vec<([f64; 4], [f64; 4])> = (1..=150)
@@ -83,8 +83,8 @@ fn the_covariance_is_that_of_many_pictures() {
             let share = within as f64 / draws.len() as f64;
             // The standard error of the share is 0.018. The place of a crossing of 57° is covered 73 % one
             // way: which places are left out for being near the other stripe changes with the noise.
-            let least = if angles[0] == 0.6 { 0.65 } else { 0.88 };
-            assert!((least..=0.995).contains(&share), "{angles:?} {bend}: number {k} is covered {share}");
+            let low = if angles[0] == 0.6 { 0.65 } else { 0.88 };
+            assert!((low..=0.995).contains(&share), "{angles:?} {bend}: number {k} is covered {share}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Fits to outlines, with cameras that are known and cameras that are not.
+//! Fits to outlines, with known and with estimated cameras.
 
 use super::super::equations::{Equations, Source};
 use super::super::problem::{Problem, State};
@@ -37,8 +37,8 @@ pub(super) fn around(count: usize, distance: f64) -> Vec<Camera> {
         .collect()
 }
 
-/// The border of what a camera sees of a thing that is star-shaped about the origin, by bisection of hits:
-/// nothing of the fit is in it.
+/// The outline of a star-shaped object around the origin in a camera, by bisection of ray intersections,
+/// independently of the fitting code.
 pub(super) fn borders(
     mesh: &TriangleMesh,
     camera: &Camera,
@@ -79,9 +79,9 @@ fn normal_numbers(seed: u64) -> impl FnMut() -> f64 {
     move || StandardNormal.sample(&mut random)
 }
 
-/// From a ball to the thing by its borders in twelve views alone: the surface, and its σ.
+/// A ball is fitted to the outlines of twelve views alone. Shape and σ agree with the truth.
 #[test]
-fn outlines_alone_give_the_shape() {
+fn outlines_alone_determine_the_shape() {
     let truth = truth(10, 1);
     let mut noise = normal_numbers(9);
     let views: Vec<ShellView> =
@@ -104,15 +104,15 @@ fn outlines_alone_give_the_shape() {
     assert!((made.outlines.sigma_factor - 1.0).abs() < 0.15 && (0.85..0.995).contains(&covered));
 }
 
-/// The share of vertices whose height over the truth is within 1.96 σ.
+/// Share of vertices whose distance from the truth is within 1.96 σ.
 fn covered(truth: &Truth, made: &ShellFit, off: &[f64]) -> f64 {
     let normals = truth.deformed.vertex_normals();
     let within = |v: usize| off[v].abs() < 1.96 * made.sigma_along(&truth.deformation, v as u32, normals[v]);
     (0..off.len()).filter(|&v| within(v)).count() as f64 / off.len() as f64
 }
 
-/// The mean turn in degrees and the mean step of cameras against what they truly are, once a common motion of
-/// all of them is taken off: nothing tells where cameras and thing are together.
+/// Mean rotation error in degrees and mean position error of the cameras after removal of a common motion,
+/// which the readings do not determine.
 fn poses_off(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
     let changes: Vec<[f64; 6]> = found.iter().zip(truth).map(|(a, b)| a.change_from(b)).collect();
     let size = |range: std::ops::Range<usize>| {
@@ -122,8 +122,8 @@ fn poses_off(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
     (size(0..3).to_degrees(), size(3..6))
 }
 
-/// Cameras shaken by 1° and 1 % of their distance come back by outlines, features and a rough model; the
-/// first two are known. Their σ is true.
+/// Cameras perturbed by 1° and 1 % of their distance are recovered from outlines, features and a rough model;
+/// the first two are fixed. Their σ is correct.
 #[test]
 #[ignore = "takes longer than five seconds"]
 fn perturbed_camera_poses_are_estimated_with_the_shape() {
@@ -180,7 +180,7 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
             made.iterations
         );
         assert!(made.pose_covariances[0].is_none() && made.cameras[0] == cameras[0]);
-        // The outlines of a thing that is all but round say little of how a camera is turned about its axis.
+        // The outlines of an almost round object hardly determine the rotation of a camera about its axis.
         let left = if tracks.is_empty() { 0.8 } else { 0.25 };
         assert!(after.0 < left * before.0 && after.1 < left * before.1, "{before:?} {after:?}");
         assert!((0.4..2.0).contains(&squares), "{squares}");
@@ -188,10 +188,10 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
     }
 }
 
-/// A ball that is far too large comes in, one that is far too small goes out.
+/// A ball that is much too large shrinks; one that is much too small grows.
 #[test]
 #[ignore = "takes longer than five seconds"]
-fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
+fn too_large_meshes_shrink_and_too_small_ones_grow() {
     let truth = truth(10, 4);
     let views: Vec<ShellView> =
         (around(8, 5.0).iter()).map(|camera| borders(&truth.deformed, camera, 80, || 0.0)).collect();
@@ -215,10 +215,10 @@ fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
     }
 }
 
-/// The derivative of every kind of equation against differences, at random states: parameters, poses and
-/// places.
+/// Derivatives of all kinds of equations with respect to parameters, poses and positions agree with finite
+/// differences at random states.
 #[test]
-fn derivatives_are_those_of_differences() {
+fn derivatives_agree_with_differences() {
     let mesh = icosphere(1.0, 2);
     let controls = automatic_controls(&mesh, 12).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
@@ -315,7 +315,7 @@ fn derivatives_are_those_of_differences() {
     println!("compared {compared:?} of points, outlines, tracks; farther than 1 %: {worse:?}");
     assert!(compared[0] >= 3000 && compared[1] >= 4000 && compared[2] >= 1000, "{compared:?}");
     for (worse, compared) in worse.iter().zip(compared) {
-        // Places where which facet is nearest changes between the differences.
+        // Positions whose nearest facet changes between the differences.
         assert!(worse * 50 <= compared, "{worse} of {compared}");
     }
 }
@@ -331,8 +331,8 @@ fn compare(
     compared: &mut [usize; 3],
     worse: &mut [usize; 3],
 ) {
-    // Which equations are left of a track turns with the state; half the sum of their squares is the same in
-    // any basis.
+    // The basis of the equations that remain of a track depends on the state; half the sum of their squares
+    // does not.
     let half_squares = |of: &Equations| 0.5 * of.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
     if here.list.iter().any(|e| e.source == Source::Track) {
         let difference = (half_squares(after) - half_squares(before)) / (2.0 * step);
@@ -354,8 +354,8 @@ fn compare(
     }
 }
 
-/// A ball that is open below, where the picture ends, and turned inside out, with a collar that stands off it
-/// and is not.
+/// A ball that is open at the bottom, beyond the image, and faces inwards, with a loose collar around it that
+/// faces outwards.
 fn bust() -> TriangleMesh {
     let mut mesh = icosphere(1.0, 4);
     let positions = mesh.positions.clone();
@@ -379,8 +379,8 @@ fn bust() -> TriangleMesh {
     mesh
 }
 
-/// What reaches out of all pictures, is open there, and holds a loose sheet, comes to its outlines: nothing
-/// is read along the end of a picture, and which way a part is turned does not matter.
+/// An object that extends beyond all images, is open there and contains a loose sheet is fitted to its
+/// outlines. The border of an image is not a reading, and the orientation of a part does not matter.
 #[test]
 fn objects_beyond_the_images_are_fitted() {
     let mesh = bust();
@@ -401,7 +401,7 @@ fn objects_beyond_the_images_are_fitted() {
             let (sin, cos) = (0.7 * f64::from(k)).sin_cos();
             let mut view = borders(&deformed, &looking([5.0 * cos, 5.0 * sin, 0.6], 0.0), 90, &mut noise);
             let camera = view.camera;
-            // The picture's end: what is seen there passes the axis this far down.
+            // The border of the image: lines of sight there meet the axis at this depth.
             let shown = |pixel: [f64; 2]| {
                 let [origin, direction] = [camera.center(), camera.direction(pixel)];
                 let along = -(origin[0] * direction[0] + origin[1] * direction[1])

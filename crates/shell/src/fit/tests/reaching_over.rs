@@ -1,4 +1,4 @@
-//! What reaches over the outline of a view.
+//! Parts of a mesh that extend beyond an outline.
 
 use super::super::equations::{Equations, Source};
 use super::super::problem::{Problem, State};
@@ -6,9 +6,8 @@ use super::outlines::{FOCAL, looking};
 use super::*;
 use crate::field::ShellOptions;
 
-/// What reaches over its outline is told how far it does so in the picture, of a plate that faces the camera
-/// too: half its thickness, which is as deep as a line of sight runs in it, says nothing of the way to its
-/// rim.
+/// A part beyond its outline is moved by the distance in the image, also for a plate that faces the camera.
+/// The depth of a line of sight within it, half its thickness, is unrelated to the distance from its rim.
 #[test]
 fn a_plate_larger_than_its_outline_is_reduced() {
     let mut mesh = icosphere(1.0, 3);
@@ -58,15 +57,15 @@ fn a_plate_larger_than_its_outline_is_reduced() {
     {
         found += 1;
         assert!((equation.distance - beyond).abs() < 0.01, "{}", equation.distance);
-        // All vertices moved alike: as far as what is seen moves in the picture.
+        // A common motion of all vertices changes the value by the motion in the image.
         for k in 0..3 {
             let stated: f64 = vertices.iter().map(|(_, by)| by[k]).sum();
             let moved = |by: f64| std::array::from_fn(|j| first.point[j] + if j == k { by } else { 0.0 });
             let difference = (in_picture(moved(1e-5)) - in_picture(moved(-1e-5))) / 2e-5;
-            // The far side is a hundredth farther from the camera.
+            // The far side is 1 % farther from the camera.
             assert!((stated - difference).abs() < 0.02 * FOCAL / 5.0, "{stated} {difference}");
         }
     }
-    // The near side and the far side; a line that hits nothing has nothing to say.
+    // Near and far side; a line without hits has no reading.
     assert_eq!(found, 2);
 }

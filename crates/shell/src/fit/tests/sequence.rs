@@ -1,4 +1,4 @@
-//! Moving shells, followed.
+//! Tracking of moving shells.
 
 use super::outlines::{around, borders};
 use super::*;
@@ -7,7 +7,7 @@ use planish_core::SymmetricMatrix3;
 
 const CONTROLS: usize = 20;
 
-/// Where controls of a swaying, breathing ball are at a time.
+/// Positions of the controls of a swaying, breathing ball at a time.
 fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
     DVector::from_iterator(
         3 * controls.len(),
@@ -24,8 +24,8 @@ fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
     )
 }
 
-/// From outlines alone, and with points: the surface is followed about as well as each frame tells it alone,
-/// or better, and the parameters' errors are those that are stated.
+/// From outlines alone and with points, tracking is about as accurate as separate fits of the frames, or
+/// better, and the stated covariance of the parameters is correct.
 #[test]
 #[ignore = "takes longer than five seconds"]
 fn a_moving_object_is_tracked() {
@@ -109,6 +109,6 @@ fn a_moving_object_is_tracked() {
         assert!(ratios[3..].iter().all(|ratio| (0.3..2.5).contains(ratio)), "{ratios:?}");
     }
     let none = ShellFitOptions { stiffness: None, ..options };
-    let said = ShellTracker::new(&mesh, &deformation, none).err().unwrap().to_string();
-    assert!(said.contains("stiffness"));
+    let message = ShellTracker::new(&mesh, &deformation, none).err().unwrap().to_string();
+    assert!(message.contains("stiffness"));
 }

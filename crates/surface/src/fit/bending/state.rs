@@ -11,7 +11,7 @@ use crate::fit::refine::{ConvergedFit, ConvergedKind};
 use crate::fit::weights::{weight_of_length, weights};
 use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
-use crate::observe::{Observations, Quantity};
+use crate::observe::{Observations, Quantity, ReadingColumns};
 use crate::subdivision::RefinementLog;
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
@@ -110,7 +110,7 @@ impl Sheet<'_> {
             let smoothing = |length: f64| weight_of_length(&feet, &information, area, length * area.sqrt());
             let now = weight.unwrap_or_else(|| smoothing(FIRST_SMOOTHING));
             let data = accumulate(system, &surface, &feet, &information)?;
-            let border = self.border(&surface, observations, &subset, &feet, spacing)?;
+            let border = self.border(&surface, &observations.readings, &subset, &feet, spacing)?;
             let prior = self.prior(&fixed, &surface, border, now, iteration)?;
             let mut total = data.clone();
             total.add_scaled(&prior, 1.0)?;
@@ -140,11 +140,13 @@ impl Sheet<'_> {
         let feet = project(&surface, observations, &subset, &mut at, None, &noise.variance_factors);
         let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
         let noise = SensorNoise::estimate(readings, gate, &unknown, true)?;
-        let border = self.border(&surface, observations, &subset, &feet, spacing)?;
+        let border = self.border(&surface, &observations.readings, &subset, &feet, spacing)?;
         let weight = weight.unwrap_or(0.0);
         let prior = self.prior(&fixed, &surface, border, weight, MAX_ITERATIONS)?;
         let beyond = (subset.iter().zip(&feet))
-            .filter(|(i, foot)| beyond_by(&surface, observations, **i, foot).is_some_and(|d| d > spacing))
+            .filter(|(i, foot)| {
+                beyond_by(&surface, &observations.readings, **i, foot).is_some_and(|d| d > spacing)
+            })
             .count();
         let information = weights(readings, &noise, gate, false);
         let held = leaves_with_feet(&surface, &feet, &information, |_| true);
@@ -198,7 +200,7 @@ impl Sheet<'_> {
     fn border(
         &self,
         surface: &Surface,
-        observations: &Observations,
+        readings: &ReadingColumns,
         subset: &[u32],
         feet: &[Foot],
         spacing: f64,
@@ -209,13 +211,13 @@ impl Sheet<'_> {
             let mut any = false;
             for k in order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize) {
                 let foot = &feet[k];
-                let Some(distance) = beyond_by(surface, observations, subset[k], foot).filter(|d| *d < reach)
+                let Some(distance) = beyond_by(surface, readings, subset[k], foot).filter(|d| *d < reach)
                 else {
                     continue;
                 };
                 // Huber's weight: a reading far beyond the border must not tear it out.
                 let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
-                let z = observations.readings.points[subset[k] as usize];
+                let z = readings.points[subset[k] as usize];
                 cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
                 any = true;
             }
@@ -225,12 +227,12 @@ impl Sheet<'_> {
 }
 
 /// Distance of a position beyond the border, along the sheet; none if it is not beyond.
-fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot: &Foot) -> Option<f64> {
+fn beyond_by(surface: &Surface, readings: &ReadingColumns, reading: u32, foot: &Foot) -> Option<f64> {
     if foot.state != FootState::BeyondBorder || foot.quantity != Quantity::Position {
         return None;
     }
     let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
-    let off = sub(observations.readings.points[reading as usize], from);
+    let off = sub(readings.points[reading as usize], from);
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 

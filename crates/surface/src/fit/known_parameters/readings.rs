@@ -162,32 +162,29 @@ impl<'a> Readings<'a> {
         }
         let mut stated = vec![true; set.sensors.len()];
         // The caller adds the name of a single file.
-        let named = |name: &str| {
-            if set.scans.len() > 1 { format!("{name}: ") } else { String::new() }
-        };
+        let located = |e: Error, name: &str| if set.scans.len() > 1 { e.at(name) } else { e };
         for posed in &set.scans {
-            let name = named(&posed.scan.name);
+            let name = &posed.scan.name;
             if posed.scan.parameters.is_none() {
-                return Err(Error::input(format!(
-                    "{name}needed the columns u v (the parameters of each reading, in [0, 1]), found none"
-                )));
+                let e = "needed the columns u v (the parameters of each reading, in [0, 1]), found none";
+                return Err(located(Error::input(e), name));
             }
             if posed.scan.covariance.is_some() {
-                return Err(Error::unsupported(format!(
-                    "{name}needed one σ a reading (the column sigma) where parameters are known, found \
-                     covariances cxx … czz"
-                )));
+                let e = "needed one σ for each reading (the column sigma) with known parameters, found \
+                    covariances cxx … czz";
+                return Err(located(Error::unsupported(e), name));
             }
             if posed.scan.sigma.is_none() {
                 match set.sensors[posed.sensor].noise {
                     None => stated[posed.sensor] = false,
                     Some(Noise::Isotropic { .. }) => {}
                     Some(Noise::Ray { .. }) => {
-                        return Err(Error::unsupported(format!(
-                            "{name}needed one σ for all directions where parameters are known, found \
-                             sigma_along and sigma_across of the sensor \"{}\"",
+                        let e = Error::unsupported(format!(
+                            "needed one σ for all directions with known parameters, found sigma_along and \
+                             sigma_across of the sensor \"{}\"",
                             set.sensors[posed.sensor].name
-                        )));
+                        ));
+                        return Err(located(e, name));
                     }
                 }
             }
@@ -198,12 +195,11 @@ impl<'a> Readings<'a> {
                 && !all.par_chunks(TASK).all(|part| part.iter().fold(true, |good, p| good & inside(p)))
                 && let Some(k) = all.iter().position(|p| !inside(p))
             {
-                return Err(Error::input(format!(
-                    "{}needed u and v in [0, 1], found ({}, {}) (point {k})",
-                    named(&posed.scan.name),
-                    all[k][0],
-                    all[k][1]
-                )));
+                let e = Error::input(format!(
+                    "needed u and v in [0, 1], found ({}, {}) (point {k})",
+                    all[k][0], all[k][1]
+                ));
+                return Err(located(e, &posed.scan.name));
             }
         }
         let repeated = repeated(set);
@@ -297,7 +293,7 @@ impl<'a> Readings<'a> {
             let scan = self.of_scan(s);
             sums[posed.sensor]
                 .add_from(posed.scan.points.len(), |k| scan.fitted(k))
-                .map_err(|e| e.in_context(&posed.scan.name))?;
+                .map_err(|e| e.at(&posed.scan.name))?;
         }
         Ok(sums)
     }

@@ -306,6 +306,10 @@ fn a_grid_that_is_too_coarse_is_reported() {
         fit(&set_of(vec![(heights(8_000, 0.01, 25), None)]), &options(cells), &Silent).unwrap().report
     };
     let coarse = report([2, 2]);
-    assert!(coarse.warnings.iter().any(|w| w.contains("2 × 2 cells cannot follow")), "{:?}", coarse.warnings);
-    assert!(report([14, 14]).warnings.is_empty());
+    assert!(
+        coarse.findings.iter().any(|w| w.text.contains("2 × 2 cells cannot resolve")),
+        "{:?}",
+        coarse.findings
+    );
+    assert!(report([14, 14]).findings.is_empty());
 }

@@ -38,11 +38,11 @@ impl Directions {
     fn check(self, scan: &Scan, sensor: &Sensor) -> Result<()> {
         let needed = |columns: &str| {
             Error::input(format!(
-                "{}: needed the columns {columns} of the sensor \"{}\" of the kind \"{}\", found none",
-                scan.name,
+                "needed the columns {columns} of the sensor \"{}\" of the kind \"{}\", found none",
                 sensor.name,
                 sensor.kind.name()
             ))
+            .at(&scan.name)
         };
         if self.curvatures && scan.curvatures.is_none() {
             return Err(needed("k1 k2 d1x d1y d1z"));

@@ -2,7 +2,7 @@
 
 use super::{BIAS, DETERMINED, ScanErrors};
 use crate::model::ScanPoseReport;
-use crate::observe::Observations;
+use crate::observe::ReadingColumns;
 use planish_estimate::Result;
 use planish_estimate::sparse::Bordered;
 use planish_estimate::vector3::{add, distance, norm};
@@ -25,11 +25,10 @@ pub(crate) struct ScanErrorEstimate {
 
 impl ScanErrorEstimate {
     /// Fills in the report of the scan; `origin` is the world position of the origin of the estimate.
-    pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: [f64; 3], observations: &Observations) {
+    pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: [f64; 3], readings: &ReadingColumns) {
         if let Some(covariance) = &self.covariance {
             let back = self.stated.after(&self.pose.inverse());
-            let own = (observations.readings.points.iter().zip(&observations.readings.scan))
-                .filter(|(_, s)| **s as usize == self.scan);
+            let own = (readings.points.iter().zip(&readings.scan)).filter(|(_, s)| **s as usize == self.scan);
             let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
                 (sum + distance(back.apply(*p), *p).powi(2), count + 1)
             });

@@ -6,6 +6,7 @@ use crate::fit::patch::{PatchFilterOutcome, unused_biases};
 use crate::fit::rejected_readings;
 use crate::model::{SensorReport, SigmaSummary};
 use crate::observe::{Quantity, RejectionCause};
+use planish_core::{Finding, FindingCode, Setting};
 use std::collections::BTreeMap;
 
 /// Smallest plausible ratio of the surface's median σ to σ of the mean of all positions.
@@ -14,8 +15,8 @@ use std::collections::BTreeMap;
 /// allows for errors of the estimated σ; a folded surface is far below it.
 const MIN_SIGMA_RATIO: f64 = 0.3;
 
-/// Findings of the last stage from which warnings are made.
-pub(super) struct SurfaceFindings<'a> {
+/// Results of the last stage that the findings depend on.
+pub(super) struct SurfaceResults<'a> {
     pub sensors: &'a [SensorReport],
     pub noise: &'a SensorNoise,
     pub rejected: &'a BTreeMap<String, usize>,
@@ -28,10 +29,10 @@ pub(super) struct SurfaceFindings<'a> {
     pub reached_limit: bool,
 }
 
-/// Every warning of a fit but those about its poses, in the order of the report.
-pub(super) fn all_warnings(fit: &Finishing<'_>, found: &SurfaceFindings<'_>) -> Vec<String> {
+/// Every finding about a fit except those about its poses, in the order of the report.
+pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> Vec<Finding> {
     let Finishing { set, observations, options, filtered, .. } = *fit;
-    let mut warnings = common_warnings(
+    let mut findings = common_findings(
         found.sensors,
         found.observed_share,
         found.inferred_share,
@@ -40,45 +41,51 @@ pub(super) fn all_warnings(fit: &Finishing<'_>, found: &SurfaceFindings<'_>) -> 
     );
     // Sensors of earlier sessions are not among `sensors`, but further batches are.
     if fit.added.is_none() && found.sigma.median < MIN_SIGMA_RATIO * min_sigma(found.sensors) {
-        warnings.push(
-            "σ of the surface is less than all readings together could make it: the surface is folded, and \
-             none of its figures holds; give another --shape, or normals"
-                .to_owned(),
-        );
+        let text = "σ of the surface is less than all readings together could make it: the surface is folded, \
+             and its figures are not valid; state another shape, or give normals";
+        findings.push(Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape));
     }
     if found.too_shallow {
-        warnings.push(
-            "the limit of depth was reached before the residuals were down to noise: σ takes in what is \
-             left out of the shape, but σ of sensors that are estimated do so, too; raise --max-depth for \
-             more detail"
-                .to_owned(),
+        findings.push(
+            Finding::new(
+                FindingCode::DepthLimit,
+                "the maximum depth was reached before the residuals were down to noise: σ includes the \
+             unresolved shape, but so does σ of sensors if it is estimated; raise the maximum depth for \
+             more detail",
+            )
+            .with_setting(Setting::MaxDepth),
         );
     }
     if found.reached_limit {
-        warnings.push(format!(
-            "the limit of {} coefficients was reached before the residuals were down to noise: raise \
-             --max-coefficients for more detail",
+        let text = format!(
+            "the limit of {} coefficients was reached before the residuals were down to noise: raise it \
+             for more detail",
             options.max_coefficients
-        ));
+        );
+        findings
+            .push(Finding::new(FindingCode::CoefficientLimit, text).with_setting(Setting::MaxCoefficients));
     }
     let lacking = observations.channels.iter().zip(&found.noise.lacks_redundancy);
     for (channel, _) in lacking.filter(|(_, lacks_redundancy)| **lacks_redundancy) {
-        warnings.push(format!(
-            "the readings of sensor \"{}\" state no σ and are so few that the surface follows them wherever \
-             they go: they count with what they missed the model by before, which is too little if the \
-             model has heard of them; state their σ",
+        let text = format!(
+            "the readings of sensor \"{}\" state no σ and are too few to estimate it: σ is taken from their \
+             distances to the earlier model, and is too small if that model includes them; state their σ",
             set.sensors[channel.sensor].name
+        );
+        findings.push(Finding::new(FindingCode::SigmaNotEstimable, text));
+    }
+    findings.extend(filtered.and_then(PatchFilterOutcome::finding));
+    if filtered.is_some() && has_uncertain_pose(set) {
+        findings.push(Finding::new(
+            FindingCode::PoseSigmaUnused,
+            "the patch filter takes poses as exact: their σ was not used",
         ));
     }
-    warnings.extend(filtered.and_then(PatchFilterOutcome::warning));
-    if filtered.is_some() && has_uncertain_pose(set) {
-        warnings.push("the patch filter takes poses as exact: their σ was not used".to_owned());
-    }
     if filtered.is_some() {
-        warnings.extend(unused_biases(set));
+        findings.extend(unused_biases(set));
     }
-    warnings.extend(observations.duplicate_scan_warnings(set));
-    warnings
+    findings.extend(observations.duplicate_scan_findings(set));
+    findings
 }
 
 /// σ of the mean of all positions, as if they were readings of one number. No part of a surface is known
@@ -91,21 +98,22 @@ fn min_sigma(sensors: &[SensorReport]) -> f64 {
     if information > 0.0 { 1.0 / information.sqrt() } else { 0.0 }
 }
 
-/// Warnings that every kind of fit gives; `total` counts readings before any rejection.
-pub(in crate::fit) fn common_warnings(
+/// Findings that every kind of fit has; `total` counts readings before any rejection.
+pub(in crate::fit) fn common_findings(
     sensors: &[SensorReport],
     observed: f64,
     inferred: f64,
     rejected: &BTreeMap<String, usize>,
     total: usize,
-) -> Vec<String> {
-    let mut warnings = Vec::new();
+) -> Vec<Finding> {
+    let mut findings = Vec::new();
     for sensor in sensors {
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
-            warnings.push(format!(
+            let text = format!(
                 "sensor {:?} states σ = {stated:.3e}, but its residuals say {:.3e}: the estimate was used",
                 sensor.name, sensor.sigma_estimated
-            ));
+            );
+            findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
         }
     }
     if observed < 0.5 {
@@ -114,28 +122,34 @@ pub(in crate::fit) fn common_warnings(
         } else {
             String::new()
         };
-        warnings.push(format!(
-            "only {:.0} % of the surface was measured{completed}: the rest is the smoothness prior's guess",
+        let text = format!(
+            "only {:.0} % of the surface was measured{completed}: the rest follows from the smoothness prior",
             100.0 * observed
-        ));
+        );
+        findings.push(Finding::new(FindingCode::MostlyUnmeasured, text));
     }
     let not_finite = rejected.get(RejectionCause::NotFinite.name()).copied().unwrap_or(0);
     if not_finite > 0 {
-        warnings.push(format!(
-            "{not_finite} of {total} points have coordinates that are not finite numbers: they were left out"
-        ));
+        let text = format!(
+            "{not_finite} of {total} points have coordinates that are not finite numbers: they were ignored"
+        );
+        findings.push(Finding::new(FindingCode::PointsNotFinite, text));
     }
     let turned = rejected.get(RejectionCause::NormalMismatch.name()).copied().unwrap_or(0);
     if turned * 50 > total {
-        warnings.push(format!(
+        let text = format!(
             "{turned} of {total} readings face another way than the surface near them: it misses folds or \
-             thin parts there, or their normals are wrong; σ says nothing of that"
-        ));
+             thin parts there, or their normals are wrong; σ does not include that"
+        );
+        findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }
     let gated = rejected_readings(rejected);
     let total = total - (rejected.values().sum::<usize>() - gated);
     if gated * 10 > total {
-        warnings.push(format!("{gated} of {total} readings were set aside: see `rejected`"));
+        findings.push(Finding::new(
+            FindingCode::ManyRejected,
+            format!("{gated} of {total} readings were rejected: see `rejected`"),
+        ));
     }
-    warnings
+    findings
 }

@@ -1,0 +1,98 @@
+//! Judgement of a fit: scans that do not fit the others, and whether σ agrees with held-out readings.
+
+use crate::report::words::SmallUnit;
+use planish_core::{Finding, FindingCode, Setting};
+use planish_report::numbers::{counted, percent, significant};
+use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
+
+/// A scan whose residuals are so many times their σ, or so few, does not fit.
+const MOST_NORMALISED: f64 = 1.5;
+/// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
+const MOST_APART: f64 = 0.5;
+/// A scan of which more than this share is rejected, and more than three times the share of all, does not
+/// fit.
+const MOST_REJECTED: f64 = 0.1;
+/// Fewer readings judge no scan.
+const LEAST_JUDGED: usize = 30;
+/// Held-out readings agree with a σ that is correct within this factor.
+const TRUE_SIGMA: f64 = 1.25;
+
+/// The findings that follow from the figures of a fit.
+pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
+    let unit = SmallUnit::for_length(fit.model.unit.name(), report.rms.max(report.sigma.median));
+    let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
+    let share = share_rejected(scans);
+    let mut found: Vec<Finding> = scans.iter().filter_map(|scan| misfit(scan, share, unit)).collect();
+    found.extend(held_out(report));
+    if report.termination == FitTermination::Converged {
+        let text = "the fit converged: only noise is left in the residuals";
+        found.push(Finding::new(FindingCode::Converged, text));
+    }
+    found
+}
+
+/// Whether σ agrees with the held-out readings.
+fn held_out(report: &FitReport) -> Option<Finding> {
+    let ratio = report.held_out.rms_normalised;
+    let (code, text) = match report.held_out.n {
+        0 => return None,
+        _ if ratio > TRUE_SIGMA => (
+            FindingCode::SigmaTooSmall,
+            format!("σ is too small: normalised rms of held-out readings is {}", significant(ratio, 3)),
+        ),
+        _ if ratio < 1.0 / TRUE_SIGMA => (
+            FindingCode::SigmaTooLarge,
+            format!("σ is too large: normalised rms of held-out readings is {}", significant(ratio, 3)),
+        ),
+        n => (
+            FindingCode::SigmaConsistent,
+            format!(
+                "σ is consistent: normalised rms of {} is {}",
+                counted(n, "held-out reading"),
+                significant(ratio, 3)
+            ),
+        ),
+    };
+    Some(Finding::new(code, text))
+}
+
+/// Whether a scan does not fit the others, and how that shows.
+pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<Finding> {
+    let total = scan.used + scan.rejected;
+    if total < LEAST_JUDGED {
+        return None;
+    }
+    let share = scan.rejected as f64 / total as f64;
+    let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
+    let name = &scan.name;
+    if share > MOST_REJECTED && share > 3.0 * share_of_all {
+        let text = format!(
+            "scan {name} does not fit the others: {} of its readings were rejected, {} of all; its pose or σ \
+             may be wrong, or those of the scans around it; or the object moved",
+            percent(share),
+            percent(share_of_all)
+        );
+        Some(Finding::new(FindingCode::ScanMisfit, text))
+    } else if scan.mean.abs() > MOST_APART * sigma {
+        let text = format!(
+            "scan {name} lies {} off the others on average ({} σ of a reading): its pose may be wrong; \
+             aligning the scans estimates it",
+            unit.text(scan.mean),
+            significant(scan.mean.abs() / sigma, 2)
+        );
+        Some(Finding::new(FindingCode::ScanMisfit, text).with_setting(Setting::Align))
+    } else if scan.rms_normalised > MOST_NORMALISED {
+        let times = significant(scan.rms_normalised, 2);
+        let text = format!("scan {name} does not fit: its residuals are {times} times their σ");
+        Some(Finding::new(FindingCode::ScanMisfit, text))
+    } else {
+        None
+    }
+}
+
+/// The share of readings that were rejected.
+pub(super) fn share_rejected(scans: &[ScanSummary]) -> f64 {
+    let rejected: usize = scans.iter().map(|scan| scan.rejected).sum();
+    let all: usize = rejected + scans.iter().map(|scan| scan.used).sum::<usize>();
+    rejected as f64 / all.max(1) as f64
+}

@@ -1,0 +1,75 @@
+//! Judgement of a plan: whether it reaches the goal, and what no reading improves.
+
+use super::{NextReport, UnmeasurableSigma, ViewsReport};
+use crate::report::words::SmallUnit;
+use planish_core::{Finding, FindingCode, Setting};
+use planish_exchange::Unit;
+use planish_report::numbers::{count, counted, percent, significant};
+
+/// Findings about planned points.
+pub(super) fn judge_points(next: &NextReport, unit: Unit) -> Vec<Finding> {
+    let mut found = Vec::new();
+    match next.reached_goal {
+        Some(true) => found.push(Finding::new(FindingCode::GoalReached, "the points reach the goal")),
+        Some(false) => {
+            let text = format!(
+                "the goal is not reached with {} points: plan more, or measure with a smaller σ",
+                next.points.len()
+            );
+            found.push(Finding::new(FindingCode::GoalNotReached, text).with_setting(Setting::Count));
+        }
+        None => {}
+    }
+    found.extend(next.shape_left.map(|left| unresolved_shape(left, unit)));
+    found
+}
+
+/// Findings about planned views, of which `wanted` were requested.
+pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let planned = next.views.len();
+    match next.reached_goal {
+        Some(true) => found.push(Finding::new(FindingCode::GoalReached, "the views reach the goal")),
+        Some(false) => {
+            let text = format!(
+                "the goal is not reached with {}: plan more, or use a more accurate sensor",
+                counted(planned, "view")
+            );
+            found.push(Finding::new(FindingCode::GoalNotReached, text).with_setting(Setting::Views));
+        }
+        None => {}
+    }
+    // Fewer views than requested are no error: further views may have nothing to add.
+    if planned < wanted && next.reached_goal != Some(true) {
+        let text =
+            format!("{} of {wanted} chosen: further views would not reduce σ", counted(planned, "view"));
+        found.push(Finding::new(FindingCode::FewerViews, text));
+    }
+    found.extend(next.shape_left.map(|left| unresolved_shape(left, unit)));
+    if let Some(place) = next.worst_unseen.filter(|_| next.unseen > 0.0) {
+        let text = format!(
+            "{} of the area is seen from none of the {} poses that were compared; its largest σ is {} at {}",
+            percent(next.unseen),
+            count(next.candidates),
+            SmallUnit::for_length(unit.name(), next.worst_sigma.before).text(place.sigma),
+            place.position.map(|c| significant(c, 4)).join(", ")
+        );
+        found.push(Finding::new(FindingCode::AreaUnseen, text));
+    }
+    found
+}
+
+/// Unresolved shape is the part of σ in `info` and `fit` that readings do not reduce.
+fn unresolved_shape(left: UnmeasurableSigma, unit: Unit) -> Finding {
+    let text = format!(
+        "unresolved shape of up to {2} {unit} on {0} of the area is not included: readings do not reduce it; \
+         with it, the largest σ is {1} {unit} at the end; fit again with a larger maximum depth or more \
+         coefficients",
+        percent(left.area_fraction),
+        significant(left.worst_sigma_after, 3),
+        significant(left.largest, 3)
+    );
+    Finding::new(FindingCode::UnresolvedShape, text)
+        .with_setting(Setting::MaxDepth)
+        .with_setting(Setting::MaxCoefficients)
+}
