@@ -73,7 +73,7 @@ pub fn run<B: Serialize>(
 ) -> u8 {
     let begun = Instant::now();
     let progress = Terminal::new(common.audience());
-    let outcome = set_threads(common).and_then(|()| work(&progress));
+    let outcome = set_threads(common).and_then(|()| write_as_set(|| work(&progress)));
     // Programs take the event `finished` as the end of stderr, so warnings are printed before it.
     let code = print_outcome(name, common, begun, outcome, &progress);
     progress.finished(code);

@@ -2,6 +2,7 @@
 
 use crate::output::check_outputs;
 use planish_core::{Progress, Result};
+use planish_exchange::write_as_set;
 use std::path::PathBuf;
 
 /// Work that reads files, computes a result and writes files.
@@ -44,13 +45,14 @@ pub trait Job {
     /// Errors of the readers, the computation and the writers; `Interrupted` on request.
     fn execute(&self, progress: &dyn Progress) -> Result<Self::Report>;
 
-    /// Checks the outputs, then reads, computes and writes.
+    /// Checks the outputs, then reads, computes and writes. All files appear together at the end, or none
+    /// ([`write_as_set`]).
     ///
     /// # Errors
     /// As [`Job::outputs`] and [`Job::execute`]; before any work `Input` for an output that is named twice or
     /// is also an input, and `Io` for one that cannot be written.
     fn run(&self, progress: &dyn Progress) -> Result<Self::Report> {
         check_outputs(&self.outputs()?, &self.inputs()?)?;
-        self.execute(progress)
+        write_as_set(|| self.execute(progress))
     }
 }

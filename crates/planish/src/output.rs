@@ -284,18 +284,11 @@ impl Prepared<'_> {
     /// Writes all outputs. Saved models contain `provenance`.
     ///
     /// # Errors
-    /// `Io` if a file cannot be written. The message names the files that were completed before it.
+    /// `Io` if a file cannot be written.
     pub fn write(&self, provenance: &[Session]) -> Result<Vec<WrittenFile>> {
         let mut written: Vec<WrittenFile> = Vec::with_capacity(self.outputs.len());
         for output in self.outputs {
-            match self.write_one(output, provenance) {
-                Ok(file) => written.push(file),
-                Err(e) if written.is_empty() => return Err(e),
-                Err(e) => {
-                    let names: Vec<String> = written.iter().map(|w| w.file.display().to_string()).collect();
-                    return Err(e.in_context(format_args!("after {} was written", names.join(", "))));
-                }
-            }
+            written.push(self.write_one(output, provenance)?);
         }
         Ok(written)
     }
