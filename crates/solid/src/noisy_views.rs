@@ -224,7 +224,7 @@ fn matches(
             },
         })
     });
-    ends.iter().map(|end| end.to_match(alone)).chain(tested).collect()
+    ends.iter().map(|end| end.tested_match(alone)).chain(tested).collect()
 }
 
 impl ConsistentViews {

@@ -257,7 +257,7 @@ impl End {
     }
 
     /// The end as a tested match.
-    pub(super) fn to_match(&self, alone: &Constrained) -> SpaceMatch {
+    pub(super) fn tested_match(&self, alone: &Constrained) -> SpaceMatch {
         let chi_square = self.chi_square(alone);
         SpaceMatch {
             axis: ["x", "y", "z"][self.a.axis],

@@ -9,7 +9,7 @@
 //! - A curve of a view is lifted into such a plane, or into one that another view sees edge-on. If it is a
 //!   circle there and all views show its points, it is an end of a cylinder along the normal of the plane.
 //!   Exported curves are inaccurate, so centre and radius come from straight lines if there are any: points
-//! of   the wireframe on the circle, and outlines parallel to the image of the axis.
+//!   of the wireframe on the circle, and outlines parallel to the image of the axis.
 //!
 //! Limits: drawings of two views, planes whose edges are mostly smooth and not drawn, and cylinders with
 //! oblique cuts at all ends are not found.

@@ -5,7 +5,7 @@
 //! - a slit that ends within the face of the cylinder is removed from it, and the faces beside the line share
 //!   one edge;
 //! - along a slit from end to end, the face borders itself. This line becomes the seam of the cylinder, or
-//! the   face is divided at its seam.
+//!   the face is divided at its seam.
 
 use super::boundary::BoundaryBuilder;
 use crate::brep::{Coedge, Edge, EdgeCurve, FaceSurface, along, unit};
