@@ -9,7 +9,7 @@ use crate::options::with_options;
 use crate::progress::{Audience, Terminal};
 use planish::finding::with_warnings;
 use planish::progress::Progress;
-use planish::{Error, ErrorKind, Finding, FindingLevel, Result, Setting, Unit};
+use planish::{Error, ErrorKind, Finding, FindingLevel, Result, Setting, Unit, write_as_set};
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::PathBuf;

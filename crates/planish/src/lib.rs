@@ -112,6 +112,7 @@ pub mod view;
 pub use job::Job;
 pub use planish_core::{Error, ErrorKind, Finding, FindingCode, FindingLevel, Length, Result, Setting, Unit};
 pub use planish_core::{finding, progress};
+pub use planish_exchange::write_as_set;
 /// Settings of the sensors' front ends.
 pub use planish_sense::{StereoOptions, StereoPoints, stripes::GridOptions};
 pub use planish_spline::{Shape, SymmetryKind};

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{FolderInWork, make_folder, write_atomically};
+use crate::{PendingFolder, make_folder, write_atomically};
 
 fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
@@ -21,7 +21,7 @@ fn files_appear_together_after_the_work() {
         write(&path("a"), "new")?;
         // A set within a set belongs to the outer one.
         write_as_set(|| write(&path("b"), "new"))?;
-        let frames = FolderInWork::beside(&path("frames"))?;
+        let frames = PendingFolder::create(&path("frames"))?;
         fs::write(frames.path().join("0"), "new").unwrap();
         frames.finish()?;
         assert_eq!(fs::read(path("a")).unwrap(), b"old");
