@@ -128,10 +128,7 @@ fn given_constraints_are_imposed_and_tested() {
     assert_eq!(said["warnings"].as_array().map(Vec::len), Some(0), "{said}");
     // A constraint that contradicts the readings gives a warning.
     let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 85 long"]);
-    assert!(
-        said["warnings"][0].as_str().is_some_and(|w| w.contains("disagrees with the readings")),
-        "{said}"
-    );
+    assert!(said["warnings"][0].as_str().is_some_and(|w| w.contains("disagree with the readings")), "{said}");
     // A redundant constraint names the constraints that imply it.
     let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 parallel to P3P4"]);
     let redundant = &said["constrained"]["redundant"][0];
