@@ -3,6 +3,7 @@
 use super::args::FitArgs;
 use crate::lines::{Align, Lines, sensor_cells};
 use crate::numbers::{count, counted, percent, significant};
+use planish::FindingCode;
 use planish::Unit;
 use planish::animation::AnimationReport;
 use planish::complete::{GapReport, SymmetryReport};
@@ -123,7 +124,9 @@ fn subdivided(fit: &FitReport) -> String {
 /// The reason why the fit ended.
 fn termination(fit: &FitReport) -> &'static str {
     match fit.termination {
-        FitTermination::Converged if fit.rejected_readings() * 20 > fit.observations => {
+        FitTermination::Converged
+            if fit.findings.iter().any(|finding| finding.code == FindingCode::ManyRejected) =>
+        {
             "converged, but many readings were rejected"
         }
         FitTermination::Converged => "converged: only noise remains",
