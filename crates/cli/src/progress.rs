@@ -30,7 +30,8 @@ static WRITING: AtomicBool = AtomicBool::new(false);
 static SHOWING: AtomicBool = AtomicBool::new(false);
 
 /// Makes Ctrl-C a request to stop, which jobs check between their steps; no file is left half-written. The
-/// signals SIGTERM and SIGHUP count as Ctrl-C, so that time limits and closed terminals leave no files either.
+/// signals SIGTERM and SIGHUP count as Ctrl-C, so that time limits and closed terminals leave no files
+/// either.
 ///
 /// A second Ctrl-C ends the process at once.
 fn listen_for_ctrl_c() {

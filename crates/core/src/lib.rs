@@ -3,7 +3,7 @@
 //! | Contents | |
 //! |---|---|
 //! | [`Error`], [`ErrorKind`], [`Result`] | the error type of all crates, and its exit codes |
-//! | [`Finding`], [`FindingCode`], [`FindingLevel`] | what a user should know about a result, with stable codes |
+//! | [`Finding`], [`FindingCode`], [`FindingLevel`] | messages about a result, with stable codes |
 //! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |

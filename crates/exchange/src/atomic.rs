@@ -22,8 +22,8 @@ pub type Writer<'a> = BufWriter<&'a File>;
 /// complete new one. Within [`write_as_set`](crate::write_as_set), it is renamed together with the others.
 ///
 /// On an error or a panic the temporary file is removed, and an older file of that name is unchanged. A
-/// symbolic link is followed: the file that it names is replaced. The new file has the mode of the old one and,
-/// if permitted, its owner. The call returns after the disk has stored the bytes (`fsync`).
+/// symbolic link is followed: the file that it names is replaced. The new file has the mode of the old one
+/// and, if permitted, its owner. The call returns after the disk has stored the bytes (`fsync`).
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing, the path names a folder, or writing
@@ -64,7 +64,8 @@ fn keep_attributes(new: &Path, old: &Path) -> io::Result<()> {
         use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
         let own = fs::metadata(new)?;
         if (own.uid(), own.gid()) != (old.uid(), old.gid()) {
-            // Only root may give a file away, and a group must be one of the user's: the file stays the user's.
+            // Only root may give a file away, and a group must be one of the user's: the file stays the
+            // user's.
             let _ = chown(new, Some(old.uid()), Some(old.gid()));
         }
         // Without set-user-ID, set-group-ID and sticky bits, which were granted to the old content.

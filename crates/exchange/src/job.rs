@@ -2,7 +2,7 @@
 //!
 //! **Input.** A TOML file.
 //!
-//! **Output.** A [`Job`]. Lengths are in the unit of the job; relative paths start at its folder. Unknown
+//! **Output.** A [`JobFile`]. Lengths are in the unit of the job; relative paths start at its folder. Unknown
 //! keys are errors, so that a misspelt σ does not go unnoticed.
 //!
 //! ```toml
@@ -46,7 +46,7 @@ use crate::vrip::QUATERNION_TOLERANCE;
 
 /// Content of a job file.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Job {
+pub struct JobFile {
     /// The unit of every length in the job and its files, if stated.
     pub unit: Option<Unit>,
     /// The sensors, by name.
@@ -60,7 +60,7 @@ pub struct Job {
 pub struct ScanEntry {
     /// Path of the file.
     pub path: PathBuf,
-    /// Index into [`Job::sensors`].
+    /// Index into [`JobFile::sensors`].
     pub sensor: usize,
     /// Pose: maps the frame of the scanner to the world.
     pub world_from_scanner: Pose,
@@ -146,7 +146,7 @@ struct PoseTable {
 /// assert_eq!((job.sensors[0].name.as_str(), job.scans.len()), ("probe", 1));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn read_job(path: &Path) -> Result<Job> {
+pub fn read_job(path: &Path) -> Result<JobFile> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
         // Checked now, so that a mistyped name is reported before large scans are read.
@@ -357,7 +357,7 @@ impl Text {
     }
 }
 
-fn parse(source: &str, folder: &Path) -> Result<Job> {
+fn parse(source: &str, folder: &Path) -> Result<JobFile> {
     let text = Text::new(source);
     let table: JobTable = toml::from_str(source).map_err(|e| text.toml_error(&e))?;
     let unit = match &table.unit {
@@ -375,7 +375,7 @@ fn parse(source: &str, folder: &Path) -> Result<Job> {
         sensors.push(crate::scan_set::unnamed_sensor());
     }
     let scans = table.scan.iter().map(|entry| text.scan(entry, &sensors, folder));
-    Ok(Job { unit, scans: scans.collect::<Result<_>>()?, sensors })
+    Ok(JobFile { unit, scans: scans.collect::<Result<_>>()?, sensors })
 }
 
 #[cfg(test)]

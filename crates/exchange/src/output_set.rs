@@ -8,11 +8,12 @@
 //! before the manifest leaves the old files.
 //!
 //! A process may be killed at any moment. The manifest is the commit point: [`recover`] completes the renames
-//! of a manifest whose writer is gone, and removes temporary files without a manifest. A writer holds locks on
-//! its temporary files and manifests, which the system releases when the process ends.
+//! of a manifest whose writer is gone, and removes temporary files without a manifest. A writer holds locks
+//! on its temporary files and manifests, which the system releases when the process ends.
 //!
-//! **Limits.** The set belongs to the thread that calls [`write_as_set`]; files of other threads are published
-//! at once. On file systems without locks nothing is recovered. Devices and pipes are written at once.
+//! **Limits.** The set belongs to the thread that calls [`write_as_set`]; files of other threads are
+//! published at once. On file systems without locks nothing is recovered. Devices and pipes are written at
+//! once.
 
 use planish_core::{Error, Result};
 use sha2::{Digest, Sha256};
@@ -110,8 +111,8 @@ fn replace(temporary: &Path, target: &Path) -> io::Result<()> {
 /// Runs `work` and publishes the files that it writes together. Within another set, the files belong to that.
 ///
 /// # Errors
-/// Those of `work`, after which no file has changed; [`Io`](planish_core::ErrorKind::Io) if the files cannot be
-/// published. If a rename fails, the manifest stays, and the next run in that folder completes the set.
+/// Those of `work`, after which no file has changed; [`Io`](planish_core::ErrorKind::Io) if the files cannot
+/// be published. If a rename fails, the manifest stays, and the next run in that folder completes the set.
 ///
 /// # Examples
 /// ```
