@@ -41,8 +41,8 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     );
     // Sensors of earlier sessions are not among `sensors`, but further batches are.
     if fit.added.is_none() && found.sigma.median < MIN_SIGMA_RATIO * min_sigma(found.sensors) {
-        let text = "σ of the surface is less than all readings together could make it: the surface is folded, \
-             and its figures are not valid; state another shape, or give normals";
+        let text = "σ of the surface is less than all readings together could make it: the surface is \
+             folded, and its figures are not valid; state another shape, or give normals";
         findings.push(Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape));
     }
     if found.too_shallow {
