@@ -16,6 +16,7 @@ mod json;
 mod layering;
 mod merge;
 mod occluding;
+mod output_sets;
 mod prism;
 mod programs;
 mod reports;
