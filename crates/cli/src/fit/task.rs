@@ -42,7 +42,7 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
     }))
 }
 
-/// The strategy of these arguments, which update no model.
+/// Strategy of a fit that does not update a saved model.
 fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
     let is_patch = args.filter == Some(FilterName::Patch);
     let fill_gaps = args.complete == Some(Completion::Smooth);
@@ -52,32 +52,32 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
     }
     if args.animate.is_some() && args.motion == Some(MotionName::Bend) {
         return Err(Error::unsupported(
-            "--animate shows readings that come one after the other: needed a fit without --known-uv and \
-             --motion bend, which take all of a time at once",
+            "--animate shows readings in their order: expected a fit without --known-uv and --motion bend, \
+             which use all readings of a time together",
         ));
     }
     let inferred = [(args.symmetry.is_some(), "--symmetry"), (fill_gaps, "--complete")];
     if let (true, Some((_, name))) = (is_patch, inferred.iter().find(|(asked, _)| *asked)) {
         return Err(Error::unsupported(format!(
-            "{name} concludes readings from others, which err together, and the patch filter takes every \
-             reading as independent: needed --filter global"
+            "{name} infers readings from others, so their errors are correlated, and the patch filter \
+             requires independent readings: use --filter global"
         )));
     }
     let global =
         GlobalOptions { ground, align: args.align, symmetry: args.symmetry, fill_gaps, snapshots: None };
     match args.motion {
         Some(MotionName::Rigid) if is_patch => Err(Error::unsupported(
-            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of \
-             it: needed --filter global",
+            "--motion rigid registers each scan to the surface of the first and requires its full \
+             covariance: use --filter global",
         )),
         Some(MotionName::Rigid) => Ok(Strategy::Moving(global)),
         Some(MotionName::Bend) => {
             refuse_with_bending(args, is_patch, fill_gaps)?;
             Ok(Strategy::Bending)
         }
-        None if is_patch && args.align => Err(Error::unsupported(
-            "the patch filter takes poses as they are stated: needed the global filter to align scans",
-        )),
+        None if is_patch && args.align => {
+            Err(Error::unsupported("--align requires --filter global: the patch filter uses poses as stated"))
+        }
         None if is_patch => Ok(Strategy::Patches(PatchOptions { ground, snapshots: None })),
         None => Ok(Strategy::Global(global)),
     }
@@ -94,8 +94,8 @@ fn refuse_with_bending(args: &FitArgs, is_patch: bool, fill_gaps: bool) -> Resul
     match asked.iter().find(|(asked, _)| *asked) {
         None => Ok(()),
         Some((_, name)) => Err(Error::unsupported(format!(
-            "--motion bend does not go together with {name}: every state of the sheet is fitted for itself, \
-             to the one before"
+            "--motion bend cannot be combined with {name}: each state of the sheet is fitted separately, \
+             starting from the previous one"
         ))),
     }
 }

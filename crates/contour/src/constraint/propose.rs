@@ -152,7 +152,7 @@ pub(super) struct Search {
 ///    waits until others have made the estimate sharper; if it waits to the end, it is unclear.
 /// 3. Impose the selection together with all accepted relations, starting from the unconstrained estimate. A
 ///    candidate is refused if it fails its share of the level given those before, or if all together fail the
-///    level; the smallest conflicting set is reported. If several were selected, the best is tried alone
+///    level; a minimal conflicting set is reported. If several were selected, the best is tried alone
 ///    first. Repeat from 2.
 ///
 /// Step 2 also finds relations that follow from others: they have no variance left. A candidate whose
@@ -410,7 +410,7 @@ impl Search {
         tail(before) >= self.options.level / self.tests as f64 && tail(self.given) >= self.options.level
     }
 
-    /// The smallest set of accepted proposals with which a candidate conflicts.
+    /// A minimal set of accepted proposals with which a candidate conflicts.
     ///
     /// The search asks for the χ² of many subsets, so it first uses equations linearised where the accepted
     /// relations hold. If it finds no conflict there, it repeats with the exact equations.

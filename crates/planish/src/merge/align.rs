@@ -138,8 +138,8 @@ pub(super) fn align(
         }
         if !motion.undetermined.is_empty() {
             let text = format!(
-                "the overlaps leave {} of the six directions of {} open: there it stays where it was (see \
-                 `undetermined` of its pose); the overlap may be small, flat or round",
+                "the overlaps do not determine {} of the six directions of motion of {}: along these it was \
+                 not moved (see `undetermined` of its pose); the overlap may be small, flat or round",
                 motion.undetermined.len(),
                 names[k]
             );
@@ -239,7 +239,7 @@ fn motions(
                 findings.push(Finding::new(
                     FindingCode::NotConverged,
                     format!(
-                        "the alignment did not converge in {MAX_ROUNDS} rounds: its last step was \
+                        "the alignment did not converge in {MAX_ROUNDS} rounds: the last step was \
                      {largest:.2} σ of a pose"
                     ),
                 ));
@@ -262,9 +262,9 @@ fn motions(
                 };
                 if motion.undetermined.len() >= MANY_UNDETERMINED {
                     return Err(Error::undetermined(format!(
-                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of \
-                         its six directions; check that it is of the same object, in the same frame and \
-                         unit, and that its σ is true",
+                        "{} cannot be aligned: it and the patches near it are {how}, and the overlap \
+                         determines only {} of the six directions of its motion; check that it belongs to \
+                         the same object, that frame and unit are the same, and that its σ is correct",
                         names[k],
                         6 - motion.undetermined.len()
                     ))
@@ -273,8 +273,8 @@ fn motions(
                 findings.push(Finding::new(
                     FindingCode::AlignmentMisfit,
                     format!(
-                        "{} and what is near it on other patches are still {how}: it is of another \
-                     object, in another unit, or its σ is too small",
+                        "{} and the patches near it are still {how}: it belongs to a different object, has \
+                     another unit, or its σ is too small",
                         names[k]
                     ),
                 ));

@@ -50,9 +50,9 @@ pub(super) fn stereo(
     let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
     if known.is_empty() {
         return Err(Error::undetermined(format!(
-            "{}: no disparity is to be believed: are the pictures rectified (or does the calibration say \
-             how both cameras stand), left before right, and the range of disparities wide enough, also \
-             below 0?",
+            "{}: no reliable disparity found: are the pictures rectified (or does the calibration contain \
+             the poses of both cameras), in the order left, right, and is the search range of disparities \
+             wide enough, also below 0?",
             blame()
         )));
     }
