@@ -270,10 +270,18 @@ fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(tempfi
     Ok(written)
 }
 
-/// Completes or removes what killed processes have left in a folder, once per process and folder.
+/// Completes or removes what killed processes have left in the folders of files, once per process and folder.
 ///
-/// Failures are ignored: a folder that may not be changed is read as it is.
-pub fn recover(folder: &Path) {
+/// Reading a file does this too. Call it before the first look at a folder, for example before a listing.
+pub fn recover_beside(paths: &[PathBuf]) {
+    for path in paths {
+        recover(&folder_of(path));
+    }
+}
+
+/// [`recover_beside`] for one folder. Failures are ignored: a folder that may not be changed is read as it
+/// is.
+pub(crate) fn recover(folder: &Path) {
     let folder = absolute(folder);
     // A poisoned lock only means that another thread panicked while it added a folder.
     let new = RECOVERED.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(folder.clone());

@@ -9,7 +9,7 @@ use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::ply::read_contents;
-use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs};
+use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs, recover_beside};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
 use planish_surface::export::sigma_summary;
@@ -221,6 +221,7 @@ pub struct ModelInfo {
 /// # Ok::<(), planish::Error>(())
 /// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
+    recover_beside(&[path.to_path_buf()]);
     match extension(path).as_str() {
         "planish" => model(path),
         "ply" => {

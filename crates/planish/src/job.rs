@@ -2,7 +2,7 @@
 
 use crate::output::check_outputs;
 use planish_core::{Progress, Result};
-use planish_exchange::write_as_set;
+use planish_exchange::{recover_beside, write_as_set};
 use std::path::PathBuf;
 
 /// Work that reads files, computes a result and writes files.
@@ -52,7 +52,9 @@ pub trait Job {
     /// As [`Job::outputs`] and [`Job::execute`]; before any work `Input` for an output that is named twice or
     /// is also an input, and `Io` for one that cannot be written.
     fn run(&self, progress: &dyn Progress) -> Result<Self::Report> {
-        check_outputs(&self.outputs()?, &self.inputs()?)?;
+        let (outputs, inputs) = (self.outputs()?, self.inputs()?);
+        recover_beside(&inputs);
+        check_outputs(&outputs, &inputs)?;
         write_as_set(|| self.execute(progress))
     }
 }

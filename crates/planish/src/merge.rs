@@ -239,11 +239,11 @@ fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> R
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
-/// What became of crossings that patches had.
+/// Finding on whether the merged mesh still intersects itself, if patches did.
 fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
     let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
-        0 => "the merged mesh crosses itself nowhere".to_owned(),
-        pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
+        0 => "the merged mesh does not intersect itself".to_owned(),
+        pairs => format!("the merged mesh intersects itself, too: {pairs} pairs of its triangles"),
     };
     Ok(Finding::new(FindingCode::SelfCrossing, text))
 }

@@ -217,7 +217,7 @@ pub(super) fn constrained(
     let p_value = chi_square_tail(held.chi_square, held.degrees - own);
     if p_value < options.level {
         let text = format!(
-            "the given constraints disagree with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
+            "the given constraints conflict with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
             held.chi_square,
             held.degrees - own
         );

@@ -9,8 +9,8 @@ use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 const MAX_NORMALISED_RMS: f64 = 1.5;
 /// Maximum mean residual of a scan, in σ of a reading. Beyond it, the scan is offset from the others.
 const MAX_OFFSET: f64 = 0.5;
-/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times the
-/// fraction of all scans.
+/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times
+/// the fraction of all scans.
 const MAX_REJECTED: f64 = 0.1;
 /// Minimum number of readings; scans with fewer are not judged.
 const MIN_READINGS: usize = 30;

@@ -158,9 +158,10 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
             .collect();
         blocks.push(Block::Drawing {
             svg: plot::stated_and_found(&rows, unit.name),
-            caption: "Each sensor's σ along the normal, as stated and as estimated from its residuals. A line to the \
-                right is a σ that is too small."
-                .to_owned(),
+            caption:
+                "Each sensor's σ along the normal, as stated and as estimated from its residuals. A line \
+                to the right is a σ that is too small."
+                    .to_owned(),
         });
     }
     let mut table = Table::new(["sensor", "readings", "σ stated", "σ found", "rms", "used"]);

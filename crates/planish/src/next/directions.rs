@@ -1,5 +1,6 @@
 //! The direction in which each vertex of a model moves, for models with one unknown a vertex.
 
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use planish_spline::SurfaceSystem;
 use planish_surface::model::{Knowledge, SurfaceModel};
@@ -14,14 +15,17 @@ pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result
         Knowledge::PerCoordinate { measured, .. } => {
             Ok(vec![only_coordinate(*measured)?; model.surface.space().node_count()])
         }
+        // Both keep no joint covariance of distant vertices, which the choice of points compares.
         Knowledge::Patches(_) => Err(Error::unsupported(
-            "the model is one of the patch filter, which does not know how far apart places vary together: \
-             needed one of `fit --filter global`",
-        )),
+            "the patch filter does not know how distant places vary together: expected a model of the global \
+             filter",
+        )
+        .with_setting(Setting::Filter)),
         Knowledge::Free { .. } => Err(Error::unsupported(
-            "the model is a state of a sheet that bends, whose vertices move in every direction: needed one \
-             of `fit` without --motion bend",
-        )),
+            "vertices of a bending sheet move in every direction: expected a model of an object that does \
+             not bend",
+        )
+        .with_setting(Setting::Motion)),
     }
 }
 
@@ -29,8 +33,8 @@ pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result
 fn only_coordinate(measured: [bool; 3]) -> Result<[f64; 3]> {
     if measured.iter().filter(|m| **m).count() != 1 {
         return Err(Error::unsupported(
-            "needed a model along its normals, or one of heights: of this one several coordinates were \
-             measured, each for itself",
+            "expected a model along normals, or of heights, found one with several independently measured \
+             coordinates",
         ));
     }
     Ok(measured.map(|m| if m { 1.0 } else { 0.0 }))
