@@ -33,13 +33,13 @@ pub const FRAMES: usize = 24;
 /// Time between frames in the animation.
 const SECONDS_PER_FRAME: f64 = 0.25;
 /// Triangles of a frame, about.
-const MOST_TRIANGLES: u64 = 16_000;
+const MAX_TRIANGLES: u64 = 16_000;
 /// Columns and rows of a picture.
 const PICTURE: [usize; 2] = [800, 600];
 /// Places along each side of a pixel that are drawn.
 const SAMPLES: usize = 3;
 /// Dots of a picture, at most.
-const MOST_DOTS: usize = 6000;
+const MAX_DOTS: usize = 6000;
 /// Direction of the camera: elevation above the plane of a sheet, or direction for other shapes.
 const SLANT: f64 = 0.75;
 const FROM: [f64; 3] = [0.55, -0.75, 0.5];
@@ -147,7 +147,7 @@ pub fn write_forming(
 fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
     let wanted = 1e-4 * planish_surface::observe::surface_extent(surface);
     let options = TessellationOptions {
-        tolerance: affordable_tolerance(surface, wanted, MOST_TRIANGLES)?,
+        tolerance: affordable_tolerance(surface, wanted, MAX_TRIANGLES)?,
         ..TessellationOptions::default()
     };
     let made = tessellate(surface, &options)?;
@@ -269,7 +269,7 @@ impl FramePainter {
             .flat_map_iter(|pixel| self.colour(frame, triangles, &buffer, [pixel % columns, pixel / columns]))
             .collect();
         let size = BoundingBox::from_points(&frame.points).map_or(0.0, |b| b.diagonal());
-        for place in places.iter().step_by(places.len().div_ceil(MOST_DOTS).max(1)) {
+        for place in places.iter().step_by(places.len().div_ceil(MAX_DOTS).max(1)) {
             let Projected { at: [x, y], depth } = self.camera.project(*place);
             let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
             let middle = |x: f64| (SAMPLES as f64 * x) as usize;

@@ -46,7 +46,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Fewer readings than this are no part, but strays.
-const LEAST_READINGS: usize = 8;
+const MIN_READINGS: usize = 8;
 
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
@@ -239,7 +239,7 @@ fn parts_of(
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
         for cluster in separate(&sightings, gap) {
-            if cluster.len() < LEAST_READINGS && cluster.len() < sightings.len() {
+            if cluster.len() < MIN_READINGS && cluster.len() < sightings.len() {
                 strays += cluster.len();
             } else {
                 clusters.push((level, cluster.into_iter().map(|k| members[k]).collect()));

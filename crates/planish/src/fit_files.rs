@@ -35,9 +35,9 @@ use std::time::Instant;
 pub const LEAST_COEFFICIENTS: usize = 16;
 
 /// No sensor that is worth adding errs by more than this share of the object's size.
-const MOST_DISTANT: f64 = 0.05;
+const MAX_DISTANT: f64 = 0.05;
 /// σ of a pose from where a steady motion leads, above which the scan is named.
-const MOST_INNOVATION: f64 = 3.0;
+const MAX_INNOVATION: f64 = 3.0;
 
 /// What to fit, and what to write of it.
 ///
@@ -319,7 +319,7 @@ fn write(
 /// Scans of a moving object that do not go on as those before them.
 fn unsteady(report: &FitReport) -> Vec<Finding> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
-    let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MOST_INNOVATION);
+    let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MAX_INNOVATION);
     off.map(|pose| {
         let text = format!(
             "{}: at {} s the object is {:.0} σ from where a steady motion would have it: is the time of the \
@@ -349,7 +349,7 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
 /// frame, are found by size.
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
-    if report.rms <= MOST_DISTANT * size {
+    if report.rms <= MAX_DISTANT * size {
         return Ok(());
     }
     let unit = earlier.unit;

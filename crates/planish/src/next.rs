@@ -53,7 +53,7 @@ use random::{Before, at_random};
 /// Candidates are as many as this many numbers of their columns of the covariance allow, but within these
 /// bounds.
 const COLUMN_NUMBERS: usize = 6_000_000;
-const MOST_CANDIDATES: [usize; 2] = [600, 4000];
+const MAX_CANDIDATES: [usize; 2] = [600, 4000];
 /// Right-hand sides that are solved together.
 const COLUMNS: usize = 16;
 /// The worst σ is made small by the mean of this power of the variances: the largest count for nearly all of
@@ -239,7 +239,7 @@ pub fn next_points(
         &factor,
         nodes,
         &places,
-        chosen(&places, &variances, (COLUMN_NUMBERS / nodes).clamp(MOST_CANDIDATES[0], MOST_CANDIDATES[1])),
+        chosen(&places, &variances, (COLUMN_NUMBERS / nodes).clamp(MAX_CANDIDATES[0], MAX_CANDIDATES[1])),
         progress,
     )?;
     let before = figures(&places, &variances);

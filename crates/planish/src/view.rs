@@ -40,7 +40,7 @@ const PAGE_TRIANGLES: u64 = 45_000;
 /// Points on a page.
 const PAGE_POINTS: usize = 400_000;
 /// Pixels of a picture.
-const MOST_PIXELS: usize = 64_000_000;
+const MAX_PIXELS: usize = 64_000_000;
 /// What stays free at the border of a picture, as a share of its rows.
 const BORDER: f64 = 0.05;
 /// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and
@@ -167,10 +167,10 @@ fn draw_picture(
     progress: &dyn Progress,
 ) -> Result<PictureReport> {
     let [columns, rows] = options.size;
-    if columns.saturating_mul(rows) > MOST_PIXELS || columns == 0 || rows == 0 {
+    if columns.saturating_mul(rows) > MAX_PIXELS || columns == 0 || rows == 0 {
         return Err(Error::input(format!(
             "needed a picture of 1 to {} million pixels, found {columns} × {rows}",
-            MOST_PIXELS / 1_000_000
+            MAX_PIXELS / 1_000_000
         )));
     }
     let content = ViewedContent::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;

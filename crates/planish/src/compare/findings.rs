@@ -8,7 +8,7 @@ use planish_report::numbers::percent;
 /// Shares of the points within 1.96 σ between which σ counts as true.
 const TRUE_SHARES: [f64; 2] = [0.92, 0.985];
 /// A mean deviation beyond this share of the rms is a bias of the whole.
-const MOST_BIAS: f64 = 0.5;
+const MAX_BIAS: f64 = 0.5;
 /// A share of points within 1.96 σ below which σ of the model cannot be used.
 const MIN_SHARE: f64 = 0.7;
 
@@ -33,7 +33,7 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
         ));
     }
     if let Some(d) = report.backward.or(report.forward)
-        && d.mean.abs() > MOST_BIAS * d.rms
+        && d.mean.abs() > MAX_BIAS * d.rms
     {
         let unit = SmallUnit::for_length(report.unit.name(), d.rms);
         found.push(Finding::new(

@@ -1,7 +1,7 @@
 //! The report of a comparison.
 
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
-use crate::report::scenes::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
+use crate::report::scenes::{MAX_TRIANGLES, model_scene_of, numbers, observed_field};
 use crate::report::words::SmallUnit;
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -13,7 +13,7 @@ use planish_surface::model::Observed;
 use std::path::Path;
 
 /// Points of the reference that are drawn at most.
-const MOST_POINTS: usize = 20_000;
+const MAX_POINTS: usize = 20_000;
 
 /// The page of a comparison of a model with a reference, by their names.
 pub(crate) fn compare_page(
@@ -28,7 +28,7 @@ pub(crate) fn compare_page(
     let main = report.forward.or(report.backward);
     let unit = SmallUnit::for_length(model_unit, main.map_or(1.0, |d| d.rms));
     let normalised = shown.normalised.clone();
-    let scene = compared_scene(model, report, shown, options, MOST_TRIANGLES)?;
+    let scene = compared_scene(model, report, shown, options, MAX_TRIANGLES)?;
     let mut figures = Vec::new();
     if let Some(d) = main {
         figures.push(Figure::new(
@@ -153,7 +153,7 @@ fn deviation_field(
 }
 
 fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
-    let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
+    let step = shown.points.len().div_ceil(MAX_POINTS).max(1);
     let some = |values: &[f64]| values.iter().copied().step_by(step).collect::<Vec<f64>>();
     let mut fields = vec![numbers(
         "deviation",

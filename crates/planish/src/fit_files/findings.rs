@@ -6,14 +6,14 @@ use planish_report::numbers::{counted, percent, significant};
 use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 
 /// A scan whose residuals are so many times their σ, or so few, does not fit.
-const MOST_NORMALISED: f64 = 1.5;
+const MAX_NORMALISED: f64 = 1.5;
 /// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
-const MOST_APART: f64 = 0.5;
+const MAX_APART: f64 = 0.5;
 /// A scan of which more than this share is rejected, and more than three times the share of all, does not
 /// fit.
-const MOST_REJECTED: f64 = 0.1;
+const MAX_REJECTED: f64 = 0.1;
 /// Fewer readings judge no scan.
-const LEAST_JUDGED: usize = 30;
+const MIN_JUDGED: usize = 30;
 /// Held-out readings agree with a σ that is correct within this factor.
 const TRUE_SIGMA: f64 = 1.25;
 
@@ -59,13 +59,13 @@ fn held_out(report: &FitReport) -> Option<Finding> {
 /// Whether a scan does not fit the others, and how that shows.
 pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<Finding> {
     let total = scan.used + scan.rejected;
-    if total < LEAST_JUDGED {
+    if total < MIN_JUDGED {
         return None;
     }
     let share = scan.rejected as f64 / total as f64;
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
     let name = &scan.name;
-    if share > MOST_REJECTED && share > 3.0 * share_of_all {
+    if share > MAX_REJECTED && share > 3.0 * share_of_all {
         let text = format!(
             "scan {name} does not fit the others: {} of its readings were rejected, {} of all; its pose or σ \
              may be wrong, or those of the scans around it; or the object moved",
@@ -73,7 +73,7 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
             percent(share_of_all)
         );
         Some(Finding::new(FindingCode::ScanMisfit, text))
-    } else if scan.mean.abs() > MOST_APART * sigma {
+    } else if scan.mean.abs() > MAX_APART * sigma {
         let text = format!(
             "scan {name} lies {} off the others on average ({} σ of a reading): its pose may be wrong; \
              aligning the scans estimates it",
@@ -81,7 +81,7 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
             significant(scan.mean.abs() / sigma, 2)
         );
         Some(Finding::new(FindingCode::ScanMisfit, text).with_setting(Setting::Align))
-    } else if scan.rms_normalised > MOST_NORMALISED {
+    } else if scan.rms_normalised > MAX_NORMALISED {
         let times = significant(scan.rms_normalised, 2);
         let text = format!("scan {name} does not fit: its residuals are {times} times their σ");
         Some(Finding::new(FindingCode::ScanMisfit, text))

@@ -27,7 +27,7 @@ type SeenRow = ([f64; 16], [f64; 3], f64, f64);
 
 /// Chord error of the tessellation relative to the diagonal. The limit of triangles may make it larger.
 const CHORD: f64 = 1e-4;
-const MOST_TRIANGLES: u64 = 400_000;
+const MAX_TRIANGLES: u64 = 400_000;
 /// Maximum number of rays per pose. For larger sensors, each ray represents several.
 const MAX_RAYS: usize = 1 << 20;
 /// Directions about a target.
@@ -88,7 +88,7 @@ impl<'a> Sight<'a> {
         let bounds = BoundingBox::from_points(surface.vertices())
             .filter(|b| b.diagonal() > 0.0)
             .ok_or_else(|| Error::undetermined("the model's surface has no extent"))?;
-        let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MOST_TRIANGLES)?;
+        let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MAX_TRIANGLES)?;
         let made = tessellate(surface, &TessellationOptions { tolerance, ..TessellationOptions::default() })?;
         Ok(Self {
             surface,

@@ -10,9 +10,9 @@ use planish_surface::model::{Observed, Posterior, SurfaceModel};
 use std::collections::BTreeMap;
 
 /// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
-pub(crate) const MOST_TRIANGLES: u64 = 45_000;
+pub(crate) const MAX_TRIANGLES: u64 = 45_000;
 /// Pieces of all lines between cells.
-const MOST_LINES: usize = 60_000;
+const MAX_LINES: usize = 60_000;
 
 /// A smaller unit in which most of the lengths are readable, if there is one.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
@@ -71,7 +71,7 @@ pub(crate) fn model_scene(
     tolerance: Option<f64>,
     readings: Option<&ResidualSample>,
 ) -> Result<(Scene, f64)> {
-    model_scene_of(model, posterior, tolerance, readings, MOST_TRIANGLES)
+    model_scene_of(model, posterior, tolerance, readings, MAX_TRIANGLES)
 }
 
 /// [`model_scene`] with a maximum number of triangles.
@@ -253,7 +253,7 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
 /// The borders of all leaves: the quadtree on the surface.
 fn cell_lines(surface: &Surface) -> LineSet {
     let leaves = surface.space().leaves().len();
-    let pieces = (MOST_LINES / (2 * leaves.max(1))).clamp(1, 8);
+    let pieces = (MAX_LINES / (2 * leaves.max(1))).clamp(1, 8);
     let mut segments = Vec::with_capacity(2 * leaves * pieces);
     for leaf in 0..leaves {
         // The other two sides belong to neighbours, so each line is drawn once.

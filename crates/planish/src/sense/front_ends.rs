@@ -4,12 +4,12 @@ use super::*;
 use planish_core::{Finding, FindingCode, Setting};
 
 /// A direction with a larger σ, in degrees, is not known.
-const MOST_SIGMA_DEG: f64 = 90.0;
+const MAX_SIGMA_DEG: f64 = 90.0;
 /// Maximum ratio of brightness residuals to the stated σ without a warning.
 const MAX_BRIGHTNESS_MISFIT: f64 = 3.0;
 /// And those that are so large a share of the brightest: matte objects under far lights stay below a few per
 /// cent.
-const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
+const MAX_BRIGHTNESS_SHARE: f64 = 0.1;
 /// Minimum fraction of matched pixels without a warning. Correct pairs have 1/3 to 9/10; exchanged pictures a
 /// few percent.
 const MIN_MATCHED: f64 = 0.1;
@@ -196,7 +196,7 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
         );
         findings.push(Finding::new(FindingCode::BrightnessInconsistent, text));
     }
-    if found > MOST_BRIGHTNESS_SHARE * map.brightest {
+    if found > MAX_BRIGHTNESS_SHARE * map.brightest {
         findings.push(Finding::new(
             FindingCode::BrightnessInconsistent,
             format!(
@@ -210,9 +210,9 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
 }
 
 pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
-    if !(sigma_deg > 0.0 && sigma_deg < MOST_SIGMA_DEG) {
+    if !(sigma_deg > 0.0 && sigma_deg < MAX_SIGMA_DEG) {
         return Err(Error::input(format!(
-            "needed a σ of the normals above 0 and below {MOST_SIGMA_DEG} degrees, found {sigma_deg}"
+            "needed a σ of the normals above 0 and below {MAX_SIGMA_DEG} degrees, found {sigma_deg}"
         )));
     }
     let picture = read_picture(image)?;

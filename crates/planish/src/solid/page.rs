@@ -13,13 +13,13 @@ use planish_solid::views::{Drawing, LineStyle};
 use std::path::PathBuf;
 
 /// Solids that are shown side by side, at most.
-const MOST_SOLIDS: usize = 6;
+const MAX_SOLIDS: usize = 6;
 /// From one solid to the next, over the width of the first.
 const APART: f64 = 1.35;
 /// Height of the labels above the solutions, relative to the diagonal of their box.
 const ABOVE: f64 = 0.06;
 /// Lines that none explains, named one by one.
-const MOST_LINES: usize = 20;
+const MAX_LINES: usize = 20;
 /// Faces that meet at less than this angle in degrees have no edge that is drawn.
 const SMOOTH_DEG: f64 = 20.0;
 
@@ -34,7 +34,7 @@ pub(crate) fn solid_page(
     let unit = report.unit.name();
     let mut scene = Scene { unit: unit.to_owned(), ..Scene::default() };
     let mut across = 0.0;
-    for (k, solid) in solids.iter().take(MOST_SOLIDS).enumerate() {
+    for (k, solid) in solids.iter().take(MAX_SOLIDS).enumerate() {
         let Ok(mut mesh) = tessellate(solid, tolerance) else {
             continue;
         };
@@ -146,7 +146,7 @@ fn faces(counts: &FaceCounts) -> String {
 
 fn lines_table(lines: &[UnexplainedLine]) -> Table {
     let mut table = Table::new(["view", "entity", "why"]);
-    for line in lines.iter().take(MOST_LINES) {
+    for line in lines.iter().take(MAX_LINES) {
         let entity = line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
         table.row([line.view.to_owned(), entity, line.why.clone()], false);
     }

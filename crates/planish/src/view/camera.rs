@@ -12,7 +12,7 @@ const DISTANCE: f64 = 2.6;
 const ISO_DEG: [f64; 2] = [45.0, 35.264_389_682_754_654];
 
 /// An azimuth of more than ten turns is a slip.
-const MOST_TURN_DEG: f64 = 3600.0;
+const MAX_TURN_DEG: f64 = 3600.0;
 
 /// A direction along an axis that is up in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,7 +104,7 @@ impl FromStr for CameraAngles {
         if let Some(zoom) = zoom {
             found.zoom = zoom.trim().parse().map_err(|_| format!("{NEEDED}; found {text:?}"))?;
         }
-        if !(-MOST_TURN_DEG..=MOST_TURN_DEG).contains(&found.azimuth_deg) {
+        if !(-MAX_TURN_DEG..=MAX_TURN_DEG).contains(&found.azimuth_deg) {
             return Err(format!("needed an azimuth from -3600 to 3600 degrees; found {text:?}"));
         }
         if !(-90.0..=90.0).contains(&found.elevation_deg) {

@@ -7,7 +7,7 @@ use planish_report::colour::{Colour, ColourKind, Range, Scale};
 const INK: Colour = [0.11, 0.115, 0.125];
 const SOFT: Colour = [0.36, 0.375, 0.41];
 /// Kinds that a legend names.
-const MOST_KINDS: usize = 8;
+const MAX_KINDS: usize = 8;
 
 /// Contents of a legend.
 pub(super) struct Legend {
@@ -87,7 +87,7 @@ fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], roo
     for (k, kind) in list.iter().enumerate() {
         let rest = list.len() - k;
         let width = 1.1 * em + canvas.width(&kind.label, size);
-        let is_full = k == MOST_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
+        let is_full = k == MAX_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
         if is_full && k > 0 {
             let text = format!("and {rest} more");
             canvas.text([x, bottom], &text, size, Anchor::Left, SOFT);

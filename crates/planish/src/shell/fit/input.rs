@@ -27,7 +27,7 @@ const UNKNOWN_SIGMA: f64 = 1e-3;
 /// σ of the distance of a tracked feature from the mesh, relative to the mesh's size.
 const SURFACE_SIGMA: f64 = 1e-3;
 /// Vertices that may each move on their own: equations are dense.
-const MOST_VERTICES: usize = 600;
+const MAX_VERTICES: usize = 600;
 
 /// A deformation with its smoothness energy and prior.
 pub(super) struct Moved {
@@ -262,9 +262,9 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
         }
         (DeformationKind::Vertices, _) => {
             let count = mesh.positions.len();
-            if count > MOST_VERTICES {
+            if count > MAX_VERTICES {
                 return Err(Error::unsupported(format!(
-                    "{}: has {count} vertices, and at most {MOST_VERTICES} may each move on their own: use \
+                    "{}: has {count} vertices, and at most {MAX_VERTICES} may each move on their own: use \
                      controls, or a coarser mesh",
                     job.mesh.display()
                 )));

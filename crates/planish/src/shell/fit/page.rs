@@ -11,7 +11,7 @@ use planish_report::{Block, Cloud, FieldKind, Figure, Page, Scene, Section, Surf
 use std::path::PathBuf;
 
 /// Points that are drawn at most.
-const MOST_POINTS: usize = 20_000;
+const MAX_POINTS: usize = 20_000;
 
 /// A fitted shell, prepared for display.
 pub(crate) struct ShownShell<'a> {
@@ -86,7 +86,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     let name = report.unit.name();
     let moved =
         (shown.found.positions.iter().zip(&shown.given.positions)).map(|(a, b)| distance(*a, *b)).collect();
-    let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
+    let step = shown.points.len().div_ceil(MAX_POINTS).max(1);
     let clouds = if shown.points.is_empty() {
         Vec::new()
     } else {

@@ -38,11 +38,11 @@ const FARTHEST: f64 = 10.0;
 /// Distance from the covered region, in cells, beyond which a place counts as uncovered.
 const UNCOVERED_CELLS: f64 = 0.5;
 /// Parts of less than this share of the largest one's volume are crumbs.
-const LEAST_PART: f64 = 0.002;
+const MIN_PART: f64 = 0.002;
 /// Rounds at most.
-const MOST_ROUNDS: usize = 30;
+const MAX_ROUNDS: usize = 30;
 /// The flow ends where a round adds less than this to the mean agreement with the masks.
-const LEAST_GAIN: f64 = 1e-3;
+const MIN_GAIN: f64 = 1e-3;
 /// How far it fills the domain in the end, in cells.
 const FILLED: f64 = 8.0;
 /// Smoothings after each round: they take away the steps that rounds leave.
@@ -130,7 +130,7 @@ pub(super) fn flown(
             domain: &domain,
             flow: flow.map(|(covered, cells)| (covered, cells * cell)),
             cell,
-            min_part_volume_ratio: LEAST_PART,
+            min_part_volume_ratio: MIN_PART,
             smoothing_passes: SMOOTHINGS,
         };
         remesh(mesh, &options).map_err(|e| e.in_context(job.mesh.display()))
@@ -139,7 +139,7 @@ pub(super) fn flown(
     mesh = anew(&mesh, None, cell)?;
     let (mut mean, _) = agreement(&mesh);
     let mut rounds = 1;
-    while rounds < MOST_ROUNDS {
+    while rounds < MAX_ROUNDS {
         watch(rounds)?;
         cell = cell.max(size(&mesh) / CELLS);
         let covered = Wider {
@@ -153,7 +153,7 @@ pub(super) fn flown(
         if gain > 0.0 {
             (mesh, mean) = (next, after);
         }
-        if gain < LEAST_GAIN {
+        if gain < MIN_GAIN {
             break;
         }
     }

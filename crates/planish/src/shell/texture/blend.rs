@@ -14,7 +14,7 @@ const TUKEY: f64 = 4.685;
 /// Iterations of the mean.
 const ROUNDS: usize = 5;
 /// The scale is never below this, of 255: pictures are rounded.
-const LEAST_SCALE: f64 = 2.0;
+const MIN_SCALE: f64 = 2.0;
 /// The median of the length of three standard normal numbers, over √3.
 const MEDIAN_OF_THREE: f64 = 0.888;
 
@@ -65,7 +65,7 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     }
     differences.sort_unstable_by(f64::total_cmp);
     let median = differences.get(differences.len() / 2).copied().unwrap_or(0.0);
-    (median / MEDIAN_OF_THREE).max(LEAST_SCALE)
+    (median / MEDIAN_OF_THREE).max(MIN_SCALE)
 }
 
 /// The share of the places that three views or more see at which each view is odd.
