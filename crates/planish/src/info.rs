@@ -232,6 +232,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
                 scans(path, contents.unit, unit)
             }
         }
+        // A mesh format without triangles is read again as points, with the columns of a scan.
         _ if has_faces(path) => match read_mesh(path) {
             Ok(file) if !file.triangles.is_empty() => {
                 let others = file.columns.iter().map(|(name, _)| name.as_str());
@@ -247,6 +248,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
 
 /// A file of points in the unit that it names, or else in the given one.
 fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
+    // A unit in the file has priority. The given one would otherwise be reported as a conflict.
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
     let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
     let mut findings = Vec::new();
@@ -257,6 +259,7 @@ fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInf
         ));
     }
     let contents = match &set.scans[..] {
+        // A list with a single scan is still a list: its sensor and pose must be shown.
         [one] if !matches!(extension(path).as_str(), "toml" | "conf") => Contents::Scan(scan_info(&one.scan)),
         _ => Contents::Scans(scan_list(&set)),
     };
@@ -270,6 +273,7 @@ fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInf
 
 fn scan_info(scan: &Scan) -> ScanInfo {
     let known: [(bool, &[&str]); 8] = [
+        // Names as in files, so that a user can find and add columns.
         (true, &["x", "y", "z"]),
         (scan.sigma.is_some(), &["sigma"]),
         (scan.covariance.is_some(), &["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
@@ -329,6 +333,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
             sigma_along,
             sigma_across,
             sigma_of_points: (set.scans.iter().filter(|s| s.sensor == index))
+                // σ of the points overrides that of the sensor, but only if all scans state it.
                 .all(|s| s.scan.sigma.is_some() || s.scan.covariance.is_some()),
             scans: set.scans.iter().filter(|s| s.sensor == index).count(),
         }
@@ -342,6 +347,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
 }
 
 fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>) -> Result<FileInfo> {
+    // Completed parts (2) do not count: their σ is a guess.
     let observed: Option<Vec<bool>> = file.column("observed").map(|c| c.iter().map(|&o| o == 1.0).collect());
     let measured = |k: usize| observed.as_ref().is_none_or(|observed| observed[k]);
     let sigma = match file.column("sigma") {

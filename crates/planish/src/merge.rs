@@ -47,7 +47,8 @@ use planish_surface::export::{KnownMesh, write_known_mesh};
 use ready::{Done, Ready};
 use std::path::{Path, PathBuf};
 
-/// The source of vertices that fill holes.
+/// Patch number of vertices that fill holes. It is out of range of every list of patches, so they are never
+/// counted as measured.
 const NO_PATCH: u32 = u32::MAX;
 
 /// How shared places are fused.
@@ -69,13 +70,13 @@ pub struct MergeOptions {
     /// How shared places are fused; if not specified, by information if all patches state σ, and by a
     /// refit if not.
     pub method: Option<MergeMethod>,
-    /// Unit of files that name none.
+    /// Unit of files that state none.
     pub unit: Option<Unit>,
-    /// How far the mesh of a model may leave its surface; half its median σ if none is given.
+    /// Chord error of the mesh of a model; half its median σ if none is given.
     pub mesh_tolerance: Option<Length>,
-    /// ε: places nearer than this are one; 2.58 σ of their difference (99 %) if none is given.
+    /// ε: positions nearer than this are the same place. The default is 2.58 σ of their difference (99 %).
     pub epsilon: Option<Length>,
-    /// θ in degrees: normals of one place differ by less.
+    /// θ in degrees: maximum angle between the normals of the same place.
     pub theta_deg: Option<f64>,
     /// Fill holes with at most this many edges.
     pub fill: usize,
@@ -184,13 +185,18 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     progress.check("finding what patches share", 0.1)?;
     let bound = set.bound.clone();
     let inputs = set.inputs.clone();
+    // Copies must go and orientations must agree before overlaps are searched, because overlaps pair only
+    // surfaces that face the same way.
     let mut ready = Ready::new(set, options, progress)?;
     let overlap = ready.overlap(options)?;
     progress.check("fusing", 0.4)?;
+    // Weights by information need a stated σ. An estimated one is common to all patches and says nothing
+    // about which is better, so the refit with equal weights is used.
     let method = options.method.unwrap_or(match overlap.sigma_estimated {
         false => MergeMethod::Information,
         true => MergeMethod::Refit,
     });
+    // Every method needs the mean: refits keep it at borders and where a piece cannot be fitted.
     let mean = fuse_patches(&ready.patches, &overlap);
     let part = ProgressPart::new(progress, 0.4, 0.7);
     let places = match method {
@@ -200,6 +206,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     };
     progress.check("sewing", 0.7)?;
     let mut sewn = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
+    // The bound is sewn in before holes are filled: a lid is a guess, and the hull is evidence.
     let completed = match &bound {
         Some(bound) => Some(complete(&mut sewn, bound, &mut ready)?),
         None => None,
@@ -211,11 +218,13 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     };
     progress.check("checking", 0.95)?;
     let kept = ready.kept(&sewn, &overlap);
+    // Fusing may resolve a crossing, so the user learns whether it is still there.
     if ready.crosses {
         ready.findings.push(still_crossing(&sewn.mesh)?);
     }
     let done = Done { method, completed, filled, stitched, kept, inputs };
     let report = ready.report(&sewn, &overlap, done);
+    // Normals and curvature are those of the final mesh, after completion and filling.
     let normals = sewn.mesh.vertex_normals();
     let curvature = match options.curvature {
         true => Some(vertex_curvature(&sewn.mesh, &normals, &sewn.sigma)?),
@@ -235,6 +244,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
 fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
     let completed = completed(sewn, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
+    // The number after the last patch stands for the bound.
     *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }

@@ -40,9 +40,11 @@ use std::path::{Path, PathBuf};
 /// Correlation length of the border of a smoothed mask, in σ of the smoothing: the integral of the
 /// autocorrelation `exp(−x²/4)` of a Gaussian kernel, 2 √π.
 const CORRELATION_LENGTH: f64 = 3.545;
-/// The box of the hull is wider than the points by so much of their size.
+/// Margin of the hull's box around the points, relative to their size. Occluding contours miss hollow and
+/// hidden parts, so the object may reach beyond its points.
 const WIDER: f64 = 0.15;
-/// Cells along the longest side of the hull's box.
+/// Cells along the longest side of the hull's box. Time and memory grow with the cube; coarser cells lose
+/// thin parts.
 const HULL_CELLS: usize = 96;
 
 /// What to sense, and what to write of it.
@@ -54,9 +56,9 @@ pub struct OccludingJob {
     pub outputs: Vec<PathBuf>,
     /// Files of patches; each patch gets its number before the extension.
     pub patches: Vec<PathBuf>,
-    /// Strips of fewer points make no patch.
+    /// Minimum number of points of a strip that becomes a patch.
     pub least_points: usize,
-    /// A file for the visual hull.
+    /// File of the visual hull.
     pub hull: Option<PathBuf>,
     /// A mesh whose outlines are compared with all masks.
     pub judged: Option<PathBuf>,
@@ -220,6 +222,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     inputs.extend(file.files.iter().cloned());
     inputs.extend(file.views.iter().filter_map(|v| v.mask.clone()));
     inputs.extend(job.judged.clone());
+    // The list of views names masks that the job does not know, so outputs are compared again.
     for output in job.outputs.iter().chain(&job.hull) {
         refuse_input_as_output(output, &inputs)?;
     }
@@ -234,6 +237,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
             .with_setting(Setting::Unit),
         );
     }
+    // Held-out views judge the result and must not shape it.
     let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
     let views: Vec<ContourView> = (taking_part.par_iter())
         .map(|view| {
@@ -246,10 +250,12 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         occluding_contours(&views, &job.options, &mut |share| matching.check("matching contours", share))
             .map_err(|e| e.in_context(job.views.display()))?;
     progress.check("visual hull", 0.4)?;
+    // The hull is always made if possible: it also tells how much of the surface no contour shows.
     let hull = hull_of(&views, &found)?;
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = ProgressPart::new(progress, 0.5, 0.9);
+    // Patches may fail. They are made before the first file is written.
     let patches = patch::patches(job, &found, unit, &fitting, &mut findings)?;
     progress.check(WRITING_STAGE, 0.95)?;
     let mut written = Vec::new();
@@ -324,10 +330,13 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
         return Err(Error::input("needed a mask, or contours with ordered points, found none"));
     }
     let (contours, sigma_px, apart_px) = match measured {
+        // Neighbouring places of a smoothed border share their noise. Denser sampling would count it several
+        // times.
         false => (outline.clone(), view.sigma_px, CORRELATION_LENGTH * options.smoothing_px),
         true => {
             let mut sigmas: Vec<f64> = view.contours.iter().map(|(_, sigma)| *sigma).collect();
             sigmas.sort_by(f64::total_cmp);
+            // Points of a file are taken as independent. The median σ ignores a few bad ones.
             (pieces(view, &outline), sigmas[sigmas.len() / 2], 0.0)
         }
     };
@@ -351,6 +360,7 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
 /// The hull of all silhouettes, if known.
 fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<VisualHull>> {
     let closed =
+        // An open silhouette leaves the picture, and the hull would be cut at its edge.
         |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);
     if views.iter().filter(closed).count() < 2 {
         return Ok(None);
@@ -367,6 +377,7 @@ fn agreements(
     hull: Option<&VisualHull>,
     judged: Option<&TriangleMesh>,
 ) -> Result<Vec<OutlineAgreement>> {
+    // A hull agrees with the masks that it was made from. Without a held-out view, the figure shows nothing.
     if !views.iter().any(|v| v.held_out) && judged.is_none() {
         return Ok(Vec::new());
     }

@@ -72,7 +72,7 @@ pub enum SenseKind {
     Photometric {
         /// One for each light, in the calibration's order.
         images: Vec<PathBuf>,
-        /// White where the object is; none where all that is not dark is.
+        /// White where the object is. Without a mask, every pixel that is not dark counts as object.
         mask: Option<PathBuf>,
         /// The lights.
         calibration: PathBuf,
@@ -81,7 +81,7 @@ pub enum SenseKind {
     NormalMap {
         /// The picture.
         image: PathBuf,
-        /// σ of its normals, in degrees: no picture states it.
+        /// σ of its normals, in degrees. It must be given, because no picture states it.
         sigma_deg: f64,
     },
     /// A depth image.
@@ -268,11 +268,13 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     };
     let mut inputs = job.kind.inputs();
     inputs.append(&mut sensed.more_inputs);
+    // A calibration may name further pictures, so outputs are compared with the inputs only here.
     for output in &job.outputs {
         refuse_input_as_output(output, &inputs)?;
     }
     let unit = sensed.unit.or(job.unit);
     let mut findings = std::mem::take(&mut sensed.findings);
+    // A normal map has no lengths, so it needs no unit.
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
         let text = "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in \
             or ft";
@@ -280,6 +282,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
+    // A wrong calibration still matches some crossings by chance. The few points would look like a sparse but
+    // correct scan.
     if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
         let text = format!(
             "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin \
@@ -325,11 +329,13 @@ fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
 
 pub(crate) fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
     values.sort_by(f64::total_cmp);
+    // For an empty list, −1 becomes index 0, which does not exist: the summary is absent.
     let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share).round() as usize).copied();
     Some(SigmaSummary { median: at(0.5)?, p95: at(0.95)?, max: at(1.0)? })
 }
 
 fn check_formats(job: &SenseJob) -> Result<()> {
+    // A depth image would only be copied, and crossings of stripes lie on no pixel grid.
     let images = !matches!(job.kind, SenseKind::Depth { .. } | SenseKind::Grid { .. });
     for path in &job.outputs {
         let kind = extension(path);

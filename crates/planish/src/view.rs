@@ -34,17 +34,18 @@ use shading::{Pixel, Shape, draw};
 use std::path::{Path, PathBuf};
 use viewed_content::ViewedContent;
 
-/// Triangles of a model in a picture and on a page.
+/// Maximum number of triangles of a model in a picture.
 const PICTURE_TRIANGLES: u64 = 600_000;
+/// Maximum number of triangles of a model on a page, which must still load quickly when it is mailed.
 const PAGE_TRIANGLES: u64 = 45_000;
-/// Points on a page.
+/// Maximum number of points on a page. Each costs about a dozen bytes of the file.
 const PAGE_POINTS: usize = 400_000;
-/// Pixels of a picture.
+/// Maximum number of pixels of a picture: about 26 GB of memory at 400 bytes each.
 const MAX_PIXELS: usize = 64_000_000;
-/// What stays free at the border of a picture, as a share of its rows.
+/// Free border of a picture, as a fraction of its shorter side.
 const BORDER: f64 = 0.05;
-/// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and
-/// no wider than [`DOT_WIDTHS`].
+/// Width of dots relative to their mean distance in the picture. Smaller dots show the background between
+/// them; larger ones hide detail. The width in pixels stays within [`DOT_WIDTHS`].
 const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
 /// An object without colours of its own.
@@ -167,6 +168,7 @@ fn draw_picture(
     progress: &dyn Progress,
 ) -> Result<PictureReport> {
     let [columns, rows] = options.size;
+    // Checked before reading: a typing error in the size must not exhaust the memory.
     if columns.saturating_mul(rows) > MAX_PIXELS || columns == 0 || rows == 0 {
         return Err(Error::input(format!(
             "needed a picture of 1 to {} million pixels, found {columns} × {rows}",
@@ -179,6 +181,7 @@ fn draw_picture(
     progress.check(WRITING_STAGE, 0.9)?;
     write_colour_png(path, options.size, &drawn.canvas.bytes())?;
     let mut findings = content.findings;
+    // A warning, because the file itself may be correct.
     if drawn.covered <= 0.0 {
         findings.push(Finding::new(
             FindingCode::PictureEmpty,
@@ -254,14 +257,17 @@ struct Drawn {
 fn drawn(content: &ViewedContent, options: &PictureOptions) -> Result<Drawn> {
     let [columns, rows] = options.size;
     let field = chosen_field(content, options.colour)?;
+    // One scale for all objects of the picture, as the legend shows one only.
     let scale = field.map(Scale::from_field);
     let places = content.places();
     let border = BORDER * rows.min(columns) as f64;
     let frame = Frame {
         low: [border; 2],
+        // The legend lies below the object, never over it.
         high: [columns as f64 - border, rows as f64 - border.max(legend::height(options.size))],
     };
     let axes = match (options.camera, options.up) {
+        // Without a request, the view is that of the report, so that both show the same side.
         (None, None) => {
             let (from, up) = content.scene.view();
             axes_from(from, up)?
@@ -310,6 +316,7 @@ fn fields(content: &ViewedContent) -> impl Iterator<Item = &Field> {
 fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Option<&Field>> {
     let find = |key: &str| fields(content).find(|field| field.key == key);
     match colour {
+        // The most specific field first: deviations exist only if a reference was given.
         None => Ok((find("deviation").or_else(|| find("sigma"))).or_else(|| fields(content).next())),
         Some(ColourBy::Plain) => Ok(None),
         Some(ColourBy::Normal) => {
@@ -364,6 +371,7 @@ fn pixels(
             move |triangle: usize, weights: [f64; 3]| match (values, scale) {
                 (Some(values), Some(scale)) => {
                     let corners = surface.triangles[triangle].map(|k| values[k as usize]);
+                    // Kinds are not interpolated: between kinds 1 and 3 there is no kind 2.
                     scale.colour(if are_kinds {
                         let most =
                             (0..3).fold(0, |most, k| if weights[k] > weights[most] { k } else { most });
@@ -380,6 +388,7 @@ fn pixels(
         .map(|values| {
             move |dot: usize| match (values, scale) {
                 (Some(values), Some(scale)) => scale.colour(values[dot]),
+                // A cloud without the field is grey, not clay, so that it does not look like a value.
                 (None, Some(_)) => UNKNOWN,
                 _ => CLAY,
             }
@@ -396,6 +405,7 @@ fn pixels(
         let colour = &of_cloud[k];
         shapes.push(Shape::Dots {
             positions: &cloud.positions,
+            // Only the first cloud has normals; others are lit evenly.
             normals: content.normals.as_deref().filter(|_| k == 0),
             colour: (!by_normal).then_some(colour as _),
             width: dot_width(&cloud.positions, camera, size),
@@ -436,6 +446,7 @@ fn on_paper(pixels: &[Pixel], columns: usize) -> Vec<Colour> {
         .map(|(k, pixel)| {
             let behind = paper(k / columns);
             std::array::from_fn(|c| {
+                // Coverage mixes light, not screen values. Otherwise outlines would be too dark.
                 let light = pixel.covered * pixel.light[c] + (1.0 - pixel.covered) * behind[c];
                 screen_brightness(light)
             })

@@ -39,7 +39,8 @@ use planish_surface::model::SigmaSummary;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Neighbours that controls without a triangulation are joined to.
+/// Number of neighbours that each control is joined to if there is no triangulation. Fewer can leave groups
+/// unconnected; more make the energy resist bending over several spacings.
 const NEIGHBOURS: usize = 6;
 /// Minimum fraction of a vertex's information that comes from readings for `observed` = 1.
 const MEASURED: f64 = 0.5;
@@ -184,6 +185,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     };
     progress.check("reading", 0.0)?;
     let mut start = run.start()?;
+    // After the start: controls are placed on the mesh that is fitted, and modes replace its vertices.
     let Moved { deformation, stiffness, prior, controls } =
         input::moved(job, &mut start.mesh, &start.appearance)?;
     let size = start.size(job)?;
@@ -198,6 +200,8 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             false => ShellFitOptions::default(),
         }
     };
+    // The tracker keeps the motion between frames. Only a sequence has one, because a single fit starts from
+    // the mesh itself.
     let mut tracker = match &job.sequence {
         Some(_) => Some(ShellTracker::new(&start.mesh, &*deformation, options.clone())?),
         None => None,
@@ -228,6 +232,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             curvature: None,
             unit: run.units.unit(),
         };
+        // Each frame is written when it is done. An interrupted sequence keeps the frames before.
         run.write(k, &start, &known, picture.as_deref())?;
         let iou = overlap(&frame, &found, &fit.cameras);
         if stage.tracked {
@@ -236,6 +241,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         last = Some(FittedFrame { frame, fit, iou, sigma, observed });
     }
     progress.check(WRITING_STAGE, 0.98)?;
+    // The figures and the page are those of the last frame.
     let last = last.ok_or_else(|| Error::input("a sequence without frames"))?;
     run.finish(start, last, controls, of_frames)
 }
@@ -346,6 +352,7 @@ impl Run<'_> {
             progress.items(rounds, "rounds");
             progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
         })?;
+        // Remeshing changes the vertices, so texture coordinates and groups no longer belong to any.
         let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.findings);
         Ok(Start { given, mesh: made.mesh, appearance, sigma: made.sigma, flow: Some(made.report) })
     }
@@ -361,6 +368,7 @@ impl Run<'_> {
         self.progress.check(stage.title(), stage.share(0.0))?;
         let frame = Frame::read(self.job, files, size, &mut self.units, &mut self.findings)?;
         self.inputs.extend(frame.files.iter().cloned());
+        // Only the first frame can be compared with the given mesh. Later ones may have moved far from it.
         if stage.number == 0 {
             inspection::points_and_mesh(&frame, &start.mesh, self.units.unit())
                 .map_err(|e| stage.in_frame(e))?;
@@ -401,6 +409,7 @@ impl Run<'_> {
     ) -> Result<ShellFitReport> {
         let FittedFrame { frame, fit, iou, sigma, observed } = last;
         let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
+        // σ of vertices that only smoothness determines would hide how accurate the measured part is.
         let measured: Vec<f64> =
             (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
         let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::from_source);
@@ -409,6 +418,7 @@ impl Run<'_> {
             rms_points: points.map(|r| r.rms),
             rms_silhouettes_px: outlines.map(|r| r.rms),
             iou,
+            // With the cameras as given: it shows what the fit gained, including corrections of poses.
             iou_before: overlap(&frame, &start.given, &given),
             held_out: (frame.views.iter())
                 .filter(|view| view.held_out)
@@ -470,6 +480,7 @@ fn frame_report(
         rms_points: ReadingsReport::from_source(&fit.points).map(|r| r.rms),
         rms_silhouettes_px: ReadingsReport::from_source(&fit.outlines).map(|r| r.rms),
         iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
+        // In σ of all parameters together, so that the figure does not depend on the unit.
         surprise: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
         sigma: SigmaSummary::from_values(sigma.to_vec()).median,
     }
@@ -482,6 +493,7 @@ fn outputs_of_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<Vec<PathBu
         Some(_) => {
             let stem = output.file_stem().unwrap_or_default().to_string_lossy();
             let ending = output.extension().unwrap_or_default().to_string_lossy();
+            // The name of the frame goes before the extension, which selects the format.
             output.with_file_name(format!("{stem}.{}.{ending}", frame.name))
         }
     };

@@ -6,7 +6,7 @@ use planish_report::colour::{Colour, ColourKind, Range, Scale};
 
 const INK: Colour = [0.11, 0.115, 0.125];
 const SOFT: Colour = [0.36, 0.375, 0.41];
-/// Kinds that a legend names.
+/// Maximum number of kinds that a legend names; the others are counted. More do not fit into one line.
 const MAX_KINDS: usize = 8;
 
 /// Contents of a legend.
@@ -58,6 +58,7 @@ pub(super) fn draw(canvas: &mut Canvas, legend: &Legend, camera: &Camera) {
     let size = 0.9 * em;
     if end == left {
         canvas.text([left, bottom], &legend.size, size, Anchor::Left, SOFT);
+    // The size is omitted if it does not fit. The scale is more important.
     } else if right - end > canvas.width(&legend.size, size) + 2.0 * em {
         canvas.text([right, bottom], &legend.size, size, Anchor::Right, SOFT);
     }
