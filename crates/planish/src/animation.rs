@@ -42,11 +42,11 @@ const SAMPLES: usize = 3;
 const MAX_DOTS: usize = 6000;
 /// Direction of the camera: elevation above the plane of a sheet, or direction for other shapes.
 const SLANT: f64 = 0.75;
-const FROM: [f64; 3] = [0.55, -0.75, 0.5];
+const CAMERA_DIRECTION: [f64; 3] = [0.55, -0.75, 0.5];
 /// A surface faces one way when its normals add up to more than this share of its area.
 const FACING: f64 = 0.5;
 /// Minimum size of the last frame relative to the picture. Larger first frames are clipped.
-const SMALLEST: f64 = 0.6;
+const MIN_LAST_FRAME: f64 = 0.6;
 /// Fraction of ambient light.
 const AMBIENT: f64 = 0.35;
 const DOT: [u8; 3] = [255, 110, 20];
@@ -228,7 +228,7 @@ impl FramePainter {
                 let (_, side) = tangents(n);
                 unit(add_scaled(n, -SLANT, side))
             }
-            None => unit(FROM),
+            None => unit(CAMERA_DIRECTION),
         };
         let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
@@ -249,7 +249,7 @@ impl FramePainter {
         };
         // What few readings make may be large: the last frame is not to be small for it.
         let last = room(points);
-        camera.focal = last.min(room(first).max(SMALLEST * last));
+        camera.focal = last.min(room(first).max(MIN_LAST_FRAME * last));
         camera.middle = PICTURE.map(|n| 0.5 * n as f64);
         Ok(Self { camera })
     }

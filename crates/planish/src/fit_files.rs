@@ -37,7 +37,7 @@ pub const LEAST_COEFFICIENTS: usize = 16;
 
 /// Maximum rms of added readings, relative to the size of the saved model. A smaller value would reject
 /// coarse sensors; a larger one would accept another object that lies nearby.
-const MAX_DISTANT: f64 = 0.05;
+const MAX_RMS_RATIO: f64 = 0.05;
 /// Maximum deviation of a scan's pose from the predicted steady motion, in σ. Beyond it, the scan is named in
 /// a finding.
 const MAX_INNOVATION: f64 = 3.0;
@@ -151,8 +151,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     // The shape may be given, so a raster that cannot be written is refused before the scans are read.
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
-    // The ground filter has widths in metres by default. In assumed millimetres, they would exceed the terrain.
-    // An update keeps the unit of its model.
+    // Default widths of the ground filter are in metres. An update keeps the unit of its model.
     let unit_of_maps = set.unit.is_none() && job.task.model().is_none() && job.task.ground().is_some();
     if unit_of_maps {
         set.unit = Some(Unit::Metre);
@@ -165,8 +164,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     if let Some(page) = &job.report {
         refuse_input_as_output(&page.path, &read)?;
     }
-    // Coordinates far from the origin lose digits. This is checked before the fit, which would only show the
-    // loss as noise.
+    // Before the fit, which would show lost digits of far coordinates only as noise.
     let in_far_places = check_domain(&set, &names(&job.inputs))?;
     let earlier = job.task.model().map(load_with_provenance).transpose()?;
     progress.check("reading", 0.05)?;
@@ -373,7 +371,7 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
     // The gate does not catch this case: the estimated σ grows with the residuals, so nothing is rejected.
-    if report.rms <= MAX_DISTANT * size {
+    if report.rms <= MAX_RMS_RATIO * size {
         return Ok(());
     }
     let unit = earlier.unit;

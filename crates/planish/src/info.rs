@@ -248,7 +248,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
 
 /// A file of points in the unit that it names, or else in the given one.
 fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
-    // A unit in the file has priority. The given one would otherwise be reported as a conflict.
+    // A unit in the file has priority over the given one.
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
     let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
     let mut findings = Vec::new();

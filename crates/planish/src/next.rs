@@ -57,7 +57,7 @@ const COLUMN_NUMBERS: usize = 6_000_000;
 /// compares each candidate over all places, so more than the second cost time only.
 const MAX_CANDIDATES: [usize; 2] = [600, 4000];
 /// Right-hand sides that are solved together: the factor is then read from memory once for all of them.
-const COLUMNS: usize = 16;
+const COLUMNS_PER_SOLVE: usize = 16;
 /// Power of the variances whose mean stands for the largest. A high power is close to the maximum. A finite
 /// one still rewards progress at other places that are nearly as bad (`docs/decisions/0015`).
 const POWER_OF_WORST: i32 = 6;
@@ -552,9 +552,9 @@ fn columns(
     progress: &dyn Progress,
 ) -> Result<Vec<Candidate>> {
     let mut found = Vec::with_capacity(chosen.len());
-    for (done, part) in chosen.chunks(COLUMNS).enumerate() {
-        progress.check("columns", 0.2 + 0.3 * (done * COLUMNS) as f64 / chosen.len() as f64)?;
-        progress.items(done * COLUMNS, "places");
+    for (done, part) in chosen.chunks(COLUMNS_PER_SOLVE).enumerate() {
+        progress.check("columns", 0.2 + 0.3 * (done * COLUMNS_PER_SOLVE) as f64 / chosen.len() as f64)?;
+        progress.items(done * COLUMNS_PER_SOLVE, "places");
         let mut solved = vec![0.0; nodes * part.len()];
         for (c, &place) in part.iter().enumerate() {
             for &(node, weight) in &places[place].row {

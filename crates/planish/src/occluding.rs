@@ -42,7 +42,7 @@ use std::path::{Path, PathBuf};
 const CORRELATION_LENGTH: f64 = 3.545;
 /// Margin of the hull's box around the points, relative to their size. Occluding contours miss hollow and
 /// hidden parts, so the object may reach beyond its points.
-const WIDER: f64 = 0.15;
+const HULL_MARGIN: f64 = 0.15;
 /// Cells along the longest side of the hull's box. Time and memory grow with the cube; coarser cells lose
 /// thin parts.
 const HULL_CELLS: usize = 96;
@@ -369,7 +369,7 @@ fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<Vi
     let Some(bounds) = BoundingBox::from_points(&places) else {
         return Ok(None);
     };
-    VisualHull::new(views, &bounds.grown(WIDER * bounds.diagonal()), HULL_CELLS).map(Some)
+    VisualHull::new(views, &bounds.grown(HULL_MARGIN * bounds.diagonal()), HULL_CELLS).map(Some)
 }
 
 fn agreements(

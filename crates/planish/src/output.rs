@@ -67,7 +67,7 @@ impl OutputFormat {
         match extension(path).as_str() {
             "step" | "stp" => Ok(Self::Step),
             "ply" => Ok(Self::Ply),
-            // Rasters and models are compressed inside. A `.gz` around them would not be read back.
+            // Rasters and saved models are not among the formats that are read from gzip.
             "tif" | "tiff" if !is_packed(path) => Ok(Self::Tiff),
             "obj" => Ok(Self::Obj),
             "stl" => Ok(Self::Stl),
@@ -253,7 +253,7 @@ pub fn prepare<'a>(
     let step = outputs.iter().any(|output| output.format == OutputFormat::Step);
     let brep = step.then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
     if let Some(brep) = &brep {
-        // CAD programs import a leaky boundary representation as loose faces, without a message.
+        // Faces that do not meet are of no use for CAD, so this is an error before anything is written.
         brep.check(step_uncertainty(model.unit))?;
     }
     let mut findings: Vec<Finding> = (mesh.iter().flat_map(|mesh| &mesh.findings))

@@ -38,7 +38,7 @@ use viewed_content::ViewedContent;
 const PICTURE_TRIANGLES: u64 = 600_000;
 /// Maximum number of triangles of a model on a page, which must still load quickly when it is mailed.
 const PAGE_TRIANGLES: u64 = 45_000;
-/// Maximum number of points on a page. Each costs about a dozen bytes of the file.
+/// Maximum number of points on a page. They are part of the one file that a page is.
 const PAGE_POINTS: usize = 400_000;
 /// Maximum number of pixels of a picture: about 26 GB of memory at 400 bytes each.
 const MAX_PIXELS: usize = 64_000_000;
@@ -53,7 +53,7 @@ const CLAY: Colour = [0.84, 0.83, 0.80];
 /// Background colours at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
 /// Default camera angles if `up` is given. Reports use the same.
-const FROM: CameraAngles = CameraAngles { azimuth_deg: 36.25, elevation_deg: 28.27, zoom: 1.0 };
+const DEFAULT_ANGLES: CameraAngles = CameraAngles { azimuth_deg: 36.25, elevation_deg: 28.27, zoom: 1.0 };
 
 /// The quantity that colours a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -272,7 +272,7 @@ fn drawn(content: &ViewedContent, options: &PictureOptions) -> Result<Drawn> {
             let (from, up) = content.scene.view();
             axes_from(from, up)?
         }
-        (camera, up) => axes_at(&camera.unwrap_or(FROM), up.unwrap_or_default()),
+        (camera, up) => axes_at(&camera.unwrap_or(DEFAULT_ANGLES), up.unwrap_or_default()),
     };
     let zoom = options.camera.map_or(1.0, |camera| camera.zoom);
     let camera = Camera::from_points(&places, axes, frame, zoom)?;

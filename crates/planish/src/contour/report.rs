@@ -151,7 +151,7 @@ pub(super) fn report(
 }
 
 /// A contour that leaves more than this share of its readings out may be of the wrong kind.
-const MANY_LEFT_OUT: f64 = 0.15;
+const MAX_SKIPPED_SHARE: f64 = 0.15;
 
 /// Findings about the contour at a place of the report.
 pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
@@ -173,7 +173,7 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
             ),
         ));
     }
-    if part.rejected as f64 > MANY_LEFT_OUT * part.readings as f64 {
+    if part.rejected as f64 > MAX_SKIPPED_SHARE * part.readings as f64 {
         let text = format!(
             "{name}: {} of its readings lie beyond the gate and were rejected: the kind may be wrong; state \
              another, or check σ",

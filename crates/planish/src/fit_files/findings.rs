@@ -8,14 +8,14 @@ use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 /// A scan whose residuals are so many times their σ, or so few, does not fit.
 const MAX_NORMALISED: f64 = 1.5;
 /// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
-const MAX_APART: f64 = 0.5;
+const MAX_MEAN_SIGMAS: f64 = 0.5;
 /// A scan of which more than this share is rejected, and more than three times the share of all, does not
 /// fit.
 const MAX_REJECTED: f64 = 0.1;
 /// Fewer readings judge no scan.
 const MIN_JUDGED: usize = 30;
 /// Held-out readings agree with a σ that is correct within this factor.
-const TRUE_SIGMA: f64 = 1.25;
+const SIGMA_TOLERANCE: f64 = 1.25;
 
 /// The findings that follow from the figures of a fit.
 pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
@@ -36,11 +36,11 @@ fn held_out(report: &FitReport) -> Option<Finding> {
     let ratio = report.held_out.rms_normalised;
     let (code, text) = match report.held_out.n {
         0 => return None,
-        _ if ratio > TRUE_SIGMA => (
+        _ if ratio > SIGMA_TOLERANCE => (
             FindingCode::SigmaTooSmall,
             format!("σ is too small: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
-        _ if ratio < 1.0 / TRUE_SIGMA => (
+        _ if ratio < 1.0 / SIGMA_TOLERANCE => (
             FindingCode::SigmaTooLarge,
             format!("σ is too large: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
@@ -73,7 +73,7 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
             percent(share_of_all)
         );
         Some(Finding::new(FindingCode::ScanMisfit, text))
-    } else if scan.mean.abs() > MAX_APART * sigma {
+    } else if scan.mean.abs() > MAX_MEAN_SIGMAS * sigma {
         let text = format!(
             "scan {name} lies {} off the others on average ({} σ of a reading): its pose may be wrong; \
              aligning the scans estimates it",

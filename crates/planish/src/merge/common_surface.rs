@@ -22,11 +22,11 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 
 /// Radius of a piece, in edges.
-const RADIUS: f64 = 12.0;
+const RADIUS_EDGES: f64 = 12.0;
 /// Side of a spline cell, in edges. Smaller cells follow noise; larger ones smooth shape.
-const CELL: f64 = 1.75;
+const CELL_EDGES: f64 = 1.75;
 /// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1.
-const COVERED: f64 = 0.4;
+const MIN_COVERAGE: f64 = 0.4;
 /// Maximum number of cells across a piece. Fine vertices among coarse ones would otherwise demand too many.
 const MAX_CELLS_ACROSS: f64 = 60.0;
 /// Minimum number of vertices for a refit.
@@ -99,7 +99,7 @@ pub(super) fn refitted(
         while next < seeds.len() && pieces.len() < BATCH {
             let (p, v) = seeds[next];
             next += 1;
-            if weight[p as usize][v as usize] >= COVERED {
+            if weight[p as usize][v as usize] >= MIN_COVERAGE {
                 continue;
             }
             let members = walk
@@ -231,7 +231,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     };
     let extent =
         (readings.iter()).fold(0.0_f64, |largest, r| largest.max(r.place[0].abs()).max(r.place[1].abs()));
-    let cell = (CELL * spacing).max(2.0 * extent / MAX_CELLS_ACROSS);
+    let cell = (CELL_EDGES * spacing).max(2.0 * extent / MAX_CELLS_ACROSS);
     let field = HeightField::fit(&readings, cell, dispersion)?;
     let places: Vec<[f64; 2]> = readings.iter().map(|r| r.place).collect();
     Ok((piece.members.iter().zip(&readings))
@@ -276,7 +276,7 @@ impl Walk {
         let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
         let known = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
         let (of, v) = known(first);
-        let (middle, normal, radius) = (at(first), of.normals[v], RADIUS * of.spacing[v]);
+        let (middle, normal, radius) = (at(first), of.normals[v], RADIUS_EDGES * of.spacing[v]);
         let mut members = Vec::new();
         let mut queue = vec![first];
         self.met[first.0 as usize][first.1 as usize] = self.walks;

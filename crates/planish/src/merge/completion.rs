@@ -20,20 +20,20 @@ const MAX_GAP_EDGES: f64 = 6.0;
 /// The bound is also removed within this many edges of a patch's border, which leaves room for stitching.
 const BORDER_EDGES: f64 = 1.0;
 /// Normals of one side of an object differ by less.
-const LARGEST_ANGLE_RAD: f64 = 1.2;
+const MAX_ANGLE_RAD: f64 = 1.2;
 /// ε of the overlap search, in edges. The remaining bound overlaps no patch, so almost nothing may be fused.
 const EPSILON: f64 = 0.01;
 
 /// Maximum distance of patch triangles outside the bound, in edges of the bound.
 const MAX_OUTSIDE_EDGES: f64 = 1.5;
 /// Holes of no more edges than this are notches in borders that were sewn.
-const NOTCH: usize = 8;
+const MAX_NOTCH_EDGES: usize = 8;
 /// Maximum number of sample points along an edge of a triangle.
 const MAX_STEPS: usize = 32;
 
 /// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the
 /// bound is larger than this.
-const FACES: f64 = 0.1;
+const MIN_FACING_COSINE: f64 = 0.1;
 /// Approximate number of sample points of a part for its orientation.
 const ORIENTATION_SAMPLES: usize = 5000;
 
@@ -80,7 +80,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
     let normals = mesh.vertex_normals();
     let covered: Vec<bool> = (mesh.positions.par_iter().zip(&normals))
         .map(|(p, n)| {
-            let foot = search.closest_compatible_within(*p, *n, LARGEST_ANGLE_RAD, MAX_GAP_EDGES * edge);
+            let foot = search.closest_compatible_within(*p, *n, MAX_ANGLE_RAD, MAX_GAP_EDGES * edge);
             foot.is_some_and(|foot| !foot.on_boundary || foot.distance <= BORDER_EDGES * edge)
         })
         .collect();
@@ -111,7 +111,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
             positions: patch.mesh.positions.clone(),
             sigma: patch.sigma.clone(),
         });
-        stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: NOTCH })?
+        stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: MAX_NOTCH_EDGES })?
     };
     // Stitching may have closed holes outside the bound, so the limits are applied again.
     let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
@@ -173,16 +173,17 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
             *count += 1.0;
         }
     }
-    let against =
-        |t: &[u32; 3]| (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -FACES * count);
+    let against = |t: &[u32; 3]| {
+        (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -MIN_FACING_COSINE * count)
+    };
     for t in &mut mesh.triangles {
         if against(t) {
             t.swap(1, 2);
         }
     }
     Facing {
-        turned: sums.values().filter(|(sum, count)| *sum < -FACES * count).count(),
-        undetermined: sums.values().filter(|(sum, count)| sum.abs() <= FACES * count).count(),
+        turned: sums.values().filter(|(sum, count)| *sum < -MIN_FACING_COSINE * count).count(),
+        undetermined: sums.values().filter(|(sum, count)| sum.abs() <= MIN_FACING_COSINE * count).count(),
     }
 }
 

@@ -43,7 +43,7 @@ use std::path::{Path, PathBuf};
 /// unconnected; more make the energy resist bending over several spacings.
 const NEIGHBOURS: usize = 6;
 /// Minimum fraction of a vertex's information that comes from readings for `observed` = 1.
-const MEASURED: f64 = 0.5;
+const MIN_DATA_SHARE: f64 = 0.5;
 
 /// What moves the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -100,7 +100,7 @@ pub struct ShellFitJob {
 }
 
 /// Where fitting begins and ends in the whole job.
-const FITTING: (f64, f64) = (0.05, 0.95);
+const FITTING_PROGRESS: (f64, f64) = (0.05, 0.95);
 
 impl Default for ShellFitJob {
     fn default() -> Self {
@@ -310,7 +310,8 @@ impl FrameStage<'_> {
 
     /// The share of the job that is done after a share of this frame.
     fn share(&self, of_frame: f64) -> f64 {
-        FITTING.0 + (FITTING.1 - FITTING.0) * (self.number as f64 + of_frame) / self.count as f64
+        FITTING_PROGRESS.0
+            + (FITTING_PROGRESS.1 - FITTING_PROGRESS.0) * (self.number as f64 + of_frame) / self.count as f64
     }
 
     fn report(&self, progress: &dyn Progress, at: &ShellProgress) -> Result<()> {
@@ -350,7 +351,7 @@ impl Run<'_> {
         progress.check("flowing", 0.0)?;
         let made = rough_start::flown(self.job, mesh, &mut self.units, &mut |rounds| {
             progress.items(rounds, "rounds");
-            progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
+            progress.check("flowing", FITTING_PROGRESS.0 * rounds as f64 / (rounds + 3) as f64)
         })?;
         // Remeshing changes the vertices, so texture coordinates and groups no longer belong to any.
         let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.findings);

@@ -54,9 +54,9 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Controls if not specified.
-const USUAL_CONTROLS: usize = 60;
+const DEFAULT_CONTROLS: usize = 60;
 /// The blend if none is given, as a share of the mesh's size.
-pub(super) const USUAL_BLEND: f64 = 0.1;
+pub(super) const DEFAULT_BLEND: f64 = 0.1;
 
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -177,13 +177,13 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let controls = match &poses.controls {
         ControlsEntry::Count(count) => automatic_controls(&mesh, *count)?.points,
-        ControlsEntry::Usual => automatic_controls(&mesh, USUAL_CONTROLS)?.points,
+        ControlsEntry::Usual => automatic_controls(&mesh, DEFAULT_CONTROLS)?.points,
         ControlsEntry::Points(points) => points.clone(),
     };
     let (parts, rigid) = rigid_parts(job, &file, &poses)?;
     progress.check("weighing", 0.2)?;
     let inner = Box::new(Dirichlet::new(&controls, &mesh.positions)?);
-    let blend = poses.blend.unwrap_or(USUAL_BLEND * size);
+    let blend = poses.blend.unwrap_or(DEFAULT_BLEND * size);
     let deformation =
         RigidParts::new(&mesh, inner, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
     let (mut targets, mut reports) = (Vec::new(), Vec::new());

@@ -19,10 +19,10 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// How thick a shell is if not specified, and how soft its field, as shares of the mesh's size.
-const USUAL_THICKNESS: f64 = 0.01;
-const USUAL_SOFTNESS: f64 = 0.002;
+const DEFAULT_THICKNESS: f64 = 0.01;
+const DEFAULT_SOFTNESS: f64 = 0.002;
 /// Maximum radius of spherical metaballs relative to the softness of the field.
-const SPHERES: f64 = 3.0;
+const MAX_SPHERE_RATIO: f64 = 3.0;
 /// Maximum number of facets after division into spherical metaballs.
 const MAX_FACETS: usize = 400_000;
 
@@ -149,12 +149,12 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             }
         )));
     }
-    let softness = job.softness.unwrap_or(USUAL_SOFTNESS * size);
+    let softness = job.softness.unwrap_or(DEFAULT_SOFTNESS * size);
     let mut findings = Vec::new();
     let wrapped = match job.metaball {
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
-            let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MAX_FACETS);
+            let (fine, _) = subdivide_for_spheres(&mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
             if fine.triangles.len() >= MAX_FACETS {
                 let text = format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
@@ -168,7 +168,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         }
     };
     let options = ShellOptions {
-        thickness: job.thickness.unwrap_or(USUAL_THICKNESS * size),
+        thickness: job.thickness.unwrap_or(DEFAULT_THICKNESS * size),
         threshold: job.threshold,
         ..ShellOptions::new(job.metaball, 1.0 / softness)
     };

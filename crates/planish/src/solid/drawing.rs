@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 /// Maximum number of lines of one kind that a message names. Others are counted.
 const MAX_NAMED: usize = 3;
 /// Ends of lines meet within this share of the drawing's size.
-const MEETS: f64 = 1e-4;
+const MEETING_TOLERANCE: f64 = 1e-4;
 /// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
-const SAME: f64 = 1e-7;
+const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
 
 /// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
 /// 0.004 mm to 4e8 mm, and not of 4e9 mm.
@@ -109,7 +109,7 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
 fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     let all =
         Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
-    let step = (SAME * all.size()).max(f64::MIN_POSITIVE);
+    let step = (REPEATED_LINE_TOLERANCE * all.size()).max(f64::MIN_POSITIVE);
     let key = |curve: &Curve2| {
         let points = curve.points();
         let mut at: Vec<[i64; 2]> = [0, points.len() / 2, points.len() - 1]
@@ -184,7 +184,7 @@ pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Err
 /// Names the ends of visible lines at which no other line ends. If no solid was found, an open outline is a
 /// likely reason. (Drawings that omit smooth edges have such ends as well.)
 fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
-    let near = MEETS * drawing.size();
+    let near = MEETING_TOLERANCE * drawing.size();
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
         let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();

@@ -6,7 +6,7 @@ use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curv
 use std::path::PathBuf;
 
 /// Ends and sizes that differ by more than this share of the drawing's size are not meant to be one.
-const NEARLY: f64 = 2e-3;
+const NEAR_MISS_RATIO: f64 = 2e-3;
 
 /// Distance within which coordinates are treated as equal: the rounding of six digits in files.
 fn rounding(drawing: &Drawing) -> f64 {
@@ -39,7 +39,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
                 continue;
             };
             let off = (size - first).abs();
-            if off > rounding(drawing) && off <= NEARLY * drawing.size() {
+            if off > rounding(drawing) && off <= NEAR_MISS_RATIO * drawing.size() {
                 let text = format!(
                     "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
                      times as long: needed one scale; a tolerance of {:.1e} makes them equal",
@@ -60,7 +60,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
 
 /// Ends of visible lines that almost meet another line.
 pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
-    let (same, nearly) = (rounding(drawing), NEARLY * drawing.size());
+    let (same, nearly) = (rounding(drawing), NEAR_MISS_RATIO * drawing.size());
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
         let is_closed = |curve: &Curve2| {

@@ -67,9 +67,9 @@ pub(super) struct Noisy {
 }
 
 /// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found.
-const NEARLY: f64 = 0.1;
+const MAX_LEAN: f64 = 0.1;
 /// Points of exact views are one within this share of the extent.
-const SAME: f64 = 1e-7;
+const COINCIDENCE_TOLERANCE: f64 = 1e-7;
 
 /// Reads the views and makes them one geometry.
 pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy> {
@@ -176,7 +176,7 @@ impl Noisy {
                 covariance: None,
             })
             .collect();
-        match composite(&sketches, SAME * self.consistent.drawing.extent(), 0.0) {
+        match composite(&sketches, COINCIDENCE_TOLERANCE * self.consistent.drawing.extent(), 0.0) {
             Ok(composite) => Ok(Some(composite)),
             Err(e) => {
                 findings.push(Finding::new(
@@ -226,7 +226,7 @@ impl Noisy {
                 each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
             let nearest = usize::from(off[1] < off[0]);
             let spread = sigma(&each[nearest], drawing, &self.consistent.covariance) / drawing.length(bar);
-            (off[nearest] > SAME && off[nearest] < NEARLY).then(|| {
+            (off[nearest] > COINCIDENCE_TOLERANCE && off[nearest] < MAX_LEAN).then(|| {
                 format!(
                     "{} leans by {:.3}° ± {:.3}°",
                     drawing.bar_name(bar),

@@ -15,9 +15,9 @@ use std::path::PathBuf;
 /// Solids that are shown side by side, at most.
 const MAX_SOLIDS: usize = 6;
 /// From one solid to the next, over the width of the first.
-const APART: f64 = 1.35;
+const SPACING_RATIO: f64 = 1.35;
 /// Height of the labels above the solutions, relative to the diagonal of their box.
-const ABOVE: f64 = 0.06;
+const LABEL_HEIGHT_RATIO: f64 = 0.06;
 /// Lines that none explains, named one by one.
 const MAX_LINES: usize = 20;
 /// Faces that meet at less than this angle in degrees have no edge that is drawn.
@@ -41,7 +41,7 @@ pub(crate) fn solid_page(
         if let Some(bounds) = BoundingBox::from_points(&mesh.positions)
             && across == 0.0
         {
-            across = APART * (bounds.max[0] - bounds.min[0]);
+            across = SPACING_RATIO * (bounds.max[0] - bounds.min[0]);
         }
         for p in &mut mesh.positions {
             p[0] += across * k as f64;
@@ -53,7 +53,7 @@ pub(crate) fn solid_page(
                 format!("volume {} {unit}³, {}", significant(s.volume, 5), faces(&s.faces))
             });
             scene.marks.push(Mark {
-                at: [x, y, bounds.max[2] + ABOVE * bounds.diagonal()],
+                at: [x, y, bounds.max[2] + LABEL_HEIGHT_RATIO * bounds.diagonal()],
                 label: (k + 1).to_string(),
                 text,
                 normal: [0.0, 0.0, 1.0],

@@ -15,10 +15,10 @@ use planish_mesh::{DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::{Colour, linear_light};
 use rayon::prelude::*;
 
-/// Samples along each side of a pixel: for usual pictures, and for those with more pixels than [`LARGE`].
+/// Samples along each side of a pixel: for usual pictures, and for those with more pixels than [`LARGE_PICTURE`].
 /// Large pictures have finer pixels, so their edges need fewer samples.
 const SAMPLES: [usize; 2] = [3, 2];
-const LARGE: usize = 8_000_000;
+const LARGE_PICTURE: usize = 8_000_000;
 /// Approximate maximum number of samples in the depth buffer. Larger pictures are drawn in strips.
 const MAX_SAMPLES: usize = 16_000_000;
 /// Faces that meet at more than this angle, in degrees, have an edge between them.
@@ -30,18 +30,18 @@ const SKY: f64 = 0.44;
 const GROUND: f64 = 0.24;
 const DIRECT: f64 = 0.72;
 /// How far the lamp reaches around an object, as a cosine. It makes the edge of the light soft.
-const AROUND: f64 = 0.4;
+const LAMP_WRAP: f64 = 0.4;
 /// Reach of obscurance relative to the diagonal of the object, its strength, and the number of sampled
 /// positions. A larger reach also darkens wide hollows; more samples reduce noise at proportional cost.
 const REACH: f64 = 0.035;
 const OBSCURANCE: f64 = 1.5;
-const ASKED: usize = 48;
+const OBSCURANCE_SAMPLES: usize = 48;
 /// Golden angle in radians: samples on a spiral with this step never line up.
 const GOLDEN: f64 = 2.399_963_229_728_653;
 /// Darkening of dots behind others per unit of slope, and the largest slope that counts. Without the limit,
 /// all dots at a depth edge would be black.
-const DOTS_APART: f64 = 0.14;
-const STEEPEST: f64 = 4.0;
+const DOT_DARKENING: f64 = 0.14;
+const MAX_SLOPE: f64 = 4.0;
 
 /// A drawn object.
 pub(super) enum Shape<'a> {
@@ -97,7 +97,7 @@ const OUTLINE: usize = 6;
 
 /// Draws shapes: every pixel, row by row.
 pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usize; 2]) -> Vec<Pixel> {
-    let samples = SAMPLES[usize::from(columns * rows > LARGE)];
+    let samples = SAMPLES[usize::from(columns * rows > LARGE_PICTURE)];
     let fine = |p: Projected| Projected { at: p.at.map(|x| samples as f64 * x), ..p };
     let (mut corners, mut triangles) = (Vec::new(), Vec::new());
     let mut prepared = Vec::with_capacity(shapes.len());
@@ -222,7 +222,7 @@ fn towards_camera(normal: [f64; 3]) -> [f64; 3] {
 fn brightness(normal: [f64; 3]) -> f64 {
     let sky = 0.5 + 0.5 * normal[1];
     let lamp = dot(normal, LAMP) / norm(LAMP);
-    let reached = ((lamp + AROUND) / (1.0 + AROUND)).max(0.0);
+    let reached = ((lamp + LAMP_WRAP) / (1.0 + LAMP_WRAP)).max(0.0);
     GROUND + (SKY - GROUND) * sky + DIRECT * reached.powf(1.5)
 }
 
@@ -289,9 +289,9 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
 fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
     let [columns, _] = size;
     // Places over a disc, evenly.
-    let spiral: Vec<[f64; 2]> = (0..ASKED)
+    let spiral: Vec<[f64; 2]> = (0..OBSCURANCE_SAMPLES)
         .map(|k| {
-            let radius = ((k as f64 + 0.5) / ASKED as f64).sqrt();
+            let radius = ((k as f64 + 0.5) / OBSCURANCE_SAMPLES as f64).sqrt();
             let (sine, cosine) = (GOLDEN * k as f64).sin_cos();
             [radius * cosine, radius * sine]
         })
@@ -351,7 +351,7 @@ fn obscurance(
         }
     }
     // The lower limit keeps colours readable as values in deep folds.
-    (1.0 - OBSCURANCE * sum / ASKED as f64).max(0.25)
+    (1.0 - OBSCURANCE * sum / OBSCURANCE_SAMPLES as f64).max(0.25)
 }
 
 /// The brightness of a dot, reduced by steep depth differences to dots in front of it.
@@ -365,8 +365,8 @@ fn dots_apart(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2
         let radius = if k < 8 { 1.5 } else { 4.0 };
         let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / 8.0).sin_cos();
         if let Some(other) = covered(pixels, size, [middle[0] + radius * cosine, middle[1] + radius * sine]) {
-            sum += ((pixel.depth - other.depth) / (radius * footprint)).clamp(0.0, STEEPEST);
+            sum += ((pixel.depth - other.depth) / (radius * footprint)).clamp(0.0, MAX_SLOPE);
         }
     }
-    (-DOTS_APART * sum / 2.0).exp().max(0.12)
+    (-DOT_DARKENING * sum / 2.0).exp().max(0.12)
 }

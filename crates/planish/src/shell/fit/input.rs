@@ -1,6 +1,6 @@
 //! Reads the inputs of a shell fit from files.
 
-use super::super::pose::{USUAL_BLEND, part_vertices};
+use super::super::pose::{DEFAULT_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
 use nalgebra::{DMatrix, DVector};
 use planish_core::{Finding, FindingCode, Setting, SymmetricMatrix3};
@@ -201,7 +201,7 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
         ));
     };
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
-    let blend = job.blend.unwrap_or(USUAL_BLEND * size);
+    let blend = job.blend.unwrap_or(DEFAULT_BLEND * size);
     let made = RigidParts::new(mesh, inner.deformation, &parts, blend)
         .map_err(|e| e.in_context(job.mesh.display()))?;
     Ok(Moved { stiffness: Some(made.stiffness(stiffness)), deformation: Box::new(made), ..inner })

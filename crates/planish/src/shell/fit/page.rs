@@ -1,6 +1,6 @@
 //! The report of a fitted shell.
 
-use super::inspection::{MIN_OVERLAP, TRUE_FACTORS};
+use super::inspection::{ACCEPTED_FACTORS, MIN_OVERLAP};
 use crate::report::scenes::{numbers, observed_field};
 use crate::report::words::SmallUnit;
 use crate::shell::fit::{ReadingsReport, ShellFitReport};
@@ -142,7 +142,7 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
                 },
                 significant(of.sigma_factor, 3),
             ],
-            of.sigma_factor > TRUE_FACTORS[1] || 3 * of.outliers > of.count,
+            of.sigma_factor > ACCEPTED_FACTORS[1] || 3 * of.outliers > of.count,
         );
     }
     Section::new(

@@ -1,7 +1,7 @@
 //! Report of a fitted shell.
 
 use super::input::Frame;
-use super::{CameraPoseReport, MEASURED};
+use super::{CameraPoseReport, MIN_DATA_SHARE};
 use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ pub(super) fn known(
             let share = row.dot(&(&by_data * &row)) / variance;
             let start = start_sigma.get(v).copied().unwrap_or(0.0);
             let lacking = made.unresolved_shape * made.unresolved_shape + start * start;
-            ((variance + lacking).sqrt(), u8::from(share > MEASURED))
+            ((variance + lacking).sqrt(), u8::from(share > MIN_DATA_SHARE))
         })
         .unzip();
     (normals, sigma, observed)

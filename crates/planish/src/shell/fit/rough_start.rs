@@ -34,7 +34,7 @@ use rayon::prelude::*;
 /// Cells along the mesh's diagonal.
 const CELLS: f64 = 100.0;
 /// How far it flows in one round, in cells.
-const FARTHEST: f64 = 10.0;
+const FLOW_CELLS: f64 = 10.0;
 /// Distance from the covered region, in cells, beyond which a place counts as uncovered.
 const UNCOVERED_CELLS: f64 = 0.5;
 /// Parts of less than this share of the largest one's volume are crumbs.
@@ -44,13 +44,13 @@ const MAX_ROUNDS: usize = 30;
 /// The flow ends where a round adds less than this to the mean agreement with the masks.
 const MIN_GAIN: f64 = 1e-3;
 /// How far it fills the domain in the end, in cells.
-const FILLED: f64 = 8.0;
+const FILL_CELLS: f64 = 8.0;
 /// Smoothings after each round: they take away the steps that rounds leave.
 const SMOOTHINGS: usize = 20;
 /// Number of diffusion steps of the local mean. n steps average over a radius of about √n edges.
 const MEAN_STEPS: usize = 100;
 /// Without one view of several at even angles as much more is left than all of them leave.
-const LEFT_WITHOUT_ONE: f64 = 3.0;
+const EXCESS_RATIO: f64 = 3.0;
 /// Thickness of the field of the fit, at first, as a share of the mesh's size: coarser ones draw thin parts
 /// together.
 const SOFTNESS: f64 = 0.003;
@@ -146,7 +146,7 @@ pub(super) fn flown(
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
             by: UNCOVERED_CELLS * cell,
         };
-        let next = anew(&mesh, Some((&covered, FARTHEST)), cell)?;
+        let next = anew(&mesh, Some((&covered, FLOW_CELLS)), cell)?;
         let (after, _) = agreement(&next);
         rounds += 1;
         let gain = after - mean;
@@ -157,9 +157,9 @@ pub(super) fn flown(
             break;
         }
     }
-    mesh = anew(&mesh, Some((&Nothing, FILLED)), cell)?;
+    mesh = anew(&mesh, Some((&Nothing, FILL_CELLS)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
-        .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / LEFT_WITHOUT_ONE)
+        .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / EXCESS_RATIO)
         .collect();
     Ok(Flown {
         report: FlowReport {

@@ -7,7 +7,7 @@
 use planish_mesh::{Neighbours, TriangleMesh};
 
 /// The largest residual of the Laplace equation, of 255.
-const SMALL: f64 = 0.01;
+const MAX_RESIDUAL: f64 = 0.01;
 /// Maximum number of conjugate-gradient steps. More steps make no visible difference.
 const MAX_STEPS: usize = 2000;
 /// Colour if no view sees any part.
@@ -71,7 +71,7 @@ fn laplace(neighbours: &Neighbours, unknown: &[u32], colours: &mut [[f64; 3]], c
     let mut p = z.clone();
     let mut rz = inner(&r, &z);
     for _ in 0..MAX_STEPS {
-        if r.iter().all(|r| r.abs() < SMALL) {
+        if r.iter().all(|r| r.abs() < MAX_RESIDUAL) {
             break;
         }
         let product = multiply(&p);

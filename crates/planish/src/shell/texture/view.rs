@@ -25,7 +25,7 @@ const CLEAR_PX: u8 = 5;
 const DEPTH_EDGE: f64 = 10.0;
 /// Maximum distance of a visible place behind the depth buffer, in pixel widths. Interpolation between pixels
 /// cuts corners.
-const BEHIND: f64 = 3.0;
+const MAX_DEPTH_BEHIND: f64 = 3.0;
 /// Minimum cosine between normal and line of sight (81°). Beyond it, a pixel covers too much of the surface.
 const MIN_COSINE: f64 = 0.15;
 /// By which power of the pixels on a piece of surface a view counts: the best view rules, without visible
@@ -105,7 +105,7 @@ impl ColourView {
         }
         let width = depth / self.camera.pinhole.focal_px();
         let front: f64 = around.iter().map(|(k, w)| w * f64::from(self.depth[*k])).sum();
-        if depth > front + BEHIND * width {
+        if depth > front + MAX_DEPTH_BEHIND * width {
             return None;
         }
         let cosine = dot(normal, unit(sub(self.camera.center(), at))?);
