@@ -28,22 +28,24 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Frames of an animation.
+/// Number of frames of an animation. Every frame is a snapshot of the model with its covariance in memory.
 pub const FRAMES: usize = 24;
 /// Time between frames in the animation.
 const SECONDS_PER_FRAME: f64 = 0.25;
-/// Triangles of a frame, about.
+/// Approximate maximum number of triangles of a frame. A GLB file stores all frames, so its size is a
+/// multiple of this.
 const MAX_TRIANGLES: u64 = 16_000;
 /// Columns and rows of a picture.
 const PICTURE: [usize; 2] = [800, 600];
-/// Places along each side of a pixel that are drawn.
+/// Samples along each side of a pixel.
 const SAMPLES: usize = 3;
-/// Dots of a picture, at most.
+/// Maximum number of dots in a picture. More would cover the surface.
 const MAX_DOTS: usize = 6000;
 /// Direction of the camera: elevation above the plane of a sheet, or direction for other shapes.
 const SLANT: f64 = 0.75;
 const CAMERA_DIRECTION: [f64; 3] = [0.55, -0.75, 0.5];
-/// A surface faces one way when its normals add up to more than this share of its area.
+/// Minimum length of the sum of normals, relative to the area, of a surface that faces one way (a sheet). For
+/// a closed surface the sum is zero.
 const FACING: f64 = 0.5;
 /// Minimum size of the last frame relative to the picture. Larger first frames are clipped.
 const MIN_LAST_FRAME: f64 = 0.6;
@@ -126,6 +128,7 @@ pub fn write_forming(
             path
         }
         AnimationOutput::Pictures(path) => {
+            // An interrupted run leaves no folder with some of the pictures.
             let folder = PendingFolder::create(path)?;
             let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
             let painter = FramePainter::new(first, last, &frames.triangles)?;
@@ -150,6 +153,8 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         tolerance: affordable_tolerance(surface, wanted, MAX_TRIANGLES)?,
         ..TessellationOptions::default()
     };
+    // The triangles of the last snapshot, because morph targets need the same triangles in all frames, and
+    // the last is the finest.
     let made = tessellate(surface, &options)?;
     let (mut shapes, mut sigmas) = (Vec::new(), Vec::new());
     for (k, snapshot) in forming.snapshots.iter().enumerate() {
@@ -161,6 +166,7 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         let points: Vec<[f64; 3]> =
             located.iter().map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t)).collect();
         let normals: Vec<[f64; 3]> = (made.parameters.iter().zip(&made.normals))
+            // Early snapshots can be degenerate at a place.
             .map(|(&[u, v], last)| then.normal(u, v).unwrap_or(*last))
             .collect();
         let leaves: Vec<u32> = located.iter().map(|(leaf, _)| *leaf as u32).collect();
@@ -199,6 +205,7 @@ impl ColourScale {
             sorted.sort_unstable_by(f64::total_cmp);
             sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(1.0).ln()
         };
+        // Quantiles: an unmeasured corner has a σ that would leave all the rest in one colour.
         Self { low: quantile(sigmas.last(), 0.02), high: quantile(sigmas.first(), 0.9) }
     }
 
@@ -274,6 +281,7 @@ impl FramePainter {
             let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
             let middle = |x: f64| (SAMPLES as f64 * x) as usize;
             if !inside
+                // Readings scatter about the surface. The margin keeps those just below it visible.
                 || (buffer.at(middle(x), middle(y))).is_some_and(|seen| seen.depth < depth - 0.03 * size)
             {
                 continue;

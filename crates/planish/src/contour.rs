@@ -45,8 +45,8 @@ use sizes::size_labels;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Minimum number of readings of a part. Smaller groups are counted as stray readings: most kinds of contour
-/// pass through so few points exactly, and no test could reject them.
+/// Minimum number of readings of a part. Smaller groups are counted as stray readings: with five and more
+/// parameters, several kinds of contour would follow so few points nearly exactly.
 const MIN_READINGS: usize = 8;
 
 /// Settings of the job.

@@ -424,7 +424,7 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
         let sensor = &set.sensors[posed.sensor];
         let stated = posed.scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
         // Positions have a σ that residuals can estimate. Curvatures without a stated σ would get an
-        // arbitrary weight, so they are omitted and the user is told.
+        // arbitrary weight, so they are not used.
         if posed.scan.curvatures.is_some() && !stated && sensor.kind != SensorKind::Curvature {
             findings.push(Finding::new(
                 FindingCode::CurvaturesUnused,

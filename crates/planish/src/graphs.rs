@@ -130,6 +130,8 @@ fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
         let mut edges: Vec<TourEdge> = Vec::new();
         // Bars join as long as one of their ends is known.
         while let Some(at) =
+            // Quadratic, but drawings have at most some hundred bars, and the order stays that of the
+            // drawing.
             left.iter().position(|&bar| drawing.ends(bar).iter().any(|end| points.contains(end)))
         {
             let bar = left.remove(at);
@@ -142,6 +144,7 @@ fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
             let [a, b] = ends.map(|end| points.iter().position(|&point| point == end).unwrap_or_default());
             edges.push(TourEdge { a, b, length: drawing.length(bar) });
         }
+        // A drawing without a tour still has its other graphs.
         if let Ok(tour) = postman_tour(&edges, 0) {
             found.push(NamedTour::new(&tour, &edges, |vertex| drawing.point_name(points[vertex]).to_owned()));
         }

@@ -347,7 +347,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
 }
 
 fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>) -> Result<FileInfo> {
-    // Completed parts (2) do not count: their σ is a guess.
+    // Completed parts (2) do not count: the summary is that of measured parts.
     let observed: Option<Vec<bool>> = file.column("observed").map(|c| c.iter().map(|&o| o == 1.0).collect());
     let measured = |k: usize| observed.as_ref().is_none_or(|observed| observed[k]);
     let sigma = match file.column("sigma") {

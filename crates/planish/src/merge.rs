@@ -190,8 +190,8 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let mut ready = Ready::new(set, options, progress)?;
     let overlap = ready.overlap(options)?;
     progress.check("fusing", 0.4)?;
-    // Weights by information need a stated σ. An estimated one is common to all patches and says nothing
-    // about which is better, so the refit with equal weights is used.
+    // Weights by information need stated σ. Without them, σ comes from the differences between patches, which
+    // do not show which patch is better.
     let method = options.method.unwrap_or(match overlap.sigma_estimated {
         false => MergeMethod::Information,
         true => MergeMethod::Refit,

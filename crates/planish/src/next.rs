@@ -278,7 +278,8 @@ pub fn next_points(
             *variance = (*variance - place.see(&column).powi(2) / own).max(0.0);
         }
         candidates.par_iter_mut().for_each(|candidate| {
-            // The columns of the others change, too: the next choice must know what this reading tells.
+            // The columns of the other candidates change, too: the next choice must include the information
+            // of this reading.
             let share = places[candidate.place].see(&column) / own;
             for (c, x) in candidate.column.iter_mut().zip(&column) {
                 *c -= share * x;

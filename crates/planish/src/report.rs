@@ -41,6 +41,7 @@ impl ReportOutput {
 
     /// Writes a page, with where it comes from at its end.
     pub(crate) fn write(&self, mut page: Page, inputs: &[(PathBuf, String)]) -> Result<()> {
+        // Checksums are computed at the end of the job, from the files as they are then.
         page.sections.push(self.provenance(inputs)?);
         let html = page.html().map_err(|e| {
             Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e)

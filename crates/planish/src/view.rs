@@ -388,7 +388,7 @@ fn pixels(
         .map(|values| {
             move |dot: usize| match (values, scale) {
                 (Some(values), Some(scale)) => scale.colour(values[dot]),
-                // A cloud without the field is grey, not clay, so that it does not look like a value.
+                // A cloud without the field is drawn as unknown beside those that have it.
                 (None, Some(_)) => UNKNOWN,
                 _ => CLAY,
             }

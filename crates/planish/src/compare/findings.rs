@@ -5,11 +5,13 @@ use crate::report::words::SmallUnit;
 use planish_core::{Finding, FindingCode};
 use planish_report::numbers::percent;
 
-/// Shares of the points within 1.96 σ between which σ counts as true.
+/// Coverage of 1.96 σ that counts as consistent; 95 % is expected. The errors of neighbouring points are
+/// correlated, so the coverage of a correct σ scatters more than the number of points suggests.
 const CONSISTENT_COVERAGE: [f64; 2] = [0.92, 0.985];
-/// A mean deviation beyond this share of the rms is a bias of the whole.
+/// Maximum mean deviation relative to the rms. Beyond it, most deviations have one sign, as with shifted
+/// frames.
 const MAX_BIAS: f64 = 0.5;
-/// A share of points within 1.96 σ below which σ of the model cannot be used.
+/// Coverage of 1.96 σ below which σ is not merely optimistic but useless.
 const MIN_USABLE_COVERAGE: f64 = 0.7;
 
 /// The findings that follow from the figures of a report.
@@ -35,6 +37,7 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
             "the model states no σ: its uncertainty cannot be checked",
         ));
     }
+    // Backward first: it exists for clouds, too, and its feet on a spline are exact.
     if let Some(d) = report.backward.or(report.forward)
         && d.mean.abs() > MAX_BIAS * d.rms
     {

@@ -12,7 +12,7 @@ use planish_report::{
 use planish_surface::model::Observed;
 use std::path::Path;
 
-/// Points of the reference that are drawn at most.
+/// Maximum number of points of the reference that are drawn.
 const MAX_POINTS: usize = 20_000;
 
 /// The page of a comparison of a model with a reference, by their names.

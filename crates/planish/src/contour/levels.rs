@@ -7,7 +7,8 @@ use planish_contour::planar::ContourKind;
 use planish_estimate::ChiSquareBand;
 use serde::Serialize;
 
-/// Confidence of the test that compares levels. Levels that pass are treated as equal.
+/// Confidence of the test that compares levels. Levels that pass are treated as equal. A higher value merges
+/// levels that differ; a lower one separates equal levels by chance.
 const CONFIDENCE: f64 = 0.99;
 
 /// How the main contours of the levels are related.
@@ -42,6 +43,7 @@ pub struct LevelRelation {
 /// Compares the largest contour of each level; `None` with fewer than two levels.
 pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
     let mut main: Vec<&Part> = Vec::new();
+    // Parts are sorted by size, so the first of each level is its largest.
     for part in parts.iter().filter(|p| p.level.is_some()) {
         if !main.iter().any(|m| m.level == part.level) {
             main.push(part);
@@ -61,6 +63,7 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
         mean: Vec::new(),
     };
     let kind = &main[0].choice.fit.kind;
+    // Different kinds have no parameters in common that could be compared.
     if main.iter().any(|p| p.choice.fit.kind != *kind) {
         return Some(nothing);
     }
@@ -69,6 +72,7 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
     let Some(prism) = compared else {
         return Some(nothing);
     };
+    // The stricter relation first: a prism of circles is also a solid of revolution.
     if prism.chi_square <= prism.limit {
         return Some(LevelRelation { relation: Relation::Prism, ..prism });
     }
@@ -100,6 +104,8 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
                 }
             }
         }
+        // The block of the covariance before inversion: this leaves the other parameters free. A block of the
+        // information would hold them fixed.
         let weight = covariance.view((0, 0), (count, count)).into_owned().try_inverse()?;
         information += &weight;
         vector += &weight * &x;

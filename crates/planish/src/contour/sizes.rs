@@ -10,7 +10,8 @@ use crate::contour::ContourReport;
 use planish_contour::planar::ContourKind;
 use planish_exchange::contours::{DrawnContour, SizeLabel};
 
-/// A line has a reported length where they differ by at most this share.
+/// Maximum relative difference between a drawn line and a reported size that still are the same. Both come
+/// from the same parameters and differ by rounding only.
 const LENGTH_TOLERANCE: f64 = 1e-6;
 
 /// A size that is reported.

@@ -5,16 +5,18 @@ use planish_core::{Finding, FindingCode, Setting};
 use planish_report::numbers::{counted, percent, significant};
 use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 
-/// A scan whose residuals are so many times their σ, or so few, does not fit.
+/// Maximum rms of a scan's residuals, in σ. A common σ of several scans is right only on average, so some
+/// excess is normal.
 const MAX_NORMALISED: f64 = 1.5;
-/// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
+/// Maximum mean residual of a scan, in σ of a reading. The mean of many readings is known far better, so
+/// smaller shifts are significant, too. They matter little, because the noise hides them.
 const MAX_MEAN_SIGMAS: f64 = 0.5;
 /// A scan of which more than this share is rejected, and more than three times the share of all, does not
 /// fit.
 const MAX_REJECTED: f64 = 0.1;
-/// Fewer readings judge no scan.
+/// Minimum number of readings for judging a scan. With 30, the rms has a relative σ of 13 %.
 const MIN_JUDGED: usize = 30;
-/// Held-out readings agree with a σ that is correct within this factor.
+/// Largest ratio between predicted and observed σ of held-out readings that counts as consistent.
 const SIGMA_TOLERANCE: f64 = 1.25;
 
 /// The findings that follow from the figures of a fit.
@@ -62,7 +64,9 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
     if total < MIN_JUDGED {
         return None;
     }
+    // Rejections are tested first: they shift the mean and the rms of what remains.
     let share = scan.rejected as f64 / total as f64;
+    // The mean σ of the scan's readings, which may differ in their own.
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
     let name = &scan.name;
     if share > MAX_REJECTED && share > 3.0 * share_of_all {

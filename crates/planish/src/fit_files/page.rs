@@ -15,7 +15,7 @@ use planish_surface::fit::{Fit, FitReport, ScanSummary};
 use planish_surface::model::SensorReport;
 use std::path::PathBuf;
 
-/// Points to measure next that a report names.
+/// Number of points to measure next that a report names. More would hide the first ones in the view.
 const NEXT_POINTS: usize = 5;
 
 /// The page of a fit. `named` are the files that the command names; `report` holds the findings of the whole
@@ -262,6 +262,7 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
     let options = NextOptions { count: NEXT_POINTS, ..NextOptions::default() };
     match next_points(&fit.model, &options, &Silent) {
         Ok(next) => Ok(Some(next)),
+        // A report without this section is better than none. Interruptions and failures are passed on.
         Err(e) if matches!(e.kind(), ErrorKind::Unsupported | ErrorKind::Input) => Ok(None),
         Err(e) => Err(e),
     }

@@ -21,17 +21,20 @@ use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Radius of a piece, in edges.
+/// Radius of a piece, in edges. Larger pieces bend too far for a height field; smaller ones have too few
+/// readings per spline.
 const RADIUS_EDGES: f64 = 12.0;
 /// Side of a spline cell, in edges. Smaller cells follow noise; larger ones smooth shape.
 const CELL_EDGES: f64 = 1.75;
-/// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1.
+/// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1. A larger
+/// value means more, closer pieces at proportional cost.
 const MIN_COVERAGE: f64 = 0.4;
 /// Maximum number of cells across a piece. Fine vertices among coarse ones would otherwise demand too many.
 const MAX_CELLS_ACROSS: f64 = 60.0;
 /// Minimum number of vertices for a refit.
 const MIN_VERTICES: usize = 4;
-/// Minimum cosine between the normals of a piece and of its centre.
+/// Minimum cosine between the normals of a piece and of its centre (53°). Steeper vertices would have large
+/// errors along the axis of the height field.
 const MIN_COSINE: f64 = 0.6;
 /// Width over which a refit is blended in, relative to the width over which a patch gains its weight in a
 /// mean. At the border of its data, a spline is less accurate than its covariance states.
@@ -196,6 +199,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     let Some(z) = unit(axis) else {
         return Ok(Vec::new());
     };
+    // The axis most perpendicular to `z` gives a cross product far from zero.
     let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
     let aside: [f64; 3] = std::array::from_fn(|k| f64::from(u8::from(k == smallest)));
     let Some(x) = unit(cross(aside, z)) else {
@@ -239,6 +243,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         .filter_map(|(((member, w), reading), found)| {
             let found = found?;
             let to = add_scaled(at(*member), found.height - reading.height, z);
+            // From the axis of the height field back to the normal.
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
             Some(FittedVertex {
                 place: *member,

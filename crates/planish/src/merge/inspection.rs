@@ -48,6 +48,7 @@ pub(super) fn leave_out_copies(
         let bounds = mesh.bounding_box();
         let same = kept.iter().find(|(other, of_other)| {
             let other = &other.tidied.patch.mesh;
+            // Boxes are compared first, because sorting all vertices is expensive.
             bounds == *of_other
                 && mesh.positions.len() == other.positions.len()
                 && sorted(&mesh.positions) == sorted(&other.positions)

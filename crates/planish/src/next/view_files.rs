@@ -76,6 +76,7 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
     progress.check("reading", 0.0)?;
     let known = read_view_sensor(&job.sensor)?;
     let model = load(&job.model)?;
+    // A sensor without a unit is assumed to be in that of the model.
     let factor = known.unit.map_or(1.0, |unit| unit.millimetres() / model.unit.millimetres());
     let sensor = known.sensor.scaled(factor);
     let options =
@@ -100,6 +101,7 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
 
 /// Writes a job file for the scans to be taken.
 fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -> Result<()> {
+    // σ of a triangulating sensor depends on the distance, and a job states one number per sensor.
     let along = next.sigma_along.unwrap_or(sensor.sigma_along);
     let mut text = format!(
         "# Views to take, best first, by `planish next`. The sensor looks along its z, with x right and y \

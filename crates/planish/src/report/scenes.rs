@@ -9,9 +9,10 @@ use planish_surface::fit::ResidualSample;
 use planish_surface::model::{Observed, Posterior, SurfaceModel};
 use std::collections::BTreeMap;
 
-/// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
+/// Maximum number of triangles of a model in a report: finer than a screen shows, and few enough to turn
+/// without a graphics card.
 pub(crate) const MAX_TRIANGLES: u64 = 45_000;
-/// Pieces of all lines between cells.
+/// Maximum number of line segments of all cell borders.
 const MAX_LINES: usize = 60_000;
 
 /// A smaller unit in which most of the lengths are readable, if there is one.
@@ -126,6 +127,7 @@ fn surface_shown(
     let principal: Vec<[f64; 2]> = (leaf.iter().zip(&local))
         .map(|(&leaf, &[s, t])| {
             let curvature = surface.leaf_jet(leaf as usize, s, t).curvature();
+            // NaN is drawn as unknown. Zero would look like a plane.
             curvature.map_or([f64::NAN; 2], |c| c.principal)
         })
         .collect();
@@ -145,6 +147,8 @@ fn surface_shown(
         principal.iter().map(|k| k[0] * k[1]).collect(),
     ));
     let seen_by = readings.map(|readings| {
+        // Few combinations of scans occur, so vertices store the number of a combination. Numbers follow the
+        // order of leaves and are the same in every run.
         let mut sets: BTreeMap<&[u16], u16> = BTreeMap::new();
         let of_leaf: Vec<u16> = (readings.seen_by.iter())
             .map(|seen| {
@@ -162,6 +166,7 @@ fn surface_shown(
             of_vertex: leaf.iter().map(|&leaf| of_leaf[leaf as usize]).collect(),
         }
     });
+    // With a single scan, this field would repeat `observed`.
     if let Some(readings) = readings.filter(|r| r.scans.len() > 1) {
         let number: Vec<u16> =
             (leaf.iter()).map(|&leaf| readings.seen_by[leaf as usize].len() as u16).collect();
@@ -209,6 +214,7 @@ fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
     let mut categories: Vec<(u16, String)> = (sets.into_iter())
         .map(|(set, k)| (k, if set.is_empty() { "none".to_owned() } else { set.join(" + ") }))
         .collect();
+    // Back in the order of first occurrence, so that colours do not depend on names.
     categories.sort_unstable();
     Some(kinds(
         "sensors",

@@ -21,6 +21,7 @@ pub(super) fn picture_of(file: &TexturedMesh, findings: &mut Vec<Finding>) -> Op
     if file.picture.is_some() {
         return file.picture.clone();
     }
+    // A warning, because the shape is the result and does not depend on the texture.
     let drop = |e| {
         findings.push(Finding::new(FindingCode::TextureDropped, format!("the texture is dropped: {e}")));
     };
@@ -59,6 +60,7 @@ pub(super) fn write_glb(
     known: Known<'_>,
     picture: Option<&[u8]>,
 ) -> Result<()> {
+    // GLB has one texture coordinate per vertex, so vertices on seams are doubled.
     let split = file.split();
     let each = |v: &u32| *v as usize;
     let kept = |count: usize| if count == 0 { &[][..] } else { &split.vertex_of[..] };
@@ -71,6 +73,7 @@ pub(super) fn write_glb(
         .map(|(name, places)| MorphTarget {
             name: (*name).to_owned(),
             points: of(places),
+            // From the unsplit mesh, so that seams of the texture do not show in the shading.
             normals: of(&normals_of(places, &file.triangles)),
         })
         .collect();

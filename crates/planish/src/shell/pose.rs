@@ -53,9 +53,10 @@ use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_cont
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Controls if not specified.
+/// Default number of controls. More make local poses possible; fewer move larger regions together.
 const DEFAULT_CONTROLS: usize = 60;
-/// The blend if none is given, as a share of the mesh's size.
+/// Default length over which rigid parts blend into the rest, relative to the mesh's size. Shorter blends
+/// crease the surface; longer ones move what should stay.
 pub(super) const DEFAULT_BLEND: f64 = 0.1;
 
 /// Settings of the job.
@@ -69,7 +70,7 @@ pub struct ShellPoseJob {
     pub rigid: Vec<String>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
-    /// The unit of the mesh, where the file names none.
+    /// Unit of the mesh if the file states none.
     pub unit: Option<Unit>,
 }
 
@@ -122,7 +123,7 @@ pub struct PoseTargetReport {
     pub name: String,
     /// How many controls are moved.
     pub moved: usize,
-    /// The longest way of a vertex.
+    /// Largest displacement of a vertex.
     pub farthest: f64,
 }
 
@@ -131,6 +132,8 @@ pub struct PoseTargetReport {
 /// # Errors
 /// `Input` where there is neither, or a word of the file is no index.
 pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
+    // Names of the mesh have priority over files, so that a file in the folder cannot change the meaning of a
+    // job.
     if let Some(vertices) = mesh.vertices_of(part) {
         return Ok(vertices);
     }
@@ -180,6 +183,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         ControlsEntry::Usual => automatic_controls(&mesh, DEFAULT_CONTROLS)?.points,
         ControlsEntry::Points(points) => points.clone(),
     };
+    // Parts are resolved before the deformation is built: a misspelt name must not cost that time.
     let (parts, rigid) = rigid_parts(job, &file, &poses)?;
     progress.check("weighing", 0.2)?;
     let inner = Box::new(Dirichlet::new(&controls, &mesh.positions)?);
@@ -189,6 +193,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     let (mut targets, mut reports) = (Vec::new(), Vec::new());
     for pose in &poses.poses {
         progress.check("posing", 0.3)?;
+        // Each pose starts from the given mesh, not from the pose before it. Morph targets add up in viewers.
         let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
         let points = deformation.positions(&deformation.rigid_start(&q));
@@ -270,9 +275,12 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
         let (at, reach, within) = match entry.target {
             PoseTarget::Within(at, reach) => (at, reach, true),
             PoseTarget::Nearest(at) => (at, size, false),
+            // A control by its index has no distance to check.
             PoseTarget::Control(_) => ([0.0; 3], f64::INFINITY, false),
         };
         let away = near(at).map_or(f64::INFINITY, |k| distance(controls[k], at));
+        // A place far from the mesh is usually in another unit. Without this check, the nearest control would
+        // move.
         if chosen.is_empty() || away > reach {
             let [x, y, z] = at;
             return Err(Error::input(format!(
@@ -288,6 +296,7 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
             by[k] = add(by[k], entry.by);
         }
     }
+    // Counted after adding up: opposite moves of one control cancel.
     let moved = by.iter().filter(|d| **d != [0.0; 3]).count();
     Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()), moved))
 }
@@ -301,6 +310,7 @@ fn write(
     targets: &[Vec<[f64; 3]>],
     picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
+    // Formats without morph targets show the first pose.
     let points = targets.first().unwrap_or(&mesh.positions);
     match extension(path).as_str() {
         "glb" => {

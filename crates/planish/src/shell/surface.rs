@@ -18,7 +18,8 @@ use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivide_for_
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// How thick a shell is if not specified, and how soft its field, as shares of the mesh's size.
+/// Default thickness of a shell and softness of its field, relative to the mesh's size. A thicker shell or a
+/// softer field closes gaps and rounds edges.
 const DEFAULT_THICKNESS: f64 = 0.01;
 const DEFAULT_SOFTNESS: f64 = 0.002;
 /// Maximum radius of spherical metaballs relative to the softness of the field.
@@ -45,7 +46,7 @@ pub struct ShellMeshJob {
     pub cell: Option<f64>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
-    /// The unit of the mesh, where the file names none.
+    /// Unit of the mesh if the file states none.
     pub unit: Option<Unit>,
 }
 
@@ -139,6 +140,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
     let mesh =
         TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
+    // All defaults are relative to the size, so a mesh without one would divide by zero.
     if size <= 0.0 {
         return Err(Error::undetermined(format!(
             "{}: {}: a shell needs a mesh with faces and a size",
@@ -155,6 +157,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
             let (fine, _) = subdivide_for_spheres(&mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
+            // A warning: the surface is valid, but bumpy.
             if fine.triangles.len() >= MAX_FACETS {
                 let text = format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \

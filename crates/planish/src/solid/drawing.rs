@@ -15,9 +15,11 @@ use std::path::{Path, PathBuf};
 
 /// Maximum number of lines of one kind that a message names. Others are counted.
 const MAX_NAMED: usize = 3;
-/// Ends of lines meet within this share of the drawing's size.
+/// Distance within which ends of lines meet, relative to the drawing's size. It only selects what a message
+/// names; the search has limits of its own.
 const MEETING_TOLERANCE: f64 = 1e-4;
-/// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
+/// Distance within which ends and middles of repeated lines agree, relative to the drawing's size: the
+/// rounding of files. A larger value would merge distinct lines.
 const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
 
 /// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
@@ -53,18 +55,22 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawi
         }
         unit = unit.or(found.unit);
         findings.extend(found.findings.into_iter().map(|f| f.in_context(&name)));
+        // A second copy would have to be explained by a second edge.
         let twice = drop_repeated(&mut found.curves);
         findings.extend(summary(twice).map(|f| f.in_context(&name)));
+        // DXF views share a frame; every SVG page has an origin of its own.
         if extension(path) == "svg" && job.views.len() > 1 {
             place_at_origin(&mut found.curves);
         }
         drawing.views.push(View { kind, curves: found.curves });
     }
+    // One file holds all views: they are separated by gaps and named by their positions.
     if let [path] = &job.views[..] {
         let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
         drawing =
             views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
+    // Joining comes before the check of extents, because it can make them equal.
     if let Some(tolerance) = job.tolerance {
         drawing = joined(&drawing, tolerance)
             .map_err(|e| e.in_context(format!("tolerance {tolerance:e}")).with_setting(Setting::Tolerance))?;
@@ -145,6 +151,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
             ),
         };
         repeated.push(Finding::new(FindingCode::LineRepeated, text));
+        // A visible line hides a hidden one in the same place.
         if drawn.style == LineStyle::Visible {
             first.style = LineStyle::Visible;
         }
@@ -168,6 +175,7 @@ pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let mut found = nearly_equal_extents(drawing, paths);
     found.extend(summary(nearly_meeting_ends(drawing, paths)));
     if found.is_empty() {
+        // Only if nothing else was found: drawings without smooth edges have open ends as well.
         found = open_ends(drawing, paths);
     }
     found
@@ -245,6 +253,8 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
                 continue;
             };
             let size = (first[1] - first[0]).max(range[1] - range[0]);
+            // An error before the search, whose message could not name the cause. Smaller differences are
+            // left to the search and to the hints for near misses.
             if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
                 let ratio = (range[1] - range[0]) / (first[1] - first[0]);
                 let scale = match (ratio - 1.0).abs() > 2e-3 && ratio.is_finite() {

@@ -5,7 +5,8 @@ use planish_core::{Finding, FindingCode, Setting};
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;
 
-/// Ends and sizes that differ by more than this share of the drawing's size are not meant to be one.
+/// Maximum difference of a near miss, relative to the drawing's size. Larger differences are taken as
+/// intended.
 const NEAR_MISS_RATIO: f64 = 2e-3;
 
 /// Distance within which coordinates are treated as equal: the rounding of six digits in files.

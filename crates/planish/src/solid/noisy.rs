@@ -68,7 +68,8 @@ pub(super) struct Noisy {
 
 /// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found.
 const MAX_LEAN: f64 = 0.1;
-/// Points of exact views are one within this share of the extent.
+/// Distance within which points of exact views coincide, relative to the extent: rounding errors of the
+/// estimation.
 const COINCIDENCE_TOLERANCE: f64 = 1e-7;
 
 /// Reads the views and makes them one geometry.
@@ -110,7 +111,10 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
         views.push(NoisyView { kind, sketch, constraints });
     }
     let options = MatchOptions { level: job.level, ..MatchOptions::default() };
+    // Constraints of each view come first. They make coordinates equal within a view before views are
+    // matched.
     let consistent = match_views(&views, &options)?;
+    // A warning: the solid is still the best estimate, and the cause may be an optimistic σ.
     if consistent.p_value < job.level {
         findings.push(
             Finding::new(
@@ -178,6 +182,7 @@ impl Noisy {
             .collect();
         match composite(&sketches, COINCIDENCE_TOLERANCE * self.consistent.drawing.extent(), 0.0) {
             Ok(composite) => Ok(Some(composite)),
+            // A missing graph must not discard the solid.
             Err(e) => {
                 findings.push(Finding::new(
                     FindingCode::GraphNotWritten,

@@ -12,13 +12,13 @@ use planish_solid::tessellation::tessellate;
 use planish_solid::views::{Drawing, LineStyle};
 use std::path::PathBuf;
 
-/// Solids that are shown side by side, at most.
+/// Maximum number of solids that are shown side by side.
 const MAX_SOLIDS: usize = 6;
-/// From one solid to the next, over the width of the first.
+/// Distance from one solid to the next, relative to the width of the first.
 const SPACING_RATIO: f64 = 1.35;
 /// Height of the labels above the solutions, relative to the diagonal of their box.
 const LABEL_HEIGHT_RATIO: f64 = 0.06;
-/// Lines that none explains, named one by one.
+/// Maximum number of unexplained lines that are listed.
 const MAX_LINES: usize = 20;
 /// Faces that meet at less than this angle in degrees have no edge that is drawn.
 const SMOOTH_DEG: f64 = 20.0;
@@ -35,6 +35,7 @@ pub(crate) fn solid_page(
     let mut scene = Scene { unit: unit.to_owned(), ..Scene::default() };
     let mut across = 0.0;
     for (k, solid) in solids.iter().take(MAX_SOLIDS).enumerate() {
+        // STEP output needs no mesh, so a solid that cannot be meshed is only missing in the view.
         let Ok(mut mesh) = tessellate(solid, tolerance) else {
             continue;
         };

@@ -18,7 +18,7 @@ pub struct ReadingsReport {
     pub outliers: usize,
     /// Root mean square of the residuals of all others: distances of points, pixels of outlines, σ of tracks.
     pub rms: f64,
-    /// By how much their σ are larger than stated.
+    /// Ratio of their estimated to their stated σ.
     pub sigma_factor: f64,
 }
 
@@ -63,8 +63,8 @@ pub struct FrameReport {
     pub rms_silhouettes_px: Option<f64>,
     /// Mean overlap (IoU) of the mesh with the masks of its views.
     pub iou: Option<f64>,
-    /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the
-    /// first.
+    /// Root mean square difference of the parameters from their prediction, relative to that of their σ.
+    /// Absent for the first frame.
     pub surprise: Option<f64>,
     /// The median σ of vertices along normals.
     pub sigma: f64,

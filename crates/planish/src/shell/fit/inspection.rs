@@ -16,25 +16,27 @@ use rayon::prelude::*;
 
 /// Maximum size of the points relative to the mesh. Larger points probably have another unit.
 const MAX_SIZE_RATIO: f64 = 8.0;
-/// And those that reach over less than this share of it; a part of an object may be small.
+/// Minimum size of the points relative to the mesh. The points may belong to a small part of the object, so
+/// this limit is wider than the upper one.
 const MIN_SIZE_RATIO: f64 = 1.0 / 100.0;
-/// Half of the points are within this distance of the mesh, in its sizes.
+/// Maximum median distance of the points from the mesh, relative to its size. Fits start from within a tenth;
+/// beyond a quarter, frames or units differ.
 const MAX_MEDIAN_DISTANCE: f64 = 0.25;
 /// Approximate number of points that are sampled for distances.
 const DISTANCE_SAMPLES: usize = 1000;
-/// This share of points, in either direction, may be anything.
+/// One in this many points is ignored at each end of each axis: a few outliers must not decide the size.
 const TRIMMED_ONE_IN: usize = 10;
 /// Factors between the estimated and the stated σ that are not reported.
 pub(super) const ACCEPTED_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
-/// A view that was held out agrees with its mask by at least this.
+/// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;
-/// A mask that a mesh agrees with by less before the fit is not that view's.
+/// Minimum overlap with a mask before the fit. A smaller one means another view, unit or frame.
 const MIN_INITIAL_OVERLAP: f64 = 0.05;
 /// Overlap after the fit below which the mask counts as not matched.
 const MIN_FITTED_OVERLAP: f64 = 0.5;
-/// The axis of a camera is within this share of the picture about its middle.
+/// Maximum distance of the optical axis from the middle of the picture, relative to its size.
 const MAX_AXIS_OFFSET: f64 = 0.25;
-/// An object covers less of a picture's frame than this.
+/// Maximum fraction of the outermost pixels that belong to the object. More means an inverted mask.
 const MAX_FRAME_SHARE: f64 = 0.5;
 
 /// Whether points can be of the mesh: neither a hundred times larger or smaller, nor far off.
@@ -50,6 +52,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     };
     let (size, reach) = (of_mesh.diagonal(), of_points.diagonal());
     let [size_text, reach_text] = [size, reach].map(|length| significant(length, 3));
+    // An error: a wrong unit is far more likely than an object that differs so much from its mesh.
     if reach > MAX_SIZE_RATIO * size || reach < MIN_SIZE_RATIO * size {
         return Err(Error::undetermined(format!(
             "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit, \
@@ -58,12 +61,14 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
         .with_setting(Setting::Unit));
     }
     let search = MeshSearch::try_new(mesh)?;
+    // A median of a thousand distances is accurate enough for a limit of a quarter of the size.
     let step = (frame.points.len() / DISTANCE_SAMPLES).max(1);
     let mut away: Vec<f64> = (frame.points.par_iter().step_by(step))
         .filter_map(|p| search.closest(p.at).map(|foot| foot.distance))
         .collect();
     away.sort_unstable_by(f64::total_cmp);
     let median = quantile_of_sorted(&away, 0.5);
+    // Points of a small part must also be nearer than their own extent.
     if median > (MAX_MEDIAN_DISTANCE * size).min(reach) {
         return Err(Error::undetermined(format!(
             "half of the points are more than {} {unit} from the mesh, which reaches over {size_text} \
@@ -105,6 +110,7 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
             );
             findings.push(Finding::new(FindingCode::MaskInverted, text));
         }
+        // A rough start grows into its masks, so a small overlap is no evidence there.
         if should_show
             && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows)
                 < MIN_INITIAL_OVERLAP
@@ -156,6 +162,8 @@ pub(super) fn outcome(
     let mut findings = Vec::new();
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines)] {
         let Some(report) = report else { continue };
+        // So many are rarely gross errors. More often the controls cannot follow the shape, or the start is
+        // far off.
         if 3 * report.outliers > report.count {
             findings.push(Finding::new(
                 FindingCode::ManyOutliers,
@@ -183,6 +191,7 @@ pub(super) fn outcome(
             ),
         ));
     }
+    // Folds and spikes are warnings: the mesh is still the best answer, and the page shows where they are.
     let distortion = mesh.distortion(found);
     if distortion.folds > 0 {
         findings.push(Finding::new(

@@ -10,7 +10,7 @@ use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Cloud, FieldKind, Figure, Page, Scene, Section, SurfaceShown, Table};
 use std::path::PathBuf;
 
-/// Points that are drawn at most.
+/// Maximum number of points that are drawn.
 const MAX_POINTS: usize = 20_000;
 
 /// A fitted shell, prepared for display.

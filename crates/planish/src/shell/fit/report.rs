@@ -15,6 +15,8 @@ pub(super) fn known(
     start_sigma: &[f64],
 ) -> (Vec<[f64; 3]>, Vec<f64>, Vec<u8>) {
     let normals = mesh.vertex_normals();
+    // The part of the variance that readings account for: with information `A = D + P` of data and prior,
+    // `A⁻¹ = A⁻¹ D A⁻¹ + A⁻¹ P A⁻¹`.
     let by_data = &made.covariance * &made.data_information * &made.covariance;
     let (sigma, observed) = (0..mesh.positions.len())
         .into_par_iter()
@@ -33,6 +35,7 @@ pub(super) fn known(
 pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {
     let mut reports = Vec::new();
     for (v, covariance) in made.pose_covariances.iter().enumerate() {
+        // Only cameras whose pose was stated as uncertain were moved.
         let Some(covariance) = covariance else { continue };
         let camera = &made.cameras[v];
         let change = camera.change_from(&frame.fitted[v].camera);

@@ -31,31 +31,35 @@ use planish_shell::covered_pixels;
 use planish_shell::{Region, RemeshOptions, ShellFitOptions, remesh, smooth_vertex_values};
 use rayon::prelude::*;
 
-/// Cells along the mesh's diagonal.
+/// Cells along the mesh's diagonal. Finer cells keep thinner parts; time and memory grow with their number
+/// squared and more.
 const CELLS: f64 = 100.0;
-/// How far it flows in one round, in cells.
+/// Growth of the mesh in one round, in cells. Larger steps need fewer rounds, but overshoot into room that
+/// only other views exclude.
 const FLOW_CELLS: f64 = 10.0;
 /// Distance from the covered region, in cells, beyond which a place counts as uncovered.
 const UNCOVERED_CELLS: f64 = 0.5;
-/// Parts of less than this share of the largest one's volume are crumbs.
+/// Minimum volume of a part, relative to the largest. Smaller parts are artefacts of the cuts.
 const MIN_PART: f64 = 0.002;
-/// Rounds at most.
+/// Maximum number of rounds.
 const MAX_ROUNDS: usize = 30;
-/// The flow ends where a round adds less than this to the mean agreement with the masks.
+/// Minimum gain of a round in the mean overlap with the masks. The flow ends below it: what remains is
+/// smaller than a cell.
 const MIN_GAIN: f64 = 1e-3;
-/// How far it fills the domain in the end, in cells.
+/// Final growth into the domain that the silhouettes leave, in cells.
 const FILL_CELLS: f64 = 8.0;
-/// Smoothings after each round: they take away the steps that rounds leave.
+/// Smoothing passes after each round. They remove the steps that rounds leave.
 const SMOOTHINGS: usize = 20;
 /// Number of diffusion steps of the local mean. n steps average over a radius of about √n edges.
 const MEAN_STEPS: usize = 100;
-/// Without one view of several at even angles as much more is left than all of them leave.
+/// Ratio of the extra excess without one view to the excess with all views (derived in the module
+/// documentation).
 const EXCESS_RATIO: f64 = 3.0;
-/// Thickness of the field of the fit, at first, as a share of the mesh's size: coarser ones draw thin parts
+/// Initial softness of the field of the fit, relative to the mesh's size. Coarser fields pull thin parts
 /// together.
 const SOFTNESS: f64 = 0.003;
 
-/// A bound that is so much wider than silhouettes are.
+/// Silhouettes widened by a distance.
 struct Wider {
     silhouettes: SilhouetteBound,
     by: f64,
@@ -98,6 +102,7 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
     let usual = ShellFitOptions::default();
     ShellFitOptions {
         softness: (SOFTNESS, usual.softness.1),
+        // Few steps, because the start is near: coarse fields only serve to find a distant object.
         steps: 2,
         start_sigma: Some(size / CELLS),
         ..usual
@@ -116,6 +121,7 @@ pub(super) fn flown(
     watch: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Flown> {
     let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
+    // The findings of this reading are dropped, because the fit reads the views again.
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
     let domain = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
@@ -136,11 +142,13 @@ pub(super) fn flown(
         remesh(mesh, &options).map_err(|e| e.in_context(job.mesh.display()))
     };
     let mut cell = size(&mesh) / CELLS;
+    // First cut to the silhouettes. Only then does a gain in overlap mean growth.
     mesh = anew(&mesh, None, cell)?;
     let (mut mean, _) = agreement(&mesh);
     let mut rounds = 1;
     while rounds < MAX_ROUNDS {
         watch(rounds)?;
+        // The mesh may grow. Cells grow with it, so that the cost of a round stays bounded.
         cell = cell.max(size(&mesh) / CELLS);
         let covered = Wider {
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
@@ -150,6 +158,7 @@ pub(super) fn flown(
         let (after, _) = agreement(&next);
         rounds += 1;
         let gain = after - mean;
+        // A round that loses overlap is discarded.
         if gain > 0.0 {
             (mesh, mean) = (next, after);
         }
@@ -157,6 +166,7 @@ pub(super) fn flown(
             break;
         }
     }
+    // Partly covered places end in steps. Filling removes them.
     mesh = anew(&mesh, Some((&Nothing, FILL_CELLS)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
         .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / EXCESS_RATIO)
@@ -205,6 +215,7 @@ fn covers(
                 rows: mask.rows,
                 values: shown.iter().map(|shown| f32::from(u8::from(*shown))).collect(),
             };
+            // Also small parts of the mesh cover the mask.
             let options = SilhouetteOptions { least_share: 0.0, ..SilhouetteOptions::default() };
             Ok(ContourView {
                 silhouette: outlines(&picture, &options).map_err(|e| e.in_context(&view.name))?,

@@ -11,9 +11,9 @@
 
 /// Tukey's constant: 95 % efficiency where errors are normal.
 const TUKEY: f64 = 4.685;
-/// Iterations of the mean.
+/// Iterations of the mean. It starts at the medoid and settles in a few.
 const ROUNDS: usize = 5;
-/// The scale is never below this, of 255: pictures are rounded.
+/// Minimum scale, of 255. Pictures are rounded; a smaller scale would reject views for that.
 const MIN_SCALE: f64 = 2.0;
 /// The median of the length of three standard normal numbers, over √3.
 const MEDIAN_OF_THREE: f64 = 0.888;
@@ -60,6 +60,7 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     for colours in places.filter(|colours| colours.len() > 2) {
         if let Some(middle) = medoid(colours) {
             let others = colours.iter().filter(|one| one.view != middle.view);
+            // Without the medoid itself, whose difference is always zero.
             differences.extend(others.map(|one| apart(one.colour, middle.colour)));
         }
     }
@@ -92,6 +93,7 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
             sum = [0, 1, 2].map(|c| sum[c] + weight * one.colour[c]);
             total += weight;
         }
+        // If all weights vanish, the medoid remains.
         if total > 0.0 {
             colour = sum.map(|s| s / total);
         }

@@ -41,6 +41,7 @@ pub(super) fn write(
             }
             columns
                 .extend([("red", &red), ("green", &green), ("blue", &blue)].map(|(n, c)| (n, Column::U8(c))));
+            // Zero marks colours that were filled.
             columns.push(("views", Column::U8(&coloured.views)));
             write_mesh(
                 path,
