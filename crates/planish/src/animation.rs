@@ -254,7 +254,7 @@ impl FramePainter {
             let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
             x.min(y)
         };
-        // What few readings make may be large: the last frame is not to be small for it.
+        // A surface of few readings may be large. It must not make the last frame small.
         let last = room(points);
         camera.focal = last.min(room(first).max(MIN_LAST_FRAME * last));
         camera.middle = PICTURE.map(|n| 0.5 * n as f64);

@@ -451,7 +451,7 @@ fn observed_vertices(
             let tolerance = match options.mesh_tolerance {
                 Some(tolerance) => tolerance,
                 None => {
-                    // A chord error of half the median σ stays below what is to be measured.
+                    // A chord error of half the median σ is smaller than the deviations of interest.
                     let wanted = 0.5 * median_sigma(model, &model.posterior()?)?;
                     affordable_tolerance(&model.surface, wanted, MAX_FORWARD_TRIANGLES)?
                 }

@@ -215,7 +215,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     Ok(report)
 }
 
-/// Every reading of a part, and whether it took part.
+/// Every reading of each part, and whether it was used.
 fn points_of(parts: &[Part], read: &ContourReadings) -> Vec<([f64; 2], bool)> {
     parts
         .iter()

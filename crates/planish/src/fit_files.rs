@@ -42,7 +42,7 @@ const MAX_RMS_RATIO: f64 = 0.05;
 /// a finding.
 const MAX_INNOVATION: f64 = 3.0;
 
-/// What to fit, and what to write of it.
+/// A fit: its scans, its settings and its outputs.
 ///
 /// # Examples
 /// ```no_run
@@ -290,7 +290,7 @@ fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
     scans.chain(model).collect()
 }
 
-/// The states of a sheet and their files, where these were asked for.
+/// The states of a bending sheet and their files, if requested.
 fn states_to_write<'a>(job: &FitJob, fitted: &'a Fit) -> Result<Vec<(&'a Fit, Vec<PlannedOutput>)>> {
     let Some(folder) = &job.states else {
         return Ok(Vec::new());
@@ -337,7 +337,7 @@ fn write(
     prepared.write(&provenance)
 }
 
-/// Scans of a moving object that do not go on as those before them.
+/// Findings about scans that deviate from the steady motion of the object.
 fn unsteady(report: &FitReport) -> Vec<Finding> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MAX_INNOVATION);
@@ -366,8 +366,7 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
     ))
 }
 
-/// A sensor whose σ is not stated explains any distance by its σ: readings of another object, or in another
-/// frame, are found by size.
+/// Refuses readings that lie far from the saved model, relative to its size.
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
     // The gate does not catch this case: the estimated σ grows with the residuals, so nothing is rejected.

@@ -121,7 +121,7 @@ impl NamedTour {
     }
 }
 
-/// A postman's tour of each set of bars that hang together.
+/// A postman's tour of each connected set of bars.
 fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
     let mut left: Vec<BarId> = drawing.bars().collect();
     let mut found = Vec::new();

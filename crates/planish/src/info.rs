@@ -97,7 +97,7 @@ pub struct SensorInfo {
     pub name: String,
     /// `range` or `touch`.
     pub kind: String,
-    /// σ along the ray, or in every direction. Absent if it is to be estimated.
+    /// σ along the ray, or in every direction. Absent if it must be estimated.
     pub sigma_along: Option<f64>,
     /// σ across the ray.
     pub sigma_across: Option<f64>,
@@ -190,7 +190,7 @@ pub struct ModelInfo {
     pub area: f64,
     /// Share of it that was measured.
     pub observed_area_fraction: f64,
-    /// Share of it that was completed by what was measured elsewhere.
+    /// Share of it that was completed from measured parts.
     pub invented_area_fraction: f64,
     /// Around the surface, at nine by nine points of every cell.
     #[serde(rename = "box")]

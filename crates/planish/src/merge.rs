@@ -111,7 +111,7 @@ pub struct MergeJobReport {
     /// What was merged; its findings are those of the whole job.
     #[serde(flatten)]
     pub merge: MergeReport,
-    /// The spline through the merged mesh, if one was asked for.
+    /// The spline through the merged mesh, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spline: Option<SplineReport>,
 }
@@ -164,7 +164,7 @@ impl Job for MergeJob {
 }
 
 impl MergeJob {
-    /// What made the model, for its provenance.
+    /// The session for the provenance of a saved model.
     fn session(&self, report: &MergeReport) -> Session {
         let input = |path: &PathBuf| SessionInput { name: path.display().to_string(), points: 0 };
         Session {
@@ -240,7 +240,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     })
 }
 
-/// Sews in what bounds the object, where no patch is.
+/// Stitches the bound to the merged surface where there is no patch.
 fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
     let completed = completed(sewn, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
@@ -249,7 +249,7 @@ fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> R
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
-/// What became of crossings that patches had.
+/// Finding about whether crossings of the patches remain in the merged mesh.
 fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
     let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
         0 => "the merged mesh crosses itself nowhere".to_owned(),
@@ -269,8 +269,8 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
     write_known_mesh(path, &KnownMesh { mesh, normals, sigma, observed, curvature, unit })
 }
 
-/// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch
-/// `bound`.
+/// Restores the sources of the merged vertices in a completed mesh. Vertices of the bound get the patch
+/// number `bound`.
 fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> StitchedMesh {
     for source in &mut whole.source {
         *source = match *source {
@@ -290,7 +290,7 @@ fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> Stitche
     whole
 }
 
-/// Fills holes of what was sewn; the new vertices are of no patch.
+/// Fills holes of the stitched mesh. The new vertices belong to no patch.
 fn fill(sewn: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
     let before = sewn.mesh.positions.len();
     let triangles = sewn.mesh.triangles.len();

@@ -75,7 +75,7 @@ pub enum Objective {
 /// Settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextOptions {
-    /// Points at most.
+    /// Maximum number of points.
     pub count: usize,
     /// σ of the readings along the normal, in the model's unit; that of the model's best sensor if none is
     /// given.
@@ -149,7 +149,7 @@ pub struct NextReport {
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
-    /// What as many points do that are drawn at random, if requested.
+    /// Result of the same number of points drawn at random, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomDraws>,
 }
@@ -363,7 +363,7 @@ fn variances_of(
         .collect()
 }
 
-/// What `planish next` is asked for.
+/// The job `planish next`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NextJob {
     /// A saved model.
@@ -481,7 +481,7 @@ fn best_sigma(model: &SurfaceModel) -> Option<f64> {
     used.filter(|sigma| *sigma > 0.0).min_by(f64::total_cmp)
 }
 
-/// The leaves whose middles count.
+/// The leaves whose middles are places of the region.
 fn region_leaves(model: &SurfaceModel, options: &NextOptions) -> Vec<usize> {
     (0..model.surface.space().leaves().len())
         .filter(|&leaf| !options.measured_only || model.observed.get(leaf).is_some_and(|o| o.is_measured()))

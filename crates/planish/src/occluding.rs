@@ -47,7 +47,7 @@ const HULL_MARGIN: f64 = 0.15;
 /// thin parts.
 const HULL_CELLS: usize = 96;
 
-/// What to sense, and what to write of it.
+/// Views with contours, and the files to write.
 #[derive(Debug, Clone)]
 pub struct OccludingJob {
     /// The views, in the order in which the camera took them.
@@ -64,7 +64,7 @@ pub struct OccludingJob {
     pub judged: Option<PathBuf>,
     /// How contours are read.
     pub options: OccludingOptions,
-    /// The unit where the views name none.
+    /// Unit if the views state none.
     pub unit: Option<Unit>,
     /// Seed of every random choice.
     pub seed: u64,
@@ -103,7 +103,7 @@ pub struct ContourPatch {
     pub left_out_share: f64,
 }
 
-/// How far the outlines of surfaces agree with a mask: pixels of both over pixels of either.
+/// Overlap of surfaces with a mask: intersection over union of their pixels.
 #[derive(Debug, Clone, Serialize)]
 pub struct OutlineAgreement {
     /// The view.
@@ -121,11 +121,11 @@ pub struct OutlineAgreement {
 /// The figures of a job.
 #[derive(Debug, Clone, Serialize)]
 pub struct OccludingReport {
-    /// Views that took part.
+    /// Views that were used.
     pub views: usize,
     /// Runs of views that follow one another.
     pub sequences: usize,
-    /// Places along contours that were asked.
+    /// Sampled places along contours.
     pub contour_points: usize,
     /// Those with a match in both neighbouring views.
     pub matched: usize,
@@ -135,17 +135,17 @@ pub struct OccludingReport {
     pub left_out: BTreeMap<&'static str, usize>,
     /// χ² of the contours about local parabolas, over its degrees of freedom.
     pub chi2: f64,
-    /// Strips of points that hang together.
+    /// Number of connected strips of points.
     pub strips: usize,
     /// σ of the depths.
     pub sigma_depth: Option<SigmaSummary>,
-    /// The part of it that the circles leave out.
+    /// The part of it from the approximation of sections by circles.
     pub sigma_circle: Option<SigmaSummary>,
     /// σ along the normals.
     pub sigma: Option<SigmaSummary>,
     /// σ of the normals.
     pub sigma_n_deg: Option<SigmaSummary>,
-    /// The share of the visual hull's surface that no contour is near to; where silhouettes are known.
+    /// Share of the visual hull's surface without a contour nearby. Absent if silhouettes are unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unseen_share: Option<f64>,
     /// Patches, of the largest strip first.

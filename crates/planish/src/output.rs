@@ -101,7 +101,7 @@ fn is_packed(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
 }
 
-/// A file's name without its extension, and without that of gzip behind.
+/// The name of a file without its extension, also without `.gz`.
 fn plain_name(path: &Path) -> String {
     let stem = Path::new(path.file_stem().unwrap_or_default());
     let stem = if is_packed(path) { stem.file_stem() } else { Some(stem.as_os_str()) };

@@ -123,7 +123,7 @@ impl SenseKind {
     }
 }
 
-/// What to sense, and what to write of it.
+/// A measurement and the files to write.
 ///
 /// # Examples
 /// ```no_run

@@ -39,7 +39,7 @@ pub struct SolidJob {
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,
-    /// Which views these are, where not front, top and side.
+    /// Kinds of the views. The default is front, top and side.
     pub kinds: Option<Vec<ViewKind>>,
     /// Significance level: the probability that a true relation or match of contours is rejected.
     pub level: f64,
@@ -51,12 +51,12 @@ pub struct SolidJob {
     /// Maximum chord error of a mesh, in the unit; [`DEFAULT_CHORD`] times the size of the drawing if none is
     /// given.
     pub mesh_tolerance: Option<f64>,
-    /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn
-    /// if none is given.
+    /// Coordinates of drawings at most this far apart are joined, in the unit. By default, coordinates are
+    /// used as drawn.
     pub tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
-    /// The unit where no file names it.
+    /// Unit if no file states one.
     pub unit: Option<Unit>,
     /// A page that shows the solids side by side, and their views.
     pub report: Option<ReportOutput>,
@@ -118,7 +118,7 @@ pub struct FaceCounts {
     pub freeform: usize,
 }
 
-/// A solid that the views can mean.
+/// A solid with these views.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankedSolid {
     /// From 1, best first.
@@ -180,9 +180,9 @@ pub struct SolidReport {
     pub unexplained: Vec<UnexplainedLine>,
     /// Solids that were found, but whose views are not the drawing.
     pub refused: Vec<RefusedSolid>,
-    /// Candidates that are no solids, by reason.
+    /// Candidates that are not solids, by reason.
     pub dropped: Vec<DroppedCandidates>,
-    /// Of contours, how they were matched, and the best solid's sizes with σ.
+    /// For contours: how they were matched, and the dimensions of the best solid with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
     /// What a user should know.
@@ -352,7 +352,7 @@ fn judge(report: &SolidReport) -> Vec<Finding> {
     found
 }
 
-/// Which views the files are.
+/// The kinds of the views, in the order of the files.
 fn kinds(job: &SolidJob) -> Vec<ViewKind> {
     job.kinds.clone().unwrap_or_else(|| ViewKind::ALL.to_vec())
 }
@@ -362,7 +362,7 @@ fn is_contours(job: &SolidJob) -> bool {
     job.views.iter().any(|view| extension(view) == "json")
 }
 
-/// Rejected candidates by reason, each reason with its first.
+/// Rejected candidates by reason, each with the message of the first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
     let reasons =
         [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];

@@ -34,8 +34,7 @@ pub struct Reference {
     pub normals: Option<Vec<[f64; 3]>>,
     /// Triangles between the points; none for a cloud.
     pub triangles: Vec<[u32; 3]>,
-    /// Covariances of the points, zero where not stated; none where the reference
-    /// counts as exact.
+    /// Covariances of the points. Zero if not stated; absent if the reference counts as exact.
     pub covariance: Option<Vec<SymmetricMatrix3>>,
     /// Unit of every length, if a file states it.
     pub unit: Option<Unit>,
@@ -165,7 +164,7 @@ impl Reference {
         made
     }
 
-    /// The same in lengths `factor` times as many of another unit.
+    /// Multiplies all lengths by `factor`.
     pub(super) fn scaled(mut self, factor: f64) -> Self {
         // Without conversion, the numbers stay exactly those of the file.
         if factor != 1.0 {

@@ -108,7 +108,7 @@ fn marks_of(surface: &SurfaceShown) -> Option<Vec<u8>> {
     }
 }
 
-/// A mesh, coloured by what its vertices state.
+/// A mesh with the fields of its vertices.
 pub(crate) fn known_mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
     let mut fields = Vec::new();
     if let Some(sigma) = &mesh.sigma {

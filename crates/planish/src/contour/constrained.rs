@@ -22,10 +22,10 @@ use planish_exchange::Unit;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// What to find and impose.
+/// Constraints to find and impose.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ConstrainJob {
-    /// Whether relations are looked for at all.
+    /// Whether relations are searched for.
     pub propose: bool,
     /// Significance level: the probability that a true relation is rejected.
     pub level: Option<f64>,
@@ -85,7 +85,7 @@ pub struct ReportedSize {
     pub sigma: f64,
 }
 
-/// A relation that was looked at.
+/// A relation that was tested.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReportedRelation {
     /// In words.
@@ -98,7 +98,7 @@ pub struct ReportedRelation {
     pub degrees: usize,
     /// Probability of a χ² at least as large if the relation is true.
     pub p_value: f64,
-    /// The share of its range in which it would have been accepted.
+    /// Share of its range in which it would have been accepted by chance.
     pub chance: f64,
     /// For an implied relation, the smallest set that it follows from. For a refused one, the smallest set
     /// that it conflicts with.
@@ -157,11 +157,11 @@ pub struct ConstrainedReport {
     pub bars: Vec<ReportedSize>,
     /// Circles with their radii.
     pub circles: Vec<ReportedSize>,
-    /// Everything that was looked at.
+    /// All tested relations.
     pub relations: Vec<ReportedRelation>,
     /// Sizes and the grid.
     pub sizes: Vec<Snap>,
-    /// Everything that was imposed.
+    /// All imposed constraints.
     pub constraints: Vec<ImposedConstraint>,
     /// Dimensions that determine the contours together with the constraints.
     pub dimensions: Vec<Dimensioned>,

@@ -1,4 +1,4 @@
-//! What contours of several levels make together.
+//! The solid that contours of several levels form.
 
 use super::Part;
 use super::report::canonical;
@@ -34,9 +34,9 @@ pub struct LevelRelation {
     pub chi_square: f64,
     /// Its degrees of freedom.
     pub degrees: usize,
-    /// What it may be at 99 %.
+    /// Its limit at 99 %.
     pub limit: f64,
-    /// The mean of what agrees, by information, with its σ: names, values, σ.
+    /// Mean of the agreeing parameters, weighted by information: names, values, σ.
     pub mean: Vec<(String, f64, f64)>,
 }
 

@@ -38,7 +38,7 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
     }
 }
 
-/// What was found in how many readings.
+/// The kinds of the contours and the number of readings.
 pub(crate) fn headline(report: &ContourReport) -> String {
     let readings = report.contours.iter().map(|p| p.readings).sum();
     format!("{} in {}.", kinds_of(report), counted(readings, "reading"))
@@ -83,7 +83,7 @@ fn words(name: &str) -> String {
     name.trim_end_matches("_deg").replace('_', " ")
 }
 
-/// A value with its σ, with as many digits as σ leaves.
+/// A value with its σ. The number of digits follows from σ.
 pub(crate) fn with_sigma(value: f64, sigma: f64) -> String {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return significant(value, 6);

@@ -14,7 +14,7 @@ use planish_exchange::contours::{DrawnContour, SizeLabel};
 /// from the same parameters and differ by rounding only.
 const LENGTH_TOLERANCE: f64 = 1e-6;
 
-/// A size that is reported.
+/// A reported size.
 struct Size {
     name: String,
     value: f64,

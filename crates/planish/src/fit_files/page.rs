@@ -231,7 +231,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     Section::new("How good it is", blocks)
 }
 
-/// What was completed by what was measured elsewhere.
+/// The section about parts that were completed from measured parts.
 fn concluded(report: &FitReport) -> Option<Section> {
     let found = report.propagation.as_ref()?;
     let mut blocks = Vec::new();

@@ -50,13 +50,13 @@ pub(super) struct Facing {
 
 /// A completed mesh, and the part of it that comes from the bound.
 pub(super) struct Completed {
-    /// The whole; patch 0 of its sources is what was merged, 1 the bound.
+    /// The completed mesh. In its sources, patch 0 is the merged surface and 1 is the bound.
     pub whole: StitchedMesh,
     /// Vertices that are the bound's.
     pub vertices: usize,
-    /// Triangles that were carved away, as they reached out of the bound.
+    /// Triangles that were removed because they lie outside the bound.
     pub carved: usize,
-    /// Which way the patches faced.
+    /// Orientation of the patches.
     pub facing: Facing,
 }
 

@@ -57,11 +57,11 @@ pub struct CompletionReport {
     pub name: String,
     /// Number of its vertices in the merged mesh. Their `observed` is 2 (completed).
     pub vertices: usize,
-    /// Triangles of the patches and of closed holes that were carved away, as they reached out of it.
+    /// Triangles of the patches and of closed holes that were removed because they lie outside it.
     pub carved: usize,
 }
 
-/// What filling added to the patches.
+/// The filled holes.
 #[derive(Debug, Clone, Serialize)]
 pub struct FillReport {
     /// Holes that were filled.
@@ -76,7 +76,7 @@ pub struct FillReport {
     pub left_open: usize,
 }
 
-/// What came of a merge.
+/// The figures of a merge.
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeReport {
     /// How shared places were fused.
@@ -110,7 +110,7 @@ pub struct MergeReport {
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
     pub sigma: SigmaSummary,
-    /// Triangles that sew patches together.
+    /// Triangles that stitch patches together.
     pub stitched_triangles: usize,
     /// Holes of the seams that were closed.
     pub holes_closed: usize,

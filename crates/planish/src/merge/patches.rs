@@ -28,8 +28,7 @@ pub struct NamedPatch {
     pub name: String,
     /// The surface, and the numbers of its triangles in the file.
     pub tidied: ManifoldPatch,
-    /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were
-    /// measured.
+    /// For each vertex, 1 if measured and 2 if completed. Empty if all were measured.
     pub observed: Vec<u8>,
 }
 
@@ -38,7 +37,7 @@ pub struct NamedPatch {
 pub struct PatchSet {
     /// The patches, in the order of the files.
     pub patches: Vec<NamedPatch>,
-    /// A surface that contains the object, used where no patch is.
+    /// A surface that contains the object. It is used where there is no patch.
     pub bound: Option<NamedPatch>,
     /// Unit of every length.
     pub unit: Option<Unit>,

@@ -44,7 +44,7 @@ pub(super) struct Done {
     pub method: MergeMethod,
     pub completed: Option<CompletionReport>,
     pub filled: Option<FillReport>,
-    /// Triangles that sew patches together.
+    /// Triangles that stitch patches together.
     pub stitched: usize,
     /// Vertices of the whole that are of each patch in space.
     pub kept: Vec<usize>,
@@ -181,7 +181,7 @@ impl Ready {
         sewn.source.iter().map(of).collect()
     }
 
-    /// What came of it, in the order of the files.
+    /// The report, in the order of the files.
     pub fn report(&self, sewn: &StitchedMesh, overlap: &Overlap, done: Done) -> MergeReport {
         let check = sewn.mesh.check();
         // Position of each file's patch in the order in space.

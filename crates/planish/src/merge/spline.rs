@@ -25,7 +25,7 @@ use planish_surface::model::{SigmaSummary, SurfaceModel};
 use planish_surface::saved::Session;
 use serde::Serialize;
 
-/// What became of a merged mesh as a spline.
+/// The figures of a spline through a merged mesh.
 #[derive(Debug, Clone, Serialize, PartialEq)]
 pub struct SplineReport {
     /// The topology.
@@ -38,7 +38,7 @@ pub struct SplineReport {
     pub rms: f64,
     /// Quantiles of σ of the surface at the mesh's vertices.
     pub sigma: SigmaSummary,
-    /// By how much the variances of a fit of independent vertices were multiplied.
+    /// Factor by which the variances of a fit of independent vertices were multiplied.
     pub variance_factor: f64,
 }
 
@@ -47,7 +47,7 @@ pub struct SplineReport {
 pub struct MergedSpline {
     /// The model, with the σ of the mesh.
     pub model: SurfaceModel,
-    /// How it follows the mesh.
+    /// Its figures.
     pub report: SplineReport,
     /// Warnings for the user.
     pub findings: Vec<Finding>,
@@ -178,7 +178,7 @@ struct Carried {
     rms: f64,
     /// σ of the resulting surface at the vertices.
     sigma: SigmaSummary,
-    /// What variances of the fit were multiplied by.
+    /// Factor of the variances of the fit.
     factor: f64,
 }
 

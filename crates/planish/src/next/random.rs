@@ -28,7 +28,7 @@ pub struct RandomDraws {
     pub worst_sigma_p90: Vec<f64>,
 }
 
-/// What a model knows of its places before any reading to come.
+/// State of a model before the planned readings.
 #[derive(Clone, Copy)]
 pub(super) struct Before<'a> {
     /// Factor of the model's information, and its number of nodes.

@@ -20,7 +20,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What `planish next --views` is asked for.
+/// The job `planish next --views`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NextViewsJob {
     /// A saved model.

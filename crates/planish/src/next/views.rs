@@ -308,8 +308,8 @@ fn best_of(
         .filter(|&best| left[best] < (1.0 - MIN_GAIN) * now)
 }
 
-/// What readings of some representatives take off the variance of each: the diagonal of
-/// `K_·B (K_BB + R)⁻¹ K_B·`.
+/// Reduction of the variance of each representative by readings of some: the diagonal of `K_·B (K_BB + R)⁻¹
+/// K_B·`.
 fn taken_away(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
     let own = DMatrix::from_fn(seen.len(), seen.len(), |i, j| {
         let reading = if i == j { 1.0 / seen[i].1 } else { 0.0 };

@@ -24,7 +24,7 @@ use planish_surface::saved::Session;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// A strip and what was made of it.
+/// A strip with its mesh and spline.
 pub(super) struct Patch {
     mesh: TriangleMesh,
     sigma: Vec<f64>,

@@ -165,7 +165,7 @@ pub(super) fn photometric(
     let mut more_inputs = Vec::new();
     let lights = match &known.source {
         LightSource::Directions(lights) => lights.clone(),
-        // A chrome ball shows the lights; its pictures are inputs that only the calibration names.
+        // A mirror ball shows the lights. Its pictures are inputs that only the calibration names.
         LightSource::Ball { images, mask } => {
             more_inputs.extend(images.iter().chain([mask]).cloned());
             lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(blame)?

@@ -72,7 +72,8 @@ pub struct ShellFitJob {
     pub sequence: Option<PathBuf>,
     /// What moves the mesh.
     pub deformation: DeformationKind,
-    /// How many controls, if none is given: of a lattice all its points, of modes the most.
+    /// Number of controls if no file is given. For a lattice, the number of its points; for modes, their
+    /// maximum number.
     pub controls: usize,
     /// Control points.
     pub controls_file: Option<PathBuf>,
@@ -80,9 +81,9 @@ pub struct ShellFitJob {
     pub family: Vec<PathBuf>,
     /// Parts that stay rigid: a group, object or material of the OBJ, or a file of vertex indices.
     pub rigid: Vec<String>,
-    /// Over which length they fade into the rest; a tenth of the mesh's size if none is given.
+    /// Length over which they blend into the rest. The default is a tenth of the mesh's size.
     pub blend: Option<f64>,
-    /// What metaballs are built around.
+    /// Shape of the metaballs.
     pub metaball: Metaball,
     /// Minimum distance between places on the border of a mask, in pixels.
     pub outline_step_px: f64,
@@ -93,9 +94,9 @@ pub struct ShellFitJob {
     pub rough_start: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
-    /// A page that shows what was found.
+    /// A page that shows the result.
     pub report: Option<ReportOutput>,
-    /// The unit where no file names it.
+    /// Unit if no file states one.
     pub unit: Option<Unit>,
 }
 
@@ -501,7 +502,7 @@ fn outputs_of_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<Vec<PathBu
     frames.iter().map(|frame| job.outputs.iter().map(|output| of_frame(frame, output)).collect()).collect()
 }
 
-/// The mesh, and what it looks like.
+/// The mesh and its appearance.
 fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, TexturedMesh)> {
     let file = read_textured(&job.mesh)?;
     units.add(file.unit, &job.mesh)?;
@@ -515,7 +516,7 @@ fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, 
     Ok((mesh, file))
 }
 
-/// How far what each view shows of a mesh agrees with its mask.
+/// Overlap (IoU) of a mesh with the mask of each view.
 fn overlap(frame: &Frame, mesh: &TriangleMesh, cameras: &[Camera]) -> BTreeMap<String, f64> {
     (frame.views.iter().zip(&frame.masks).zip(cameras))
         .filter_map(|((view, mask), camera)| {

@@ -82,9 +82,9 @@ pub struct ShellPoseReport {
     pub unit: Option<Unit>,
     /// Vertices of the mesh.
     pub vertices: usize,
-    /// How many controls there are.
+    /// Number of controls.
     pub controls: usize,
-    /// Where they are.
+    /// Positions of the controls.
     pub control_points: Vec<[f64; 3]>,
     /// Rigid parts and their vertices.
     pub rigid: Vec<RigidReport>,
@@ -301,7 +301,7 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
     Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()), moved))
 }
 
-/// Writes one file, and what belongs to it.
+/// Writes one file and its companion files.
 fn write(
     path: &Path,
     file: &TexturedMesh,

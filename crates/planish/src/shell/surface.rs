@@ -34,7 +34,7 @@ pub struct ShellMeshJob {
     pub mesh: PathBuf,
     /// Which surface of its shell.
     pub level: IsoLevel,
-    /// What metaballs are built around.
+    /// Shape of the metaballs.
     pub metaball: Metaball,
     /// `d0` of triangular metaballs; a hundredth of the mesh's size if none is given.
     pub thickness: Option<f64>,

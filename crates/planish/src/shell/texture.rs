@@ -72,7 +72,7 @@ pub struct ShellTextureJob {
     pub texture_size: Option<usize>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
-    /// The unit where no file names it.
+    /// Unit if no file states one.
     pub unit: Option<Unit>,
 }
 
@@ -172,7 +172,7 @@ impl Job for ShellTextureJob {
     }
 }
 
-/// Colours a mesh, and writes what was asked for.
+/// Colours a mesh and writes its outputs.
 ///
 /// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
 fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
@@ -425,7 +425,7 @@ fn judge(
 fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<ColourView> {
     let path = view.image.as_deref().unwrap_or(Path::new(""));
     let picture = read_picture(path)?;
-    // Places on the border are not asked for.
+    // The positions on the border are not used, so few of them are made.
     let mask = read_mask(view, 10.0)?;
     if let Some(mask) = &mask
         && (mask.columns, mask.rows) != (picture.columns, picture.rows)

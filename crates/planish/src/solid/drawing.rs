@@ -124,7 +124,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
         if let Curve2::Segment(..) = curve {
             at.remove(1);
         }
-        // The same line the other way round is the same line.
+        // A line and its reverse are the same line.
         if at[0] > at[at.len() - 1] {
             at.reverse();
         }
@@ -160,7 +160,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     repeated
 }
 
-/// Moves a view's left lower corner to the origin: pages have an origin of their own.
+/// Moves the lower left corner of a view to the origin.
 fn place_at_origin(curves: &mut [DrawnCurve]) {
     let points = || curves.iter().flat_map(|c| c.curve.points());
     let least = [0, 1].map(|k| points().map(|p| p[k]).fold(f64::MAX, f64::min));

@@ -43,9 +43,9 @@ pub struct ReportedView {
 pub struct NoisyGeometry {
     /// The views.
     pub views: Vec<ReportedView>,
-    /// Which coordinates of them are one.
+    /// Coordinates of the views that are equal.
     pub matches: Vec<SpaceMatch>,
-    /// What agreeing costs the views.
+    /// χ² of the agreement between the views.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,

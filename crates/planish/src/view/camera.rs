@@ -51,7 +51,7 @@ impl Up {
         up
     }
 
-    /// To the right of who looks from the front: x, or y where x is up.
+    /// The right-hand direction in the front view: x, or y if x is up.
     fn right(self) -> [f64; 3] {
         if self.axis == 0 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }
     }
@@ -140,7 +140,7 @@ pub(super) fn axes_from(from: [f64; 3], up: [f64; 3]) -> Result<Axes> {
     Ok([right, cross(from, right), from])
 }
 
-/// Where in a picture the object is to be: from the left and the top, in pixels.
+/// Area of the picture for the object, from the left and the top, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
     pub low: [f64; 2],

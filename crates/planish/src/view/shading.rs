@@ -15,8 +15,8 @@ use planish_mesh::{DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::{Colour, linear_light};
 use rayon::prelude::*;
 
-/// Samples along each side of a pixel: for usual pictures, and for those with more pixels than [`LARGE_PICTURE`].
-/// Large pictures have finer pixels, so their edges need fewer samples.
+/// Samples along each side of a pixel, and the same for pictures larger than [`LARGE_PICTURE`]. Large
+/// pictures have finer pixels, so their edges need fewer samples.
 const SAMPLES: [usize; 2] = [3, 2];
 const LARGE_PICTURE: usize = 8_000_000;
 /// Approximate maximum number of samples in the depth buffer. Larger pictures are drawn in strips.
@@ -83,7 +83,7 @@ pub(super) struct Pixel {
     is_value: bool,
 }
 
-/// A shape with what light needs of it.
+/// A shape, prepared for shading.
 struct Prepared<'a> {
     shape: &'a Shape<'a>,
     /// The first of its triangles, in the depth buffer.

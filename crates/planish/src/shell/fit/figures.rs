@@ -73,13 +73,13 @@ pub struct FrameReport {
 /// What became of a rough start before the fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlowReport {
-    /// How often the mesh was made anew.
+    /// Number of times that the mesh was rebuilt.
     pub rounds: usize,
     /// Facets of the mesh that was fitted.
     pub facets: usize,
     /// Its parts.
     pub parts: usize,
-    /// How far it agreed with each mask.
+    /// Overlap (IoU) with each mask.
     pub iou: BTreeMap<String, f64>,
 }
 
@@ -90,7 +90,7 @@ pub struct ShellFitReport {
     pub rms_points: Option<f64>,
     /// The same of places on outlines, in pixels.
     pub rms_silhouettes_px: Option<f64>,
-    /// How far what each view shows agrees with its mask.
+    /// Overlap (IoU) of the mesh with the mask of each view.
     pub iou: BTreeMap<String, f64>,
     /// The same before the fit.
     pub iou_before: BTreeMap<String, f64>,
@@ -109,7 +109,7 @@ pub struct ShellFitReport {
     /// Tracked features.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracks: Option<ReadingsReport>,
-    /// Poses that were uncertain.
+    /// Poses of cameras that were estimated.
     pub poses: Vec<CameraPoseReport>,
     /// σ of the vertices that were measured, along normals.
     pub sigma: SigmaSummary,

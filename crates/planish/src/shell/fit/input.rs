@@ -311,7 +311,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
     })
 }
 
-/// The vertices, those that no triangle has at the first that one has.
+/// The vertices. Those of no triangle are moved to a vertex of the first triangle.
 fn within_surface(mesh: &TriangleMesh) -> Vec<[f64; 3]> {
     let mut places = vec![mesh.positions[mesh.triangles[0][0] as usize]; mesh.positions.len()];
     for v in mesh.triangles.iter().flatten() {

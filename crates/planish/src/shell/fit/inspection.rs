@@ -39,7 +39,7 @@ const MAX_AXIS_OFFSET: f64 = 0.25;
 /// Maximum fraction of the outermost pixels that belong to the object. More means an inverted mask.
 const MAX_FRAME_SHARE: f64 = 0.5;
 
-/// Whether points can be of the mesh: neither a hundred times larger or smaller, nor far off.
+/// Refuses points that cannot belong to the mesh: of another size, or far away.
 ///
 /// # Errors
 /// `Undetermined` where they cannot.
@@ -79,7 +79,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     Ok(())
 }
 
-/// The box of all points but the tenth that is farthest out, each way along each axis.
+/// The box of all points except the outer tenth at each end of each axis.
 fn most_of(frame: &Frame) -> Option<BoundingBox> {
     let count = frame.points.len();
     if count < TRIMMED_ONE_IN {
@@ -141,7 +141,7 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
     findings
 }
 
-/// The share of a picture's outermost pixels that a mask has.
+/// The share of the outermost pixels of a picture that belong to the mask.
 fn at_frame(mask: &[bool], columns: usize, rows: usize) -> f64 {
     let frame = |k: &usize| {
         let (column, row) = (k % columns, k / columns);

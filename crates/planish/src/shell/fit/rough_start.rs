@@ -88,7 +88,7 @@ impl Region for Nothing {
     }
 }
 
-/// A mesh that has flown.
+/// The result of the flow.
 pub(super) struct Flown {
     pub mesh: TriangleMesh,
     /// σ of its vertices, along normals.
@@ -196,7 +196,7 @@ fn views_of(frame: &Frame) -> Result<(Vec<ContourView>, Vec<&ViewFile>)> {
     Ok(made.into_iter().unzip())
 }
 
-/// What views show of a mesh, as silhouettes.
+/// The silhouettes of a mesh in the views.
 fn covers(
     mesh: &TriangleMesh,
     views: &[ContourView],
@@ -225,7 +225,7 @@ fn covers(
         .collect()
 }
 
-/// A mesh that was made anew has neither texture nor parts.
+/// The appearance of a rebuilt mesh, which has neither texture nor parts.
 pub(super) fn without_looks(
     appearance: TexturedMesh,
     mesh: &TriangleMesh,

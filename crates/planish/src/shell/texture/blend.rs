@@ -36,7 +36,7 @@ pub(super) struct Blended {
     pub colour: [f64; 3],
     /// Number of views that contribute.
     pub views: usize,
-    /// Views that differ too much to take part.
+    /// Views that are outliers and do not contribute.
     pub odd: Vec<usize>,
 }
 
@@ -69,7 +69,7 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     (median / MEDIAN_OF_THREE).max(MIN_SCALE)
 }
 
-/// The share of the places that three views or more see at which each view is odd.
+/// For each view, the share of the places seen by three or more views at which it is an outlier.
 pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[Option<Blended>]) -> Vec<f64> {
     let mut counts = vec![(0_usize, 0_usize); views];
     for (colours, blended) in colours.iter().zip(blended).filter(|(colours, _)| colours.len() > 2) {
@@ -111,7 +111,7 @@ mod tests {
         ViewColour { view, colour: [level, 0.5 * level, 10.0], weight }
     }
 
-    /// The odd view sees best of all and is outvoted all the same.
+    /// The outlier has the largest weight and is outvoted nevertheless.
     #[test]
     fn the_odd_view_is_outvoted() {
         let colours = [

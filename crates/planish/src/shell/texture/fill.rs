@@ -92,7 +92,7 @@ fn laplace(neighbours: &Neighbours, unknown: &[u32], colours: &mut [[f64; 3]], c
     }
 }
 
-/// Fills the empty pixels of a picture from coarser and coarser means of what there is.
+/// Fills the empty pixels of a picture from means of its filled pixels, at ever coarser resolution.
 pub(super) fn in_picture(columns: usize, rows: usize, pixels: &mut [Option<[f32; 3]>]) {
     if columns <= 1 && rows <= 1 || pixels.iter().all(Option::is_some) {
         return;

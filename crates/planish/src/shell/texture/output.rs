@@ -14,7 +14,7 @@ use planish_exchange::textured::TexturedMesh;
 use planish_report::colour::linear_light;
 use std::path::{Path, PathBuf};
 
-/// Writes one file, and what belongs to it.
+/// Writes one file and its companion files.
 pub(super) fn write(
     path: &Path,
     file: &TexturedMesh,
