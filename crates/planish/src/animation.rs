@@ -148,6 +148,7 @@ pub fn write_forming(
 
 /// The snapshots on the triangles of the last one.
 fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
+    // A ten-thousandth of the size is below a pixel. The limit of triangles usually decides.
     let wanted = 1e-4 * planish_surface::observe::surface_extent(surface);
     let options = TessellationOptions {
         tolerance: affordable_tolerance(surface, wanted, MAX_TRIANGLES)?,
@@ -174,6 +175,7 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         sigmas.push(sigmas_along(&snapshot.posterior(), &leaves, &local, &normals)?);
         shapes.push((points, normals, snapshot.readings));
     }
+    // One scale for all frames. With a scale per frame, σ would not seem to fall.
     let scale = ColourScale::from_sigmas(&sigmas);
     let frames = (shapes.iter().zip(&sigmas))
         .map(|((points, normals, readings), sigma)| MeshFrame {

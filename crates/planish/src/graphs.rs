@@ -91,6 +91,7 @@ impl NamedStructure {
     #[must_use]
     pub fn new(structure: &Decomposition, drawing: &ParametricDrawing) -> Self {
         let named = |part: &planish_contour::constraint::EquationBlock| NamedPart {
+            // Counted from 1, as in the graphs.
             equations: part.equations.iter().map(|f| format!("f{}", f + 1)).collect(),
             parameters: part.parameters.iter().map(|&p| drawing.parameter_name(p).to_owned()).collect(),
         };
@@ -214,8 +215,10 @@ fn dot(views: &[GraphsOfView], composite: Option<&Composite>) -> String {
     let mut text = String::new();
     for view in views {
         let graphs = &view.graphs;
+        // The matching is drawn in the bipartite graph and needs no graph of its own.
         for graph in [&graphs.full, &graphs.bipartite, &graphs.minimal, &graphs.pair] {
             let mut graph = graph.clone();
+            // DOT tools address graphs of a file by their names, which must differ.
             graph.name = format!("{}_{}", view.name, graph.name);
             text.push_str(&graph.to_dot());
         }

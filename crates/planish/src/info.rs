@@ -250,6 +250,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
 fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
     // A unit in the file has priority over the given one.
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
+    // Range scanners write missing readings as NaN, so this is a finding and not an error.
     let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
     let mut findings = Vec::new();
     if dropped > 0 {
@@ -309,6 +310,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
         .scans
         .iter()
         .flat_map(|posed| {
+            // The box of a list is in the world's frame, while that of each scan is in its own.
             let pose = &posed.scan.world_from_scanner;
             posed.scan.points.iter().map(|p| pose.apply(*p))
         })
@@ -324,6 +326,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
     let sensors = set.sensors.iter().enumerate().map(|(index, sensor)| {
         let (sigma_along, sigma_across) = match sensor.noise {
             None => (None, None),
+            // One number for all directions is shown as both.
             Some(Noise::Isotropic { sigma }) => (Some(sigma), Some(sigma)),
             Some(Noise::Ray { sigma_along, sigma_across }) => (Some(sigma_along), Some(sigma_across)),
         };
@@ -362,6 +365,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             }
         }
     };
+    // Defects are reported and not repaired: the file is described as it is.
     let mesh =
         TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
     let check = mesh.check();
@@ -407,6 +411,7 @@ fn model(path: &Path) -> Result<FileInfo> {
         .map_err(|e| e.in_context(path.display()))?;
     let surface = &model.surface;
     let space = surface.space();
+    // Shares are by area. Cells are small where detail was measured, so their number would be biased.
     let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| surface.leaf_area(leaf)).collect();
     let area: f64 = areas.iter().sum();
     let measured: f64 =
@@ -428,6 +433,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             area,
             observed_area_fraction: measured / area,
             invented_area_fraction: invented / area,
+            // Control vertices lie outside of a curved surface and would enlarge the box.
             bounds: bounds(&points_of_cells(surface)),
             sigma,
             smoothness_weight: model.smoothness_weight,

@@ -217,6 +217,7 @@ impl Job for OccludingJob {
 fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
     progress.check("reading", 0.0)?;
     let file = read_views(&job.views)?;
+    // Read before the work, so that a damaged mesh does not cost it.
     let judged = job.judged.as_deref().map(read_judged).transpose()?;
     let mut inputs = vec![job.views.clone()];
     inputs.extend(file.files.iter().cloned());
@@ -228,6 +229,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     }
     let unit = file.unit.or(job.unit);
     let mut findings = Vec::new();
+    // Points without a unit are still useful for their shape, so this is a warning.
     if unit.is_none() {
         findings.push(
             Finding::new(
@@ -252,6 +254,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     progress.check("visual hull", 0.4)?;
     // The hull is always made if possible: it also tells how much of the surface no contour shows.
     let hull = hull_of(&views, &found)?;
+    // With all views of the file, held-out ones included.
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = ProgressPart::new(progress, 0.5, 0.9);
@@ -326,6 +329,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     };
     let camera = view.camera.pinhole;
     let measured = !view.contours.is_empty();
+    // A view without contours would interrupt the sequence silently.
     if !measured && outline.is_empty() {
         return Err(Error::input("needed a mask, or contours with ordered points, found none"));
     }
@@ -351,6 +355,7 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
             let places = view.contours[start..end].iter().map(|(p, _)| *p).collect();
             let mut contour = Contour { places, closed: false };
             contour.close();
+            // Files do not state on which side the object is; the mask does.
             contour.face(outline);
             contour
         })
@@ -366,6 +371,7 @@ fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<Vi
         return Ok(None);
     }
     let places: Vec<[f64; 3]> = found.points.iter().map(|p| p.position).collect();
+    // Without any point, nothing shows where in space the hull should be sought.
     let Some(bounds) = BoundingBox::from_points(&places) else {
         return Ok(None);
     };

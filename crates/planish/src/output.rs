@@ -74,6 +74,7 @@ impl OutputFormat {
             "glb" => Ok(Self::Glb),
             "planish" if !is_packed(path) => Ok(Self::Planish),
             other => {
+                // Formats that can be read are not all written, so the message lists what can be written.
                 let found = match other {
                     "" => "none".to_owned(),
                     "planish" => "`planish.gz`".to_owned(),
@@ -181,6 +182,7 @@ pub fn plan_outputs(paths: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
 pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
     for (k, path) in paths.iter().enumerate() {
         refuse_same_output(path, &paths[..k])?;
+        // Inputs are kept even if the run fails: a scan may not be repeatable.
         refuse_input_as_output(path, inputs)?;
         check_writable(path)?;
     }

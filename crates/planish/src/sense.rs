@@ -252,6 +252,7 @@ impl Job for SenseJob {
 /// Reads the inputs, computes points and writes them. Nothing is written unless everything else succeeds.
 fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     progress.check("reading", 0.0)?;
+    // The computation takes nearly all of the time.
     let working = ProgressPart::new(progress, 0.05, 0.9);
     let mut sensed = match &job.kind {
         SenseKind::Stereo { left, right, calibration, options, points } => {
@@ -272,6 +273,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     for output in &job.outputs {
         refuse_input_as_output(output, &inputs)?;
     }
+    // The calibration knows best; the option only fills a gap.
     let unit = sensed.unit.or(job.unit);
     let mut findings = std::mem::take(&mut sensed.findings);
     // A normal map has no lengths, so it needs no unit.
@@ -342,6 +344,7 @@ fn check_formats(job: &SenseJob) -> Result<()> {
         let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
         match kind.as_str() {
             "ply" if !packed => {
+                // Checked before matching, which takes most of the time.
                 if let SenseKind::Stereo { calibration: None, .. } = job.kind {
                     return Err(Error::input(format!(
                         "{}: points need the calibration of the cameras: state it, or write disparities as \
@@ -375,6 +378,7 @@ fn write(path: &Path, sensed: &Sensed, unit: Option<Unit>) -> Result<SensedFile>
             write_scan(path, scan, unit)?;
             written.points = Some(scan.points.len());
         }
+        // Formats were checked before, so this is a result that lacks what its kind usually has.
         ("ply", None, _) | (_, _, None) => {
             return Err(Error::input(format!("{}: there is nothing of that kind to write", path.display())));
         }

@@ -364,6 +364,7 @@ fn is_contours(job: &SolidJob) -> bool {
 
 /// Rejected candidates by reason, each with the message of the first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
+    // Fixed order, so that reports can be compared.
     let reasons =
         [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];
     let of = |(reason, why): (CandidateRejection, &'static str)| {

@@ -175,6 +175,7 @@ fn draw_picture(
             MAX_PIXELS / 1_000_000
         )));
     }
+    // A picture keeps its points: their number does not change the size of the file.
     let content = ViewedContent::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;
     progress.check("drawing", 0.5)?;
     let drawn = drawn(&content, options).map_err(|e| e.in_context(viewed.file.display()))?;
@@ -330,6 +331,7 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
         Some(ColourBy::Field(key)) => match find(key) {
             Some(field) => Ok(Some(field)),
             None => {
+                // The usual reason: the user forgot the reference.
                 let needs_reference = key == "deviation";
                 let way_out = if needs_reference { ": that needs a reference" } else { "" };
                 let mut known: Vec<String> = fields(content).map(|f| f.key.replace('_', "-")).collect();

@@ -74,6 +74,7 @@ pub(crate) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
 }
 
 fn unit_of<'a>(name: &str, unit: &'a str) -> &'a str {
+    // Names of parameters are keys of the JSON, so they can be relied on.
     let is_angle = ["angle", "heading", "direction", "rotation"].iter().any(|word| name.contains(word));
     if is_angle { "°" } else { unit }
 }
@@ -105,6 +106,7 @@ pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
         let unit = unit_of(name, unit);
         let name = head(name, unit);
         let decimals = with_sigma(value.value, value.sigma);
+        // Both columns with the same decimals.
         let (value_text, sigma_text) = decimals.split_once(" ± ").unwrap_or((&decimals, "–"));
         table.row([name, value_text.to_owned(), sigma_text.to_owned()], false);
     }

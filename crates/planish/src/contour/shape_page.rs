@@ -40,7 +40,9 @@ pub(crate) fn shape_page(
                 name: fit.shape.to_string(),
                 positions: mesh.positions,
                 triangles: mesh.triangles,
+                // Averaged normals would round off the edges of a box.
                 flat: fit.shape == PrimitiveKind::Box,
+                // Readings lie on both sides of the surface and must stay visible.
                 translucent: true,
                 ..SurfaceShown::default()
             }],
@@ -92,6 +94,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[[f64; 3]]) -> Resul
         PrimitiveKind::Plane => {
             let normal = unit(place(0)).ok_or_else(|| Error::undetermined("a plane without a normal"))?;
             let middle = bounds.center();
+            // The point of the plane nearest to the middle of the readings. The origin may be far away.
             let foot = add_scaled(middle, number(3) - dot(normal, middle), normal);
             let (a, b) = tangents(normal);
             let [along, across] = [reach(a, foot), reach(b, foot)];
@@ -110,6 +113,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[[f64; 3]]) -> Resul
             let axis = unit(place(3)).ok_or_else(|| Error::undetermined("a cylinder without an axis"))?;
             let (a, _) = tangents(axis);
             let b = cross(axis, a);
+            // A cylinder has no ends, so the outermost readings along the axis are used.
             let ends = reach(axis, place(0));
             let ring = |end: f64, side: u32| {
                 let (sine, cosine) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();

@@ -83,6 +83,7 @@ pub fn read_patches(
             let chord = chord.map(|chord| chord.in_unit(model.unit));
             let mesh = mesh_from_model(&model, &model.posterior()?, chord)
                 .map_err(|e| e.in_context(path.display()))?;
+            // Parts that only the prior determines are no evidence and are not merged.
             let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
             read.push((of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?, Some(mesh.unit)));
         } else if let Some(file) = with_faces {
@@ -227,6 +228,8 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
         true => path.display().to_string(),
         false => scan.name.clone(),
     };
+    // Loose points have no neighbours. Guessing them would be a surface reconstruction, which a fit does
+    // better.
     let Some(grid) = &scan.grid else {
         return Err(Error::input(format!(
             "{name}: needed a surface (a saved model, a mesh with faces, or a scan in rows and columns), \
@@ -235,6 +238,7 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
         )));
     };
     let mut triangles = triangles_of_grid(grid, &scan.points);
+    // In the scanner's frame, where the viewing direction is known.
     face_the_sensor(&mut triangles, &scan.points, scan.viewing);
     let mesh = TriangleMesh::try_new(
         scan.points.iter().map(|p| scan.world_from_scanner.apply(*p)).collect(),

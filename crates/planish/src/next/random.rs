@@ -113,6 +113,7 @@ fn one_by_one(
     let mut variances = variances.to_vec();
     (0..at.len())
         .map(|k| {
+            // Only later readings change: those before are already used.
             let (before, later) = seen.split_at_mut(k + 1);
             let column = &before[k];
             let own = column[at[k]] + reading;

@@ -127,6 +127,7 @@ fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
     write_atomically(path, |writer| {
         writeln!(writer, "x,y,z,qx,qy,qz,qw,readings,seen,seen_so_far,worst_sigma_after,mean_sigma_after")?;
         for v in views {
+            // All digits, so that a pose that is read back is the same.
             let numbers = v.translation.iter().chain(&v.quaternion_xyzw).map(f64::to_string);
             let place: Vec<String> = numbers.collect();
             writeln!(
@@ -148,6 +149,7 @@ fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
 fn write_ply(path: &Path, views: &[NextView], unit: Unit) -> Result<()> {
     let axis = |v: &NextView| {
         let pose = Pose::from_quaternion_xyzw(v.quaternion_xyzw, v.translation).unwrap_or_default();
+        // PLY has no poses. The axis as a normal shows the direction in any viewer.
         pose.rotate([0.0, 0.0, 1.0])
     };
     let column = |value: fn(&NextView) -> f64| views.iter().map(value).collect::<Vec<f64>>();

@@ -104,6 +104,7 @@ pub(super) fn patches(
 
 /// Of the places along each contour from the first of a strip to the last, the share that is missing.
 fn left_out(points: &[&OccludingPoint]) -> f64 {
+    // For each contour of a view: first place, last place, and number of points.
     let mut runs: BTreeMap<(usize, usize), (usize, usize, usize)> = BTreeMap::new();
     for p in points {
         let run = runs.entry((p.view, p.contour)).or_insert((p.place, p.place, 0));

@@ -56,6 +56,7 @@ fn known_by(mark: u8) -> &'static str {
 
 /// The field of what parts are known by, of those that occur.
 pub(crate) fn observed_field(observed: &[u8]) -> Field {
+    // The best known first, and only what occurs.
     let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
@@ -234,6 +235,7 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
                 "normalised",
                 "residual over its σ",
                 "",
+                // The default gate: colours saturate where readings are rejected.
                 FieldKind::Signed(Some(4.0)),
                 readings.normalised.clone(),
             ),
@@ -259,6 +261,7 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
 /// The borders of all leaves: the quadtree on the surface.
 fn cell_lines(surface: &Surface) -> LineSet {
     let leaves = surface.space().leaves().len();
+    // Curved borders need several pieces. Models of many cells have short borders, for which one is enough.
     let pieces = (MAX_LINES / (2 * leaves.max(1))).clamp(1, 8);
     let mut segments = Vec::with_capacity(2 * leaves * pieces);
     for leaf in 0..leaves {

@@ -207,6 +207,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         Some(_) => Some(ShellTracker::new(&start.mesh, &*deformation, options.clone())?),
         None => None,
     };
+    // Read once for all frames.
     let picture = picture_of(&start.appearance, &mut run.findings);
     let (mut of_frames, mut last) = (Vec::new(), None);
     for (k, files) in frames.iter().enumerate() {
@@ -222,6 +223,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             }
         };
         let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
+        // The fit moves vertices and keeps triangles.
         let found =
             TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };
         let (normals, sigma, observed) = report::known(&found, &fit, &*deformation, &start.sigma);
@@ -236,6 +238,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         // Each frame is written when it is done. An interrupted sequence keeps the frames before.
         run.write(k, &start, &known, picture.as_deref())?;
         let iou = overlap(&frame, &found, &fit.cameras);
+        // A single fit is its own report; frames are listed for sequences only.
         if stage.tracked {
             of_frames.push(frame_report(&files.name, &fit, predicted, &iou, &sigma));
         }
@@ -414,6 +417,7 @@ impl Run<'_> {
         // σ of vertices that only smoothness determines would hide how accurate the measured part is.
         let measured: Vec<f64> =
             (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
+        // Sources without readings are absent from the report.
         let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::from_source);
         let [points, outlines, tracks] = of;
         let mut done = ShellFitReport {

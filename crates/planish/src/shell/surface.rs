@@ -151,9 +151,11 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             }
         )));
     }
+    // The softness decides how fine facets must be, so it is fixed before they are divided.
     let softness = job.softness.unwrap_or(DEFAULT_SOFTNESS * size);
     let mut findings = Vec::new();
     let wrapped = match job.metaball {
+        // Triangular metaballs follow facets of any size; spheres only approximate small ones.
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
             let (fine, _) = subdivide_for_spheres(&mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
@@ -180,6 +182,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         .and_then(|shell| iso_surface(&shell, &IsoOptions { level: job.level, cell: job.cell }))
         .map_err(|e| e.in_context(job.mesh.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
+    // One set of normals for all files, so that they agree.
     let normals = made.mesh.vertex_normals();
     for path in &job.outputs {
         write_mesh(

@@ -195,6 +195,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         let colour_at = |at, normal| {
             blend::blend(&scene.colours_at(&used, at, normal), statistics.sigma).map(|b| b.colour)
         };
+        // The texture is as fine as the views that colour it.
         let chosen: Vec<&ColourView> = used.iter().map(|k| &scene.views[*k]).collect();
         let painting = Painting { job, file: &file, scene: &scene, coloured: &coloured, views: &chosen };
         Some(paint(&painting, &colour_at, &mut findings)?)

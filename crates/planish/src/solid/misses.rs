@@ -35,11 +35,13 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
             let points = view.curves.iter().flat_map(|c| c.curve.points());
             let [lo, hi] = points.fold([f64::MAX, f64::MIN], |[lo, hi], p| [lo.min(p[k]), hi.max(p[k])]);
             let size = hi - lo;
+            // Each later view is compared with the first one that has the axis.
             let Some((first, other)) = seen[axis] else {
                 seen[axis] = Some((size, index));
                 continue;
             };
             let off = (size - first).abs();
+            // Equal but for rounding is no reason for a failure, and a larger difference is an error already.
             if off > rounding(drawing) && off <= NEAR_MISS_RATIO * drawing.size() {
                 let text = format!(
                     "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
@@ -69,6 +71,7 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<F
             distance(points[0], points[points.len() - 1]) <= same
         };
         for (k, drawn) in view.curves.iter().enumerate() {
+            // Hidden lines end behind others, and closed curves have no ends.
             if drawn.style != LineStyle::Visible || is_closed(&drawn.curve) {
                 continue;
             }

@@ -89,6 +89,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
             )));
         }
         unit = unit.or(file.unit.map(|own| (own, path.as_path())));
+        // Several levels are sections at different heights, which no single view shows.
         if let Some(level) = file.levels.iter().flatten().find(|level| Some(**level) != file.levels[0]) {
             return Err(named(Error::input(format!(
                 "holds contours of several levels, such as {level}: a view is one outline with its holes"
@@ -96,8 +97,11 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
         }
         let sketch = Sketch::new(&file.contours).map_err(named)?;
         let constraints = match file.constraints {
+            // Constraints of a file were imposed by the user or in an earlier run. Searching again could
+            // contradict them.
             Some(constraints) => {
                 for constraint in &constraints {
+                    // A file may be edited by hand, so the parts that constraints name may not exist.
                     constraint.require_parts(&sketch.drawing).map_err(named)?;
                 }
                 of_file.push(true);
@@ -146,6 +150,7 @@ fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
 impl Noisy {
     /// The drawing of a view, consistent with the others, and its constraints including dimensions.
     fn complete(&self, view: usize) -> Result<(ParametricDrawing, Vec<Constraint>)> {
+        // The view as adjusted to the others, so that dimensions of all views agree.
         let (drawing, covariance) = self.consistent.view(view)?;
         let own = &self.views[view];
         let mut all: Vec<Constraint> = own.sketch.given.iter().chain(&own.constraints).copied().collect();
@@ -177,6 +182,7 @@ impl Noisy {
                 axes: [axis(view.kind.axes()[0]), axis(view.kind.axes()[1])],
                 drawing,
                 constraints,
+                // The graph needs the structure only.
                 covariance: None,
             })
             .collect();
@@ -229,8 +235,10 @@ impl Noisy {
             let each = [Constraint::Horizontal { bar }, Constraint::Vertical { bar }];
             let off =
                 each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
+            // A leaning bar is compared with the axis that it nearly follows.
             let nearest = usize::from(off[1] < off[0]);
             let spread = sigma(&each[nearest], drawing, &self.consistent.covariance) / drawing.length(bar);
+            // Exactly parallel bars are fine, and steeper ones are meant to be oblique.
             (off[nearest] > COINCIDENCE_TOLERANCE && off[nearest] < MAX_LEAN).then(|| {
                 format!(
                     "{} leans by {:.3}° ± {:.3}°",
@@ -241,6 +249,7 @@ impl Noisy {
             })
         });
         let leaning: Vec<String> = leaning.collect();
+        // Without a leaning bar, the usual reason is that contours lack inner edges.
         if leaning.is_empty() {
             return error.in_context(
                 "contours are outlines: edges inside an outline are not seen, and a solid that shows some \

@@ -42,6 +42,7 @@ pub(crate) fn solid_page(
         if let Some(bounds) = BoundingBox::from_points(&mesh.positions)
             && across == 0.0
         {
+            // All solids of a drawing have the same extents, so the width of the first serves for all.
             across = SPACING_RATIO * (bounds.max[0] - bounds.min[0]);
         }
         for p in &mut mesh.positions {
@@ -102,6 +103,7 @@ pub(crate) fn solid_page(
         headline,
         findings: report.findings.clone(),
         figures,
+        // Without a solid, the page shows only the views and the unexplained lines.
         scene: (!scene.surfaces.is_empty()).then_some(scene),
         drawings: Vec::new(),
         sections: sections(report, drawings, unit),
@@ -112,6 +114,7 @@ pub(crate) fn solid_page(
 fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 2]> {
     use planish_estimate::vector3::{cross, dot, sub, unit};
     use std::collections::BTreeMap;
+    // A sorted map, so that the page has the same bytes in every run.
     let mut sides: BTreeMap<[u32; 2], Vec<[f64; 3]>> = BTreeMap::new();
     for t in triangles {
         let [a, b, c] = t.map(|k| positions[k as usize]);
@@ -125,6 +128,7 @@ fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 
     }
     let smooth = SMOOTH_DEG.to_radians().cos();
     (sides.into_iter())
+        // Edges of chords on a round face are not edges of the solid.
         .filter(|(_, normals)| normals.len() != 2 || dot(normals[0], normals[1]) < smooth)
         .map(|(ends, _)| ends.map(|k| positions[k as usize]))
         .collect()
@@ -190,6 +194,7 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
                     significant(dimension.value, 6),
                     dimension.sigma.map_or("not known".to_owned(), |s| significant(s, 2)),
                 ],
+                // Dimensions without σ follow from no estimate and are marked.
                 dimension.sigma.is_none(),
             );
         }
@@ -210,6 +215,7 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
             vec![Block::Table(lines_table(&report.unexplained))],
         ));
     }
+    // The first few are enough to show what is wrong.
     for refused in report.refused.iter().take(3) {
         sections.push(Section::new(
             format!("A solid that was refused, {} {unit}³", significant(refused.volume, 5)),

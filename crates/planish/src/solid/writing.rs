@@ -44,6 +44,7 @@ pub(super) fn prepare<'a>(
             false => None,
         };
         if let Some(mesh) = &mesh {
+            // Rounded coordinates would tear a watertight mesh apart.
             refuse_coarse_numbers(job, &mesh.positions, tolerance)?;
         }
         Ok(Prepared { solid, mesh })
@@ -109,6 +110,7 @@ pub(super) fn write(
                 }
                 _ => write_solid(&path, one.solid, &options(output, unit))?,
             }
+            // The report names one file per solid.
             file.get_or_insert(path.display().to_string());
             all.push(path);
         }

@@ -105,6 +105,7 @@ impl ViewedContent {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let (report, shown) = compared(model, Reference::read(reference)?, &viewed.compare, progress)?;
+        // The same scene as in the report of a comparison.
         let scene = compared_scene(model, &report, shown, &viewed.compare, triangles)?;
         Ok(Self {
             scene,
@@ -154,6 +155,7 @@ impl ViewedContent {
         if set.scans.len() > 1 {
             let names = set.scans.iter().enumerate();
             let of_point: Vec<u16> = (names.clone())
+                // Points are in the order of the scans.
                 .flat_map(|(k, posed)| std::iter::repeat_n(k as u16, posed.scan.points.len()))
                 .collect();
             fields.push(kinds(
@@ -163,6 +165,7 @@ impl ViewedContent {
                 kept().map(|k| of_point[k]).collect(),
             ));
         }
+        // Always there, so that a plain cloud is readable, too.
         let heights = kept().map(|k| all.points[k][2]).collect();
         fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
         let mut findings = Vec::new();
