@@ -310,7 +310,7 @@ fn ends_seen(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]>
 
 fn drawn(part: &Part, seen: Option<[[f64; 2]; 2]>) -> DrawnContour {
     let fit = &part.choice.fit;
-    // The state may continue with further unknowns (such as the pose), which are not drawn.
+    // The state may continue with the motion, which is not drawn.
     let (theta, _) = fit.kind.canonical(&fit.state.as_slice()[..fit.kind.parameters()]);
     DrawnContour { kind: fit.kind.clone(), theta, seen }
 }

@@ -31,8 +31,8 @@ use planish_surface::saved::{SavedModel, Session, SessionInput, load_with_proven
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Minimum value of the limit on control vertices. The coarsest surfaces have a few dozen, so a lower limit
-/// could never be met.
+/// Minimum value of the limit on control vertices. The coarsest surfaces have a few dozen, so a smaller limit
+/// is a mistake.
 pub const LEAST_COEFFICIENTS: usize = 16;
 
 /// Maximum rms of added readings, relative to the size of the saved model. A smaller value would reject
@@ -264,8 +264,7 @@ fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<F
         options.tolerance = Some(length.in_unit(set.unit.unwrap_or(Unit::Millimetre)));
     }
     if job.animation.is_some() {
-        // An error, because an animation that was asked for and is missing would be noticed only after the
-        // fit.
+        // An error before the fit, because a missing animation would be noticed only after it.
         let Some(snapshots) = options.strategy.snapshots_mut() else {
             return Err(Error::unsupported(
                 "an animation shows readings in their order: needed a strategy other than known parameters \

@@ -253,9 +253,8 @@ pub fn next_points(
     while points.len() < options.count && reached(&variances) != Some(true) {
         progress.check("choosing", 0.5 + 0.5 * points.len() as f64 / options.count.max(1) as f64)?;
         progress.items(points.len(), "points");
-        // Each candidate sums over the places in their order on one thread. The result does not depend on the
-        // number of threads, and of equal candidates the first is chosen.
-        // The cost that each candidate would leave.
+        // The cost that each candidate would leave. Each one sums over the places in their order, so the
+        // result does not depend on the number of threads. Of equal candidates, the first is chosen.
         let left: Vec<f64> = candidates
             .par_iter()
             .map(|candidate| {

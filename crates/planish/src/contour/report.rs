@@ -198,8 +198,8 @@ pub(super) fn judge(report: &ContourReport) -> Vec<Finding> {
     if conflicting {
         let text = "some of the given constraints conflict with each other";
         vec![Finding::new(FindingCode::ConstraintsConflict, text)]
-    // Only without any finding. Otherwise this sentence would contradict it.
     } else if report.findings.is_empty() {
+        // Only without any finding. Otherwise this sentence would contradict it.
         let text = "the readings agree with the result, within their σ";
         vec![Finding::new(FindingCode::ReadingsConsistent, text)]
     } else {
