@@ -18,11 +18,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const SIGMA: f64 = 0.02;
-/// Length of a patch, and how far the second stands beside the first.
+/// Length of a patch, and shift of the second against the first.
 const LENGTH: f64 = 100.0;
 const SHIFT: f64 = 60.0;
 
-/// When each stage was first told of.
+/// The time at which each stage was first reported.
 #[derive(Default)]
 struct Stages(RefCell<Vec<(String, Instant)>>);
 

@@ -64,7 +64,7 @@ pub enum AnimationOutput {
     Pictures(PathBuf),
 }
 
-/// What was drawn.
+/// The figures of an animation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AnimationReport {
     /// The file or the folder.

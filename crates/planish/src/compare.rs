@@ -60,7 +60,7 @@ pub struct Deviations {
     pub p95: f64,
     /// Greatest absolute deviation.
     pub max: f64,
-    /// How many points were compared.
+    /// Number of compared points.
     pub n: usize,
 }
 
@@ -93,7 +93,7 @@ pub struct ComparisonReport {
     pub coverage95: Option<f64>,
     /// Numbers of skipped points.
     pub skipped: Skipped,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -105,17 +105,17 @@ pub struct CompareOptions {
     pub unit: Option<Unit>,
     /// Chord error of the model's mesh, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Which part of the model is compared.
+    /// The part of the model that is compared.
     pub part: ComparedPart,
 }
 
 /// A part of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ComparedPart {
-    /// What was measured.
+    /// Measured parts.
     #[default]
     Measured,
-    /// What was completed by symmetry or smoothness.
+    /// Parts that were completed by symmetry or smoothness.
     Completed,
     /// Both.
     Known,

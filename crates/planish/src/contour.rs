@@ -64,13 +64,13 @@ pub struct ContourJob {
     pub fit: ContourFitOptions,
     /// σ for files that state none.
     pub sigma: SigmaDefaults,
-    /// Which scans of a log.
+    /// Selection of the scans of a log.
     pub carmen: CarmenOptions,
     /// Minimum distance between readings of different parts. Default: from the number of readings.
     pub gap: Option<f64>,
     /// `.json`, `.dxf`, `.svg`.
     pub outputs: Vec<PathBuf>,
-    /// What to find and impose between the contours.
+    /// Constraints between the contours to find and impose.
     pub constrain: ConstrainJob,
     /// Side of a pixel, if the readings are the edges of a picture (default 1).
     pub pixel: Option<f64>,

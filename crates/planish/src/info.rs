@@ -31,7 +31,7 @@ pub struct FileInfo {
     /// The contents.
     #[serde(flatten)]
     pub contents: Contents,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -103,7 +103,7 @@ pub struct SensorInfo {
     pub sigma_across: Option<f64>,
     /// Whether every point of its scans states its own σ or covariance, which then counts.
     pub sigma_of_points: bool,
-    /// How many scans it took.
+    /// Number of its scans.
     pub scans: usize,
 }
 

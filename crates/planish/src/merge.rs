@@ -108,7 +108,7 @@ pub struct MergeJob {
 /// The figures of a [`MergeJob`].
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeJobReport {
-    /// What was merged; its findings are those of the whole job.
+    /// The figures of the merge, with the findings of the whole job.
     #[serde(flatten)]
     pub merge: MergeReport,
     /// The spline through the merged mesh, if requested.

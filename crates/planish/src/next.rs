@@ -133,7 +133,7 @@ pub struct Change {
     pub after: f64,
 }
 
-/// Where to measure next.
+/// Points to measure next, with σ before and after.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextReport {
     /// The points, best first.
@@ -322,7 +322,7 @@ fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
 struct Prepared {
     system: SurfaceSystem,
     directions: Vec<[f64; 3]>,
-    /// Of data and prior, one unknown a node.
+    /// Information of data and prior, with one unknown per node.
     information: BlockInformation,
     places: Vec<Place>,
 }
@@ -371,7 +371,7 @@ pub struct NextJob {
     pub options: NextOptions,
     /// σ of the readings.
     pub sigma: Option<Length>,
-    /// Where to stop.
+    /// Stop when the largest σ is at most this.
     pub goal: Option<Length>,
     /// Files of the points: `.csv` or `.ply`.
     pub outputs: Vec<PathBuf>,
@@ -388,7 +388,7 @@ pub struct NextJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

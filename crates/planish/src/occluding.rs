@@ -162,7 +162,7 @@ pub struct OccludingReport {
     /// Points and hull that were written.
     #[serde(serialize_with = "as_texts")]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

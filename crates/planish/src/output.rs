@@ -146,7 +146,7 @@ pub struct WrittenFile {
     pub cell_size: Option<f64>,
 }
 
-/// What outputs are made with.
+/// Options for writing outputs.
 #[derive(Debug, Clone, Default)]
 pub struct OutputOptions {
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.

@@ -54,7 +54,7 @@ pub enum SenseKind {
         calibration: Option<PathBuf>,
         /// How they are matched.
         options: StereoOptions,
-        /// Which of the disparities are written as points.
+        /// Selection of the disparities that are written as points.
         points: StereoPoints,
     },
     /// A picture of crossed stripes.
@@ -165,7 +165,7 @@ pub struct SensedFile {
 /// The figures of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SenseReport {
-    /// What was sensed.
+    /// Kind of the measurement.
     pub kind: &'static str,
     /// Pixels of an image.
     pub pixels: usize,
@@ -203,7 +203,7 @@ pub struct SenseReport {
     pub inputs: Vec<PathBuf>,
     /// Files that were written.
     pub written: Vec<SensedFile>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -228,7 +228,7 @@ struct Sensed {
     unit: Option<Unit>,
     /// Files that a calibration named.
     more_inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     findings: Vec<Finding>,
 }
 

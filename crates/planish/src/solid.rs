@@ -163,13 +163,13 @@ pub struct DroppedCandidates {
     /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit
     /// together.
     pub why: &'static str,
-    /// How many.
+    /// Number of candidates.
     pub count: usize,
     /// The problem of the first of them, and its position.
     pub first: String,
 }
 
-/// What was found.
+/// The result of a [`SolidJob`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SolidReport {
     /// Solids, best first.
@@ -185,7 +185,7 @@ pub struct SolidReport {
     /// For contours: how they were matched, and the dimensions of the best solid with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// The unit of all lengths.

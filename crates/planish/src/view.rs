@@ -86,7 +86,7 @@ impl Default for PictureOptions {
     }
 }
 
-/// What was drawn.
+/// The figures of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureReport {
     /// Unit of every length, if known.
@@ -107,7 +107,7 @@ pub struct PictureReport {
     pub size: [usize; 2],
     /// Share of the picture that the object covers.
     pub covered: f64,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -242,7 +242,7 @@ pub struct ViewedPage {
     pub unit: Option<Unit>,
     /// Files that were read.
     pub inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     pub findings: Vec<Finding>,
 }
 

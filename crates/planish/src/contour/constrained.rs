@@ -140,7 +140,7 @@ pub struct ReportedFreedoms {
     pub structural_rank: usize,
     /// Parameters less rank.
     pub free: usize,
-    /// How many of those are motions of the whole.
+    /// Number of these that are rigid motions of the whole drawing.
     pub rigid_motions: usize,
     /// Whether the witness is in general position.
     pub is_generic: bool,

@@ -52,7 +52,7 @@ pub struct PartReport {
     pub bic_margin: Option<f64>,
     /// The other kinds.
     pub alternatives: Vec<ReportedAlternative>,
-    /// How many readings it has.
+    /// Number of readings.
     pub readings: usize,
     /// Number of readings beyond the gate.
     pub rejected: usize,

@@ -42,7 +42,7 @@ const BLEND_WIDTH: f64 = 2.0;
 /// Number of pieces that are fitted in parallel.
 const BATCH: usize = 64;
 
-/// What is refitted, and the weights of the readings.
+/// Selection of the refitted vertices, and weights of the readings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Refit {
     /// Only vertices in overlaps, with equal weights (the method of the paper).

@@ -22,7 +22,7 @@ pub struct RegionReport {
     pub rms: f64,
 }
 
-/// What was merged.
+/// A merged patch.
 #[derive(Debug, Clone, Serialize)]
 pub struct PatchReport {
     /// Its file or scan.
@@ -95,7 +95,7 @@ pub struct MergeReport {
     pub parts: usize,
     /// Common regions, largest first.
     pub regions: Vec<RegionReport>,
-    /// What was merged.
+    /// The patches, in the order of the files.
     pub patches: Vec<PatchReport>,
     /// How patches were moved onto the first, where they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -103,7 +103,7 @@ pub struct MergeReport {
     /// The completion by a bound, if one was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub completed: Option<CompletionReport>,
-    /// What fills holes, if requested.
+    /// The filled holes, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub filled: Option<FillReport>,
     /// Whether σ was estimated from the differences between patches.
@@ -126,7 +126,7 @@ pub struct MergeReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

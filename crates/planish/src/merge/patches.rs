@@ -43,7 +43,7 @@ pub struct PatchSet {
     pub unit: Option<Unit>,
     /// Every file that was read.
     pub inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     pub findings: Vec<Finding>,
 }
 

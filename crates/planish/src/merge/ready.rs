@@ -35,11 +35,11 @@ pub(super) struct Ready {
     /// Whether any patch intersects itself.
     pub crosses: bool,
     unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     pub findings: Vec<Finding>,
 }
 
-/// What was done to patches once they were ready.
+/// Results of the stages after the preparation.
 pub(super) struct Done {
     pub method: MergeMethod,
     pub completed: Option<CompletionReport>,

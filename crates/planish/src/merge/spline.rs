@@ -172,9 +172,9 @@ impl Vertices {
     }
 }
 
-/// What [`carry_sigma`] found.
+/// Result of [`carry_sigma`].
 struct Carried {
-    /// Of the vertices from the surface.
+    /// Distance of the vertices from the surface.
     rms: f64,
     /// σ of the resulting surface at the vertices.
     sigma: SigmaSummary,

@@ -18,7 +18,7 @@ const DRAWS_PER_BATCH: usize = 8;
 /// Result of points drawn at random: one number for each count of points, starting with one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RandomDraws {
-    /// How many sets were drawn.
+    /// Number of sets.
     pub draws: usize,
     /// The median of the largest σ of the region.
     pub worst_sigma_median: Vec<f64>,

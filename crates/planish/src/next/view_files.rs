@@ -29,7 +29,7 @@ pub struct NextViewsJob {
     pub sensor: PathBuf,
     /// Maximum number of views, and the other options. Lengths are given separately.
     pub options: NextOptions,
-    /// Where to stop.
+    /// Stop when the largest σ is at most this.
     pub goal: Option<Length>,
     /// Files of the poses: `.toml`, `.csv` or `.ply`.
     pub outputs: Vec<PathBuf>,
@@ -46,7 +46,7 @@ pub struct NextViewsJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

@@ -265,7 +265,7 @@ fn candidates(
     Ok(found)
 }
 
-/// Which places any candidate sees.
+/// For each place, whether any candidate sees it.
 fn seen_by_any(
     sight: &Sight<'_>,
     places: &[Place],

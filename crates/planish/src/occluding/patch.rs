@@ -102,7 +102,7 @@ pub(super) fn patches(
     Ok(patches)
 }
 
-/// Of the places along each contour from the first of a strip to the last, the share that is missing.
+/// Share of missing places along the contours, between the first and the last place of the strip in each.
 fn left_out(points: &[&OccludingPoint]) -> f64 {
     // For each contour of a view: first place, last place, and number of points.
     let mut runs: BTreeMap<(usize, usize), (usize, usize, usize)> = BTreeMap::new();

@@ -194,7 +194,7 @@ fn surface_shown(
     }
 }
 
-/// Which sensors saw each part, where there are several.
+/// The field of the sensors that measured each part. Absent for a single sensor.
 fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
     let mut sensors: Vec<&str> = readings.scans.iter().map(|scan| &scan.sensor[..]).collect();
     sensors.sort_unstable();

@@ -33,7 +33,7 @@ fn can_be_kept(bytes: &&[u8]) -> bool {
     bytes.starts_with(b"\x89PNG") || is_jpeg(bytes)
 }
 
-/// How well vertices are known: σ along normals, and which were measured; both empty if not specified.
+/// σ of vertices along normals, and their marks of `observed`. Both are empty if unknown.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known<'a> {
     pub sigma: &'a [f64],

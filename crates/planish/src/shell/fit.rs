@@ -45,7 +45,7 @@ const NEIGHBOURS: usize = 6;
 /// Minimum fraction of a vertex's information that comes from readings for `observed` = 1.
 const MIN_DATA_SHARE: f64 = 0.5;
 
-/// What moves the mesh.
+/// Kind of deformation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeformationKind {
     /// Natural neighbours of control points.
@@ -70,7 +70,7 @@ pub struct ShellFitJob {
     pub silhouettes: Option<PathBuf>,
     /// A folder with one for each frame of something that moves, instead of points and silhouettes.
     pub sequence: Option<PathBuf>,
-    /// What moves the mesh.
+    /// Kind of deformation.
     pub deformation: DeformationKind,
     /// Number of controls if no file is given. For a lattice, the number of its points; for modes, their
     /// maximum number.
@@ -100,7 +100,7 @@ pub struct ShellFitJob {
     pub unit: Option<Unit>,
 }
 
-/// Where fitting begins and ends in the whole job.
+/// Start and end of the fit in the progress of the job.
 const FITTING_PROGRESS: (f64, f64) = (0.05, 0.95);
 
 impl Default for ShellFitJob {

@@ -98,7 +98,7 @@ pub struct ShellPoseReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// `converged`.
@@ -110,7 +110,7 @@ pub struct ShellPoseReport {
 pub struct RigidReport {
     /// Its name.
     pub part: String,
-    /// How many vertices it has.
+    /// Number of its vertices.
     pub vertices: usize,
     /// Whether it keeps its position.
     pub held: bool,
@@ -121,7 +121,7 @@ pub struct RigidReport {
 pub struct PoseTargetReport {
     /// Its name.
     pub name: String,
-    /// How many controls are moved.
+    /// Number of controls that are moved.
     pub moved: usize,
     /// Largest displacement of a vertex.
     pub farthest: f64,

@@ -32,7 +32,7 @@ const MAX_FACETS: usize = 400_000;
 pub struct ShellMeshJob {
     /// The mesh.
     pub mesh: PathBuf,
-    /// Which surface of its shell.
+    /// The surface of the shell to mesh.
     pub level: IsoLevel,
     /// Shape of the metaballs.
     pub metaball: Metaball,
@@ -81,7 +81,7 @@ pub struct ShellMeshReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// `converged`.

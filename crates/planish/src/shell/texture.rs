@@ -47,7 +47,7 @@ pub const LARGEST_TEXTURE: usize = 8192;
 /// rejected.
 const MAX_OUTLIER_FRACTION: f64 = 0.5;
 
-/// Where colours go.
+/// Target of the colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ColourPlace {
     /// Onto a texture where the mesh has texture coordinates, to the vertices where it has none.
@@ -66,7 +66,7 @@ pub struct ShellTextureJob {
     pub mesh: PathBuf,
     /// Cameras and pictures.
     pub views: PathBuf,
-    /// Where colours go.
+    /// Target of the colours.
     pub place: ColourPlace,
     /// Pixels along a side of the texture; about as fine as the pictures if none is given.
     pub texture_size: Option<usize>,
@@ -132,7 +132,7 @@ pub struct ShellTextureReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// `converged`.
@@ -392,7 +392,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
 }
 
-/// How far the pictures of all views are from the colours that were made.
+/// Differences between the pictures of all views and the resulting colours.
 fn judge(
     scene: &Scene,
     statistics: &ViewStatistics,

@@ -169,8 +169,7 @@ fn place_at_origin(curves: &mut [DrawnCurve]) {
     }
 }
 
-/// What in a drawing may be the reason why no solid was found: sizes and ends that nearly agree, and open
-/// outlines.
+/// Possible reasons why no solid was found: sizes and ends that nearly agree, and open outlines.
 pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let mut found = nearly_equal_extents(drawing, paths);
     found.extend(summary(nearly_meeting_ends(drawing, paths)));

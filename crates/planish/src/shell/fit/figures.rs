@@ -9,12 +9,12 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What became of readings of one kind.
+/// Figures of the readings of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ReadingsReport {
-    /// How many there were.
+    /// Number of readings.
     pub count: usize,
-    /// How many of them are gross errors.
+    /// Number of gross errors among them.
     pub outliers: usize,
     /// Root mean square of the residuals of all others: distances of points, pixels of outlines, σ of tracks.
     pub rms: f64,
@@ -38,9 +38,9 @@ impl ReadingsReport {
 pub struct CameraPoseReport {
     /// Its view.
     pub view: String,
-    /// How far it was turned, in degrees.
+    /// Angle of its estimated rotation, in degrees.
     pub turned_deg: f64,
-    /// How far it was moved.
+    /// Length of its estimated translation.
     pub moved: f64,
     /// `R`, row by row.
     pub r: [[f64; 3]; 3],
@@ -70,7 +70,7 @@ pub struct FrameReport {
     pub sigma: f64,
 }
 
-/// What became of a rough start before the fit.
+/// The flow of a rough start before the fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlowReport {
     /// Number of times that the mesh was rebuilt.
@@ -83,7 +83,7 @@ pub struct FlowReport {
     pub iou: BTreeMap<String, f64>,
 }
 
-/// What was found.
+/// The result of a shell fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ShellFitReport {
     /// Root mean square of the distances of points that are no gross errors.
@@ -96,7 +96,7 @@ pub struct ShellFitReport {
     pub iou_before: BTreeMap<String, f64>,
     /// Held-out views.
     pub held_out: Vec<String>,
-    /// How many controls there are; parameters, of modes.
+    /// Number of controls; for modes, the number of parameters.
     pub controls: usize,
     /// Gross errors of all kinds.
     pub outliers: usize,
@@ -122,7 +122,7 @@ pub struct ShellFitReport {
     pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,
-    /// What became of a rough start before the fit.
+    /// The flow of a rough start before the fit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow: Option<FlowReport>,
     /// Frames of a sequence; all above is of the last.
@@ -139,7 +139,7 @@ pub struct ShellFitReport {
     /// Every file that was written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

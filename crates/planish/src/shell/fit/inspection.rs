@@ -1,4 +1,4 @@
-//! What of a fit's input cannot be meant, and what of its outcome should be looked at.
+//! Checks of the input of a fit, and findings about its result.
 //!
 //! Input: the mesh and the readings of a frame before the fit; what was found after it. Output: an error
 //! where readings and mesh are of other sizes or places, and findings. Not guaranteed: that what

@@ -162,7 +162,7 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
     )
 }
 
-/// How far views agree with their masks.
+/// Overlap of views with their masks.
 fn overlaps(report: &ShellFitReport) -> Option<Section> {
     if report.iou.is_empty() {
         return None;
