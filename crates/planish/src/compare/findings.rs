@@ -6,12 +6,13 @@ use planish_core::{Finding, FindingCode};
 use planish_report::numbers::percent;
 
 /// Coverage of 1.96 σ that counts as consistent; 95 % is expected. The errors of neighbouring points are
-/// correlated, so the coverage of a correct σ scatters more than the number of points suggests.
+/// correlated, so the coverage of a correct σ scatters more than the number of points suggests. The test
+/// `filters` keeps both filters within this band.
 const CONSISTENT_COVERAGE: [f64; 2] = [0.92, 0.985];
 /// Maximum mean deviation relative to the rms. Beyond it, most deviations have one sign, as with shifted
 /// frames.
 const MAX_BIAS: f64 = 0.5;
-/// Coverage of 1.96 σ below which σ is not merely optimistic but useless.
+/// Coverage of 1.96 σ below which σ is not merely optimistic but useless. Stated in `docs/reports.md`.
 const MIN_USABLE_COVERAGE: f64 = 0.7;
 
 /// The findings that follow from the figures of a report.

@@ -8,7 +8,8 @@ use planish_estimate::ChiSquareBand;
 use serde::Serialize;
 
 /// Confidence of the test that compares levels. Levels that pass are treated as equal. A higher value merges
-/// levels that differ; a lower one separates equal levels by chance.
+/// levels that differ; a lower one separates equal levels by chance. Guarded by the test
+/// `levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution`.
 const CONFIDENCE: f64 = 0.99;
 
 /// How the main contours of the levels are related.

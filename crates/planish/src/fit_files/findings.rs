@@ -6,7 +6,7 @@ use planish_report::numbers::{counted, percent, significant};
 use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 
 /// Maximum rms of a scan's residuals, in σ. A common σ of several scans is right only on average, so some
-/// excess is normal.
+/// excess is normal. This and the following limits are stated in `docs/reports.md`.
 const MAX_NORMALISED: f64 = 1.5;
 /// Maximum mean residual of a scan, in σ of a reading. The mean of many readings is known far better, so
 /// smaller shifts are significant, too. They matter little, because the noise hides them.

@@ -34,7 +34,8 @@ const MAX_NOTCH_EDGES: usize = 8;
 const MAX_STEPS: usize = 32;
 
 /// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the
-/// bound is larger than this.
+/// bound is larger than this. A sheet that stands on edge has a mean near zero, and reversing it would be a
+/// guess (see the tests).
 const MIN_FACING_COSINE: f64 = 0.1;
 /// Approximate number of sample points of a part for its orientation.
 const ORIENTATION_SAMPLES: usize = 5000;

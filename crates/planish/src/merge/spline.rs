@@ -174,7 +174,7 @@ impl Vertices {
 
 /// Result of [`carry_sigma`].
 struct Carried {
-    /// Distance of the vertices from the surface.
+    /// Root mean square distance of the vertices from the surface.
     rms: f64,
     /// σ of the resulting surface at the vertices.
     sigma: SigmaSummary,

@@ -5,7 +5,8 @@ use planish_core::{Finding, FindingCode, Setting};
 
 /// Maximum σ of normals, in degrees. A direction with a larger σ is unknown.
 const MAX_SIGMA_DEG: f64 = 90.0;
-/// Maximum ratio of brightness residuals to the stated σ without a warning.
+/// Maximum ratio of brightness residuals to the stated σ without a warning. Real surfaces are never quite
+/// matte, so some excess is normal.
 const MAX_BRIGHTNESS_MISFIT: f64 = 3.0;
 /// Maximum brightness residual relative to the brightest pixel without a warning. Matte objects under far
 /// lights stay below a few percent.

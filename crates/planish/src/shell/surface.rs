@@ -22,9 +22,11 @@ use std::path::{Path, PathBuf};
 /// softer field closes gaps and rounds edges.
 const DEFAULT_THICKNESS: f64 = 0.01;
 const DEFAULT_SOFTNESS: f64 = 0.002;
-/// Maximum radius of spherical metaballs relative to the softness of the field.
+/// Maximum radius of spherical metaballs relative to the softness of the field. Larger spheres make the
+/// surface bumpy; smaller ones need more facets, in proportion to the square.
 const MAX_SPHERE_RATIO: f64 = 3.0;
-/// Maximum number of facets after division into spherical metaballs.
+/// Maximum number of facets after division into spherical metaballs. It bounds memory and time; reaching it
+/// is reported.
 const MAX_FACETS: usize = 400_000;
 
 /// Settings of the job.

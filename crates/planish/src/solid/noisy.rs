@@ -66,7 +66,8 @@ pub(super) struct Noisy {
     of_file: Vec<bool>,
 }
 
-/// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found.
+/// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found. Steeper bars (6°)
+/// are meant to be oblique.
 const MAX_LEAN: f64 = 0.1;
 /// Distance within which points of exact views coincide, relative to the extent: rounding errors of the
 /// estimation.

@@ -26,13 +26,15 @@ const MAX_MEDIAN_DISTANCE: f64 = 0.25;
 const DISTANCE_SAMPLES: usize = 1000;
 /// One in this many points is ignored at each end of each axis: a few outliers must not decide the size.
 const TRIMMED_ONE_IN: usize = 10;
-/// Factors between the estimated and the stated σ that are not reported.
+/// Factors between the estimated and the stated σ that are not reported. A σ that is too small biases the
+/// fusion, so the upper limit is narrower.
 pub(super) const ACCEPTED_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
 /// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;
 /// Minimum overlap with a mask before the fit. A smaller one means another view, unit or frame.
 const MIN_INITIAL_OVERLAP: f64 = 0.05;
-/// Overlap after the fit below which the mask counts as not matched.
+/// Overlap after the fit below which the mask counts as not matched. Half of the pixels differ then, which no
+/// inaccurate σ explains.
 const MIN_FITTED_OVERLAP: f64 = 0.5;
 /// Maximum distance of the optical axis from the middle of the picture, relative to its size.
 const MAX_AXIS_OFFSET: f64 = 0.25;

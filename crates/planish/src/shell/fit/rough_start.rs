@@ -32,7 +32,8 @@ use planish_shell::{Region, RemeshOptions, ShellFitOptions, remesh, smooth_verte
 use rayon::prelude::*;
 
 /// Cells along the mesh's diagonal. Finer cells keep thinner parts; time and memory grow with their number
-/// squared and more.
+/// squared and more. The test `rough_start` guards these settings with a bow that a deformed ball cannot
+/// reach.
 const CELLS: f64 = 100.0;
 /// Growth of the mesh in one round, in cells. Larger steps need fewer rounds, but overshoot into room that
 /// only other views exclude.
@@ -43,8 +44,8 @@ const UNCOVERED_CELLS: f64 = 0.5;
 const MIN_PART: f64 = 0.002;
 /// Maximum number of rounds.
 const MAX_ROUNDS: usize = 30;
-/// Minimum gain of a round in the mean overlap with the masks. The flow ends below it: what remains is
-/// smaller than a cell.
+/// Minimum gain of a round in the mean overlap with the masks. The flow ends below it, because further rounds
+/// change hardly any pixel.
 const MIN_GAIN: f64 = 1e-3;
 /// Final growth into the domain that the silhouettes leave, in cells.
 const FILL_CELLS: f64 = 8.0;

@@ -12,7 +12,7 @@ use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 /// beyond a triangle; a smaller margin would mix in the neighbour.
 const MARGIN: f64 = 1.5;
 /// Minimum side of an atlas square, in pixels. In smaller ones, the margins leave a triangle hardly any
-/// pixels (the test below asks for six).
+/// pixels.
 pub(super) const MIN_SQUARE: usize = 10;
 
 /// Texture coordinates of a mesh.
