@@ -18,11 +18,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const SIGMA: f64 = 0.02;
-/// Length of a patch, and how far the second stands beside the first.
+/// Length of a patch, and shift of the second against the first.
 const LENGTH: f64 = 100.0;
-const BESIDE: f64 = 60.0;
+const SHIFT: f64 = 60.0;
 
-/// When each stage was first told of.
+/// The time at which each stage was first reported.
 #[derive(Default)]
 struct Stages(RefCell<Vec<(String, Instant)>>);
 
@@ -70,7 +70,7 @@ fn main() {
     let side = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(708);
     let folder = tempfile::tempdir().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let files = [("left.ply", 0.0), ("right.ply", BESIDE)]
+    let files = [("left.ply", 0.0), ("right.ply", SHIFT)]
         .map(|(name, begin)| write_patch(folder.path(), name, begin, side, &mut random));
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
         let options = MergeOptions { method: Some(method), ..MergeOptions::default() };

@@ -50,7 +50,7 @@ impl Latencies {
     }
 }
 
-/// The most memory that this process ever had, in megabytes; none where the system does not tell.
+/// Peak memory of this process in megabytes. Absent if the system does not report it.
 fn peak_megabytes() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM"))?;

@@ -28,25 +28,27 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Frames of an animation.
+/// Number of frames of an animation. Every frame is a snapshot of the model with its covariance in memory.
 pub const FRAMES: usize = 24;
 /// Time between frames in the animation.
 const SECONDS_PER_FRAME: f64 = 0.25;
-/// Triangles of a frame, about.
-const MOST_TRIANGLES: u64 = 16_000;
+/// Approximate maximum number of triangles of a frame. A GLB file stores all frames, so its size is a
+/// multiple of this.
+const MAX_TRIANGLES: u64 = 16_000;
 /// Columns and rows of a picture.
 const PICTURE: [usize; 2] = [800, 600];
-/// Places along each side of a pixel that are drawn.
+/// Samples along each side of a pixel.
 const SAMPLES: usize = 3;
-/// Dots of a picture, at most.
-const MOST_DOTS: usize = 6000;
+/// Maximum number of dots in a picture. More would cover the surface.
+const MAX_DOTS: usize = 6000;
 /// Direction of the camera: elevation above the plane of a sheet, or direction for other shapes.
 const SLANT: f64 = 0.75;
-const FROM: [f64; 3] = [0.55, -0.75, 0.5];
-/// A surface faces one way when its normals add up to more than this share of its area.
+const CAMERA_DIRECTION: [f64; 3] = [0.55, -0.75, 0.5];
+/// Minimum length of the sum of normals, relative to the area, of a surface that faces one way (a sheet). For
+/// a closed surface the sum is zero.
 const FACING: f64 = 0.5;
 /// Minimum size of the last frame relative to the picture. Larger first frames are clipped.
-const SMALLEST: f64 = 0.6;
+const MIN_LAST_FRAME: f64 = 0.6;
 /// Fraction of ambient light.
 const AMBIENT: f64 = 0.35;
 const DOT: [u8; 3] = [255, 110, 20];
@@ -62,7 +64,7 @@ pub enum AnimationOutput {
     Pictures(PathBuf),
 }
 
-/// What was drawn.
+/// The figures of an animation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AnimationReport {
     /// The file or the folder.
@@ -126,6 +128,7 @@ pub fn write_forming(
             path
         }
         AnimationOutput::Pictures(path) => {
+            // An interrupted run leaves no folder with some of the pictures.
             let folder = PendingFolder::create(path)?;
             let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
             let painter = FramePainter::new(first, last, &frames.triangles)?;
@@ -145,11 +148,14 @@ pub fn write_forming(
 
 /// The snapshots on the triangles of the last one.
 fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
+    // A ten-thousandth of the size is below a pixel. The limit of triangles usually decides.
     let wanted = 1e-4 * planish_surface::observe::surface_extent(surface);
     let options = TessellationOptions {
-        tolerance: affordable_tolerance(surface, wanted, MOST_TRIANGLES)?,
+        tolerance: affordable_tolerance(surface, wanted, MAX_TRIANGLES)?,
         ..TessellationOptions::default()
     };
+    // The triangles of the last snapshot, because morph targets need the same triangles in all frames, and
+    // the last is the finest.
     let made = tessellate(surface, &options)?;
     let (mut shapes, mut sigmas) = (Vec::new(), Vec::new());
     for (k, snapshot) in forming.snapshots.iter().enumerate() {
@@ -161,6 +167,7 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         let points: Vec<[f64; 3]> =
             located.iter().map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t)).collect();
         let normals: Vec<[f64; 3]> = (made.parameters.iter().zip(&made.normals))
+            // Early snapshots can be degenerate at a place.
             .map(|(&[u, v], last)| then.normal(u, v).unwrap_or(*last))
             .collect();
         let leaves: Vec<u32> = located.iter().map(|(leaf, _)| *leaf as u32).collect();
@@ -168,6 +175,7 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         sigmas.push(sigmas_along(&snapshot.posterior(), &leaves, &local, &normals)?);
         shapes.push((points, normals, snapshot.readings));
     }
+    // One scale for all frames. With a scale per frame, σ would not seem to fall.
     let scale = ColourScale::from_sigmas(&sigmas);
     let frames = (shapes.iter().zip(&sigmas))
         .map(|((points, normals, readings), sigma)| MeshFrame {
@@ -199,6 +207,7 @@ impl ColourScale {
             sorted.sort_unstable_by(f64::total_cmp);
             sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(1.0).ln()
         };
+        // Quantiles: an unmeasured corner has a σ that would leave all the rest in one colour.
         Self { low: quantile(sigmas.last(), 0.02), high: quantile(sigmas.first(), 0.9) }
     }
 
@@ -228,7 +237,7 @@ impl FramePainter {
                 let (_, side) = tangents(n);
                 unit(add_scaled(n, -SLANT, side))
             }
-            None => unit(FROM),
+            None => unit(CAMERA_DIRECTION),
         };
         let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
@@ -247,9 +256,9 @@ impl FramePainter {
             let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
             x.min(y)
         };
-        // What few readings make may be large: the last frame is not to be small for it.
+        // A surface of few readings may be large. It must not make the last frame small.
         let last = room(points);
-        camera.focal = last.min(room(first).max(SMALLEST * last));
+        camera.focal = last.min(room(first).max(MIN_LAST_FRAME * last));
         camera.middle = PICTURE.map(|n| 0.5 * n as f64);
         Ok(Self { camera })
     }
@@ -269,11 +278,12 @@ impl FramePainter {
             .flat_map_iter(|pixel| self.colour(frame, triangles, &buffer, [pixel % columns, pixel / columns]))
             .collect();
         let size = BoundingBox::from_points(&frame.points).map_or(0.0, |b| b.diagonal());
-        for place in places.iter().step_by(places.len().div_ceil(MOST_DOTS).max(1)) {
+        for place in places.iter().step_by(places.len().div_ceil(MAX_DOTS).max(1)) {
             let Projected { at: [x, y], depth } = self.camera.project(*place);
             let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
             let middle = |x: f64| (SAMPLES as f64 * x) as usize;
             if !inside
+                // Readings scatter about the surface. The margin keeps those just below it visible.
                 || (buffer.at(middle(x), middle(y))).is_some_and(|seen| seen.depth < depth - 0.03 * size)
             {
                 continue;

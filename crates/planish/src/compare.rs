@@ -43,7 +43,8 @@ use std::path::{Path, PathBuf};
 
 /// The 97.5 % quantile of the normal distribution: half the width of its central 95 %.
 const QUANTILE_95: f64 = 1.959_963_984_540_054;
-/// Maximum number of triangles of the model's mesh. More samples do not change the statistics of deviations.
+/// Maximum number of triangles of the model's mesh. It bounds time and memory; the chord error is enlarged to
+/// meet it. More samples hardly change the statistics of deviations.
 const MAX_FORWARD_TRIANGLES: u64 = 500_000;
 
 /// Figures of one direction, in the model's unit.
@@ -59,7 +60,7 @@ pub struct Deviations {
     pub p95: f64,
     /// Greatest absolute deviation.
     pub max: f64,
-    /// How many points were compared.
+    /// Number of compared points.
     pub n: usize,
 }
 
@@ -92,7 +93,7 @@ pub struct ComparisonReport {
     pub coverage95: Option<f64>,
     /// Numbers of skipped points.
     pub skipped: Skipped,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -100,21 +101,21 @@ pub struct ComparisonReport {
 /// How to compare.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CompareOptions {
-    /// The unit of files that name none; the other file's if none is given, else millimetres.
+    /// Unit of files that state none. The default is the unit of the other file, else millimetres.
     pub unit: Option<Unit>,
     /// Chord error of the model's mesh, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Which part of the model is compared.
+    /// The part of the model that is compared.
     pub part: ComparedPart,
 }
 
 /// A part of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ComparedPart {
-    /// What was measured.
+    /// Measured parts.
     #[default]
     Measured,
-    /// What was completed by symmetry or smoothness.
+    /// Parts that were completed by symmetry or smoothness.
     Completed,
     /// Both.
     Known,
@@ -192,7 +193,9 @@ pub(crate) fn compared(
             format!("the reference is in {of_reference}, the model in {unit}: the reference was converted"),
         ));
     }
+    // The reference is converted, not the model: σ, tolerances and the report are in the model's unit.
     let reference = reference.scaled(of_reference.millimetres() / unit.millimetres());
+    // Backward first: it needs the reference's points, which the mesh of the forward direction consumes.
     progress.check("backward", 0.0)?;
     let pairs = match model {
         Compared::Surface(model) => surface_pairs(model, &reference, options.part, &mut report.skipped)?,
@@ -214,6 +217,7 @@ pub(crate) fn compared(
         let signed: Vec<f64> = feet
             .into_iter()
             .flatten()
+            // A foot on the boundary measures the distance to an edge, not the deviation of two surfaces.
             .filter(|foot| !foot.on_boundary)
             .map(|foot| foot.signed_distance)
             .collect();
@@ -221,6 +225,7 @@ pub(crate) fn compared(
         report.forward = deviations(&signed)?;
         shown.mesh = Some(mesh);
     }
+    // An error, because empty figures would pass every check of a script.
     if report.forward.is_none() && report.backward.is_none() {
         return Err(Error::undetermined(
             "the model and the reference share nothing to compare: no point of either lies beside an \
@@ -259,6 +264,7 @@ impl Job for CompareJob {
         let read = Compared::read(&self.model)?;
         let (mut report, shown) =
             compared(&read, Reference::read(&self.reference)?, &self.options, progress)?;
+        // The judgement comes first in the report; conversions and assumptions follow.
         report.findings.splice(0..0, findings::judge(&report));
         if let Some(page) = &self.report {
             let made = compare_page(&read, &report, shown, &self.options, [&self.model, &self.reference])?;
@@ -298,19 +304,25 @@ fn summarise_backward(
     for pair in pairs {
         let offset = sub(pair.foot, reference.points[pair.point]);
         let own = reference.normal(pair.point);
+        // The sign is that of the reference if it has normals, so that both directions agree on what
+        // "outside" is.
         let direction = if own == [0.0; 3] { pair.normal } else { own };
         against += usize::from(dot(own, pair.normal) < 0.0);
         let size = norm(offset);
         signed.push(if dot(offset, direction) < 0.0 { -size } else { size });
         if let Some(sigma) = pair.sigma {
             with_sigma += 1;
+            // The errors of model and reference are independent, so their variances add.
             let variance = sigma * sigma + reference.variance(pair.point, pair.normal);
             normalised.push(signed[signed.len() - 1] / variance.sqrt());
             covered += usize::from(size <= QUANTILE_95 * variance.sqrt());
         } else {
+            // NaN keeps the lists parallel, and pages draw it as unknown.
             normalised.push(f64::NAN);
         }
     }
+    // A few opposed normals are usual at thin parts. A majority means that the reference is inside out, which
+    // flips every sign.
     if 2 * against > pairs.len() {
         report.findings.push(Finding::new(
             FindingCode::ReferenceNormalsOpposed,
@@ -349,6 +361,7 @@ fn surface_pairs(
             normals.push(foot.normal);
         }
     }
+    // σ of all feet at once: cells that share columns of the covariance are solved together.
     let sigmas = sigmas_along(&model.posterior()?, &leaf, &local, &normals)?;
     Ok(points
         .into_iter()
@@ -369,6 +382,8 @@ pub(crate) fn feet_on(
     normal: impl Fn(usize) -> [f64; 3] + Sync,
 ) -> Result<Vec<FootPoint>> {
     let extent = BoundingBox::from_points(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    // Opposite normals count like a distance of a fifth of the size. This keeps the points of one side of a
+    // thin plate from finding the other side.
     let search = FootPointSearch::new(surface, 3, 0.1 * extent)?;
     let options = ProjectionOptions::default();
     Ok((0..points.len())
@@ -383,6 +398,8 @@ pub(crate) fn feet_on(
                 return first;
             }
             let second = surface.project(z, search.nearest(z, [0.0; 3]), &options);
+            // The second start ignores the normal. It replaces the first only if it is nearer, so a good
+            // normal is never overruled without gain.
             if away(&second) < away(&first) { second } else { first }
         })
         .collect())
@@ -403,6 +420,7 @@ fn mesh_pairs(
         let measured = model
             .observed
             .as_ref()
+            // All corners must belong to the part: a triangle at its border is already extrapolated.
             .is_none_or(|observed| corners.iter().all(|&v| part.holds(observed[v as usize])));
         if foot.on_boundary {
             skipped.reference_beyond_border += 1;
@@ -433,6 +451,7 @@ fn observed_vertices(
             let tolerance = match options.mesh_tolerance {
                 Some(tolerance) => tolerance,
                 None => {
+                    // A chord error of half the median σ is smaller than the deviations of interest.
                     let wanted = 0.5 * median_sigma(model, &model.posterior()?)?;
                     affordable_tolerance(&model.surface, wanted, MAX_FORWARD_TRIANGLES)?
                 }
@@ -443,6 +462,7 @@ fn observed_vertices(
             (made.positions, observed)
         }
         Compared::Mesh(mesh) => {
+            // A mesh without the column was not made by a fit: all of it counts as measured.
             let all = || vec![Observed::Measured; mesh.mesh.positions.len()];
             (mesh.mesh.positions.clone(), mesh.observed.clone().unwrap_or_else(all))
         }

@@ -45,8 +45,9 @@ use sizes::size_labels;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Fewer readings than this are no part, but strays.
-const LEAST_READINGS: usize = 8;
+/// Minimum number of readings of a part. Smaller groups are counted as stray readings: with five and more
+/// parameters, several kinds of contour would follow so few points nearly exactly.
+const MIN_READINGS: usize = 8;
 
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,19 +62,19 @@ pub struct ContourJob {
     pub shapes: Vec<PrimitiveKind>,
     /// How to fit.
     pub fit: ContourFitOptions,
-    /// σ where the file has none.
+    /// σ for files that state none.
     pub sigma: SigmaDefaults,
-    /// Which scans of a log.
+    /// Selection of the scans of a log.
     pub carmen: CarmenOptions,
     /// Minimum distance between readings of different parts. Default: from the number of readings.
     pub gap: Option<f64>,
     /// `.json`, `.dxf`, `.svg`.
     pub outputs: Vec<PathBuf>,
-    /// What to find and impose between the contours.
+    /// Constraints between the contours to find and impose.
     pub constrain: ConstrainJob,
     /// Side of a pixel, if the readings are the edges of a picture (default 1).
     pub pixel: Option<f64>,
-    /// Unit of lengths where the file does not name it.
+    /// Unit of lengths if the file states none.
     pub unit: Option<Unit>,
     /// A page that shows the contours or shapes.
     pub report: Option<ReportOutput>,
@@ -172,7 +173,9 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     } else {
         read_contour_readings(&job.input, &job.sigma, &job.carmen)?
     };
+    // After reading, because the kind of readings decides which options have an effect.
     unused::refuse_unused(job, readings_of(job, &read))?;
+    // Logs are in metres by definition.
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts =
         parts_of(&read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
@@ -180,6 +183,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     let mut report = report::report(&read, &parts, &seen, unit, findings);
     let mut drawn: Vec<DrawnContour> =
         parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
+    // Constraints come after all contours, because they relate several of them.
     let mut graphs = None;
     if job.constrain.is_asked_for() {
         progress.check("constraining", 0.9)?;
@@ -197,6 +201,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     for output in &job.outputs {
         write(output, &report, &drawn, &parts, &read)?;
     }
+    // The cycle is empty if no graphs were made, so nothing is written.
     for (path, graphs) in job.constrain.graphs.iter().zip(graphs.iter().cycle()) {
         write_graphs(path, std::slice::from_ref(graphs), None)?;
     }
@@ -210,7 +215,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     Ok(report)
 }
 
-/// Every reading of a part, and whether it took part.
+/// Every reading of each part, and whether it was used.
 fn points_of(parts: &[Part], read: &ContourReadings) -> Vec<([f64; 2], bool)> {
     parts
         .iter()
@@ -228,6 +233,8 @@ fn parts_of(
     let mut groups: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
     for i in 0..read.sightings.len() {
         let level = read.levels.as_ref().map(|levels| levels[i]);
+        // Levels are compared exactly: they are labels of the file. A list keeps their order of appearance,
+        // which a hash map would not.
         match groups.iter_mut().find(|(l, _)| *l == level) {
             Some((_, members)) => members.push(i),
             None => groups.push((level, vec![i])),
@@ -239,7 +246,8 @@ fn parts_of(
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
         for cluster in separate(&sightings, gap) {
-            if cluster.len() < LEAST_READINGS && cluster.len() < sightings.len() {
+            // A level that consists of one small group is fitted: the user measured just these points.
+            if cluster.len() < MIN_READINGS && cluster.len() < sightings.len() {
                 strays += cluster.len();
             } else {
                 clusters.push((level, cluster.into_iter().map(|k| members[k]).collect()));
@@ -266,6 +274,8 @@ fn parts_of(
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         match choose(&kinds, chains, &sightings, &job.fit) {
             Ok(choice) => parts.push(Part { level, members, choice }),
+            // One part among several must not discard the others. A single part is the whole answer, so there
+            // it is an error.
             Err(e) if count > 1 => findings.push(Finding::new(
                 FindingCode::PartNotFitted,
                 format!("a part of {} readings could not be fitted: {e}", members.len()),
@@ -276,6 +286,7 @@ fn parts_of(
     if parts.is_empty() {
         return Err(Error::undetermined("no part of the readings determines a contour"));
     }
+    // Stable sort: parts of equal size keep the order of the file.
     parts.sort_by_key(|part| std::cmp::Reverse(part.members.len()));
     Ok(parts)
 }
@@ -292,12 +303,14 @@ fn ends_seen(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]>
         let p = sightings[i].point();
         cos * p[0] + sin * p[1]
     });
+    // A line has no ends. A drawing needs them, so the outermost readings are used.
     let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
     Some([from, to].map(|t| [t * cos - theta[1] * sin, t * sin + theta[1] * cos]))
 }
 
 fn drawn(part: &Part, seen: Option<[[f64; 2]; 2]>) -> DrawnContour {
     let fit = &part.choice.fit;
+    // The state may continue with the motion, which is not drawn.
     let (theta, _) = fit.kind.canonical(&fit.state.as_slice()[..fit.kind.parameters()]);
     DrawnContour { kind: fit.kind.clone(), theta, seen }
 }

@@ -31,15 +31,18 @@ use planish_surface::saved::{SavedModel, Session, SessionInput, load_with_proven
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The fewest control vertices that a limit may allow: the coarsest surfaces have a few dozen.
+/// Minimum value of the limit on control vertices. The coarsest surfaces have a few dozen, so a smaller limit
+/// is a mistake.
 pub const LEAST_COEFFICIENTS: usize = 16;
 
-/// No sensor that is worth adding errs by more than this share of the object's size.
-const MOST_DISTANT: f64 = 0.05;
-/// σ of a pose from where a steady motion leads, above which the scan is named.
-const MOST_INNOVATION: f64 = 3.0;
+/// Maximum rms of added readings, relative to the size of the saved model. A smaller value would reject
+/// coarse sensors; a larger one would accept another object that lies nearby.
+const MAX_RMS_RATIO: f64 = 0.05;
+/// Maximum deviation of a scan's pose from the predicted steady motion, in σ. Beyond it, the scan is named in
+/// a finding.
+const MAX_INNOVATION: f64 = 3.0;
 
-/// What to fit, and what to write of it.
+/// A fit: its scans, its settings and its outputs.
 ///
 /// # Examples
 /// ```no_run
@@ -63,17 +66,17 @@ pub struct FitJob {
     pub task: FitTask,
     /// Files to write: see [`crate::output::OutputFormat`].
     pub outputs: Vec<PathBuf>,
-    /// The unit of files that name none.
+    /// Unit of files that state none.
     pub unit: Option<Unit>,
-    /// Distance at which the refinement of a new model stops, in place of [`FitOptions::tolerance`]: a length
-    /// in a unit of its own, or in that of the scans.
+    /// Distance at which the refinement of a new model stops. It replaces [`FitOptions::tolerance`] and may
+    /// have a unit of its own; otherwise it is in the unit of the scans.
     pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
     /// given.
     pub cell_size: Option<f64>,
-    /// Of a sheet that bends: a folder for the sheet at every time.
+    /// Folder for the states of a bending sheet, one model and one mesh per time.
     pub states: Option<PathBuf>,
     /// A .glb file or a folder of pictures that shows how the model formed, reading by reading.
     pub animation: Option<PathBuf>,
@@ -110,6 +113,8 @@ impl Job for FitJob {
     }
 
     fn outputs(&self) -> Result<Vec<PathBuf>> {
+        // Settings and outputs are checked before anything is read: a fit may take minutes, and a mistyped
+        // extension must not cost them.
         check_settings(self)?;
         plan_outputs(&self.outputs)?;
         if let Some(folder) = &self.states {
@@ -143,8 +148,10 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let outputs = plan_outputs(&job.outputs)?;
     let animation = animation_of(job)?;
     progress.check("reading", 0.0)?;
+    // The shape may be given, so a raster that cannot be written is refused before the scans are read.
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
+    // Default widths of the ground filter are in metres. An update keeps the unit of its model.
     let unit_of_maps = set.unit.is_none() && job.task.model().is_none() && job.task.ground().is_some();
     if unit_of_maps {
         set.unit = Some(Unit::Metre);
@@ -157,10 +164,12 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     if let Some(page) = &job.report {
         refuse_input_as_output(&page.path, &read)?;
     }
+    // Before the fit, which would show lost digits of far coordinates only as noise.
     let in_far_places = check_domain(&set, &names(&job.inputs))?;
     let earlier = job.task.model().map(load_with_provenance).transpose()?;
     progress.check("reading", 0.05)?;
     let fitting = ProgressPart::new(progress, 0.05, 0.9);
+    // The reported time excludes files, so that it can be compared between machines and formats.
     let start = Instant::now();
     let fitted = match (&job.task, &earlier) {
         (FitTask::Update { options, .. }, Some(earlier)) => update(&earlier.model, &set, options, &fitting),
@@ -170,13 +179,8 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         }
     };
     let fit_seconds = start.elapsed().as_secs_f64();
-    // The fit has no file names, so errors get them here.
-    let fitted = fitted.map_err(|e| match e.kind() {
-        ErrorKind::Interrupted => e,
-        // The message begins with the name of a scan, which is that of its file.
-        _ if e.place().is_some_and(|scan| job.inputs.iter().any(|path| is_scan_of(scan, path))) => e,
-        _ => e.in_context(names(&job.inputs)),
-    })?;
+    let fitted = fitted.map_err(|e| with_inputs(e, job))?;
+    // An update without used readings would return the old model, and a script would take that for success.
     if fitted.report.observations == 0 {
         return Err(nothing_used(job, &fitted.report));
     }
@@ -195,6 +199,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     }
     report.findings.extend(unclassified(job, &set));
     report.findings.extend(unsteady(&report));
+    // Outputs are prepared in memory first. A failure in one of them then leaves no partial set of files.
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
     for (state, outputs) in &states {
@@ -219,6 +224,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
+    // Findings that depend on the other findings come last.
     let judged = findings::judge(&fitted, &report);
     report.findings.extend(judged);
     if let Some(output) = &job.report {
@@ -238,6 +244,16 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     })
 }
 
+/// Adds the names of the inputs to an error of the fit, which knows no files.
+fn with_inputs(e: Error, job: &FitJob) -> Error {
+    match e.kind() {
+        ErrorKind::Interrupted => e,
+        // The message begins with the name of a scan, which is that of its file.
+        _ if e.place().is_some_and(|scan| job.inputs.iter().any(|path| is_scan_of(scan, path))) => e,
+        _ => e.in_context(names(&job.inputs)),
+    }
+}
+
 /// The settings of a new fit, with the job's own tolerance and the snapshots of its animation.
 ///
 /// # Errors
@@ -248,6 +264,7 @@ fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<F
         options.tolerance = Some(length.in_unit(set.unit.unwrap_or(Unit::Millimetre)));
     }
     if job.animation.is_some() {
+        // An error before the fit, because a missing animation would be noticed only after it.
         let Some(snapshots) = options.strategy.snapshots_mut() else {
             return Err(Error::unsupported(
                 "an animation shows readings in their order: needed a strategy other than known parameters \
@@ -272,16 +289,18 @@ fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
     scans.chain(model).collect()
 }
 
-/// The states of a sheet and their files, where these were asked for.
+/// The states of a bending sheet and their files, if requested.
 fn states_to_write<'a>(job: &FitJob, fitted: &'a Fit) -> Result<Vec<(&'a Fit, Vec<PlannedOutput>)>> {
     let Some(folder) = &job.states else {
         return Ok(Vec::new());
     };
+    // The final state is the last one of the sheet, so the files are in the order of time.
     let all = fitted.earlier_states.iter().chain([fitted]);
     all.enumerate()
         .map(|(k, state)| {
             let name = |extension: &str| folder.join(format!("state-{}.{extension}", k + 1));
             let files = [name("planish"), name("ply")];
+            // These names were not known when the other outputs were checked.
             check_outputs(&files, &job.inputs)?;
             Ok((state, plan_outputs(&files)?))
         })
@@ -312,14 +331,15 @@ fn write(
     let prepared = prepare(model, posterior, outputs, &options)?;
     findings.extend(prepared.findings.iter().cloned());
     provenance.push(session(job, set));
+    // The last point at which a job can be interrupted. Files that were begun are completed.
     progress.check(WRITING_STAGE, 0.95)?;
     prepared.write(&provenance)
 }
 
-/// Scans of a moving object that do not go on as those before them.
+/// Findings about scans that deviate from the steady motion of the object.
 fn unsteady(report: &FitReport) -> Vec<Finding> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
-    let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MOST_INNOVATION);
+    let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MAX_INNOVATION);
     off.map(|pose| {
         let text = format!(
             "{}: at {} s the object is {:.0} σ from where a steady motion would have it: is the time of the \
@@ -345,11 +365,11 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
     ))
 }
 
-/// A sensor whose σ is not stated explains any distance by its σ: readings of another object, or in another
-/// frame, are found by size.
+/// Refuses readings that lie far from the saved model, relative to its size.
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
-    if report.rms <= MOST_DISTANT * size {
+    // The gate does not catch this case: the estimated σ grows with the residuals, so nothing is rejected.
+    if report.rms <= MAX_RMS_RATIO * size {
         return Ok(());
     }
     let unit = earlier.unit;
@@ -363,6 +383,7 @@ fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) ->
 
 /// Whether a scan has the name of a file. Scans of a file with several have its name with a number behind it.
 fn is_scan_of(scan: &str, path: &std::path::Path) -> bool {
+    // Only the start is compared, because scans of one file are numbered behind its name.
     path.file_name().is_some_and(|name| scan.starts_with(&*name.to_string_lossy()))
 }
 
@@ -400,6 +421,8 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
     for posed in &set.scans {
         let sensor = &set.sensors[posed.sensor];
         let stated = posed.scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
+        // Positions have a σ that residuals can estimate. Curvatures without a stated σ would get an
+        // arbitrary weight, so they are not used.
         if posed.scan.curvatures.is_some() && !stated && sensor.kind != SensorKind::Curvature {
             findings.push(Finding::new(
                 FindingCode::CurvaturesUnused,
@@ -411,6 +434,8 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
             ));
         }
     }
+    // A scan that is added twice halves its variance without new information. The saved model keeps names and
+    // counts only, so this cannot be proved: it is a warning, not an error.
     let before = earlier.iter().flat_map(|e| &e.provenance).flat_map(|s| &s.inputs);
     let before: Vec<(Option<&std::ffi::OsStr>, usize)> = before
         .filter(|input| input.points > 0)
@@ -436,6 +461,7 @@ fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
     let shape =
         job.task.fit_options().and_then(|options| options.shape).filter(|shape| *shape != Shape::Sheet);
     if let Some(shape) = shape {
+        // The shape that the filter would select contradicts the given one. Neither is silently overridden.
         if job.task.ground().is_some() {
             return Err(Error::input(format!("the ground is a sheet: found the shape {}", shape.name()))
                 .with_setting(Setting::Shape));
@@ -458,6 +484,7 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<Finding> {
     let lidar = set.inputs.iter().any(|input| of_lidar(&input.path));
     let classified = set.scans.iter().any(|posed| posed.scan.classes.is_some());
     let is_sheet = |options: &FitOptions| options.shape == Some(Shape::Sheet) && options.ground().is_none();
+    // Only if the sheet was requested: a closed shape of lidar points is not terrain.
     let wanted = job.task.fit_options().is_some_and(is_sheet);
     if wanted && lidar && !classified {
         let text = "the points of the lidar are not classified: buildings and trees are part of the sheet; \
@@ -482,10 +509,12 @@ fn check_settings(job: &FitJob) -> Result<()> {
         ("cell size", job.cell_size),
         ("width of objects on the ground", widest),
     ] {
+        // Negated, so that NaN is refused as well.
         if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(Error::input(format!("needed a {name} > 0, found {value}")));
         }
     }
+    // A gate below 1 σ would reject a third of correct readings and bias σ towards zero.
     if !(gate.is_finite() && gate >= 1.0) {
         return Err(Error::input(format!("needed a gate of at least 1 σ (4 is usual), found {gate}")));
     }
@@ -494,6 +523,7 @@ fn check_settings(job: &FitJob) -> Result<()> {
             "needed at least {LEAST_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
         )));
     }
+    // With a larger share, too few readings would be left to fit.
     if !(0.0..0.9).contains(&held_out_share) {
         return Err(Error::input(format!(
             "needed a held-out share from 0 to below 0.9, found {held_out_share}"

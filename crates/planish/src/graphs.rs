@@ -91,6 +91,7 @@ impl NamedStructure {
     #[must_use]
     pub fn new(structure: &Decomposition, drawing: &ParametricDrawing) -> Self {
         let named = |part: &planish_contour::constraint::EquationBlock| NamedPart {
+            // Counted from 1, as in the graphs.
             equations: part.equations.iter().map(|f| format!("f{}", f + 1)).collect(),
             parameters: part.parameters.iter().map(|&p| drawing.parameter_name(p).to_owned()).collect(),
         };
@@ -121,7 +122,7 @@ impl NamedTour {
     }
 }
 
-/// A postman's tour of each set of bars that hang together.
+/// A postman's tour of each connected set of bars.
 fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
     let mut left: Vec<BarId> = drawing.bars().collect();
     let mut found = Vec::new();
@@ -130,6 +131,8 @@ fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
         let mut edges: Vec<TourEdge> = Vec::new();
         // Bars join as long as one of their ends is known.
         while let Some(at) =
+            // Quadratic, but drawings have at most some hundred bars, and the order stays that of the
+            // drawing.
             left.iter().position(|&bar| drawing.ends(bar).iter().any(|end| points.contains(end)))
         {
             let bar = left.remove(at);
@@ -142,6 +145,7 @@ fn tours(drawing: &ParametricDrawing) -> Vec<NamedTour> {
             let [a, b] = ends.map(|end| points.iter().position(|&point| point == end).unwrap_or_default());
             edges.push(TourEdge { a, b, length: drawing.length(bar) });
         }
+        // A drawing without a tour still has its other graphs.
         if let Ok(tour) = postman_tour(&edges, 0) {
             found.push(NamedTour::new(&tour, &edges, |vertex| drawing.point_name(points[vertex]).to_owned()));
         }
@@ -211,8 +215,10 @@ fn dot(views: &[GraphsOfView], composite: Option<&Composite>) -> String {
     let mut text = String::new();
     for view in views {
         let graphs = &view.graphs;
+        // The matching is drawn in the bipartite graph and needs no graph of its own.
         for graph in [&graphs.full, &graphs.bipartite, &graphs.minimal, &graphs.pair] {
             let mut graph = graph.clone();
+            // DOT tools address graphs of a file by their names, which must differ.
             graph.name = format!("{}_{}", view.name, graph.name);
             text.push_str(&graph.to_dot());
         }

@@ -31,7 +31,7 @@ pub struct FileInfo {
     /// The contents.
     #[serde(flatten)]
     pub contents: Contents,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -97,13 +97,13 @@ pub struct SensorInfo {
     pub name: String,
     /// `range` or `touch`.
     pub kind: String,
-    /// σ along the ray, or in every direction. Absent if it is to be estimated.
+    /// σ along the ray, or in every direction. Absent if it must be estimated.
     pub sigma_along: Option<f64>,
     /// σ across the ray.
     pub sigma_across: Option<f64>,
     /// Whether every point of its scans states its own σ or covariance, which then counts.
     pub sigma_of_points: bool,
-    /// How many scans it took.
+    /// Number of its scans.
     pub scans: usize,
 }
 
@@ -190,7 +190,7 @@ pub struct ModelInfo {
     pub area: f64,
     /// Share of it that was measured.
     pub observed_area_fraction: f64,
-    /// Share of it that was completed by what was measured elsewhere.
+    /// Share of it that was completed from measured parts.
     pub invented_area_fraction: f64,
     /// Around the surface, at nine by nine points of every cell.
     #[serde(rename = "box")]
@@ -233,6 +233,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
                 scans(path, contents.unit, unit)
             }
         }
+        // A mesh format without triangles is read again as points, with the columns of a scan.
         _ if has_faces(path) => match read_mesh(path) {
             Ok(file) if !file.triangles.is_empty() => {
                 let others = file.columns.iter().map(|(name, _)| name.as_str());
@@ -248,7 +249,9 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
 
 /// A file of points in the unit that it names, or else in the given one.
 fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
+    // A unit in the file has priority over the given one.
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
+    // Range scanners write missing readings as NaN, so this is a finding and not an error.
     let dropped: usize = set.scans.iter().map(|s| s.scan.dropped_not_finite).sum();
     let mut findings = Vec::new();
     if dropped > 0 {
@@ -258,6 +261,7 @@ fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInf
         ));
     }
     let contents = match &set.scans[..] {
+        // A list with a single scan is still a list: its sensor and pose must be shown.
         [one] if !matches!(extension(path).as_str(), "toml" | "conf") => Contents::Scan(scan_info(&one.scan)),
         _ => Contents::Scans(scan_list(&set)),
     };
@@ -271,6 +275,7 @@ fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInf
 
 fn scan_info(scan: &Scan) -> ScanInfo {
     let known: [(bool, &[&str]); 8] = [
+        // Names as in files, so that a user can find and add columns.
         (true, &["x", "y", "z"]),
         (scan.sigma.is_some(), &["sigma"]),
         (scan.covariance.is_some(), &["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
@@ -306,6 +311,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
         .scans
         .iter()
         .flat_map(|posed| {
+            // The box of a list is in the world's frame, while that of each scan is in its own.
             let pose = &posed.scan.world_from_scanner;
             posed.scan.points.iter().map(|p| pose.apply(*p))
         })
@@ -321,6 +327,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
     let sensors = set.sensors.iter().enumerate().map(|(index, sensor)| {
         let (sigma_along, sigma_across) = match sensor.noise {
             None => (None, None),
+            // One number for all directions is shown as both.
             Some(Noise::Isotropic { sigma }) => (Some(sigma), Some(sigma)),
             Some(Noise::Ray { sigma_along, sigma_across }) => (Some(sigma_along), Some(sigma_across)),
         };
@@ -330,6 +337,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
             sigma_along,
             sigma_across,
             sigma_of_points: (set.scans.iter().filter(|s| s.sensor == index))
+                // σ of the points overrides that of the sensor, but only if all scans state it.
                 .all(|s| s.scan.sigma.is_some() || s.scan.covariance.is_some()),
             scans: set.scans.iter().filter(|s| s.sensor == index).count(),
         }
@@ -343,6 +351,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
 }
 
 fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>) -> Result<FileInfo> {
+    // Completed parts (2) do not count: the summary is that of measured parts.
     let observed: Option<Vec<bool>> = file.column("observed").map(|c| c.iter().map(|&o| o == 1.0).collect());
     let measured = |k: usize| observed.as_ref().is_none_or(|observed| observed[k]);
     let sigma = match file.column("sigma") {
@@ -357,6 +366,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             }
         }
     };
+    // Defects are reported and not repaired: the file is described as it is.
     let mesh =
         TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
     let check = mesh.check();
@@ -402,6 +412,7 @@ fn model(path: &Path) -> Result<FileInfo> {
         .map_err(|e| e.in_context(path.display()))?;
     let surface = &model.surface;
     let space = surface.space();
+    // Shares are by area. Cells are small where detail was measured, so their number would be biased.
     let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| surface.leaf_area(leaf)).collect();
     let area: f64 = areas.iter().sum();
     let measured: f64 =
@@ -423,6 +434,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             area,
             observed_area_fraction: measured / area,
             invented_area_fraction: invented / area,
+            // Control vertices lie outside of a curved surface and would enlarge the box.
             bounds: bounds(&points_of_cells(surface)),
             sigma,
             smoothness_weight: model.smoothness_weight,

@@ -47,7 +47,8 @@ use planish_surface::export::{KnownMesh, write_known_mesh};
 use ready::{Done, Ready};
 use std::path::{Path, PathBuf};
 
-/// The source of vertices that fill holes.
+/// Patch number of vertices that fill holes. It is out of range of every list of patches, so they are never
+/// counted as measured.
 const NO_PATCH: u32 = u32::MAX;
 
 /// How shared places are fused.
@@ -69,13 +70,13 @@ pub struct MergeOptions {
     /// How shared places are fused; if not specified, by information if all patches state σ, and by a
     /// refit if not.
     pub method: Option<MergeMethod>,
-    /// Unit of files that name none.
+    /// Unit of files that state none.
     pub unit: Option<Unit>,
-    /// How far the mesh of a model may leave its surface; half its median σ if none is given.
+    /// Chord error of the mesh of a model; half its median σ if none is given.
     pub mesh_tolerance: Option<Length>,
-    /// ε: places nearer than this are one; 2.58 σ of their difference (99 %) if none is given.
+    /// ε: positions nearer than this are the same place. The default is 2.58 σ of their difference (99 %).
     pub epsilon: Option<Length>,
-    /// θ in degrees: normals of one place differ by less.
+    /// θ in degrees: maximum angle between the normals of the same place.
     pub theta_deg: Option<f64>,
     /// Fill holes with at most this many edges.
     pub fill: usize,
@@ -107,10 +108,10 @@ pub struct MergeJob {
 /// The figures of a [`MergeJob`].
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeJobReport {
-    /// What was merged; its findings are those of the whole job.
+    /// The figures of the merge, with the findings of the whole job.
     #[serde(flatten)]
     pub merge: MergeReport,
-    /// The spline through the merged mesh, if one was asked for.
+    /// The spline through the merged mesh, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spline: Option<SplineReport>,
 }
@@ -163,7 +164,7 @@ impl Job for MergeJob {
 }
 
 impl MergeJob {
-    /// What made the model, for its provenance.
+    /// The session for the provenance of a saved model.
     fn session(&self, report: &MergeReport) -> Session {
         let input = |path: &PathBuf| SessionInput { name: path.display().to_string(), points: 0 };
         Session {
@@ -184,13 +185,18 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     progress.check("finding what patches share", 0.1)?;
     let bound = set.bound.clone();
     let inputs = set.inputs.clone();
+    // Copies must go and orientations must agree before overlaps are searched, because overlaps pair only
+    // surfaces that face the same way.
     let mut ready = Ready::new(set, options, progress)?;
     let overlap = ready.overlap(options)?;
     progress.check("fusing", 0.4)?;
+    // Weights by information need stated σ. Without them, σ comes from the differences between patches, which
+    // do not show which patch is better.
     let method = options.method.unwrap_or(match overlap.sigma_estimated {
         false => MergeMethod::Information,
         true => MergeMethod::Refit,
     });
+    // Every method needs the mean: refits keep it at borders and where a piece cannot be fitted.
     let mean = fuse_patches(&ready.patches, &overlap);
     let part = ProgressPart::new(progress, 0.4, 0.7);
     let places = match method {
@@ -200,6 +206,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     };
     progress.check("sewing", 0.7)?;
     let mut sewn = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
+    // The bound is sewn in before holes are filled: a lid is a guess, and the hull is evidence.
     let completed = match &bound {
         Some(bound) => Some(complete(&mut sewn, bound, &mut ready)?),
         None => None,
@@ -211,11 +218,13 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     };
     progress.check("checking", 0.95)?;
     let kept = ready.kept(&sewn, &overlap);
+    // Fusing may resolve a crossing, so the user learns whether it is still there.
     if ready.crosses {
         ready.findings.push(still_crossing(&sewn.mesh)?);
     }
     let done = Done { method, completed, filled, stitched, kept, inputs };
     let report = ready.report(&sewn, &overlap, done);
+    // Normals and curvature are those of the final mesh, after completion and filling.
     let normals = sewn.mesh.vertex_normals();
     let curvature = match options.curvature {
         true => Some(vertex_curvature(&sewn.mesh, &normals, &sewn.sigma)?),
@@ -231,15 +240,16 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     })
 }
 
-/// Sews in what bounds the object, where no patch is.
+/// Stitches the bound to the merged surface where there is no patch.
 fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
     let completed = completed(sewn, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
+    // The number after the last patch stands for the bound.
     *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
-/// Finding on whether the merged mesh still intersects itself, if patches did.
+/// Finding about whether crossings of the patches remain in the merged mesh.
 fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
     let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
         0 => "the merged mesh does not intersect itself".to_owned(),
@@ -259,8 +269,8 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
     write_known_mesh(path, &KnownMesh { mesh, normals, sigma, observed, curvature, unit })
 }
 
-/// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch
-/// `bound`.
+/// Restores the sources of the merged vertices in a completed mesh. Vertices of the bound get the patch
+/// number `bound`.
 fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> StitchedMesh {
     for source in &mut whole.source {
         *source = match *source {
@@ -280,7 +290,7 @@ fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> Stitche
     whole
 }
 
-/// Fills holes of what was sewn; the new vertices are of no patch.
+/// Fills holes of the stitched mesh. The new vertices belong to no patch.
 fn fill(sewn: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
     let before = sewn.mesh.positions.len();
     let triangles = sewn.mesh.triangles.len();

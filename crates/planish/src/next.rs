@@ -50,14 +50,16 @@ pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 use directions::directions;
 use random::{Before, at_random};
 
-/// Candidates are as many as this many numbers of their columns of the covariance allow, but within these
-/// bounds.
+/// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per node,
+/// so large models get fewer candidates.
 const COLUMN_NUMBERS: usize = 6_000_000;
-const MOST_CANDIDATES: [usize; 2] = [600, 4000];
-/// Right-hand sides that are solved together.
-const COLUMNS: usize = 16;
-/// The worst σ is made small by the mean of this power of the variances: the largest count for nearly all of
-/// it.
+/// Bounds of the number of candidates. With fewer than the first, the best place may be missed. Every step
+/// compares each candidate over all places, so more than the second cost time only.
+const MAX_CANDIDATES: [usize; 2] = [600, 4000];
+/// Right-hand sides that are solved together: the factor is then read from memory once for all of them.
+const COLUMNS_PER_SOLVE: usize = 16;
+/// Power of the variances whose mean stands for the largest. A high power is close to the maximum. A finite
+/// one still rewards progress at other places that are nearly as bad (`docs/decisions/0015`).
 const POWER_OF_WORST: i32 = 6;
 
 /// The quantity to minimise.
@@ -73,7 +75,7 @@ pub enum Objective {
 /// Settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextOptions {
-    /// Points at most.
+    /// Maximum number of points.
     pub count: usize,
     /// σ of the readings along the normal, in the model's unit; that of the model's best sensor if none is
     /// given.
@@ -82,7 +84,7 @@ pub struct NextOptions {
     pub goal: Option<f64>,
     /// Two corners of a box that limits the region; the whole surface if none is given.
     pub region: Option<[[f64; 3]; 2]>,
-    /// Whether only what was measured already counts.
+    /// Whether the region is limited to parts that were measured already.
     pub measured_only: bool,
     /// The quantity to minimise.
     pub objective: Objective,
@@ -131,7 +133,7 @@ pub struct Change {
     pub after: f64,
 }
 
-/// Where to measure next.
+/// Points to measure next, with σ before and after.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextReport {
     /// The points, best first.
@@ -147,13 +149,12 @@ pub struct NextReport {
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
-    /// What as many points do that are drawn at random, if requested.
+    /// Result of the same number of points drawn at random, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomDraws>,
 }
 
-/// What cells are too large to follow of the shape: a part of the model's σ that no reading makes smaller,
-/// but only smaller cells.
+/// σ of shape that the model's cells are too large to follow. Only smaller cells reduce it, not readings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnmeasurableSigma {
     /// The largest in the region, as a standard deviation along the normal.
@@ -223,11 +224,15 @@ pub fn next_points(
     })?;
     check_lengths(&[("σ", Some(sigma)), ("goal", options.goal)])?;
     let Prepared { system, directions, information, places } = Prepared::new(model, options, progress)?;
+    // The factor is computed once. All columns of the covariance follow from it by back-substitution.
     let factor = system.factorize_scalar(&information)?;
     progress.check("covariance", 0.15)?;
+    // Variances before the first reading. They are updated after each choice and never recomputed, because a
+    // new factorisation per point would dominate the cost.
     let mut variances = variances_of(model, &factor, directions, &places)?;
     let nodes = model.surface.space().node_count();
     let reading = sigma * sigma;
+    // Random sets start from the same variances as the choice, so they are drawn before these change.
     let random = match options.against_random {
         0 => None,
         draws => {
@@ -239,7 +244,7 @@ pub fn next_points(
         &factor,
         nodes,
         &places,
-        chosen(&places, &variances, (COLUMN_NUMBERS / nodes).clamp(MOST_CANDIDATES[0], MOST_CANDIDATES[1])),
+        chosen(&places, &variances, (COLUMN_NUMBERS / nodes).clamp(MAX_CANDIDATES[0], MAX_CANDIDATES[1])),
         progress,
     )?;
     let before = figures(&places, &variances);
@@ -248,7 +253,8 @@ pub fn next_points(
     while points.len() < options.count && reached(&variances) != Some(true) {
         progress.check("choosing", 0.5 + 0.5 * points.len() as f64 / options.count.max(1) as f64)?;
         progress.items(points.len(), "points");
-        // What each candidate would leave.
+        // The cost that each candidate would leave. Each one sums over the places in their order, so the
+        // result does not depend on the number of threads. Of equal candidates, the first is chosen.
         let left: Vec<f64> = candidates
             .par_iter()
             .map(|candidate| {
@@ -267,9 +273,12 @@ pub fn next_points(
         let (at, column) = (candidates[best].place, candidates[best].column.clone());
         let own = places[at].see(&column) + reading;
         for (place, variance) in places.iter().zip(&mut variances) {
+            // Rounding can leave a small negative variance at a place that many points determine.
             *variance = (*variance - place.see(&column).powi(2) / own).max(0.0);
         }
         candidates.par_iter_mut().for_each(|candidate| {
+            // The columns of the other candidates change, too: the next choice must include the information
+            // of this reading.
             let share = places[candidate.place].see(&column) / own;
             for (c, x) in candidate.column.iter_mut().zip(&column) {
                 *c -= share * x;
@@ -313,7 +322,7 @@ fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
 struct Prepared {
     system: SurfaceSystem,
     directions: Vec<[f64; 3]>,
-    /// Of data and prior, one unknown a node.
+    /// Information of data and prior, with one unknown per node.
     information: BlockInformation,
     places: Vec<Place>,
 }
@@ -322,9 +331,12 @@ impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
         progress.check("equations", 0.05)?;
         let system = SurfaceSystem::new(model.surface.space())?;
+        // One unknown per vertex: a reading measures the surface along its normal only, and three unknowns
+        // would make the factorisation far more expensive (`docs/decisions/0002`).
         let directions = directions(model, &system)?;
         let information = model.information_along(&system, &directions)?;
         let places = places(model, &directions, options);
+        // Without this check, the figures of an empty region would be 0/0 and the goal would seem reached.
         if places.is_empty() {
             return Err(Error::input("the region holds no part of the surface"));
         }
@@ -344,12 +356,13 @@ fn variances_of(
         .with_min_len(64)
         .map(|place| {
             let cell = posterior.leaf(place.leaf)?;
+            // Rounding can make the variance of a well measured place slightly negative.
             Ok(cell.variance_along(&leaf_weights(0.5, 0.5), place.normal).max(0.0))
         })
         .collect()
 }
 
-/// What `planish next` is asked for.
+/// The job `planish next`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NextJob {
     /// A saved model.
@@ -358,7 +371,7 @@ pub struct NextJob {
     pub options: NextOptions,
     /// σ of the readings.
     pub sigma: Option<Length>,
-    /// Where to stop.
+    /// Stop when the largest σ is at most this.
     pub goal: Option<Length>,
     /// Files of the points: `.csv` or `.ply`.
     pub outputs: Vec<PathBuf>,
@@ -375,7 +388,7 @@ pub struct NextJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -409,6 +422,7 @@ fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport
         ..job.options.clone()
     };
     let next = next_points(&model, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
+    // Findings are derived before the files are written, so the page and the caller get the same ones.
     let findings = findings::judge_points(&next, model.unit);
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
@@ -456,6 +470,7 @@ fn cost(objective: Objective, variance: f64) -> f64 {
 /// Smallest σ of the sensors that measured positions.
 fn best_sigma(model: &SurfaceModel) -> Option<f64> {
     let used = model.sensors.iter().filter(|s| s.quantity == "position").map(|s| {
+        // The σ that the fit used: a stated σ that its residuals contradict would promise too much.
         if s.sigma_used_is_estimated {
             s.sigma_estimated
         } else {
@@ -465,7 +480,7 @@ fn best_sigma(model: &SurfaceModel) -> Option<f64> {
     used.filter(|sigma| *sigma > 0.0).min_by(f64::total_cmp)
 }
 
-/// The leaves whose middles count.
+/// The leaves whose middles are places of the region.
 fn region_leaves(model: &SurfaceModel, options: &NextOptions) -> Vec<usize> {
     (0..model.surface.space().leaves().len())
         .filter(|&leaf| !options.measured_only || model.observed.get(leaf).is_some_and(|o| o.is_measured()))
@@ -473,6 +488,7 @@ fn region_leaves(model: &SurfaceModel, options: &NextOptions) -> Vec<usize> {
             let p = model.surface.leaf_point(leaf, 0.5, 0.5);
             (options.region).is_none_or(|[low, high]| (0..3).all(|d| (low[d]..=high[d]).contains(&p[d])))
         })
+        // Degenerate cells have no normal, so a reading along it has no row.
         .filter(|&leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).normal().is_some())
         .collect()
 }
@@ -485,6 +501,8 @@ fn places(model: &SurfaceModel, directions: &[[f64; 3]], options: &NextOptions) 
             let jet = model.surface.leaf_jet(leaf, 0.5, 0.5);
             let normal = jet.normal().unwrap_or([0.0; 3]);
             let side = space.leaves()[leaf].side();
+            // The row of the reading: the weights of the nodes at the middle of the leaf, times the component
+            // of each node's motion along the normal.
             let (nodes, extraction) = space.extraction(leaf);
             let row = nodes.iter().zip(extraction).map(|(&node, e)| {
                 let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
@@ -506,6 +524,8 @@ fn chosen(places: &[Place], variances: &[f64], limit: usize) -> Vec<usize> {
     if places.len() <= limit {
         return (0..places.len()).collect();
     }
+    // Systematic sampling of area × variance: one candidate for each equal share of the sum. It needs no
+    // random numbers, and dense cells do not attract more candidates than their area deserves.
     let weights: Vec<f64> = places.iter().zip(variances).map(|(p, v)| p.area * v).collect();
     let step = weights.iter().sum::<f64>() / (limit - 1) as f64;
     let (mut sum, mut due) = (0.0, 0.5 * step);
@@ -517,6 +537,7 @@ fn chosen(places: &[Place], variances: &[f64], limit: usize) -> Vec<usize> {
             due = ((sum / step).floor() + 1.0) * step;
         }
     }
+    // Sampling may skip the place with the largest σ, and the objective is about just that place.
     found.extend((0..places.len()).max_by(|&a, &b| variances[a].total_cmp(&variances[b])));
     found.sort_unstable();
     found.dedup();
@@ -531,9 +552,9 @@ fn columns(
     progress: &dyn Progress,
 ) -> Result<Vec<Candidate>> {
     let mut found = Vec::with_capacity(chosen.len());
-    for (done, part) in chosen.chunks(COLUMNS).enumerate() {
-        progress.check("columns", 0.2 + 0.3 * (done * COLUMNS) as f64 / chosen.len() as f64)?;
-        progress.items(done * COLUMNS, "places");
+    for (done, part) in chosen.chunks(COLUMNS_PER_SOLVE).enumerate() {
+        progress.check("columns", 0.2 + 0.3 * (done * COLUMNS_PER_SOLVE) as f64 / chosen.len() as f64)?;
+        progress.items(done * COLUMNS_PER_SOLVE, "places");
         let mut solved = vec![0.0; nodes * part.len()];
         for (c, &place) in part.iter().enumerate() {
             for &(node, weight) in &places[place].row {

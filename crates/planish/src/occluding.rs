@@ -40,12 +40,14 @@ use std::path::{Path, PathBuf};
 /// Correlation length of the border of a smoothed mask, in σ of the smoothing: the integral of the
 /// autocorrelation `exp(−x²/4)` of a Gaussian kernel, 2 √π.
 const CORRELATION_LENGTH: f64 = 3.545;
-/// The box of the hull is wider than the points by so much of their size.
-const WIDER: f64 = 0.15;
-/// Cells along the longest side of the hull's box.
+/// Margin of the hull's box around the points, relative to their size. Occluding contours miss hollow and
+/// hidden parts, so the object may reach beyond its points.
+const HULL_MARGIN: f64 = 0.15;
+/// Cells along the longest side of the hull's box. Time and memory grow with the cube; coarser cells lose
+/// thin parts.
 const HULL_CELLS: usize = 96;
 
-/// What to sense, and what to write of it.
+/// Views with contours, and the files to write.
 #[derive(Debug, Clone)]
 pub struct OccludingJob {
     /// The views, in the order in which the camera took them.
@@ -54,15 +56,15 @@ pub struct OccludingJob {
     pub outputs: Vec<PathBuf>,
     /// Files of patches; each patch gets its number before the extension.
     pub patches: Vec<PathBuf>,
-    /// Strips of fewer points make no patch.
+    /// Minimum number of points of a strip that becomes a patch.
     pub least_points: usize,
-    /// A file for the visual hull.
+    /// File of the visual hull.
     pub hull: Option<PathBuf>,
     /// A mesh whose outlines are compared with all masks.
     pub judged: Option<PathBuf>,
     /// How contours are read.
     pub options: OccludingOptions,
-    /// The unit where the views name none.
+    /// Unit if the views state none.
     pub unit: Option<Unit>,
     /// Seed of every random choice.
     pub seed: u64,
@@ -101,7 +103,7 @@ pub struct ContourPatch {
     pub left_out_share: f64,
 }
 
-/// How far the outlines of surfaces agree with a mask: pixels of both over pixels of either.
+/// Overlap of surfaces with a mask: intersection over union of their pixels.
 #[derive(Debug, Clone, Serialize)]
 pub struct OutlineAgreement {
     /// The view.
@@ -119,11 +121,11 @@ pub struct OutlineAgreement {
 /// The figures of a job.
 #[derive(Debug, Clone, Serialize)]
 pub struct OccludingReport {
-    /// Views that took part.
+    /// Views that were used.
     pub views: usize,
     /// Runs of views that follow one another.
     pub sequences: usize,
-    /// Places along contours that were asked.
+    /// Sampled places along contours.
     pub contour_points: usize,
     /// Those with a match in both neighbouring views.
     pub matched: usize,
@@ -133,17 +135,17 @@ pub struct OccludingReport {
     pub left_out: BTreeMap<&'static str, usize>,
     /// χ² of the contours about local parabolas, over its degrees of freedom.
     pub chi2: f64,
-    /// Strips of points that hang together.
+    /// Number of connected strips of points.
     pub strips: usize,
     /// σ of the depths.
     pub sigma_depth: Option<SigmaSummary>,
-    /// The part of it that the circles leave out.
+    /// The part of it from the approximation of sections by circles.
     pub sigma_circle: Option<SigmaSummary>,
     /// σ along the normals.
     pub sigma: Option<SigmaSummary>,
     /// σ of the normals.
     pub sigma_n_deg: Option<SigmaSummary>,
-    /// The share of the visual hull's surface that no contour is near to; where silhouettes are known.
+    /// Share of the visual hull's surface without a contour nearby. Absent if silhouettes are unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unseen_share: Option<f64>,
     /// Patches, of the largest strip first.
@@ -160,7 +162,7 @@ pub struct OccludingReport {
     /// Points and hull that were written.
     #[serde(serialize_with = "as_texts")]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -215,16 +217,19 @@ impl Job for OccludingJob {
 fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
     progress.check("reading", 0.0)?;
     let file = read_views(&job.views)?;
+    // Read before the work, so that a damaged mesh does not cost it.
     let judged = job.judged.as_deref().map(read_judged).transpose()?;
     let mut inputs = vec![job.views.clone()];
     inputs.extend(file.files.iter().cloned());
     inputs.extend(file.views.iter().filter_map(|v| v.mask.clone()));
     inputs.extend(job.judged.clone());
+    // The list of views names masks that the job does not know, so outputs are compared again.
     for output in job.outputs.iter().chain(&job.hull) {
         refuse_input_as_output(output, &inputs)?;
     }
     let unit = file.unit.or(job.unit);
     let mut findings = Vec::new();
+    // Points without a unit are still useful for their shape, so this is a warning.
     if unit.is_none() {
         findings.push(
             Finding::new(
@@ -234,6 +239,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
             .with_setting(Setting::Unit),
         );
     }
+    // Held-out views judge the result and must not shape it.
     let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
     let views: Vec<ContourView> = (taking_part.par_iter())
         .map(|view| {
@@ -246,10 +252,13 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         occluding_contours(&views, &job.options, &mut |share| matching.check("matching contours", share))
             .map_err(|e| e.in_context(job.views.display()))?;
     progress.check("visual hull", 0.4)?;
+    // The hull is always made if possible: it also tells how much of the surface no contour shows.
     let hull = hull_of(&views, &found)?;
+    // With all views of the file, held-out ones included.
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
     let fitting = ProgressPart::new(progress, 0.5, 0.9);
+    // Patches may fail. They are made before the first file is written.
     let patches = patch::patches(job, &found, unit, &fitting, &mut findings)?;
     progress.check(WRITING_STAGE, 0.95)?;
     let mut written = Vec::new();
@@ -320,14 +329,18 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     };
     let camera = view.camera.pinhole;
     let measured = !view.contours.is_empty();
+    // A view without contours would interrupt the sequence silently.
     if !measured && outline.is_empty() {
         return Err(Error::input("needed a mask, or contours with ordered points, found none"));
     }
     let (contours, sigma_px, apart_px) = match measured {
+        // Neighbouring places of a smoothed border share their noise. Denser sampling would count it several
+        // times.
         false => (outline.clone(), view.sigma_px, CORRELATION_LENGTH * options.smoothing_px),
         true => {
             let mut sigmas: Vec<f64> = view.contours.iter().map(|(_, sigma)| *sigma).collect();
             sigmas.sort_by(f64::total_cmp);
+            // Points of a file are taken as independent. The median σ ignores a few bad ones.
             (pieces(view, &outline), sigmas[sigmas.len() / 2], 0.0)
         }
     };
@@ -342,6 +355,7 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
             let places = view.contours[start..end].iter().map(|(p, _)| *p).collect();
             let mut contour = Contour { places, closed: false };
             contour.close();
+            // Files do not state on which side the object is; the mask does.
             contour.face(outline);
             contour
         })
@@ -351,15 +365,17 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
 /// The hull of all silhouettes, if known.
 fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<VisualHull>> {
     let closed =
+        // An open silhouette leaves the picture, and the hull would be cut at its edge.
         |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);
     if views.iter().filter(closed).count() < 2 {
         return Ok(None);
     }
     let places: Vec<[f64; 3]> = found.points.iter().map(|p| p.position).collect();
+    // Without any point, nothing shows where in space the hull should be sought.
     let Some(bounds) = BoundingBox::from_points(&places) else {
         return Ok(None);
     };
-    VisualHull::new(views, &bounds.grown(WIDER * bounds.diagonal()), HULL_CELLS).map(Some)
+    VisualHull::new(views, &bounds.grown(HULL_MARGIN * bounds.diagonal()), HULL_CELLS).map(Some)
 }
 
 fn agreements(
@@ -367,6 +383,7 @@ fn agreements(
     hull: Option<&VisualHull>,
     judged: Option<&TriangleMesh>,
 ) -> Result<Vec<OutlineAgreement>> {
+    // A hull agrees with the masks that it was made from. Without a held-out view, the figure shows nothing.
     if !views.iter().any(|v| v.held_out) && judged.is_none() {
         return Ok(Vec::new());
     }

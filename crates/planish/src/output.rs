@@ -20,7 +20,8 @@ use serde::{Serialize, Serializer};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Vertices, edges and faces of a STEP file meet within this, in millimetres.
+/// Stated uncertainty of STEP files, in millimetres: vertices, edges and faces meet within it. CAD programs
+/// use it as the tolerance of sewing. [`prepare`] checks the boundary representation against it.
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
 
 /// Writes files into a folder and creates it if necessary. If one file cannot be created, none is written.
@@ -30,13 +31,14 @@ const STEP_UNCERTAINTY_MM: f64 = 1e-6;
 pub fn write_files(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
     make_folder(folder)?;
     for (name, _) in files {
+        // All names are checked before the first file is written.
         check_writable(&folder.join(name))?;
     }
     (files.iter())
         .try_for_each(|(name, bytes)| write_atomically(&folder.join(name), |writer| writer.write_all(bytes)))
 }
 
-/// What can be written of a model.
+/// Formats in which a model can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OutputFormat {
@@ -65,12 +67,14 @@ impl OutputFormat {
         match extension(path).as_str() {
             "step" | "stp" => Ok(Self::Step),
             "ply" => Ok(Self::Ply),
+            // Rasters and saved models are not among the formats that are read from gzip.
             "tif" | "tiff" if !is_packed(path) => Ok(Self::Tiff),
             "obj" => Ok(Self::Obj),
             "stl" => Ok(Self::Stl),
             "glb" => Ok(Self::Glb),
             "planish" if !is_packed(path) => Ok(Self::Planish),
             other => {
+                // Formats that can be read are not all written, so the message lists what can be written.
                 let found = match other {
                     "" => "none".to_owned(),
                     "planish" => "`planish.gz`".to_owned(),
@@ -98,7 +102,7 @@ fn is_packed(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"))
 }
 
-/// A file's name without its extension, and without that of gzip behind.
+/// The name of a file without its extension, also without `.gz`.
 fn plain_name(path: &Path) -> String {
     let stem = Path::new(path.file_stem().unwrap_or_default());
     let stem = if is_packed(path) { stem.file_stem() } else { Some(stem.as_os_str()) };
@@ -131,7 +135,7 @@ pub struct WrittenFile {
     /// Triangles of a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triangles: Option<usize>,
-    /// How far the chords of a mesh leave the surface at most.
+    /// Maximum chord error of a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
     /// Columns, rows and cells with a height of a raster.
@@ -142,7 +146,7 @@ pub struct WrittenFile {
     pub cell_size: Option<f64>,
 }
 
-/// What outputs are made with.
+/// Options for writing outputs.
 #[derive(Debug, Clone, Default)]
 pub struct OutputOptions {
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
@@ -178,6 +182,7 @@ pub fn plan_outputs(paths: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
 pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
     for (k, path) in paths.iter().enumerate() {
         refuse_same_output(path, &paths[..k])?;
+        // Inputs are kept even if the run fails: a scan may not be repeatable.
         refuse_input_as_output(path, inputs)?;
         check_writable(path)?;
     }
@@ -191,6 +196,7 @@ pub(crate) fn unsupported_extension(path: &Path, needed: &str) -> Error {
 
 /// Refuses to write two outputs to one file.
 fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
+    // Real paths, so that links and `./` do not hide that two names are one file.
     if others.iter().any(|other| real_path(other) == real_path(path)) {
         return Err(Error::input(format!(
             "{}: named twice as an output: needed a name for each",
@@ -237,6 +243,7 @@ pub fn prepare<'a>(
     outputs: &'a [PlannedOutput],
     options: &OutputOptions,
 ) -> Result<Prepared<'a>> {
+    // One mesh serves all mesh formats, so that they agree with each other.
     let mesh = match outputs.iter().any(|output| output.format.is_mesh()) {
         true => Some(mesh_from_model(model, posterior, options.mesh_tolerance)?),
         false => None,
@@ -248,6 +255,7 @@ pub fn prepare<'a>(
     let step = outputs.iter().any(|output| output.format == OutputFormat::Step);
     let brep = step.then(|| brep_from_surface(&model.surface, &BrepOptions::default()));
     if let Some(brep) = &brep {
+        // Faces that do not meet are of no use for CAD, so this is an error before anything is written.
         brep.check(step_uncertainty(model.unit))?;
     }
     let mut findings: Vec<Finding> = (mesh.iter().flat_map(|mesh| &mesh.findings))
@@ -263,6 +271,7 @@ pub fn prepare<'a>(
 /// STL files whose seven digits are too few for a mesh.
 fn stl_findings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<Finding> {
     let rounding = stl::rounding(&mesh.mesh.positions);
+    // Rounding below half the chord error is not visible in the mesh.
     if rounding <= 0.5 * mesh.tolerance {
         return Vec::new();
     }

@@ -13,7 +13,7 @@ use planish_report::{Block, Page, Section, Table};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Where a report goes, and what it says of the run that made it.
+/// File of a report, and its statements about the run.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ReportOutput {
     /// An `.html` file.
@@ -39,8 +39,9 @@ impl ReportOutput {
         Ok(self.path.clone())
     }
 
-    /// Writes a page, with where it comes from at its end.
+    /// Writes a page with its provenance at the end.
     pub(crate) fn write(&self, mut page: Page, inputs: &[(PathBuf, String)]) -> Result<()> {
+        // Checksums are computed at the end of the job, from the files as they are then.
         page.sections.push(self.provenance(inputs)?);
         let html = page.html().map_err(|e| {
             Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e)
@@ -56,8 +57,7 @@ impl ReportOutput {
         write_atomically(&self.path, |writer| writer.write_all(html.as_bytes()))
     }
 
-    /// The command, the version, the seed, and a checksum of every file that was read; what each gave stands
-    /// beside it.
+    /// The command, the version, the seed, and for every file that was read its contribution and a checksum.
     pub(crate) fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
         let mut files = Table::new(["file", "what it gave", "SHA-256"]);
         for (path, gave) in inputs {
@@ -83,7 +83,7 @@ pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// What a report is of: the first file and how many more, or the folder's name where files in it are many.
+/// Title of a report: the first file and the number of others.
 pub(crate) fn title_of(paths: &[PathBuf]) -> String {
     match paths {
         [] => "nothing".to_owned(),
@@ -100,7 +100,7 @@ pub(crate) fn title_of(paths: &[PathBuf]) -> String {
     }
 }
 
-/// The outputs of a job with its page, if one is asked for.
+/// The outputs of a job including its page, if requested.
 pub(crate) fn with_page(mut outputs: Vec<PathBuf>, page: Option<&ReportOutput>) -> Result<Vec<PathBuf>> {
     if let Some(page) = page {
         outputs.push(page.file()?);

@@ -54,7 +54,7 @@ pub enum SenseKind {
         calibration: Option<PathBuf>,
         /// How they are matched.
         options: StereoOptions,
-        /// Which of the disparities are written as points.
+        /// Selection of the disparities that are written as points.
         points: StereoPoints,
     },
     /// A picture of crossed stripes.
@@ -72,7 +72,7 @@ pub enum SenseKind {
     Photometric {
         /// One for each light, in the calibration's order.
         images: Vec<PathBuf>,
-        /// White where the object is; none where all that is not dark is.
+        /// White where the object is. Without a mask, every pixel that is not dark counts as object.
         mask: Option<PathBuf>,
         /// The lights.
         calibration: PathBuf,
@@ -81,7 +81,7 @@ pub enum SenseKind {
     NormalMap {
         /// The picture.
         image: PathBuf,
-        /// σ of its normals, in degrees: no picture states it.
+        /// σ of its normals, in degrees. It must be given, because no picture states it.
         sigma_deg: f64,
     },
     /// A depth image.
@@ -123,7 +123,7 @@ impl SenseKind {
     }
 }
 
-/// What to sense, and what to write of it.
+/// A measurement and the files to write.
 ///
 /// # Examples
 /// ```no_run
@@ -165,7 +165,7 @@ pub struct SensedFile {
 /// The figures of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SenseReport {
-    /// What was sensed.
+    /// Kind of the measurement.
     pub kind: &'static str,
     /// Pixels of an image.
     pub pixels: usize,
@@ -203,7 +203,7 @@ pub struct SenseReport {
     pub inputs: Vec<PathBuf>,
     /// Files that were written.
     pub written: Vec<SensedFile>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -228,7 +228,7 @@ struct Sensed {
     unit: Option<Unit>,
     /// Files that a calibration named.
     more_inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     findings: Vec<Finding>,
 }
 
@@ -252,6 +252,7 @@ impl Job for SenseJob {
 /// Reads the inputs, computes points and writes them. Nothing is written unless everything else succeeds.
 fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     progress.check("reading", 0.0)?;
+    // The computation takes nearly all of the time.
     let working = ProgressPart::new(progress, 0.05, 0.9);
     let mut sensed = match &job.kind {
         SenseKind::Stereo { left, right, calibration, options, points } => {
@@ -268,11 +269,14 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     };
     let mut inputs = job.kind.inputs();
     inputs.append(&mut sensed.more_inputs);
+    // A calibration may name further pictures, so outputs are compared with the inputs only here.
     for output in &job.outputs {
         refuse_input_as_output(output, &inputs)?;
     }
+    // The calibration knows best; the option only fills a gap.
     let unit = sensed.unit.or(job.unit);
     let mut findings = std::mem::take(&mut sensed.findings);
+    // A normal map has no lengths, so it needs no unit.
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
         let text = "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in \
             or ft";
@@ -280,6 +284,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
+    // A wrong calibration still matches some crossings by chance. The few points would look like a sparse but
+    // correct scan.
     if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
         let text = format!(
             "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin \
@@ -325,17 +331,20 @@ fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
 
 pub(crate) fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
     values.sort_by(f64::total_cmp);
+    // For an empty list, −1 becomes index 0, which does not exist: the summary is absent.
     let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share).round() as usize).copied();
     Some(SigmaSummary { median: at(0.5)?, p95: at(0.95)?, max: at(1.0)? })
 }
 
 fn check_formats(job: &SenseJob) -> Result<()> {
+    // A depth image would only be copied, and crossings of stripes lie on no pixel grid.
     let images = !matches!(job.kind, SenseKind::Depth { .. } | SenseKind::Grid { .. });
     for path in &job.outputs {
         let kind = extension(path);
         let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
         match kind.as_str() {
             "ply" if !packed => {
+                // Checked before matching, which takes most of the time.
                 if let SenseKind::Stereo { calibration: None, .. } = job.kind {
                     return Err(Error::input(format!(
                         "{}: points need the calibration of the cameras: state it, or write disparities as \
@@ -369,6 +378,7 @@ fn write(path: &Path, sensed: &Sensed, unit: Option<Unit>) -> Result<SensedFile>
             write_scan(path, scan, unit)?;
             written.points = Some(scan.points.len());
         }
+        // Formats were checked before, so this is a result that lacks what its kind usually has.
         ("ply", None, _) | (_, _, None) => {
             return Err(Error::input(format!("{}: there is nothing of that kind to write", path.display())));
         }

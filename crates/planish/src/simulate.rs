@@ -50,6 +50,7 @@ impl Job for SphereJob {
         let options = &self.options;
         let rows = sphere(options, &ProgressPart::new(progress, 0.0, 0.9))?;
         if let Some(output) = planned(self.animation.as_deref())? {
+            // A run of its own: the figures need many runs, the animation one.
             let forming = sphere_forming(options, FRAMES)?;
             write_forming(&forming, Unit::Metre, &output, &ProgressPart::new(progress, 0.9, 0.99))?;
         }

@@ -26,7 +26,7 @@ use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
-use planish_solid::views::{CandidateRejection, Rejected, Solution, solve};
+use planish_solid::views::{CandidateRejection, Drawing, Rejected, Solution, solve};
 pub use planish_solid::views::{Projection, ViewKind};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -39,24 +39,24 @@ pub struct SolidJob {
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,
-    /// Which views these are, where not front, top and side.
+    /// Kinds of the views. The default is front, top and side.
     pub kinds: Option<Vec<ViewKind>>,
-    /// The probability with which true relations and matches of contours fail.
+    /// Significance level: the probability that a true relation or match of contours is rejected.
     pub level: f64,
-    /// Of contours, the graphs of each view and the composite graph: `.json`, `.dot`.
+    /// For contours: files for the graphs of each view and the composite graph (`.json`, `.dot`).
     pub graphs: Vec<PathBuf>,
     /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write. For contours also `.json`: the
     /// dimensions with their σ.
     pub outputs: Vec<PathBuf>,
-    /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's
-    /// size if none is given.
+    /// Maximum chord error of a mesh, in the unit; [`DEFAULT_CHORD`] times the size of the drawing if none is
+    /// given.
     pub mesh_tolerance: Option<f64>,
-    /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn
-    /// if none is given.
+    /// Coordinates of drawings at most this far apart are joined, in the unit. By default, coordinates are
+    /// used as drawn.
     pub tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
-    /// The unit where no file names it.
+    /// Unit if no file states one.
     pub unit: Option<Unit>,
     /// A page that shows the solids side by side, and their views.
     pub report: Option<ReportOutput>,
@@ -97,7 +97,8 @@ impl Job for SolidJob {
     }
 }
 
-/// Chords of a mesh miss the solid by this share of the drawing's size where no tolerance is given.
+/// Default chord error of meshes, relative to the size of the drawing. It trades the number of triangles for
+/// smoothness; STEP files contain exact surfaces and do not depend on it.
 pub const DEFAULT_CHORD: f64 = 5e-4;
 
 /// Faces by the kind of their surface.
@@ -117,7 +118,7 @@ pub struct FaceCounts {
     pub freeform: usize,
 }
 
-/// A solid that the views can mean.
+/// A solid with these views.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RankedSolid {
     /// From 1, best first.
@@ -162,13 +163,13 @@ pub struct DroppedCandidates {
     /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit
     /// together.
     pub why: &'static str,
-    /// How many.
+    /// Number of candidates.
     pub count: usize,
     /// The problem of the first of them, and its position.
     pub first: String,
 }
 
-/// What was found.
+/// The result of a [`SolidJob`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SolidReport {
     /// Solids, best first.
@@ -179,12 +180,12 @@ pub struct SolidReport {
     pub unexplained: Vec<UnexplainedLine>,
     /// Solids that were found, but whose views are not the drawing.
     pub refused: Vec<RefusedSolid>,
-    /// Candidates that are no solids, by reason.
+    /// Candidates that are not solids, by reason.
     pub dropped: Vec<DroppedCandidates>,
-    /// Of contours, how they were matched, and the best solid's sizes with σ.
+    /// For contours: how they were matched, and the dimensions of the best solid with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// The unit of all lengths.
@@ -204,33 +205,25 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         true => Some(noisy::read(job, &mut findings)?),
         false => None,
     };
+    // From here on, contours are exact views: estimation and matching made their coordinates equal, so both
+    // inputs share one search.
     let (drawing, unit) = match &noisy {
         Some(noisy) => (noisy.consistent.exact_views()?, noisy.unit),
         None => drawing::read(job, &mut findings)?,
     };
     progress.check("searching", 0.1)?;
+    // Errors of the search refer to entities of the drawing. The files are known only here.
     let found = solve(&drawing).map_err(|e| match &noisy {
         Some(noisy) => noisy.explain(e),
         None => drawing::explain(e, &drawing, &job.views),
     })?;
     progress.check("comparing", 0.6)?;
-    let mut refused = Vec::new();
-    let mut accepted: Vec<&Solution> = Vec::new();
-    for solution in &found.solutions {
-        let differences = disagreements(&solution.solid, &drawing, &ReprojectionOptions::default());
-        match differences.is_empty() {
-            true => accepted.push(solution),
-            false => refused.push(RefusedSolid {
-                volume: solution.measures.volume,
-                faces: counts(&solution.solid),
-                differences: differences.iter().map(line_of).collect(),
-            }),
-        }
-    }
+    let (accepted, refused) = compared_with(&drawing, &found.solutions);
     let geometry = match (&noisy, accepted.first()) {
         (Some(noisy), Some(best)) => Some(noisy.geometry(&best.solid)?),
         _ => None,
     };
+    // Not an error: the solids that were found are correct, but there may be others.
     if !found.complete {
         let text = format!(
             "there may be more solids than the {} that were examined: a further view or hidden lines would \
@@ -239,28 +232,19 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         );
         findings.push(Finding::new(FindingCode::SearchIncomplete, text));
     }
+    // Coordinates that nearly agree are the usual reason. In contours, σ has decided already which are equal.
     if accepted.is_empty() && noisy.is_none() {
         findings.extend(drawing::misses(&drawing, &job.views));
     }
     progress.check(planish_core::WRITING_STAGE, 0.9)?;
+    // Only the best solid goes to the given name; several would need a number in the name.
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
     let tolerance = job.mesh_tolerance.unwrap_or(DEFAULT_CHORD * drawing.size());
+    // All files are made in memory before the first is written.
     let prepared = writing::prepare(job, &accepted[..wanted], tolerance)?;
     let (files, written) = writing::write(job, &prepared, unit)?;
-    let solutions = accepted
-        .iter()
-        .enumerate()
-        .map(|(index, solution)| RankedSolid {
-            rank: index + 1,
-            file: files.get(index).cloned().flatten(),
-            volume: solution.measures.volume,
-            area: solution.measures.area,
-            faces: counts(&solution.solid),
-            cost: solution.cost,
-        })
-        .collect();
     let mut report = SolidReport {
-        solutions,
+        solutions: ranked(&accepted, &files),
         geometry,
         complete: found.complete,
         unexplained: found
@@ -274,6 +258,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         unit,
         written,
     };
+    // If only refused solids remain, the lines of the best one show where the drawing is inconsistent.
     if let (true, Some(first)) = (report.solutions.is_empty(), report.refused.first()) {
         report.unexplained.extend(first.differences.iter().cloned());
     }
@@ -299,6 +284,42 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     Ok(report)
 }
 
+/// Splits solutions into those that show exactly the lines of the drawing and those that are refused.
+fn compared_with<'a>(drawing: &Drawing, solutions: &'a [Solution]) -> (Vec<&'a Solution>, Vec<RefusedSolid>) {
+    let mut refused = Vec::new();
+    let mut accepted: Vec<&Solution> = Vec::new();
+    for solution in solutions {
+        // The search samples places and can miss one. An independent check by rays decides what is written
+        // (`docs/decisions/0058`).
+        let differences = disagreements(&solution.solid, drawing, &ReprojectionOptions::default());
+        match differences.is_empty() {
+            true => accepted.push(solution),
+            false => refused.push(RefusedSolid {
+                volume: solution.measures.volume,
+                faces: counts(&solution.solid),
+                differences: differences.iter().map(line_of).collect(),
+            }),
+        }
+    }
+    (accepted, refused)
+}
+
+/// The accepted solids, best first, with the files that they were written to.
+fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> {
+    accepted
+        .iter()
+        .enumerate()
+        .map(|(index, solution)| RankedSolid {
+            rank: index + 1,
+            file: files.get(index).cloned().flatten(),
+            volume: solution.measures.volume,
+            area: solution.measures.area,
+            faces: counts(&solution.solid),
+            cost: solution.cost,
+        })
+        .collect()
+}
+
 /// The findings that follow from the solids and from the agreement of the views.
 fn judge(report: &SolidReport) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -317,6 +338,7 @@ fn judge(report: &SolidReport) -> Vec<Finding> {
             found.push(Finding::new(FindingCode::SolidsAmbiguous, text));
         }
     }
+    // A report must not state that views agree beside the finding that they do not.
     let disagree = report.findings.iter().any(|finding| finding.code == FindingCode::ViewsInconsistent);
     if let Some(geometry) = report.geometry.as_ref().filter(|_| !disagree) {
         let text = format!(
@@ -330,7 +352,7 @@ fn judge(report: &SolidReport) -> Vec<Finding> {
     found
 }
 
-/// Which views the files are.
+/// The kinds of the views, in the order of the files.
 fn kinds(job: &SolidJob) -> Vec<ViewKind> {
     job.kinds.clone().unwrap_or_else(|| ViewKind::ALL.to_vec())
 }
@@ -340,8 +362,9 @@ fn is_contours(job: &SolidJob) -> bool {
     job.views.iter().any(|view| extension(view) == "json")
 }
 
-/// Rejected candidates by reason, each reason with its first.
+/// Rejected candidates by reason, each with the message of the first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
+    // Fixed order, so that reports can be compared.
     let reasons =
         [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];
     let of = |(reason, why): (CandidateRejection, &'static str)| {
@@ -409,6 +432,7 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         }
         check_graphs_name(graphs)?;
     }
+    // An error and not a warning: the user would believe that the tolerance had an effect.
     if job.tolerance.is_some()
         && let Some(view) = job.views.first().filter(|_| is_contours(job))
     {
@@ -426,6 +450,7 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         return Err(Error::input(format!("needed a mesh tolerance > 0, found {tolerance}")));
     }
     for output in &job.outputs {
+        // Dimensions with σ exist only for contours, so `.json` is refused for drawings.
         let may_be_json = is_contours(job) && extension(output) == "json";
         if !may_be_json && !writing::is_solid_file(output) {
             let json = if is_contours(job) { ", what is known of their sizes as .json" } else { "" };

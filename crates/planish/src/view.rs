@@ -34,17 +34,18 @@ use shading::{Pixel, Shape, draw};
 use std::path::{Path, PathBuf};
 use viewed_content::ViewedContent;
 
-/// Triangles of a model in a picture and on a page.
+/// Maximum number of triangles of a model in a picture.
 const PICTURE_TRIANGLES: u64 = 600_000;
+/// Maximum number of triangles of a model on a page, which must still load quickly when it is mailed.
 const PAGE_TRIANGLES: u64 = 45_000;
-/// Points on a page.
+/// Maximum number of points on a page. They are part of the one file that a page is.
 const PAGE_POINTS: usize = 400_000;
-/// Pixels of a picture.
-const MOST_PIXELS: usize = 64_000_000;
-/// What stays free at the border of a picture, as a share of its rows.
+/// Maximum number of pixels of a picture: about 26 GB of memory at 400 bytes each.
+const MAX_PIXELS: usize = 64_000_000;
+/// Free border of a picture, as a fraction of its shorter side.
 const BORDER: f64 = 0.05;
-/// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and
-/// no wider than [`DOT_WIDTHS`].
+/// Width of dots relative to their mean distance in the picture. Smaller dots show the background between
+/// them; larger ones hide detail. The width in pixels stays within [`DOT_WIDTHS`].
 const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
 /// An object without colours of its own.
@@ -52,7 +53,7 @@ const CLAY: Colour = [0.84, 0.83, 0.80];
 /// Background colours at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
 /// Default camera angles if `up` is given. Reports use the same.
-const FROM: CameraAngles = CameraAngles { azimuth_deg: 36.25, elevation_deg: 28.27, zoom: 1.0 };
+const DEFAULT_ANGLES: CameraAngles = CameraAngles { azimuth_deg: 36.25, elevation_deg: 28.27, zoom: 1.0 };
 
 /// The quantity that colours a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,7 +86,7 @@ impl Default for PictureOptions {
     }
 }
 
-/// What was drawn.
+/// The figures of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureReport {
     /// Unit of every length, if known.
@@ -106,7 +107,7 @@ pub struct PictureReport {
     pub size: [usize; 2],
     /// Share of the picture that the object covers.
     pub covered: f64,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -167,18 +168,21 @@ fn draw_picture(
     progress: &dyn Progress,
 ) -> Result<PictureReport> {
     let [columns, rows] = options.size;
-    if columns.saturating_mul(rows) > MOST_PIXELS || columns == 0 || rows == 0 {
+    // Checked before reading: a typing error in the size must not exhaust the memory.
+    if columns.saturating_mul(rows) > MAX_PIXELS || columns == 0 || rows == 0 {
         return Err(Error::input(format!(
             "needed a picture of 1 to {} million pixels, found {columns} × {rows}",
-            MOST_PIXELS / 1_000_000
+            MAX_PIXELS / 1_000_000
         )));
     }
+    // A picture keeps its points: their number does not change the size of the file.
     let content = ViewedContent::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;
     progress.check("drawing", 0.5)?;
     let drawn = drawn(&content, options).map_err(|e| e.in_context(viewed.file.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
     write_colour_png(path, options.size, &drawn.canvas.bytes())?;
     let mut findings = content.findings;
+    // A warning, because the file itself may be correct.
     if drawn.covered <= 0.0 {
         findings.push(Finding::new(
             FindingCode::PictureEmpty,
@@ -238,7 +242,7 @@ pub struct ViewedPage {
     pub unit: Option<Unit>,
     /// Files that were read.
     pub inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     pub findings: Vec<Finding>,
 }
 
@@ -254,19 +258,22 @@ struct Drawn {
 fn drawn(content: &ViewedContent, options: &PictureOptions) -> Result<Drawn> {
     let [columns, rows] = options.size;
     let field = chosen_field(content, options.colour)?;
+    // One scale for all objects of the picture, as the legend shows one only.
     let scale = field.map(Scale::from_field);
     let places = content.places();
     let border = BORDER * rows.min(columns) as f64;
     let frame = Frame {
         low: [border; 2],
+        // The legend lies below the object, never over it.
         high: [columns as f64 - border, rows as f64 - border.max(legend::height(options.size))],
     };
     let axes = match (options.camera, options.up) {
+        // Without a request, the view is that of the report, so that both show the same side.
         (None, None) => {
             let (from, up) = content.scene.view();
             axes_from(from, up)?
         }
-        (camera, up) => axes_at(&camera.unwrap_or(FROM), up.unwrap_or_default()),
+        (camera, up) => axes_at(&camera.unwrap_or(DEFAULT_ANGLES), up.unwrap_or_default()),
     };
     let zoom = options.camera.map_or(1.0, |camera| camera.zoom);
     let camera = Camera::from_points(&places, axes, frame, zoom)?;
@@ -310,6 +317,7 @@ fn fields(content: &ViewedContent) -> impl Iterator<Item = &Field> {
 fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Option<&Field>> {
     let find = |key: &str| fields(content).find(|field| field.key == key);
     match colour {
+        // The most specific field first: deviations exist only if a reference was given.
         None => Ok((find("deviation").or_else(|| find("sigma"))).or_else(|| fields(content).next())),
         Some(ColourBy::Plain) => Ok(None),
         Some(ColourBy::Normal) => {
@@ -323,6 +331,7 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
         Some(ColourBy::Field(key)) => match find(key) {
             Some(field) => Ok(Some(field)),
             None => {
+                // The usual reason: the user forgot the reference.
                 let needs_reference = key == "deviation";
                 let way_out = if needs_reference { ": that needs a reference" } else { "" };
                 let mut known: Vec<String> = fields(content).map(|f| f.key.replace('_', "-")).collect();
@@ -364,6 +373,7 @@ fn pixels(
             move |triangle: usize, weights: [f64; 3]| match (values, scale) {
                 (Some(values), Some(scale)) => {
                     let corners = surface.triangles[triangle].map(|k| values[k as usize]);
+                    // Kinds are not interpolated: between kinds 1 and 3 there is no kind 2.
                     scale.colour(if are_kinds {
                         let most =
                             (0..3).fold(0, |most, k| if weights[k] > weights[most] { k } else { most });
@@ -380,6 +390,7 @@ fn pixels(
         .map(|values| {
             move |dot: usize| match (values, scale) {
                 (Some(values), Some(scale)) => scale.colour(values[dot]),
+                // A cloud without the field is drawn as unknown beside those that have it.
                 (None, Some(_)) => UNKNOWN,
                 _ => CLAY,
             }
@@ -396,6 +407,7 @@ fn pixels(
         let colour = &of_cloud[k];
         shapes.push(Shape::Dots {
             positions: &cloud.positions,
+            // Only the first cloud has normals; others are lit evenly.
             normals: content.normals.as_deref().filter(|_| k == 0),
             colour: (!by_normal).then_some(colour as _),
             width: dot_width(&cloud.positions, camera, size),
@@ -436,6 +448,7 @@ fn on_paper(pixels: &[Pixel], columns: usize) -> Vec<Colour> {
         .map(|(k, pixel)| {
             let behind = paper(k / columns);
             std::array::from_fn(|c| {
+                // Coverage mixes light, not screen values. Otherwise outlines would be too dark.
                 let light = pixel.covered * pixel.light[c] + (1.0 - pixel.covered) * behind[c];
                 screen_brightness(light)
             })

@@ -21,7 +21,7 @@ pub struct ComparedMesh {
     pub sigma: Option<Vec<f64>>,
     /// Whether each vertex was measured.
     pub observed: Option<Vec<Observed>>,
-    /// Unit of every length, where the file names it.
+    /// Unit of every length, if the file states it.
     pub unit: Option<Unit>,
 }
 
@@ -30,14 +30,13 @@ pub struct ComparedMesh {
 pub struct Reference {
     /// Its points: the vertices of a mesh, or a cloud.
     pub points: Vec<[f64; 3]>,
-    /// Unit normals, zero where not known; none where no point has one.
+    /// Unit normals. Zero if unknown; absent if no point has one.
     pub normals: Option<Vec<[f64; 3]>>,
     /// Triangles between the points; none for a cloud.
     pub triangles: Vec<[u32; 3]>,
-    /// Covariances of the points, zero where not stated; none where the reference
-    /// counts as exact.
+    /// Covariances of the points. Zero if not stated; absent if the reference counts as exact.
     pub covariance: Option<Vec<SymmetricMatrix3>>,
-    /// Unit of every length, where a file names it.
+    /// Unit of every length, if a file states it.
     pub unit: Option<Unit>,
 }
 
@@ -128,10 +127,13 @@ impl Reference {
         };
         let Self { points, triangles, .. } = &made;
         if triangles.is_empty() {
+            // A cloud keeps the normals of its file.
             return Ok(made);
         }
         let mesh = TriangleMesh::try_new(points.clone(), triangles.clone())
             .map_err(|e| e.in_context(path.display()))?;
+        // Normals from the triangles, even if the file has some: they must agree with the faces that are
+        // measured to.
         Ok(Self { normals: Some(mesh.vertex_normals()), ..made })
     }
 
@@ -162,8 +164,9 @@ impl Reference {
         made
     }
 
-    /// The same in lengths `factor` times as many of another unit.
+    /// Multiplies all lengths by `factor`.
     pub(super) fn scaled(mut self, factor: f64) -> Self {
+        // Without conversion, the numbers stay exactly those of the file.
         if factor != 1.0 {
             self.points.iter_mut().for_each(|p| *p = scale(factor, *p));
             self.covariance.iter_mut().flatten().for_each(|c| *c = c.scaled(factor).scaled(factor));
@@ -193,6 +196,7 @@ fn covariances(file: &PolygonMesh) -> Result<Option<Vec<SymmetricMatrix3>>> {
     };
     let all: Vec<SymmetricMatrix3> =
         (0..a.len()).map(|k| SymmetricMatrix3::from_array([a[k], b[k], c[k], d[k], e[k], f[k]])).collect();
+    // A cheap necessary test. It finds exchanged columns, the usual mistake.
     let possible = |c: &SymmetricMatrix3| c.is_finite() && c.xx >= 0.0 && c.yy >= 0.0 && c.zz >= 0.0;
     if let Some(at) = all.iter().position(|c| !possible(c)) {
         return Err(Error::input(format!(

@@ -1,7 +1,7 @@
 //! The report of a comparison.
 
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
-use crate::report::scenes::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
+use crate::report::scenes::{MAX_TRIANGLES, model_scene_of, numbers, observed_field};
 use crate::report::words::SmallUnit;
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -12,8 +12,8 @@ use planish_report::{
 use planish_surface::model::Observed;
 use std::path::Path;
 
-/// Points of the reference that are drawn at most.
-const MOST_POINTS: usize = 20_000;
+/// Maximum number of points of the reference that are drawn.
+const MAX_POINTS: usize = 20_000;
 
 /// The page of a comparison of a model with a reference, by their names.
 pub(crate) fn compare_page(
@@ -28,7 +28,7 @@ pub(crate) fn compare_page(
     let main = report.forward.or(report.backward);
     let unit = SmallUnit::for_length(model_unit, main.map_or(1.0, |d| d.rms));
     let normalised = shown.normalised.clone();
-    let scene = compared_scene(model, report, shown, options, MOST_TRIANGLES)?;
+    let scene = compared_scene(model, report, shown, options, MAX_TRIANGLES)?;
     let mut figures = Vec::new();
     if let Some(d) = main {
         figures.push(Figure::new(
@@ -71,6 +71,7 @@ pub(crate) fn compared_scene(
         Compared::Surface(model) => model_scene_of(model, &model.posterior()?, None, None, triangles)?.0,
         Compared::Mesh(mesh) => known_mesh_scene(mesh, model_unit),
     };
+    // Cells and control vertices are about the model itself and would hide deviations.
     scene.lines.clear();
     scene.clouds.clear();
     if let (Some(reference), Some(surface)) = (&shown.mesh, scene.surfaces.first_mut()) {
@@ -79,6 +80,7 @@ pub(crate) fn compared_scene(
             Compared::Surface(_) => marks_of(surface),
         };
         let field = deviation_field(reference, &surface.positions, observed.as_deref(), options, model_unit)?;
+        // The first field colours the initial view.
         surface.fields.insert(0, field);
     }
     scene.clouds.push(reference_cloud(&shown, model_unit));
@@ -108,7 +110,7 @@ fn marks_of(surface: &SurfaceShown) -> Option<Vec<u8>> {
     }
 }
 
-/// A mesh, coloured by what its vertices state.
+/// A mesh with the fields of its vertices.
 pub(crate) fn known_mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
     let mut fields = Vec::new();
     if let Some(sigma) = &mesh.sigma {
@@ -146,6 +148,7 @@ fn deviation_field(
     let deviations = (feet.into_iter().enumerate())
         .map(|(k, foot)| match foot {
             Some(foot) if !foot.on_boundary && is_compared(k) => foot.signed_distance,
+            // The same rules as for the figures, so that colours and numbers agree.
             _ => f64::NAN,
         })
         .collect();
@@ -153,7 +156,7 @@ fn deviation_field(
 }
 
 fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
-    let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
+    let step = shown.points.len().div_ceil(MAX_POINTS).max(1);
     let some = |values: &[f64]| values.iter().copied().step_by(step).collect::<Vec<f64>>();
     let mut fields = vec![numbers(
         "deviation",
@@ -162,6 +165,7 @@ fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
         FieldKind::Signed(None),
         some(&shown.deviations),
     )];
+    // A field without any value would be an empty choice.
     if shown.normalised.iter().any(|v| v.is_finite()) {
         fields.push(numbers(
             "normalised",
@@ -197,6 +201,7 @@ fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
         vec![Block::Text("The model states no σ.".to_owned())]
     } else {
         let mean_square = {
+            // Points without σ are marked by NaN.
             let known: Vec<f64> = normalised.iter().copied().filter(|v| v.is_finite()).collect();
             known.iter().map(|v| v * v).sum::<f64>() / known.len().max(1) as f64
         };
@@ -226,6 +231,7 @@ fn left_out(report: &ComparisonReport) -> Section {
         (skipped.reference_beyond_border, "points of the reference beyond a border of the model"),
     ];
     let lines: Vec<Block> = (causes.into_iter())
+        // Causes that did not occur are not listed.
         .filter(|(n, _)| *n > 0)
         .map(|(n, what)| Block::Text(format!("{} {what}.", count(n))))
         .collect();

@@ -22,14 +22,14 @@ use planish_exchange::Unit;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// What to find and impose.
+/// Constraints to find and impose.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ConstrainJob {
-    /// Whether relations are looked for at all.
+    /// Whether relations are searched for.
     pub propose: bool,
-    /// The probability with which true relations fail.
+    /// Significance level: the probability that a true relation is rejected.
     pub level: Option<f64>,
-    /// The grid on which sizes are put where the statistics allow.
+    /// Grid to which sizes are rounded if the statistics permit it.
     pub snap: Option<Length>,
     /// Constraints given by the user, as text.
     pub given: Vec<String>,
@@ -85,7 +85,7 @@ pub struct ReportedSize {
     pub sigma: f64,
 }
 
-/// A relation that was looked at.
+/// A relation that was tested.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReportedRelation {
     /// In words.
@@ -98,10 +98,10 @@ pub struct ReportedRelation {
     pub degrees: usize,
     /// Probability of a χ² at least as large if the relation is true.
     pub p_value: f64,
-    /// The share of its range in which it would have been accepted.
+    /// Share of its range in which it would have been accepted by chance.
     pub chance: f64,
-    /// Of an implied one, the smallest set it follows from; of a refused one, the smallest set it quarrels
-    /// with.
+    /// For an implied relation, the smallest set that it follows from. For a refused one, the smallest set
+    /// that it conflicts with.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub with: Vec<String>,
 }
@@ -118,7 +118,7 @@ pub struct ImposedConstraint {
     pub constraint: Constraint,
 }
 
-/// A constraint with others that it follows from or quarrels with.
+/// A constraint with others that it follows from or conflicts with.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ReportedDependence {
     /// The constraint.
@@ -140,7 +140,7 @@ pub struct ReportedFreedoms {
     pub structural_rank: usize,
     /// Parameters less rank.
     pub free: usize,
-    /// How many of those are motions of the whole.
+    /// Number of these that are rigid motions of the whole drawing.
     pub rigid_motions: usize,
     /// Whether the witness is in general position.
     pub is_generic: bool,
@@ -157,15 +157,15 @@ pub struct ConstrainedReport {
     pub bars: Vec<ReportedSize>,
     /// Circles with their radii.
     pub circles: Vec<ReportedSize>,
-    /// Everything that was looked at.
+    /// All tested relations.
     pub relations: Vec<ReportedRelation>,
     /// Sizes and the grid.
     pub sizes: Vec<Snap>,
-    /// Everything that was imposed.
+    /// All imposed constraints.
     pub constraints: Vec<ImposedConstraint>,
     /// Dimensions that determine the contours together with the constraints.
     pub dimensions: Vec<Dimensioned>,
-    /// What all that cost the estimate.
+    /// χ² of all imposed constraints: the increase over the unconstrained estimate.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
@@ -210,11 +210,14 @@ pub(super) fn constrained(
         options.level = level;
     }
     let mut findings = Vec::new();
+    // Given constraints are tested alone first. Afterwards, found relations would blur which of them
+    // disagrees.
     let held = impose(&sketch.drawing, &sketch.covariance, &options.given, 0.0)?;
     // Constraints of the kinds (right angles of a rectangle) remove no degrees of freedom from the estimate,
     // so they are subtracted.
     let own = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0)?.degrees;
     let p_value = chi_square_tail(held.chi_square, held.degrees - own);
+    // A warning: the user may know the part better than the stated σ allows.
     if p_value < options.level {
         let text = format!(
             "the given constraints conflict with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
@@ -226,6 +229,7 @@ pub(super) fn constrained(
     let found = if job.propose {
         constrain(&sketch.drawing, &sketch.covariance, &options)?
     } else {
+        // No proposals: only the given constraints are imposed.
         constrain_among(&sketch.drawing, &sketch.covariance, &[], &options)?
     };
     let (found, sizes) = match job.snap {
@@ -235,6 +239,7 @@ pub(super) fn constrained(
             snap(&found, grid, &Dimension::all(&sketch.drawing))?
         }
     };
+    // Dimensions come last: they fill the degrees of freedom that constraints and rounded sizes leave.
     let dimensions = dimension_scheme(&found.drawing, &found.covariance, &found.constraints);
     let diagnosis = diagnose(&found.drawing, &found.constraints)?;
     let complete: Vec<Constraint> = found
@@ -261,6 +266,8 @@ fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constrai
     if job.given.is_empty() {
         return Ok(all);
     }
+    // Conflicts among given constraints are errors. No estimate satisfies them, and dropping one silently
+    // would choose for the user.
     let found = diagnose(&sketch.drawing, &all)?;
     if found.conflicting.is_empty() {
         return Ok(all);
@@ -296,6 +303,7 @@ fn estimated(part: &Part, seen: Option<[[f64; 2]; 2]>) -> EstimatedContour {
     let factors: Vec<f64> = kind.names().into_iter().map(|(_, factor)| factor).collect();
     let n = factors.len();
     EstimatedContour {
+        // Back from reported units (degrees) to those of the equations (radians).
         theta: (0..n).map(|i| values[i] / factors[i]).collect(),
         covariance: DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (factors[i] * factors[j])),
         kind,
@@ -429,6 +437,7 @@ fn imposed(sketch: &Sketch, found: &Constrained, sizes: &[Snap]) -> Vec<ImposedC
     let snapped = sizes.iter().filter(|size| size.outcome == SnapOutcome::Snapped).count();
     let accepted = found.accepted().count();
     let count = found.constraints.len();
+    // The list is in the order in which constraints were imposed: kinds, given, relations, rounded sizes.
     let from = |i: usize| match i {
         i if i < sketch.given.len() => "kind",
         i if i >= count - snapped => "grid",

@@ -36,7 +36,7 @@ pub(super) fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
     Ok(words.join(" "))
 }
 
-/// Where the number at the end of a word begins, and the number.
+/// The number at the end of a word, with its start.
 fn as_number(word: &str) -> Option<(usize, f64)> {
     let start = word.rfind(['(', '=']).map_or(0, |k| k + 1);
     word[start..].parse().ok().map(|value| (start, value))

@@ -1,4 +1,4 @@
-//! What contours of several levels make together.
+//! The solid that contours of several levels form.
 
 use super::Part;
 use super::report::canonical;
@@ -7,7 +7,9 @@ use planish_contour::planar::ContourKind;
 use planish_estimate::ChiSquareBand;
 use serde::Serialize;
 
-/// Confidence of the test that compares levels. Levels that pass are treated as equal.
+/// Confidence of the test that compares levels. Levels that pass are treated as equal. A higher value merges
+/// levels that differ; a lower one separates equal levels by chance. Guarded by the test
+/// `levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution`.
 const CONFIDENCE: f64 = 0.99;
 
 /// How the main contours of the levels are related.
@@ -33,15 +35,16 @@ pub struct LevelRelation {
     pub chi_square: f64,
     /// Its degrees of freedom.
     pub degrees: usize,
-    /// What it may be at 99 %.
+    /// Its limit at 99 %.
     pub limit: f64,
-    /// The mean of what agrees, by information, with its σ: names, values, σ.
+    /// Mean of the agreeing parameters, weighted by information: names, values, σ.
     pub mean: Vec<(String, f64, f64)>,
 }
 
 /// Compares the largest contour of each level; `None` with fewer than two levels.
 pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
     let mut main: Vec<&Part> = Vec::new();
+    // Parts are sorted by size, so the first of each level is its largest.
     for part in parts.iter().filter(|p| p.level.is_some()) {
         if !main.iter().any(|m| m.level == part.level) {
             main.push(part);
@@ -61,6 +64,7 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
         mean: Vec::new(),
     };
     let kind = &main[0].choice.fit.kind;
+    // Different kinds have no parameters in common that could be compared.
     if main.iter().any(|p| p.choice.fit.kind != *kind) {
         return Some(nothing);
     }
@@ -69,6 +73,7 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
     let Some(prism) = compared else {
         return Some(nothing);
     };
+    // The stricter relation first: a prism of circles is also a solid of revolution.
     if prism.chi_square <= prism.limit {
         return Some(LevelRelation { relation: Relation::Prism, ..prism });
     }
@@ -100,6 +105,8 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
                 }
             }
         }
+        // The block of the covariance before inversion: this leaves the other parameters free. A block of the
+        // information would hold them fixed.
         let weight = covariance.view((0, 0), (count, count)).into_owned().try_inverse()?;
         information += &weight;
         vector += &weight * &x;

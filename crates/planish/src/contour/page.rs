@@ -38,7 +38,7 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
     }
 }
 
-/// What was found in how many readings.
+/// The kinds of the contours and the number of readings.
 pub(crate) fn headline(report: &ContourReport) -> String {
     let readings = report.contours.iter().map(|p| p.readings).sum();
     format!("{} in {}.", kinds_of(report), counted(readings, "reading"))
@@ -74,6 +74,7 @@ pub(crate) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
 }
 
 fn unit_of<'a>(name: &str, unit: &'a str) -> &'a str {
+    // Names of parameters are keys of the JSON, so they can be relied on.
     let is_angle = ["angle", "heading", "direction", "rotation"].iter().any(|word| name.contains(word));
     if is_angle { "°" } else { unit }
 }
@@ -83,11 +84,12 @@ fn words(name: &str) -> String {
     name.trim_end_matches("_deg").replace('_', " ")
 }
 
-/// A value with its σ, with as many digits as σ leaves.
+/// A value with its σ. The number of digits follows from σ.
 pub(crate) fn with_sigma(value: f64, sigma: f64) -> String {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return significant(value, 6);
     }
+    // Two digits of σ: one would round 0.014 to 0.01, which is 30 % less.
     let decimals = (1 - sigma.log10().floor() as i32).clamp(0, 12) as usize;
     let text = format!("{value:.decimals$}");
     // What rounds to zero has no sign.
@@ -104,6 +106,7 @@ pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
         let unit = unit_of(name, unit);
         let name = head(name, unit);
         let decimals = with_sigma(value.value, value.sigma);
+        // Both columns with the same decimals.
         let (value_text, sigma_text) = decimals.split_once(" ± ").unwrap_or((&decimals, "–"));
         table.row([name, value_text.to_owned(), sigma_text.to_owned()], false);
     }

@@ -52,7 +52,7 @@ pub struct PartReport {
     pub bic_margin: Option<f64>,
     /// The other kinds.
     pub alternatives: Vec<ReportedAlternative>,
-    /// How many readings it has.
+    /// Number of readings.
     pub readings: usize,
     /// Number of readings beyond the gate.
     pub rejected: usize,
@@ -112,14 +112,18 @@ pub(super) fn as_map<S: serde::Serializer>(
 /// The state and covariance of a fit in canonical parameters and the units of files, motion at the end.
 pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64>) {
     let k = fit.kind.parameters();
+    // Different states can describe the same contour (sides exchanged, an angle turned by a period).
+    // Canonical parameters make reports comparable.
     let (mut values, mut from) = fit.kind.canonical(&fit.state.as_slice()[..k]);
     let mut names = fit.kind.names();
     let motion = [("velocity_x", 1.0), ("velocity_y", 1.0), ("rotation_deg_per_s", 1f64.to_degrees())];
     for (i, (name, factor)) in motion.into_iter().take(fit.state.len() - k).enumerate() {
         names.push((name.to_owned(), factor));
         values.push(fit.state[k + i]);
+        // The motion is unique, so it is not changed.
         from.push((k + i, 1.0));
     }
+    // A change of sign or unit per parameter, so the covariance needs no full Jacobian.
     let factor = |i: usize| names[i].1 * from[i].1;
     let covariance = DMatrix::from_fn(values.len(), values.len(), |i, j| {
         factor(i) * factor(j) * fit.covariance[(from[i].0, from[j].0)]
@@ -140,6 +144,7 @@ pub(super) fn report(
         findings.extend(part_findings(part, i));
     }
     ContourReport {
+        // Parts are sorted by size, and there is at least one.
         main: contours[0].clone(),
         levels: relation(parts),
         constrained: None,
@@ -150,13 +155,15 @@ pub(super) fn report(
     }
 }
 
-/// A contour that leaves more than this share of its readings out may be of the wrong kind.
-const MANY_LEFT_OUT: f64 = 0.15;
+/// Maximum share of a contour's readings beyond the gate without a finding. A few percent are gross errors;
+/// more are systematic, as with a wrong kind.
+const MAX_SKIPPED_SHARE: f64 = 0.15;
 
 /// Findings about the contour at a place of the report.
 pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
     let mut findings = Vec::new();
     let name = format!("contour {} ({}, {} readings)", index + 1, part.kind, part.readings);
+    // A BIC difference of 6 to 10 is strong evidence, below 6 it is not (R. Kass, A. Raftery 1995).
     if let Some(margin) = part.bic_margin.filter(|margin| *margin < 6.0) {
         let other = part.alternatives.first().map_or("another", |a| a.kind.as_str());
         findings.push(Finding::new(
@@ -164,6 +171,7 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
             format!("{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"),
         ));
     }
+    // About 0.63 to 1.6 in σ. Stated σ are rarely more exact.
     if !(0.4..2.5).contains(&part.reduced_chi_square) {
         findings.push(Finding::new(
             FindingCode::ResidualsInconsistent,
@@ -173,7 +181,7 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
             ),
         ));
     }
-    if part.rejected as f64 > MANY_LEFT_OUT * part.readings as f64 {
+    if part.rejected as f64 > MAX_SKIPPED_SHARE * part.readings as f64 {
         let text = format!(
             "{name}: {} of its readings lie beyond the gate and were rejected: the kind may be wrong; state \
              another, or check σ",
@@ -191,6 +199,7 @@ pub(super) fn judge(report: &ContourReport) -> Vec<Finding> {
         let text = "some of the given constraints conflict with each other";
         vec![Finding::new(FindingCode::ConstraintsConflict, text)]
     } else if report.findings.is_empty() {
+        // Only without any finding. Otherwise this sentence would contradict it.
         let text = "the readings agree with the result, within their σ";
         vec![Finding::new(FindingCode::ReadingsConsistent, text)]
     } else {
@@ -250,7 +259,9 @@ fn hole_of(parts: &[Part], index: usize) -> Option<usize> {
     };
     let inner = outline(&parts[index])?;
     let others = (0..parts.len()).filter(|&i| i != index && parts[i].level == parts[index].level);
+    // All vertices must be inside: outlines of different parts that cross are no holes.
     let around = others
         .filter(|&i| outline(&parts[i]).is_some_and(|o| inner.vertices.iter().all(|&v| contains(&o, v))));
+    // Of nested outlines, the innermost one. It usually has the fewest readings.
     around.min_by_key(|&i| parts[i].members.len())
 }

@@ -10,10 +10,11 @@ use crate::contour::ContourReport;
 use planish_contour::planar::ContourKind;
 use planish_exchange::contours::{DrawnContour, SizeLabel};
 
-/// A line has a reported length where they differ by at most this share.
-const SAME: f64 = 1e-6;
+/// Maximum relative difference between a drawn line and a reported size that still are the same. Both come
+/// from the same parameters and differ by rounding only.
+const LENGTH_TOLERANCE: f64 = 1e-6;
 
-/// A size that is reported.
+/// A reported size.
 struct Size {
     name: String,
     value: f64,
@@ -65,8 +66,9 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
             let length = chord[0].hypot(chord[1]);
             let is_radius = bulge != 0.0;
             let value = if is_radius { length * (1.0 + bulge * bulge) / (4.0 * bulge.abs()) } else { length };
-            let same =
-                |size: &Size| size.is_radius == is_radius && (size.value - value).abs() <= SAME * value;
+            let same = |size: &Size| {
+                size.is_radius == is_radius && (size.value - value).abs() <= LENGTH_TOLERANCE * value
+            };
             // Each size is written once: the corners of a rounded rectangle share one.
             let Some(found) = sizes.iter().position(same) else {
                 continue;

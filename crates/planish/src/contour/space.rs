@@ -18,12 +18,14 @@ use planish_exchange::extension;
 /// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
 /// `Undetermined` when no shape can be fitted.
 pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
+    // Drawings are planar. The check is here, because planar contours accept them.
     if let Some(output) = job.outputs.iter().find(|output| extension(output) != "json") {
         return Err(Error::unsupported(format!(
             "{}: a shape in space is written as .json",
             output.display()
         )));
     }
+    // An error, because an ignored motion would look like a resting object.
     if job.fit.motion != PlanarMotion::Still || job.fit.form != Form::ActiveFacet {
         return Err(Error::unsupported(
             "shapes in space support neither motion nor the product form: omit both",

@@ -30,7 +30,7 @@ pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> 
     let (is_log, is_picture) = (readings == Readings::Log, readings == Readings::Picture);
     let has_poses = !matches!(readings, Readings::Points | Readings::Picture);
     let has_points = matches!(readings, Readings::Points | Readings::Space);
-    // The setting, its name, whether it is given, whether it can be used, and what it is for.
+    // Setting, name, whether it is given, whether the readings can use it, and its purpose.
     let options = [
         (Setting::Region, "a region", job.carmen.region.is_some(), is_log, "logs of scans"),
         (Setting::Scan, "the first scan", job.carmen.first != usual.first, is_log, "logs of scans"),

@@ -5,17 +5,19 @@ use planish_core::{Finding, FindingCode, Setting};
 use planish_report::numbers::{counted, percent, significant};
 use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 
-/// Maximum normalised rms of a consistent scan.
-const MAX_NORMALISED_RMS: f64 = 1.5;
-/// Maximum mean residual of a scan, in σ of a reading. Beyond it, the scan is offset from the others.
-const MAX_OFFSET: f64 = 0.5;
-/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times
-/// the fraction of all scans.
+/// Maximum rms of a scan's residuals, in σ. A common σ of several scans is right only on average, so some
+/// excess is normal. This and the following limits are stated in `docs/reports.md`.
+const MAX_NORMALISED: f64 = 1.5;
+/// Maximum mean residual of a scan, in σ of a reading. The mean of many readings is known far better, so
+/// smaller shifts are significant, too. They matter little, because the noise hides them.
+const MAX_MEAN_SIGMAS: f64 = 0.5;
+/// A scan of which more than this share is rejected, and more than three times the share of all, does not
+/// fit.
 const MAX_REJECTED: f64 = 0.1;
-/// Minimum number of readings; scans with fewer are not judged.
-const MIN_READINGS: usize = 30;
-/// Maximum normalised rms of held-out readings for a consistent σ; its inverse is the minimum.
-const MAX_HELD_OUT_RMS: f64 = 1.25;
+/// Minimum number of readings for judging a scan. With 30, the rms has a relative σ of 13 %.
+const MIN_JUDGED: usize = 30;
+/// Largest ratio between predicted and observed σ of held-out readings that counts as consistent.
+const SIGMA_TOLERANCE: f64 = 1.25;
 
 /// The findings that follow from the figures of a fit.
 pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
@@ -36,11 +38,11 @@ fn held_out(report: &FitReport) -> Option<Finding> {
     let ratio = report.held_out.rms_normalised;
     let (code, text) = match report.held_out.n {
         0 => return None,
-        _ if ratio > MAX_HELD_OUT_RMS => (
+        _ if ratio > SIGMA_TOLERANCE => (
             FindingCode::SigmaTooSmall,
             format!("σ is too small: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
-        _ if ratio < 1.0 / MAX_HELD_OUT_RMS => (
+        _ if ratio < 1.0 / SIGMA_TOLERANCE => (
             FindingCode::SigmaTooLarge,
             format!("σ is too large: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
@@ -59,10 +61,12 @@ fn held_out(report: &FitReport) -> Option<Finding> {
 /// Whether a scan does not fit the others, and how that shows.
 pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<Finding> {
     let total = scan.used + scan.rejected;
-    if total < MIN_READINGS {
+    if total < MIN_JUDGED {
         return None;
     }
+    // Rejections are tested first: they shift the mean and the rms of what remains.
     let share = scan.rejected as f64 / total as f64;
+    // The mean σ of the scan's readings, which may differ in their own.
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
     let name = &scan.name;
     if share > MAX_REJECTED && share > 3.0 * share_of_all {
@@ -73,7 +77,7 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
             percent(share_of_all)
         );
         Some(Finding::new(FindingCode::ScanMisfit, text))
-    } else if scan.mean.abs() > MAX_OFFSET * sigma {
+    } else if scan.mean.abs() > MAX_MEAN_SIGMAS * sigma {
         let text = format!(
             "scan {name} lies {} off the others on average ({} σ of a reading): its pose may be wrong; \
              aligning the scans estimates it",
@@ -81,7 +85,7 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
             significant(scan.mean.abs() / sigma, 2)
         );
         Some(Finding::new(FindingCode::ScanMisfit, text).with_setting(Setting::Align))
-    } else if scan.rms_normalised > MAX_NORMALISED_RMS {
+    } else if scan.rms_normalised > MAX_NORMALISED {
         let times = significant(scan.rms_normalised, 2);
         let text = format!("scan {name} does not fit: its residuals are {times} times their σ");
         Some(Finding::new(FindingCode::ScanMisfit, text))

@@ -15,7 +15,7 @@ use planish_surface::fit::{Fit, FitReport, ScanSummary};
 use planish_surface::model::SensorReport;
 use std::path::PathBuf;
 
-/// Points to measure next that a report names.
+/// Number of points to measure next that a report names. More would hide the first ones in the view.
 const NEXT_POINTS: usize = 5;
 
 /// The page of a fit. `named` are the files that the command names; `report` holds the findings of the whole
@@ -28,10 +28,12 @@ pub(crate) fn fit_page(
     verb: &str,
 ) -> Result<Page> {
     let model_unit = fit.model.unit.name();
+    // One unit for the whole page, so that figures can be compared by eye.
     let unit = SmallUnit::for_length(model_unit, report.rms.max(report.sigma.median));
     let length = |value: f64| unit.text(value);
     let (mut scene, tolerance) =
         model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;
+    // The plan is made from the model as it is written, so it agrees with `planish next`.
     let next = what_next(fit)?;
     if let Some(next) = &next {
         scene.marks = next_marks(&next.points, unit);
@@ -39,6 +41,7 @@ pub(crate) fn fit_page(
     }
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
     let mut sections = vec![went_in(report, scans, unit), how_good(fit, report, unit)];
+    // Findings come first on the page; the sections give their evidence in the order of the work.
     sections.extend(concluded(report));
     sections.push(to_do(report, next.as_ref(), model_unit, unit));
     sections.push(Section::new(
@@ -115,6 +118,7 @@ fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Se
                     unit.number(scan.mean, 2),
                     significant(scan.rms_normalised, 3),
                 ],
+                // The table marks exactly the scans that have a finding.
                 misfit(scan, share, unit).is_some(),
             );
         }
@@ -134,6 +138,7 @@ fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Se
 /// Causes in words.
 fn why(cause: &str) -> String {
     match cause {
+        // Keys of the summary, in words. A new key is shown as it is.
         "depth_edge" => "at depth edges".to_owned(),
         "grazing" => "seen at a grazing angle".to_owned(),
         "isolated" => "far from all others".to_owned(),
@@ -150,6 +155,7 @@ fn why(cause: &str) -> String {
 fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let positions: Vec<&SensorReport> = report.sensors.iter().filter(|s| s.quantity == "position").collect();
+    // Without a stated σ there is nothing to compare.
     if positions.iter().any(|s| s.sigma_stated.is_some()) {
         let rows: Vec<(String, Option<f64>, f64)> = (positions.iter())
             .map(|s| {
@@ -167,6 +173,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     let mut table = Table::new(["sensor", "readings", "σ stated", "σ found", "rms", "used"]);
     for sensor in &report.sensors {
         let (name, factor) = match sensor.quantity.as_str() {
+            // Angles and curvatures are not lengths, so the unit of the page does not apply to them.
             "normal" => (format!("{} (normals, °)", sensor.name), 1.0),
             "curvature" => (format!("{} (curvatures)", sensor.name), 1.0),
             _ => (format!("{} / {}", sensor.name, unit.name), unit.factor),
@@ -193,6 +200,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
                 .to_owned(),
         });
     }
+    // Poses that were used as stated have no motion to show.
     let moved: Vec<_> = report.poses.iter().filter(|p| p.moved.is_some()).collect();
     if !moved.is_empty() {
         let by = unit.head("moved");
@@ -218,6 +226,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
         svg: plot::shares(&[
             ("measured", measured, blue),
             ("completed", completed, orange),
+            // The three shares add up to 1 but for rounding.
             ("smoothness alone", (1.0 - measured - completed).max(0.0), grey),
         ]),
         caption: "What the surface is known by, of its area.".to_owned(),
@@ -232,7 +241,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     Section::new("How good it is", blocks)
 }
 
-/// What was completed by what was measured elsewhere.
+/// The section about parts that were completed from measured parts.
 fn concluded(report: &FitReport) -> Option<Section> {
     let found = report.propagation.as_ref()?;
     let mut blocks = Vec::new();
@@ -263,6 +272,7 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
     let options = NextOptions { count: NEXT_POINTS, ..NextOptions::default() };
     match next_points(&fit.model, &options, &Silent) {
         Ok(next) => Ok(Some(next)),
+        // A report without this section is better than none. Interruptions and failures are passed on.
         Err(e) if matches!(e.kind(), ErrorKind::Unsupported | ErrorKind::Input) => Ok(None),
         Err(e) => Err(e),
     }
@@ -270,6 +280,7 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
 
 fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
+    // Corrections of the input come before new measurements: they cost nothing.
     if report.sensors.iter().any(|sensor| false_sigma(sensor).is_some()) {
         blocks.push(Block::Text(
             "Correct the σ of the sensors that are marked, or leave it out so that it is estimated."

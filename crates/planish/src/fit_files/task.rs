@@ -3,7 +3,7 @@
 use planish_surface::fit::{FitOptions, GroundWidth, UpdateOptions};
 use std::path::{Path, PathBuf};
 
-/// What a [`FitJob`](super::FitJob) does with its scans.
+/// The task of a [`FitJob`](super::FitJob): a new fit, or an update.
 ///
 /// # Examples
 /// ```

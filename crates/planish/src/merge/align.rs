@@ -43,6 +43,7 @@ use planish_surface::model::ScanPoseReport;
 const MAX_VERTICES: usize = 5000;
 /// Minimum number of residuals of a patch: twice the six parameters of its motion.
 const MIN_RESIDUALS: usize = 12;
+/// Bound of the cost. An alignment that reaches it is reported as not converged.
 const MAX_ROUNDS: u32 = 60;
 /// Number of full Gauss-Newton steps. Later steps are averaged, because overlaps at borders change from step
 /// to step.
@@ -126,10 +127,12 @@ pub(super) fn align(
         let pose = motion.pose;
         let (mut square, count) = (0.0, patch.mesh.positions.len().max(1) as f64);
         for p in &mut patch.mesh.positions {
+            // The reported motion is the rms over vertices: a translation alone would depend on the origin.
             let moved = pose.apply(*p);
             square += distance(moved, *p).powi(2) / count;
             *p = moved;
         }
+        // The first patch does not move, so its search structure stays valid.
         if k > 0 {
             searches[k] = MeshSearch::try_new(&patch.mesh)?;
         }
@@ -200,6 +203,7 @@ fn motions(
     let prior = PosePrior::from_size(size);
     let stated = patches.iter().all(|p| !p.sigma.is_empty());
     let spacing = (sides.iter())
+        // Without stated σ, the spacing of vertices is the only scale of their distance.
         .map(|s| (s.patch.mesh.area() / s.patch.mesh.positions.len().max(1) as f64).sqrt())
         .fold(0.0, f64::max);
     let sigma = (sides.iter()).flat_map(|s| s.patch.sigma.iter().copied()).fold(0.0, f64::max);
@@ -220,6 +224,7 @@ fn motions(
                 patches.len()
             )));
         }
+        // The scale never falls below a stated σ. Otherwise a good fit would reject correct residuals.
         let min_scale = if stated { 1.0 } else { MIN_SCALE * size };
         let scale = median_magnitude_scale(&normalised)?.max(min_scale);
         let equations = Equations::new(&sides, &rows, scale, &prior)?;
@@ -233,6 +238,7 @@ fn motions(
             let middle = side.middle_now();
             side.pose = about(by.map(|x| share * x), middle).after(&side.pose);
         }
+        // The reach only shrinks: a larger one would bring back pairs of different surfaces.
         reach = (REACH * median_magnitude_scale(&lengths)?).max(min_reach).min(reach);
         if converged || round + 1 == MAX_ROUNDS {
             if !converged {
@@ -300,6 +306,7 @@ fn unaligned<'a>(
 /// Robust scale of the distances between a patch and others: as a length, and in σ if they are stated. Zero
 /// without overlap.
 fn distance_scales(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
+    // Both directions count: a small patch has few vertices, but the others have many beside it.
     let mine = || rows.iter().filter(|r| r.here == k || r.there == k);
     let off: Vec<f64> = mine().map(|r| r.distance).collect();
     if off.is_empty() {
@@ -321,6 +328,7 @@ fn motion(
     prior: &PosePrior,
 ) -> Motion {
     let pose = sides[k].pose;
+    // The frame is that of patch 0, and a patch with too few residuals has only its prior.
     if k == 0 || residual_count(k, rows) < MIN_RESIDUALS {
         return Motion { pose, covariance: None, undetermined: Vec::new() };
     }
@@ -334,9 +342,11 @@ fn motion(
         let by = cross([a, b, c], arm);
         [x + by[0], y + by[1], z + by[2], a, b, c]
     };
+    // `T C Tᵀ` in two passes, with `T` the change of the centre of rotation.
     let columns: [[f64; 6]; 6] =
         std::array::from_fn(|b| of_frame(std::array::from_fn(|a| about_middle[(a, b)])));
     let rows_too: [[f64; 6]; 6] = std::array::from_fn(|a| of_frame(std::array::from_fn(|b| columns[b][a])));
+    // Relative to the prior, translations and rotations have the same unit and can share one limit.
     let held = Matrix6::from_fn(|a, b| about_middle[(a, b)] / (prior.sigma(a) * prior.sigma(b)));
     let open = held.symmetric_eigen();
     let undetermined = (0..6)
@@ -369,6 +379,7 @@ fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
     let mut areas = vec![0.0; mesh.positions.len()];
     for t in &mesh.triangles {
         let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        // A vertex represents a third of each of its triangles, so the areas add up to that of the mesh.
         let third = norm(cross(sub(b, a), sub(c, a))) / 6.0;
         for v in t {
             areas[*v as usize] += third;

@@ -21,17 +21,20 @@ use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// Radius of a piece, in edges.
-const RADIUS: f64 = 12.0;
+/// Radius of a piece, in edges. Larger pieces bend too far for a height field; smaller ones have too few
+/// readings per spline.
+const RADIUS_EDGES: f64 = 12.0;
 /// Side of a spline cell, in edges. Smaller cells follow noise; larger ones smooth shape.
-const CELL: f64 = 1.75;
-/// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1.
-const COVERED: f64 = 0.4;
+const CELL_EDGES: f64 = 1.75;
+/// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1. A larger
+/// value means more, closer pieces at proportional cost.
+const MIN_COVERAGE: f64 = 0.4;
 /// Maximum number of cells across a piece. Fine vertices among coarse ones would otherwise demand too many.
 const MAX_CELLS_ACROSS: f64 = 60.0;
 /// Minimum number of vertices for a refit.
 const MIN_VERTICES: usize = 4;
-/// Minimum cosine between the normals of a piece and of its centre.
+/// Minimum cosine between the normals of a piece and of its centre (53°). Steeper vertices would have large
+/// errors along the axis of the height field.
 const MIN_COSINE: f64 = 0.6;
 /// Width over which a refit is blended in, relative to the width over which a patch gains its weight in a
 /// mean. At the border of its data, a spline is less accurate than its covariance states.
@@ -39,7 +42,7 @@ const BLEND_WIDTH: f64 = 2.0;
 /// Number of pieces that are fitted in parallel.
 const BATCH: usize = 64;
 
-/// What is refitted, and the weights of the readings.
+/// Selection of the refitted vertices, and weights of the readings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Refit {
     /// Only vertices in overlaps, with equal weights (the method of the paper).
@@ -99,7 +102,7 @@ pub(super) fn refitted(
         while next < seeds.len() && pieces.len() < BATCH {
             let (p, v) = seeds[next];
             next += 1;
-            if weight[p as usize][v as usize] >= COVERED {
+            if weight[p as usize][v as usize] >= MIN_COVERAGE {
                 continue;
             }
             let members = walk
@@ -196,6 +199,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     let Some(z) = unit(axis) else {
         return Ok(Vec::new());
     };
+    // The axis most perpendicular to `z` gives a cross product far from zero.
     let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
     let aside: [f64; 3] = std::array::from_fn(|k| f64::from(u8::from(k == smallest)));
     let Some(x) = unit(cross(aside, z)) else {
@@ -231,7 +235,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     };
     let extent =
         (readings.iter()).fold(0.0_f64, |largest, r| largest.max(r.place[0].abs()).max(r.place[1].abs()));
-    let cell = (CELL * spacing).max(2.0 * extent / MAX_CELLS_ACROSS);
+    let cell = (CELL_EDGES * spacing).max(2.0 * extent / MAX_CELLS_ACROSS);
     let field = HeightField::fit(&readings, cell, dispersion)?;
     let places: Vec<[f64; 2]> = readings.iter().map(|r| r.place).collect();
     Ok((piece.members.iter().zip(&readings))
@@ -239,6 +243,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         .filter_map(|(((member, w), reading), found)| {
             let found = found?;
             let to = add_scaled(at(*member), found.height - reading.height, z);
+            // From the axis of the height field back to the normal.
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
             Some(FittedVertex {
                 place: *member,
@@ -276,7 +281,7 @@ impl Walk {
         let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
         let known = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
         let (of, v) = known(first);
-        let (middle, normal, radius) = (at(first), of.normals[v], RADIUS * of.spacing[v]);
+        let (middle, normal, radius) = (at(first), of.normals[v], RADIUS_EDGES * of.spacing[v]);
         let mut members = Vec::new();
         let mut queue = vec![first];
         self.met[first.0 as usize][first.1 as usize] = self.walks;

@@ -15,25 +15,28 @@ use planish_mesh::{
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// The bound is removed where a patch is within this many of its edges along the normal.
+/// The bound is removed where a patch is within this many of its edges along the normal. With a smaller
+/// value, pieces of the bound remain over a patch where the hull stands off.
 const MAX_GAP_EDGES: f64 = 6.0;
 /// The bound is also removed within this many edges of a patch's border, which leaves room for stitching.
 const BORDER_EDGES: f64 = 1.0;
-/// Normals of one side of an object differ by less.
-const LARGEST_ANGLE_RAD: f64 = 1.2;
+/// Maximum angle between normals of the same side of an object. Larger angles would pair the two sides of a
+/// thin part.
+const MAX_ANGLE_RAD: f64 = 1.2;
 /// ε of the overlap search, in edges. The remaining bound overlaps no patch, so almost nothing may be fused.
 const EPSILON: f64 = 0.01;
 
 /// Maximum distance of patch triangles outside the bound, in edges of the bound.
 const MAX_OUTSIDE_EDGES: f64 = 1.5;
-/// Holes of no more edges than this are notches in borders that were sewn.
-const NOTCH: usize = 8;
+/// Maximum number of edges of a notch in a stitched border. Larger holes are left to hole filling.
+const MAX_NOTCH_EDGES: usize = 8;
 /// Maximum number of sample points along an edge of a triangle.
 const MAX_STEPS: usize = 32;
 
 /// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the
-/// bound is larger than this.
-const FACES: f64 = 0.1;
+/// bound is larger than this. A sheet that stands on edge has a mean near zero, and reversing it would be a
+/// guess (see the tests).
+const MIN_FACING_COSINE: f64 = 0.1;
 /// Approximate number of sample points of a part for its orientation.
 const ORIENTATION_SAMPLES: usize = 5000;
 
@@ -48,13 +51,13 @@ pub(super) struct Facing {
 
 /// A completed mesh, and the part of it that comes from the bound.
 pub(super) struct Completed {
-    /// The whole; patch 0 of its sources is what was merged, 1 the bound.
+    /// The completed mesh. In its sources, patch 0 is the merged surface and 1 is the bound.
     pub whole: StitchedMesh,
     /// Vertices that are the bound's.
     pub vertices: usize,
-    /// Triangles that were carved away, as they reached out of the bound.
+    /// Triangles that were removed because they lie outside the bound.
     pub carved: usize,
-    /// Which way the patches faced.
+    /// Orientation of the patches.
     pub facing: Facing,
 }
 
@@ -67,12 +70,14 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
     let mut mesh = bound.mesh.clone();
     // Of an equilateral triangle with the mean area.
     let edge = (mesh.area() / mesh.triangles.len() as f64 * 4.0 / 3.0_f64.sqrt()).sqrt();
+    // Only a closed bound has an inside, so only then is anything carved or oriented.
     let volume = mesh.signed_volume();
     if volume.is_some_and(|volume| volume < 0.0) {
         mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     }
     let bound_search = MeshSearch::try_new(&mesh)?;
     let mut patches = merged.mesh.clone();
+    // Orientation first: coverage compares normals.
     let facing = face_as(&mut patches, &bound_search);
     let limits = volume.is_some().then_some((&bound_search, edge));
     let (first, source, mut carved) = within(&patches, &merged.sigma, limits)?;
@@ -80,12 +85,14 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
     let normals = mesh.vertex_normals();
     let covered: Vec<bool> = (mesh.positions.par_iter().zip(&normals))
         .map(|(p, n)| {
-            let foot = search.closest_compatible_within(*p, *n, LARGEST_ANGLE_RAD, MAX_GAP_EDGES * edge);
+            let foot = search.closest_compatible_within(*p, *n, MAX_ANGLE_RAD, MAX_GAP_EDGES * edge);
+            // Beside a border, the foot is on the border itself. Only a narrow strip is removed there.
             foot.is_some_and(|foot| !foot.on_boundary || foot.distance <= BORDER_EDGES * edge)
         })
         .collect();
     mesh.triangles.retain(|t| t.iter().all(|v| !covered[*v as usize]));
     let sigma = match bound.sigma.is_empty() {
+        // Without σ, the size of its cells is the best that is known of a hull.
         true => vec![edge; mesh.positions.len()],
         false => bound.sigma.clone(),
     };
@@ -111,7 +118,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
             positions: patch.mesh.positions.clone(),
             sigma: patch.sigma.clone(),
         });
-        stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: NOTCH })?
+        stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: MAX_NOTCH_EDGES })?
     };
     // Stitching may have closed holes outside the bound, so the limits are applied again.
     let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
@@ -158,6 +165,7 @@ pub(super) fn facing_findings(facing: Facing, bound: &str) -> Vec<Finding> {
 fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
     let part = parts_of(mesh);
     let normals = mesh.vertex_normals();
+    // A majority decision, so a sample is enough.
     let step = (mesh.positions.len() / ORIENTATION_SAMPLES).max(1);
     let cosines: Vec<f64> = (mesh.positions.par_iter().zip(&normals).enumerate())
         .map(|(v, (p, n))| match v % step {
@@ -173,16 +181,17 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
             *count += 1.0;
         }
     }
-    let against =
-        |t: &[u32; 3]| (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -FACES * count);
+    let against = |t: &[u32; 3]| {
+        (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -MIN_FACING_COSINE * count)
+    };
     for t in &mut mesh.triangles {
         if against(t) {
             t.swap(1, 2);
         }
     }
     Facing {
-        turned: sums.values().filter(|(sum, count)| *sum < -FACES * count).count(),
-        undetermined: sums.values().filter(|(sum, count)| sum.abs() <= FACES * count).count(),
+        turned: sums.values().filter(|(sum, count)| *sum < -MIN_FACING_COSINE * count).count(),
+        undetermined: sums.values().filter(|(sum, count)| sum.abs() <= MIN_FACING_COSINE * count).count(),
     }
 }
 
@@ -206,6 +215,7 @@ fn within(
         let Some((search, edge)) = bound else { return true };
         let [a, b, c] = mesh.corners(t);
         let longest = distance(a, b).max(distance(b, c)).max(distance(c, a));
+        // Corners alone would miss a large triangle that leaves the bound in its middle.
         let steps = ((longest / edge).ceil().max(1.0) as usize).min(MAX_STEPS);
         let mut places = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| [i, j, steps - i - j]));
         places.all(|weights| {

@@ -18,7 +18,8 @@ use std::cmp::Reverse;
 const MAX_SAMPLES: usize = 2000;
 
 /// Patches with stated σ overlap if their distance is at most this many σ of the difference. A larger value
-/// would pair the two sides of a thin plate.
+/// would pair the two sides of a thin plate. Guarded by the test
+/// `the_sides_of_a_thin_plate_are_not_turned_over`.
 const MAX_SIGMAS: f64 = 5.0;
 /// Lower limit of that distance, as a fraction of two edge lengths: chord errors of coarse meshes may exceed
 /// σ.
@@ -48,6 +49,7 @@ pub(super) fn leave_out_copies(
         let bounds = mesh.bounding_box();
         let same = kept.iter().find(|(other, of_other)| {
             let other = &other.tidied.patch.mesh;
+            // Boxes are compared first, because sorting all vertices is expensive.
             bounds == *of_other
                 && mesh.positions.len() == other.positions.len()
                 && sorted(&mesh.positions) == sorted(&other.positions)

@@ -22,7 +22,7 @@ pub struct RegionReport {
     pub rms: f64,
 }
 
-/// What was merged.
+/// A merged patch.
 #[derive(Debug, Clone, Serialize)]
 pub struct PatchReport {
     /// Its file or scan.
@@ -57,11 +57,11 @@ pub struct CompletionReport {
     pub name: String,
     /// Number of its vertices in the merged mesh. Their `observed` is 2 (completed).
     pub vertices: usize,
-    /// Triangles of the patches and of closed holes that were carved away, as they reached out of it.
+    /// Triangles of the patches and of closed holes that were removed because they lie outside it.
     pub carved: usize,
 }
 
-/// What filling added to the patches.
+/// The filled holes.
 #[derive(Debug, Clone, Serialize)]
 pub struct FillReport {
     /// Holes that were filled.
@@ -76,7 +76,7 @@ pub struct FillReport {
     pub left_open: usize,
 }
 
-/// What came of a merge.
+/// The figures of a merge.
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeReport {
     /// How shared places were fused.
@@ -95,7 +95,7 @@ pub struct MergeReport {
     pub parts: usize,
     /// Common regions, largest first.
     pub regions: Vec<RegionReport>,
-    /// What was merged.
+    /// The patches, in the order of the files.
     pub patches: Vec<PatchReport>,
     /// How patches were moved onto the first, where they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -103,14 +103,14 @@ pub struct MergeReport {
     /// The completion by a bound, if one was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub completed: Option<CompletionReport>,
-    /// What fills holes, if requested.
+    /// The filled holes, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub filled: Option<FillReport>,
     /// Whether σ was estimated from the differences between patches.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
     pub sigma: SigmaSummary,
-    /// Triangles that sew patches together.
+    /// Triangles that stitch patches together.
     pub stitched_triangles: usize,
     /// Holes of the seams that were closed.
     pub holes_closed: usize,
@@ -126,7 +126,7 @@ pub struct MergeReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

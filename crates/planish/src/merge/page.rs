@@ -27,6 +27,7 @@ fn short(name: &str) -> String {
 fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
     let unit = SmallUnit::for_length(report.unit.name(), report.sigma.median);
+    // A vertex of a regular triangle mesh has six neighbours.
     let regular = report.valence.get(6).copied().unwrap_or(0) as f64
         / report.valence.iter().sum::<usize>().max(1) as f64;
     Page {
@@ -159,6 +160,7 @@ fn scene(merged: &Merged) -> Scene {
 
 /// The motion of every patch, with its σ.
 fn alignment(report: &MergeReport) -> Vec<Block> {
+    // The unit follows from σ and not from the motion: σ is what must be readable.
     let sigmas = report.poses.iter().filter_map(|p| p.sigma_translation);
     let unit = SmallUnit::for_length(report.unit.name(), sigmas.fold(0.0, f64::max));
     let mut table = Table::new([
@@ -175,6 +177,7 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
         table.row(
             [
                 short(&pose.scan),
+                // The first patch defines the frame.
                 if k == 0 { "held".to_owned() } else { length(pose.moved) },
                 number(pose.turned_deg),
                 length(pose.sigma_translation),
@@ -185,6 +188,7 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
                     _ => format!("{} of 6", pose.undetermined.len()),
                 },
             ],
+            // Marked if the position along some direction is only that of the file.
             k > 0 && (pose.covariance.is_none() || !pose.undetermined.is_empty()),
         );
     }

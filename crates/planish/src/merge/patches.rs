@@ -28,8 +28,7 @@ pub struct NamedPatch {
     pub name: String,
     /// The surface, and the numbers of its triangles in the file.
     pub tidied: ManifoldPatch,
-    /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were
-    /// measured.
+    /// For each vertex, 1 if measured and 2 if completed. Empty if all were measured.
     pub observed: Vec<u8>,
 }
 
@@ -38,13 +37,13 @@ pub struct NamedPatch {
 pub struct PatchSet {
     /// The patches, in the order of the files.
     pub patches: Vec<NamedPatch>,
-    /// A surface that contains the object, used where no patch is.
+    /// A surface that contains the object. It is used where there is no patch.
     pub bound: Option<NamedPatch>,
     /// Unit of every length.
     pub unit: Option<Unit>,
     /// Every file that was read.
     pub inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     pub findings: Vec<Finding>,
 }
 
@@ -70,6 +69,7 @@ pub fn read_patches(
 ) -> Result<PatchSet> {
     let mut set = PatchSet::default();
     let mut read: Vec<(NamedPatch, Option<Unit>)> = Vec::new();
+    // The bound is read like a patch and separated at the end.
     for (at, path) in paths.iter().chain(bound).enumerate() {
         let first = read.len();
         let name = path.display().to_string();
@@ -83,6 +83,7 @@ pub fn read_patches(
             let chord = chord.map(|chord| chord.in_unit(model.unit));
             let mesh = mesh_from_model(&model, &model.posterior()?, chord)
                 .map_err(|e| e.in_context(path.display()))?;
+            // Parts that only the prior determines are no evidence and are not merged.
             let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
             read.push((of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?, Some(mesh.unit)));
         } else if let Some(file) = with_faces {
@@ -94,6 +95,7 @@ pub fn read_patches(
             };
             let marks: Vec<u8> = observed.iter().flatten().map(|o| o.mark()).collect();
             let sigma = sigma.unwrap_or_default();
+            // An error: σ = 0 would give a vertex infinite weight in the fusion.
             let is_zero = |v: &usize| known[*v] && sigma[*v] <= 0.0;
             let zeros = (0..sigma.len()).filter(is_zero).count();
             if let Some(v) = (0..sigma.len()).find(is_zero) {
@@ -116,6 +118,7 @@ pub fn read_patches(
                 read.push((of_scan(path, posed, sensor)?, scans.unit));
             }
         }
+        // Only the last path can be the bound.
         if at == paths.len() && read.len() != first + 1 {
             return Err(Error::input(format!(
                 "{}: needed one surface as the bound of the object, found {}",
@@ -124,6 +127,7 @@ pub fn read_patches(
             )));
         }
     }
+    // After all files are read: the first that states a unit need not be the first file.
     set.unit = read.iter().find_map(|(_, unit)| *unit).or(unit);
     for (mut named, of_file) in read {
         match (of_file, set.unit) {
@@ -224,6 +228,8 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
         true => path.display().to_string(),
         false => scan.name.clone(),
     };
+    // Loose points have no neighbours. Guessing them would be a surface reconstruction, which a fit does
+    // better.
     let Some(grid) = &scan.grid else {
         return Err(Error::input(format!(
             "{name}: needed a surface (a saved model, a mesh with faces, or a scan in rows and columns), \
@@ -232,6 +238,7 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
         )));
     };
     let mut triangles = triangles_of_grid(grid, &scan.points);
+    // In the scanner's frame, where the viewing direction is known.
     face_the_sensor(&mut triangles, &scan.points, scan.viewing);
     let mesh = TriangleMesh::try_new(
         scan.points.iter().map(|p| scan.world_from_scanner.apply(*p)).collect(),
@@ -249,6 +256,7 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
         return sigma.clone();
     }
     let normals = mesh.vertex_normals();
+    // Covariances of a scan are in the scanner's frame.
     let back = scan.world_from_scanner.inverse();
     let along =
         |k: usize, covariance: &SymmetricMatrix3| covariance.along(back.rotate(normals[k])).max(0.0).sqrt();
@@ -295,6 +303,8 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
     }
     let middle = lengths.len() / 2;
     let typical = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
+    // Relative to the median, which adapts to the resolution of the scan. Depth edges are too few to shift
+    // it.
     triangles.retain(|t| longest(t) <= MAX_EDGE_RATIO * typical);
     triangles.into_iter().map(|t| t.map(|v| v as u32)).collect()
 }
@@ -309,6 +319,7 @@ fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[[f64; 3]], viewing: Vie
             Some(dot(ray_at(viewing, a)?, cross(sub(b, a), sub(c, a))))
         })
         .sum();
+    // Weighted by area and decided once for the whole scan: single triangles at noise may face anywhere.
     if against > 0.0 {
         for t in triangles {
             t.swap(1, 2);

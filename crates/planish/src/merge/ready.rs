@@ -35,16 +35,16 @@ pub(super) struct Ready {
     /// Whether any patch intersects itself.
     pub crosses: bool,
     unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     pub findings: Vec<Finding>,
 }
 
-/// What was done to patches once they were ready.
+/// Results of the stages after the preparation.
 pub(super) struct Done {
     pub method: MergeMethod,
     pub completed: Option<CompletionReport>,
     pub filled: Option<FillReport>,
-    /// Triangles that sew patches together.
+    /// Triangles that stitch patches together.
     pub stitched: usize,
     /// Vertices of the whole that are of each patch in space.
     pub kept: Vec<usize>,
@@ -64,12 +64,14 @@ impl Ready {
                 ),
             ));
         }
+        // Copies first: they would make any orientation and any overlap look certain.
         let named = leave_out_copies(named, &mut findings)?;
         let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
         let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
         let (mut patches, numbers): (Vec<MergePatch>, Vec<Vec<u32>>) =
             named.into_iter().map(|p| (p.tidied.patch, p.tidied.triangles)).unzip();
         let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
+        // Before the alignment, so that triangles are named as in the files.
         let crossed = crossings(&searches, &names, &numbers);
         let crosses = !crossed.is_empty();
         findings.extend(crossed);
@@ -88,6 +90,8 @@ impl Ready {
             }
             false => Vec::new(),
         };
+        // After the alignment, which depends on the first file as its frame. From here on, the result does
+        // not depend on the order of the files.
         let order = order_in_space(&patches);
         Ok(Self {
             patches: in_order(patches, &order),
@@ -114,6 +118,7 @@ impl Ready {
             },
         )?;
         let in_space = in_order(self.names.clone(), &self.order);
+        // An error: the output would be the files side by side, and look like a merge.
         if overlap.regions.is_empty() {
             return Err(Error::undetermined(format!(
                 "no two of the {} patches overlap: {}; check that they share one frame and unit, \
@@ -133,6 +138,7 @@ impl Ready {
                 ));
             }
         }
+        // With an ε of the user, differences are as large as allowed.
         if options.epsilon.is_none() {
             self.findings.extend(unalike(&self.patches, &overlap, &in_space, self.unit));
         }
@@ -149,6 +155,7 @@ impl Ready {
             }
         }
         for (at, k) in self.order.iter().enumerate().filter(|(at, _)| kept[*at] == 0) {
+            // Patches without overlap keep all their vertices and need no message.
             let has_feet =
                 (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
             if has_feet {
@@ -174,7 +181,7 @@ impl Ready {
         sewn.source.iter().map(of).collect()
     }
 
-    /// What came of it, in the order of the files.
+    /// The report, in the order of the files.
     pub fn report(&self, sewn: &StitchedMesh, overlap: &Overlap, done: Done) -> MergeReport {
         let check = sewn.mesh.check();
         // Position of each file's patch in the order in space.

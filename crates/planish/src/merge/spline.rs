@@ -25,7 +25,7 @@ use planish_surface::model::{SigmaSummary, SurfaceModel};
 use planish_surface::saved::Session;
 use serde::Serialize;
 
-/// What became of a merged mesh as a spline.
+/// The figures of a spline through a merged mesh.
 #[derive(Debug, Clone, Serialize, PartialEq)]
 pub struct SplineReport {
     /// The topology.
@@ -38,7 +38,7 @@ pub struct SplineReport {
     pub rms: f64,
     /// Quantiles of σ of the surface at the mesh's vertices.
     pub sigma: SigmaSummary,
-    /// By how much the variances of a fit of independent vertices were multiplied.
+    /// Factor by which the variances of a fit of independent vertices were multiplied.
     pub variance_factor: f64,
 }
 
@@ -47,13 +47,14 @@ pub struct SplineReport {
 pub struct MergedSpline {
     /// The model, with the σ of the mesh.
     pub model: SurfaceModel,
-    /// How it follows the mesh.
+    /// Its figures.
     pub report: SplineReport,
     /// Warnings for the user.
     pub findings: Vec<Finding>,
 }
 
-/// Maximum share of the triangles of a part that is ignored. Larger parts besides the largest are refused.
+/// Maximum share of the triangles in a part that is ignored. Small parts are fragments of scanning. Dropping
+/// a larger one would lose a part of the object, so it is an error.
 const MAX_IGNORED_PART: f64 = 0.01;
 
 /// The largest part of a mesh, a mask of its vertices, and the number of ignored parts.
@@ -122,6 +123,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
 }
 
 fn spline_options(seed: u64) -> FitOptions {
+    // Nothing is held out: vertices are not independent readings and cannot judge σ.
     FitOptions { seed, held_out_share: 0.0, ..FitOptions::default() }
 }
 
@@ -135,6 +137,7 @@ struct Vertices {
 impl Vertices {
     fn new(merged: &Merged, in_part: &[bool]) -> Self {
         let measured: Vec<usize> =
+            // Filled holes are not data. The spline closes them by its own smoothness.
             (0..in_part.len()).filter(|&v| in_part[v] && merged.observed[v] == 1).collect();
         let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect();
         Self {
@@ -169,19 +172,21 @@ impl Vertices {
     }
 }
 
-/// What [`carry_sigma`] found.
+/// Result of [`carry_sigma`].
 struct Carried {
-    /// Of the vertices from the surface.
+    /// Root mean square distance of the vertices from the surface.
     rms: f64,
     /// σ of the resulting surface at the vertices.
     sigma: SigmaSummary,
-    /// What variances of the fit were multiplied by.
+    /// Factor of the variances of the fit.
     factor: f64,
 }
 
 /// Gives a model that was fitted with independent vertices the σ of the vertices.
 fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried> {
     let Vertices { points, normals, sigma } = vertices;
+    // It was estimated from residuals of vertices taken as independent. Below, it is replaced by the excess
+    // of σ of the mesh.
     model.unresolved_shape.clear();
     let feet = feet_on(&model.surface, points, |k| normals[k])?;
     let inside: Vec<usize> = (0..feet.len()).filter(|&k| !feet[k].at_border).collect();
@@ -199,8 +204,11 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
         ));
     }
     ratios.sort_by(f64::total_cmp);
+    // The median ignores borders and seams. It is never below 1: the fit must not claim more information than
+    // it has.
     let factor = quantile_of_sorted(&ratios, 0.5).max(1.0);
     let known = model.known.information_mut();
+    // Information and right-hand side are divided alike, so the surface stays where it is.
     for information in known.into_iter().flat_map(|known| [&mut known.prior, &mut known.data]) {
         for value in information.values_mut() {
             *value /= factor;

@@ -29,6 +29,7 @@ pub(crate) fn next_page(
     name: &Path,
 ) -> Result<Page> {
     let model_unit = model.unit.name();
+    // The largest σ before the plan sets the unit, so that both states are shown in the same one.
     let unit = SmallUnit::for_length(model_unit, next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     scene.marks = next_marks(&next.points, unit);
@@ -41,6 +42,7 @@ pub(crate) fn next_page(
         )),
         Block::Table(next_table(next, model_unit, unit)),
     ];
+    // The last entry has as many points as the plan.
     if let Some(median) = next.random.as_ref().and_then(|random| random.worst_sigma_median.last()) {
         blocks.push(Block::Text(format!(
             "As many points drawn at random bring the largest σ to {} (median).",
@@ -89,6 +91,7 @@ pub(crate) fn views_page(
     let mut turns = Vec::new();
     for (k, view) in next.views.iter().enumerate() {
         let turn = view.quaternion_xyzw.map(|c| format!("{c:9.6}")).join(" ");
+        // Quaternions are too wide for the table and are meant to be copied.
         turns.push(format!("view {}: {turn}", k + 1));
         table.row(
             [
@@ -155,11 +158,14 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         let pose = Pose::from_quaternion_xyzw(view.quaternion_xyzw, view.translation).unwrap_or_default();
         let at = view.translation;
         let axis = pose.rotate([0.0, 0.0, 1.0]);
+        // An axis may miss the model if only the border of the field of view sees it.
         let met = search.first_hit(at, axis).map_or_else(|| bounds.center(), |hit| hit.point);
+        // A short line is enough to show the direction. The sensor itself may be far away.
         sights.push([met, add_scaled(met, -SIGHT * bounds.diagonal(), axis)]);
         let far = distance(at, met);
         let [[left, right], [top, bottom]] = sensor.borders;
         let corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
+            // A quarter of the distance keeps the pyramids apart from the model and from each other.
             .map(|[x, y]| add_scaled(at, 0.25 * far, pose.rotate([x, y, 1.0])));
         for (c, corner) in corners.iter().enumerate() {
             fields.push([at, *corner]);

@@ -15,20 +15,20 @@ use serde::Serialize;
 /// Number of draws that are processed together. Limits memory: each keeps columns for all places.
 const DRAWS_PER_BATCH: usize = 8;
 
-/// What points drawn at random do: one number for each count of points, from one on.
+/// Result of points drawn at random: one number for each count of points, starting with one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RandomDraws {
-    /// How many sets were drawn.
+    /// Number of sets.
     pub draws: usize,
     /// The median of the largest σ of the region.
     pub worst_sigma_median: Vec<f64>,
-    /// What one draw of ten stays below.
+    /// 10 % quantile of the largest σ.
     pub worst_sigma_p10: Vec<f64>,
-    /// What nine draws of ten stay below.
+    /// 90 % quantile of the largest σ.
     pub worst_sigma_p90: Vec<f64>,
 }
 
-/// What a model knows of its places before any reading to come.
+/// State of a model before the planned readings.
 #[derive(Clone, Copy)]
 pub(super) struct Before<'a> {
     /// Factor of the model's information, and its number of nodes.
@@ -56,10 +56,12 @@ pub(super) fn at_random(
     let area = sums.last().copied().unwrap_or(0.0);
     let drawn = |draw: usize| -> Vec<usize> {
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+        // A stream per draw: the points of a draw depend neither on threads nor on the number of draws.
         rng.set_stream(draw as u64);
         (0..options.count)
             .map(|_| {
                 let at = area * rng.random::<f64>();
+                // Rounding of the last sum may put `at` beyond the end.
                 sums.partition_point(|&s| s <= at).min(places.len() - 1)
             })
             .collect()
@@ -111,6 +113,7 @@ fn one_by_one(
     let mut variances = variances.to_vec();
     (0..at.len())
         .map(|k| {
+            // Only later readings change: those before are already used.
             let (before, later) = seen.split_at_mut(k + 1);
             let column = &before[k];
             let own = column[at[k]] + reading;

@@ -25,12 +25,13 @@ use rayon::prelude::*;
 /// A reading on a leaf: weights of its coefficients, direction, value and information.
 type SeenRow = ([f64; 16], [f64; 3], f64, f64);
 
-/// Chord error of the tessellation relative to the diagonal. The limit of triangles may make it larger.
+/// Chord error of the tessellation relative to the diagonal. The limit of triangles may make it larger. A
+/// coarser mesh hides places just behind its chords.
 const CHORD: f64 = 1e-4;
-const MOST_TRIANGLES: u64 = 400_000;
+const MAX_TRIANGLES: u64 = 400_000;
 /// Maximum number of rays per pose. For larger sensors, each ray represents several.
 const MAX_RAYS: usize = 1 << 20;
-/// Directions about a target.
+/// Directions about a target. More find better poses; the cost grows in proportion.
 const DIRECTIONS: usize = 60;
 /// Number of distances of candidate poses to a target, in geometric progression.
 const DISTANCES: usize = 4;
@@ -78,7 +79,7 @@ pub(super) struct Sight<'a> {
     mesh: MeshSearch,
     bounds: BoundingBox,
     feet: FootPointSearch,
-    /// How near to its end a line of sight may touch the tessellation.
+    /// Distance from its end within which a line of sight may touch the tessellation.
     clearance: f64,
 }
 
@@ -88,7 +89,7 @@ impl<'a> Sight<'a> {
         let bounds = BoundingBox::from_points(surface.vertices())
             .filter(|b| b.diagonal() > 0.0)
             .ok_or_else(|| Error::undetermined("the model's surface has no extent"))?;
-        let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MOST_TRIANGLES)?;
+        let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MAX_TRIANGLES)?;
         let made = tessellate(surface, &TessellationOptions { tolerance, ..TessellationOptions::default() })?;
         Ok(Self {
             surface,
@@ -97,6 +98,7 @@ impl<'a> Sight<'a> {
             bounds,
             // Opposite sides of a thin part are as far apart as the whole.
             feet: FootPointSearch::new(surface, 3, 0.5 * bounds.diagonal())?,
+            // At a grazing angle, a chord error along the normal is a longer distance along the ray.
             clearance: 2.0 * tolerance / sensor.max_incidence_rad.cos(),
         })
     }
@@ -104,6 +106,7 @@ impl<'a> Sight<'a> {
     /// Coordinates of a visible place in the sensor's frame, and the cosine of its incidence angle.
     pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<([f64; 3], f64)> {
         let local = pose.inverse().apply(place.position);
+        // Cheap tests first. The line of sight costs most and is evaluated last.
         if !self.sensor.reaches(local) {
             return None;
         }
@@ -116,6 +119,7 @@ impl<'a> Sight<'a> {
     /// All readings of the sensor at a pose, row by row.
     pub(super) fn readings(&self, pose: &Pose) -> Readings {
         let all = self.sensor.rays;
+        // Fewer rays of more information each: sums over neighbouring rays stay the same.
         let thinner = ((all[0] * all[1]) as f64 / MAX_RAYS as f64).sqrt().max(1.0);
         let cast = all.map(|n| ((n as f64 / thinner) as usize).max(1));
         let readings = (0..cast[1])
@@ -134,6 +138,7 @@ impl<'a> Sight<'a> {
     fn reading(&self, origin: [f64; 3], ray: [f64; 3]) -> Option<Reading> {
         let [near, far] = self.sensor.range;
         let hit = self.mesh.first_hit_between(origin, ray, 0.0, far)?;
+        // A hit from behind ends the ray as well: the surface is opaque.
         if hit.distance < near || dot(hit.normal, ray) >= 0.0 {
             return None;
         }
@@ -160,6 +165,7 @@ impl<'a> Sight<'a> {
         // become sparser.
         let widest = (self.sensor.borders.iter()).map(|[low, high]| 0.5 * (high - low));
         let fits = 1.5 * radius / widest.fold(f64::INFINITY, f64::min);
+        // A margin, so that rounding does not put a pose out of range.
         let nearest = 1.02 * near;
         let farthest = (0.98 * far).min(fits.max(1.2 * nearest)).max(nearest);
         let step = (farthest / nearest).powf(1.0 / (DISTANCES - 1) as f64);
@@ -167,6 +173,7 @@ impl<'a> Sight<'a> {
         let middle = self.bounds.center();
         let mut wanted = Vec::new();
         for towards in sphere() {
+            // Distances count from the surface, so the radius is added for targets at the centre.
             wanted.extend(distances.iter().map(|d| (middle, towards, (d + radius).min(0.98 * far))));
         }
         for target in spread(places, representatives) {
@@ -208,6 +215,7 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
         for (least, &other) in nearest.iter_mut().zip(representatives) {
             *least = least.min(distance(places[at].position, places[other].position));
         }
+        // Reversed, because `max_by` returns the last of equal ones: the first is wanted.
         next = (0..nearest.len()).rev().max_by(|&a, &b| nearest[a].total_cmp(&nearest[b])).unwrap_or(0);
     }
     found
@@ -216,9 +224,11 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
 /// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it
 /// is written.
 pub(super) fn looking(origin: [f64; 3], z: [f64; 3]) -> Option<Pose> {
+    // Near the vertical, the horizontal axis would be undetermined.
     let up = if z[2].abs() > 0.95 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
     let x = unit(cross(z, up))?;
     let y = cross(z, x);
     let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: origin };
+    // Through the quaternion, so that a pose that is read back from a file sees exactly the same.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), origin)
 }

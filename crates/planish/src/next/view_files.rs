@@ -20,7 +20,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What `planish next --views` is asked for.
+/// The job `planish next --views`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NextViewsJob {
     /// A saved model.
@@ -29,7 +29,7 @@ pub struct NextViewsJob {
     pub sensor: PathBuf,
     /// Maximum number of views, and the other options. Lengths are given separately.
     pub options: NextOptions,
-    /// Where to stop.
+    /// Stop when the largest σ is at most this.
     pub goal: Option<Length>,
     /// Files of the poses: `.toml`, `.csv` or `.ply`.
     pub outputs: Vec<PathBuf>,
@@ -46,7 +46,7 @@ pub struct NextViewsJobReport {
     /// The model's unit.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }
@@ -76,6 +76,7 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
     progress.check("reading", 0.0)?;
     let known = read_view_sensor(&job.sensor)?;
     let model = load(&job.model)?;
+    // A sensor without a unit is assumed to be in that of the model.
     let factor = known.unit.map_or(1.0, |unit| unit.millimetres() / model.unit.millimetres());
     let sensor = known.sensor.scaled(factor);
     let options =
@@ -100,6 +101,7 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
 
 /// Writes a job file for the scans to be taken.
 fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -> Result<()> {
+    // σ of a triangulating sensor depends on the distance, and a job states one number per sensor.
     let along = next.sigma_along.unwrap_or(sensor.sigma_along);
     let mut text = format!(
         "# Views to take, best first, by `planish next`. The sensor looks along its z, with x right and y \
@@ -125,6 +127,7 @@ fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
     write_atomically(path, |writer| {
         writeln!(writer, "x,y,z,qx,qy,qz,qw,readings,seen,seen_so_far,worst_sigma_after,mean_sigma_after")?;
         for v in views {
+            // All digits, so that a pose that is read back is the same.
             let numbers = v.translation.iter().chain(&v.quaternion_xyzw).map(f64::to_string);
             let place: Vec<String> = numbers.collect();
             writeln!(
@@ -146,6 +149,7 @@ fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
 fn write_ply(path: &Path, views: &[NextView], unit: Unit) -> Result<()> {
     let axis = |v: &NextView| {
         let pose = Pose::from_quaternion_xyzw(v.quaternion_xyzw, v.translation).unwrap_or_default();
+        // PLY has no poses. The axis as a normal shows the direction in any viewer.
         pose.rotate([0.0, 0.0, 1.0])
     };
     let column = |value: fn(&NextView) -> f64| views.iter().map(value).collect::<Vec<f64>>();

@@ -31,7 +31,8 @@ use serde::Serialize;
 /// Number of places that represent the surface while candidates are compared. The cost of a candidate grows
 /// with its cube.
 const REPRESENTATIVES: usize = 200;
-/// Minimum relative improvement of a view. The choice ends when no view reaches it.
+/// Minimum relative improvement of a view. The choice ends when no view reaches it. It only excludes rounding
+/// errors; how much is worthwhile is for the user to decide.
 const MIN_GAIN: f64 = 1e-6;
 
 /// A pose to measure from.
@@ -111,6 +112,7 @@ pub fn next_views(
     progress.check("lines of sight", 0.15)?;
     let sight = Sight::new(model, sensor)?;
     let representatives = Representatives::new(&places, &variances);
+    // Visibility does not depend on the views chosen so far, so it is computed once.
     let candidates = candidates(&sight, sensor, &places, &representatives, progress)?;
     let seeable = seen_by_any(&sight, &places, &candidates, progress)?;
     let before = figures(&places, &variances);
@@ -134,6 +136,8 @@ pub fn next_views(
             break;
         };
         let pose = candidates[best].pose;
+        // The comparison used representatives. The chosen view is added with all its rays, so that σ after it
+        // is exact.
         let taken = sight.readings(&pose);
         let of_leaf = taken.by_leaf(model.surface.space().leaves().len());
         let more = system.accumulate_along(&directions, |leaf, add| {
@@ -142,8 +146,10 @@ pub fn next_views(
             }
         })?;
         information.add_scaled(&more, 1.0)?;
+        // The sparsity pattern is unchanged: readings only couple nodes of one leaf.
         factor = factor.refactorize(&information)?;
         variances = variances_of(model, &factor, directions.clone(), &places)?;
+        // All places, not only representatives: the reported area must be that of the surface.
         let seen: Vec<bool> = (places.par_iter()).map(|p| sight.sees(&pose, p).is_some()).collect();
         seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
         let (worst, mean) = figures(&places, &variances);
@@ -184,7 +190,7 @@ pub fn next_views(
 
 /// Places that represent the surface.
 struct Representatives {
-    /// Which places.
+    /// Their places.
     places: Vec<usize>,
     /// The area that each represents.
     areas: Vec<f64>,
@@ -234,6 +240,7 @@ fn candidates(
 ) -> Result<Vec<CandidateView>> {
     let poses = sight.poses(places, &representatives.places);
     let mut found = Vec::with_capacity(poses.len());
+    // Chunks allow an interruption. Their order is that of the poses.
     for part in poses.chunks(256) {
         progress.check("lines of sight", 0.2)?;
         found.par_extend(part.par_iter().filter_map(|pose| {
@@ -241,6 +248,7 @@ fn candidates(
                 let place = &places[representatives.places[k]];
                 let (local, cosine) = sight.sees(pose, place)?;
                 let range = dot(local, local).sqrt();
+                // A representative counts with all rays that meet its area.
                 let rays = sensor.rays_on(local, representatives.areas[k], cosine);
                 Some((k, rays / sensor.variance_along_normal(range, cosine)))
             };
@@ -257,7 +265,7 @@ fn candidates(
     Ok(found)
 }
 
-/// Which places any candidate sees.
+/// For each place, whether any candidate sees it.
 fn seen_by_any(
     sight: &Sight<'_>,
     places: &[Place],
@@ -291,6 +299,7 @@ fn best_of(
         .par_iter()
         .map(|view| match taken_away(covariance, &view.seen) {
             Some(less) => total(&|k| covariance[(k, k)] - less[k]),
+            // A factorisation that fails by rounding only excludes its candidate.
             None => f64::INFINITY,
         })
         .collect();
@@ -299,8 +308,8 @@ fn best_of(
         .filter(|&best| left[best] < (1.0 - MIN_GAIN) * now)
 }
 
-/// What readings of some representatives take off the variance of each: the diagonal of
-/// `K_·B (K_BB + R)⁻¹ K_B·`.
+/// Reduction of the variance of each representative by readings of some: the diagonal of `K_·B (K_BB + R)⁻¹
+/// K_B·`.
 fn taken_away(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
     let own = DMatrix::from_fn(seen.len(), seen.len(), |i, j| {
         let reading = if i == j { 1.0 / seen[i].1 } else { 0.0 };

@@ -24,7 +24,7 @@ use planish_surface::saved::Session;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// A strip and what was made of it.
+/// A strip with its mesh and spline.
 pub(super) struct Patch {
     mesh: TriangleMesh,
     sigma: Vec<f64>,
@@ -39,6 +39,7 @@ pub(super) fn patches(
     progress: &dyn Progress,
     findings: &mut Vec<Finding>,
 ) -> Result<Vec<Patch>> {
+    // Fits take most of the time, so meshes alone do without them.
     let splines = plan_outputs(&job.patches)?.iter().any(|p| !p.format.is_mesh());
     let mut patches: Vec<Patch> = Vec::new();
     if job.patches.is_empty() {
@@ -46,6 +47,7 @@ pub(super) fn patches(
     }
     for strip in 0..found.strips {
         let of_strip: Vec<&OccludingPoint> = found.points.iter().filter(|p| p.strip == strip).collect();
+        // Strips are sorted by size: all that follow are smaller.
         if of_strip.len() < job.least_points {
             break;
         }
@@ -69,6 +71,7 @@ pub(super) fn patches(
                         );
                         Some(fit)
                     }
+                    // A strip that cannot be fitted must not discard the others.
                     Err(e) if e.kind() == ErrorKind::Interrupted => return Err(e),
                     Err(e) => {
                         findings.push(Finding::new(
@@ -99,8 +102,9 @@ pub(super) fn patches(
     Ok(patches)
 }
 
-/// Of the places along each contour from the first of a strip to the last, the share that is missing.
+/// Share of missing places along the contours, between the first and the last place of the strip in each.
 fn left_out(points: &[&OccludingPoint]) -> f64 {
+    // For each contour of a view: first place, last place, and number of points.
     let mut runs: BTreeMap<(usize, usize), (usize, usize, usize)> = BTreeMap::new();
     for p in points {
         let run = runs.entry((p.view, p.contour)).or_insert((p.place, p.place, 0));
@@ -144,6 +148,7 @@ pub(super) fn written(
     let mut reports = Vec::new();
     for (k, mut patch) in patches.into_iter().enumerate() {
         let paths: Vec<PathBuf> = job.patches.iter().map(|path| numbered(path, k + 1)).collect();
+        // The number of patches was not known when outputs were checked.
         check_outputs(&paths, inputs)?;
         let (meshes, splines): (Vec<PlannedOutput>, Vec<PlannedOutput>) =
             plan_outputs(&paths)?.into_iter().partition(|p| p.format.is_mesh());

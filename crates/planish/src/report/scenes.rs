@@ -9,10 +9,11 @@ use planish_surface::fit::ResidualSample;
 use planish_surface::model::{Observed, Posterior, SurfaceModel};
 use std::collections::BTreeMap;
 
-/// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
-pub(crate) const MOST_TRIANGLES: u64 = 45_000;
-/// Pieces of all lines between cells.
-const MOST_LINES: usize = 60_000;
+/// Maximum number of triangles of a model in a report: finer than a screen shows, and few enough to turn
+/// without a graphics card.
+pub(crate) const MAX_TRIANGLES: u64 = 45_000;
+/// Maximum number of line segments of all cell borders.
+const MAX_LINES: usize = 60_000;
 
 /// A smaller unit in which most of the lengths are readable, if there is one.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
@@ -55,6 +56,7 @@ fn known_by(mark: u8) -> &'static str {
 
 /// The field of what parts are known by, of those that occur.
 pub(crate) fn observed_field(observed: &[u8]) -> Field {
+    // The best known first, and only what occurs.
     let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
@@ -71,7 +73,7 @@ pub(crate) fn model_scene(
     tolerance: Option<f64>,
     readings: Option<&ResidualSample>,
 ) -> Result<(Scene, f64)> {
-    model_scene_of(model, posterior, tolerance, readings, MOST_TRIANGLES)
+    model_scene_of(model, posterior, tolerance, readings, MAX_TRIANGLES)
 }
 
 /// [`model_scene`] with a maximum number of triangles.
@@ -126,6 +128,7 @@ fn surface_shown(
     let principal: Vec<[f64; 2]> = (leaf.iter().zip(&local))
         .map(|(&leaf, &[s, t])| {
             let curvature = surface.leaf_jet(leaf as usize, s, t).curvature();
+            // NaN is drawn as unknown. Zero would look like a plane.
             curvature.map_or([f64::NAN; 2], |c| c.principal)
         })
         .collect();
@@ -145,6 +148,8 @@ fn surface_shown(
         principal.iter().map(|k| k[0] * k[1]).collect(),
     ));
     let seen_by = readings.map(|readings| {
+        // Few combinations of scans occur, so vertices store the number of a combination. Numbers follow the
+        // order of leaves and are the same in every run.
         let mut sets: BTreeMap<&[u16], u16> = BTreeMap::new();
         let of_leaf: Vec<u16> = (readings.seen_by.iter())
             .map(|seen| {
@@ -162,6 +167,7 @@ fn surface_shown(
             of_vertex: leaf.iter().map(|&leaf| of_leaf[leaf as usize]).collect(),
         }
     });
+    // With a single scan, this field would repeat `observed`.
     if let Some(readings) = readings.filter(|r| r.scans.len() > 1) {
         let number: Vec<u16> =
             (leaf.iter()).map(|&leaf| readings.seen_by[leaf as usize].len() as u16).collect();
@@ -188,7 +194,7 @@ fn surface_shown(
     }
 }
 
-/// Which sensors saw each part, where there are several.
+/// The field of the sensors that measured each part. Absent for a single sensor.
 fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
     let mut sensors: Vec<&str> = readings.scans.iter().map(|scan| &scan.sensor[..]).collect();
     sensors.sort_unstable();
@@ -209,6 +215,7 @@ fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
     let mut categories: Vec<(u16, String)> = (sets.into_iter())
         .map(|(set, k)| (k, if set.is_empty() { "none".to_owned() } else { set.join(" + ") }))
         .collect();
+    // Back in the order of first occurrence, so that colours do not depend on names.
     categories.sort_unstable();
     Some(kinds(
         "sensors",
@@ -228,6 +235,7 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
                 "normalised",
                 "residual over its σ",
                 "",
+                // The default gate: colours saturate where readings are rejected.
                 FieldKind::Signed(Some(4.0)),
                 readings.normalised.clone(),
             ),
@@ -253,7 +261,8 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
 /// The borders of all leaves: the quadtree on the surface.
 fn cell_lines(surface: &Surface) -> LineSet {
     let leaves = surface.space().leaves().len();
-    let pieces = (MOST_LINES / (2 * leaves.max(1))).clamp(1, 8);
+    // Curved borders need several pieces. Models of many cells have short borders, for which one is enough.
+    let pieces = (MAX_LINES / (2 * leaves.max(1))).clamp(1, 8);
     let mut segments = Vec::with_capacity(2 * leaves * pieces);
     for leaf in 0..leaves {
         // The other two sides belong to neighbours, so each line is drawn once.

@@ -2,7 +2,7 @@
 
 use planish_report::numbers::significant;
 
-/// With `A` or `An` before it.
+/// Prefixes a name with `A` or `An`.
 pub(crate) fn with_article(name: &str) -> String {
     let an = name.starts_with(['a', 'e', 'i', 'o', 'u']);
     format!("{} {name}", if an { "An" } else { "A" })
@@ -13,7 +13,7 @@ pub(crate) fn with_article(name: &str) -> String {
 pub(crate) struct SmallUnit<'a> {
     /// Its name.
     pub name: &'a str,
-    /// How many of it are one of the model's.
+    /// Number of these units in one unit of the model.
     pub factor: f64,
 }
 
@@ -33,7 +33,7 @@ impl<'a> SmallUnit<'a> {
         significant(self.factor * length, digits)
     }
 
-    /// A table's head: `rms / mm`.
+    /// Heading of a table column, such as `rms / mm`.
     pub(crate) fn head(self, what: &str) -> String {
         head(what, self.name)
     }

@@ -3,13 +3,14 @@
 use super::*;
 use planish_core::{Finding, FindingCode, Setting};
 
-/// A direction with a larger σ, in degrees, is not known.
-const MOST_SIGMA_DEG: f64 = 90.0;
-/// Maximum ratio of brightness residuals to the stated σ without a warning.
+/// Maximum σ of normals, in degrees. A direction with a larger σ is unknown.
+const MAX_SIGMA_DEG: f64 = 90.0;
+/// Maximum ratio of brightness residuals to the stated σ without a warning. Real surfaces are never quite
+/// matte, so some excess is normal.
 const MAX_BRIGHTNESS_MISFIT: f64 = 3.0;
-/// And those that are so large a share of the brightest: matte objects under far lights stay below a few per
-/// cent.
-const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
+/// Maximum brightness residual relative to the brightest pixel without a warning. Matte objects under far
+/// lights stay below a few percent.
+const MAX_BRIGHTNESS_SHARE: f64 = 0.1;
 /// Minimum fraction of matched pixels without a warning. Correct pairs have 1/3 to 9/10; exchanged pictures a
 /// few percent.
 const MIN_MATCHED: f64 = 0.1;
@@ -29,6 +30,7 @@ pub(super) fn stereo(
             progress.check("rectifying", 0.0)?;
             let made = Rectification::new(rig, [0, 1].map(|k| [images[k].columns, images[k].rows]));
             let made = made.map_err(|e| e.in_context(calibration.unwrap_or(left).display()))?;
+            // Matching runs along rows, so pictures with poses are rectified first.
             images = [made.picture(0, &images[0])?, made.picture(1, &images[1])?];
             Some(made)
         }
@@ -37,6 +39,7 @@ pub(super) fn stereo(
     let mut map =
         match_stereo(&images[0], &images[1], options, &mut |share| progress.check("matching", share))
             .map_err(|e| in_context(e, blame()))?;
+    // Rectified pictures have empty corners, in which anything matches.
     let outside = rectification.as_ref().map_or(0, |r| r.without_outside(&mut map));
     let scan = match (&rectification, &known) {
         (Some(rectification), _) => Some(rectification.scan(&map, points, "stereo")),
@@ -48,6 +51,7 @@ pub(super) fn stereo(
     let scan = scan.transpose().map_err(|e| e.in_context(blame()))?;
     let known_unit = known.and_then(|c| c.unit);
     let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
+    // An error: an empty scan would be fitted to nothing later, far from the cause.
     if known.is_empty() {
         return Err(Error::undetermined(format!(
             "{}: no reliable disparity found: are the pictures rectified (or does the calibration contain \
@@ -65,6 +69,7 @@ pub(super) fn stereo(
         ("outside", outside),
     ];
     let mut findings = Vec::new();
+    // A warning, because a small object in front of a plain background also has few matches.
     if (known.len() as f64) < MIN_MATCHED * map.disparity.len() as f64 {
         let text = format!(
             "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
@@ -143,6 +148,7 @@ pub(super) fn photometric(
     for (file, picture) in
         images.iter().map(PathBuf::as_path).chain(mask_file).zip(pictures.iter().chain(&mask))
     {
+        // Checked here, where the name of the file is known.
         if (picture.columns, picture.rows) != first {
             return Err(Error::input(format!(
                 "{}: needed {} × {} pixels like {}, found {} × {}",
@@ -160,6 +166,7 @@ pub(super) fn photometric(
     let mut more_inputs = Vec::new();
     let lights = match &known.source {
         LightSource::Directions(lights) => lights.clone(),
+        // A mirror ball shows the lights. Its pictures are inputs that only the calibration names.
         LightSource::Ball { images, mask } => {
             more_inputs.extend(images.iter().chain([mask]).cloned());
             lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(blame)?
@@ -183,6 +190,7 @@ pub(super) fn photometric(
 
 /// Residuals that the stated σ of brightness, or any matte surface, does not explain.
 fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
+    // Three lights determine the normal exactly and leave no residual.
     let Some(found) = map.sigma_of_residuals else {
         return Vec::new();
     };
@@ -196,7 +204,7 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
         );
         findings.push(Finding::new(FindingCode::BrightnessInconsistent, text));
     }
-    if found > MOST_BRIGHTNESS_SHARE * map.brightest {
+    if found > MAX_BRIGHTNESS_SHARE * map.brightest {
         findings.push(Finding::new(
             FindingCode::BrightnessInconsistent,
             format!(
@@ -210,9 +218,9 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
 }
 
 pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
-    if !(sigma_deg > 0.0 && sigma_deg < MOST_SIGMA_DEG) {
+    if !(sigma_deg > 0.0 && sigma_deg < MAX_SIGMA_DEG) {
         return Err(Error::input(format!(
-            "needed a σ of the normals above 0 and below {MOST_SIGMA_DEG} degrees, found {sigma_deg}"
+            "needed a σ of the normals above 0 and below {MAX_SIGMA_DEG} degrees, found {sigma_deg}"
         )));
     }
     let picture = read_picture(image)?;
@@ -244,6 +252,7 @@ pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> 
         return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));
     }
     let mut findings = Vec::new();
+    // A warning: 8 bits can be a coarse depth image, but usually are a coloured preview.
     if extension(image) == "png" && read_picture(image)?.white <= 255.0 {
         findings.push(Finding::new(
             FindingCode::DepthCoarse,

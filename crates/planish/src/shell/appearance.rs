@@ -21,6 +21,7 @@ pub(super) fn picture_of(file: &TexturedMesh, findings: &mut Vec<Finding>) -> Op
     if file.picture.is_some() {
         return file.picture.clone();
     }
+    // A warning, because the shape is the result and does not depend on the texture.
     let drop = |e| {
         findings.push(Finding::new(FindingCode::TextureDropped, format!("the texture is dropped: {e}")));
     };
@@ -32,7 +33,7 @@ fn can_be_kept(bytes: &&[u8]) -> bool {
     bytes.starts_with(b"\x89PNG") || is_jpeg(bytes)
 }
 
-/// How well vertices are known: σ along normals, and which were measured; both empty if not specified.
+/// σ of vertices along normals, and their marks of `observed`. Both are empty if unknown.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known<'a> {
     pub sigma: &'a [f64],
@@ -59,6 +60,7 @@ pub(super) fn write_glb(
     known: Known<'_>,
     picture: Option<&[u8]>,
 ) -> Result<()> {
+    // GLB has one texture coordinate per vertex, so vertices on seams are doubled.
     let split = file.split();
     let each = |v: &u32| *v as usize;
     let kept = |count: usize| if count == 0 { &[][..] } else { &split.vertex_of[..] };
@@ -71,6 +73,7 @@ pub(super) fn write_glb(
         .map(|(name, places)| MorphTarget {
             name: (*name).to_owned(),
             points: of(places),
+            // From the unsplit mesh, so that seams of the texture do not show in the shading.
             normals: of(&normals_of(places, &file.triangles)),
         })
         .collect();

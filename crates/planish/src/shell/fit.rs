@@ -39,12 +39,13 @@ use planish_surface::model::SigmaSummary;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Neighbours that controls without a triangulation are joined to.
+/// Number of neighbours that each control is joined to if there is no triangulation. Fewer can leave groups
+/// unconnected; more make the energy resist bending over several spacings.
 const NEIGHBOURS: usize = 6;
 /// Minimum fraction of a vertex's information that comes from readings for `observed` = 1.
-const MEASURED: f64 = 0.5;
+const MIN_DATA_SHARE: f64 = 0.5;
 
-/// What moves the mesh.
+/// Kind of deformation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeformationKind {
     /// Natural neighbours of control points.
@@ -69,9 +70,10 @@ pub struct ShellFitJob {
     pub silhouettes: Option<PathBuf>,
     /// A folder with one for each frame of something that moves, instead of points and silhouettes.
     pub sequence: Option<PathBuf>,
-    /// What moves the mesh.
+    /// Kind of deformation.
     pub deformation: DeformationKind,
-    /// How many controls, if none is given: of a lattice all its points, of modes the most.
+    /// Number of controls if no file is given. For a lattice, the number of its points; for modes, their
+    /// maximum number.
     pub controls: usize,
     /// Control points.
     pub controls_file: Option<PathBuf>,
@@ -79,9 +81,9 @@ pub struct ShellFitJob {
     pub family: Vec<PathBuf>,
     /// Parts that stay rigid: a group, object or material of the OBJ, or a file of vertex indices.
     pub rigid: Vec<String>,
-    /// Over which length they fade into the rest; a tenth of the mesh's size if none is given.
+    /// Length over which they blend into the rest. The default is a tenth of the mesh's size.
     pub blend: Option<f64>,
-    /// What metaballs are built around.
+    /// Shape of the metaballs.
     pub metaball: Metaball,
     /// Minimum distance between places on the border of a mask, in pixels.
     pub outline_step_px: f64,
@@ -92,14 +94,14 @@ pub struct ShellFitJob {
     pub rough_start: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
-    /// A page that shows what was found.
+    /// A page that shows the result.
     pub report: Option<ReportOutput>,
-    /// The unit where no file names it.
+    /// Unit if no file states one.
     pub unit: Option<Unit>,
 }
 
-/// Where fitting begins and ends in the whole job.
-const FITTING: (f64, f64) = (0.05, 0.95);
+/// Start and end of the fit in the progress of the job.
+const FITTING_PROGRESS: (f64, f64) = (0.05, 0.95);
 
 impl Default for ShellFitJob {
     fn default() -> Self {
@@ -184,6 +186,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     };
     progress.check("reading", 0.0)?;
     let mut start = run.start()?;
+    // After the start: controls are placed on the mesh that is fitted, and modes replace its vertices.
     let Moved { deformation, stiffness, prior, controls } =
         input::moved(job, &mut start.mesh, &start.appearance)?;
     let size = start.size(job)?;
@@ -198,10 +201,13 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             false => ShellFitOptions::default(),
         }
     };
+    // The tracker keeps the motion between frames. Only a sequence has one, because a single fit starts from
+    // the mesh itself.
     let mut tracker = match &job.sequence {
         Some(_) => Some(ShellTracker::new(&start.mesh, &*deformation, options.clone())?),
         None => None,
     };
+    // Read once for all frames.
     let picture = picture_of(&start.appearance, &mut run.findings);
     let (mut of_frames, mut last) = (Vec::new(), None);
     for (k, files) in frames.iter().enumerate() {
@@ -217,6 +223,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             }
         };
         let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
+        // The fit moves vertices and keeps triangles.
         let found =
             TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };
         let (normals, sigma, observed) = report::known(&found, &fit, &*deformation, &start.sigma);
@@ -228,14 +235,17 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             curvature: None,
             unit: run.units.unit(),
         };
+        // Each frame is written when it is done. An interrupted sequence keeps the frames before.
         run.write(k, &start, &known, picture.as_deref())?;
         let iou = overlap(&frame, &found, &fit.cameras);
+        // A single fit is its own report; frames are listed for sequences only.
         if stage.tracked {
             of_frames.push(frame_report(&files.name, &fit, predicted, &iou, &sigma));
         }
         last = Some(FittedFrame { frame, fit, iou, sigma, observed });
     }
     progress.check(WRITING_STAGE, 0.98)?;
+    // The figures and the page are those of the last frame.
     let last = last.ok_or_else(|| Error::input("a sequence without frames"))?;
     run.finish(start, last, controls, of_frames)
 }
@@ -304,7 +314,8 @@ impl FrameStage<'_> {
 
     /// The share of the job that is done after a share of this frame.
     fn share(&self, of_frame: f64) -> f64 {
-        FITTING.0 + (FITTING.1 - FITTING.0) * (self.number as f64 + of_frame) / self.count as f64
+        FITTING_PROGRESS.0
+            + (FITTING_PROGRESS.1 - FITTING_PROGRESS.0) * (self.number as f64 + of_frame) / self.count as f64
     }
 
     fn report(&self, progress: &dyn Progress, at: &ShellProgress) -> Result<()> {
@@ -344,8 +355,9 @@ impl Run<'_> {
         progress.check("flowing", 0.0)?;
         let made = rough_start::flown(self.job, mesh, &mut self.units, &mut |rounds| {
             progress.items(rounds, "rounds");
-            progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
+            progress.check("flowing", FITTING_PROGRESS.0 * rounds as f64 / (rounds + 3) as f64)
         })?;
+        // Remeshing changes the vertices, so texture coordinates and groups no longer belong to any.
         let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.findings);
         Ok(Start { given, mesh: made.mesh, appearance, sigma: made.sigma, flow: Some(made.report) })
     }
@@ -361,6 +373,7 @@ impl Run<'_> {
         self.progress.check(stage.title(), stage.share(0.0))?;
         let frame = Frame::read(self.job, files, size, &mut self.units, &mut self.findings)?;
         self.inputs.extend(frame.files.iter().cloned());
+        // Only the first frame can be compared with the given mesh. Later ones may have moved far from it.
         if stage.number == 0 {
             inspection::points_and_mesh(&frame, &start.mesh, self.units.unit())
                 .map_err(|e| stage.in_frame(e))?;
@@ -401,14 +414,17 @@ impl Run<'_> {
     ) -> Result<ShellFitReport> {
         let FittedFrame { frame, fit, iou, sigma, observed } = last;
         let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
+        // σ of vertices that only smoothness determines would hide how accurate the measured part is.
         let measured: Vec<f64> =
             (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
+        // Sources without readings are absent from the report.
         let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::from_source);
         let [points, outlines, tracks] = of;
         let mut done = ShellFitReport {
             rms_points: points.map(|r| r.rms),
             rms_silhouettes_px: outlines.map(|r| r.rms),
             iou,
+            // With the cameras as given: it shows what the fit gained, including corrections of poses.
             iou_before: overlap(&frame, &start.given, &given),
             held_out: (frame.views.iter())
                 .filter(|view| view.held_out)
@@ -470,6 +486,7 @@ fn frame_report(
         rms_points: ReadingsReport::from_source(&fit.points).map(|r| r.rms),
         rms_silhouettes_px: ReadingsReport::from_source(&fit.outlines).map(|r| r.rms),
         iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
+        // In σ of all parameters together, so that the figure does not depend on the unit.
         surprise: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
         sigma: SigmaSummary::from_values(sigma.to_vec()).median,
     }
@@ -482,13 +499,14 @@ fn outputs_of_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<Vec<PathBu
         Some(_) => {
             let stem = output.file_stem().unwrap_or_default().to_string_lossy();
             let ending = output.extension().unwrap_or_default().to_string_lossy();
+            // The name of the frame goes before the extension, which selects the format.
             output.with_file_name(format!("{stem}.{}.{ending}", frame.name))
         }
     };
     frames.iter().map(|frame| job.outputs.iter().map(|output| of_frame(frame, output)).collect()).collect()
 }
 
-/// The mesh, and what it looks like.
+/// The mesh and its appearance.
 fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, TexturedMesh)> {
     let file = read_textured(&job.mesh)?;
     units.add(file.unit, &job.mesh)?;
@@ -502,7 +520,7 @@ fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, 
     Ok((mesh, file))
 }
 
-/// How far what each view shows of a mesh agrees with its mask.
+/// Overlap (IoU) of a mesh with the mask of each view.
 fn overlap(frame: &Frame, mesh: &TriangleMesh, cameras: &[Camera]) -> BTreeMap<String, f64> {
     (frame.views.iter().zip(&frame.masks).zip(cameras))
         .filter_map(|((view, mask), camera)| {

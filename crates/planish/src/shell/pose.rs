@@ -53,10 +53,11 @@ use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_cont
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Controls if not specified.
-const USUAL_CONTROLS: usize = 60;
-/// The blend if none is given, as a share of the mesh's size.
-pub(super) const USUAL_BLEND: f64 = 0.1;
+/// Default number of controls. More make local poses possible; fewer move larger regions together.
+const DEFAULT_CONTROLS: usize = 60;
+/// Default length over which rigid parts blend into the rest, relative to the mesh's size. Shorter blends
+/// crease the surface; longer ones move what should stay.
+pub(super) const DEFAULT_BLEND: f64 = 0.1;
 
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -69,7 +70,7 @@ pub struct ShellPoseJob {
     pub rigid: Vec<String>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
-    /// The unit of the mesh, where the file names none.
+    /// Unit of the mesh if the file states none.
     pub unit: Option<Unit>,
 }
 
@@ -81,9 +82,9 @@ pub struct ShellPoseReport {
     pub unit: Option<Unit>,
     /// Vertices of the mesh.
     pub vertices: usize,
-    /// How many controls there are.
+    /// Number of controls.
     pub controls: usize,
-    /// Where they are.
+    /// Positions of the controls.
     pub control_points: Vec<[f64; 3]>,
     /// Rigid parts and their vertices.
     pub rigid: Vec<RigidReport>,
@@ -97,7 +98,7 @@ pub struct ShellPoseReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// `converged`.
@@ -109,7 +110,7 @@ pub struct ShellPoseReport {
 pub struct RigidReport {
     /// Its name.
     pub part: String,
-    /// How many vertices it has.
+    /// Number of its vertices.
     pub vertices: usize,
     /// Whether it keeps its position.
     pub held: bool,
@@ -120,9 +121,9 @@ pub struct RigidReport {
 pub struct PoseTargetReport {
     /// Its name.
     pub name: String,
-    /// How many controls are moved.
+    /// Number of controls that are moved.
     pub moved: usize,
-    /// The longest way of a vertex.
+    /// Largest displacement of a vertex.
     pub farthest: f64,
 }
 
@@ -131,6 +132,8 @@ pub struct PoseTargetReport {
 /// # Errors
 /// `Input` where there is neither, or a word of the file is no index.
 pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
+    // Names of the mesh have priority over files, so that a file in the folder cannot change the meaning of a
+    // job.
     if let Some(vertices) = mesh.vertices_of(part) {
         return Ok(vertices);
     }
@@ -177,18 +180,20 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let controls = match &poses.controls {
         ControlsEntry::Count(count) => automatic_controls(&mesh, *count)?.points,
-        ControlsEntry::Usual => automatic_controls(&mesh, USUAL_CONTROLS)?.points,
+        ControlsEntry::Usual => automatic_controls(&mesh, DEFAULT_CONTROLS)?.points,
         ControlsEntry::Points(points) => points.clone(),
     };
+    // Parts are resolved before the deformation is built: a misspelt name must not cost that time.
     let (parts, rigid) = rigid_parts(job, &file, &poses)?;
     progress.check("weighing", 0.2)?;
     let inner = Box::new(Dirichlet::new(&controls, &mesh.positions)?);
-    let blend = poses.blend.unwrap_or(USUAL_BLEND * size);
+    let blend = poses.blend.unwrap_or(DEFAULT_BLEND * size);
     let deformation =
         RigidParts::new(&mesh, inner, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
     let (mut targets, mut reports) = (Vec::new(), Vec::new());
     for pose in &poses.poses {
         progress.check("posing", 0.3)?;
+        // Each pose starts from the given mesh, not from the pose before it. Morph targets add up in viewers.
         let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
         let points = deformation.positions(&deformation.rigid_start(&q));
@@ -270,9 +275,12 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
         let (at, reach, within) = match entry.target {
             PoseTarget::Within(at, reach) => (at, reach, true),
             PoseTarget::Nearest(at) => (at, size, false),
+            // A control by its index has no distance to check.
             PoseTarget::Control(_) => ([0.0; 3], f64::INFINITY, false),
         };
         let away = near(at).map_or(f64::INFINITY, |k| distance(controls[k], at));
+        // A place far from the mesh is usually in another unit. Without this check, the nearest control would
+        // move.
         if chosen.is_empty() || away > reach {
             let [x, y, z] = at;
             return Err(Error::input(format!(
@@ -288,11 +296,12 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
             by[k] = add(by[k], entry.by);
         }
     }
+    // Counted after adding up: opposite moves of one control cancel.
     let moved = by.iter().filter(|d| **d != [0.0; 3]).count();
     Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()), moved))
 }
 
-/// Writes one file, and what belongs to it.
+/// Writes one file and its companion files.
 fn write(
     path: &Path,
     file: &TexturedMesh,
@@ -301,6 +310,7 @@ fn write(
     targets: &[Vec<[f64; 3]>],
     picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
+    // Formats without morph targets show the first pose.
     let points = targets.first().unwrap_or(&mesh.positions);
     match extension(path).as_str() {
         "glb" => {

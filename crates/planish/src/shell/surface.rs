@@ -18,12 +18,15 @@ use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivide_for_
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// How thick a shell is if not specified, and how soft its field, as shares of the mesh's size.
-const USUAL_THICKNESS: f64 = 0.01;
-const USUAL_SOFTNESS: f64 = 0.002;
-/// Maximum radius of spherical metaballs relative to the softness of the field.
-const SPHERES: f64 = 3.0;
-/// Maximum number of facets after division into spherical metaballs.
+/// Default thickness of a shell and softness of its field, relative to the mesh's size. A thicker shell or a
+/// softer field closes gaps and rounds edges.
+const DEFAULT_THICKNESS: f64 = 0.01;
+const DEFAULT_SOFTNESS: f64 = 0.002;
+/// Maximum radius of spherical metaballs relative to the softness of the field. Larger spheres make the
+/// surface bumpy; smaller ones need more facets, in proportion to the square.
+const MAX_SPHERE_RATIO: f64 = 3.0;
+/// Maximum number of facets after division into spherical metaballs. It bounds memory and time; reaching it
+/// is reported.
 const MAX_FACETS: usize = 400_000;
 
 /// Settings of the job.
@@ -31,9 +34,9 @@ const MAX_FACETS: usize = 400_000;
 pub struct ShellMeshJob {
     /// The mesh.
     pub mesh: PathBuf,
-    /// Which surface of its shell.
+    /// The surface of the shell to mesh.
     pub level: IsoLevel,
-    /// What metaballs are built around.
+    /// Shape of the metaballs.
     pub metaball: Metaball,
     /// `d0` of triangular metaballs; a hundredth of the mesh's size if none is given.
     pub thickness: Option<f64>,
@@ -45,7 +48,7 @@ pub struct ShellMeshJob {
     pub cell: Option<f64>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
-    /// The unit of the mesh, where the file names none.
+    /// Unit of the mesh if the file states none.
     pub unit: Option<Unit>,
 }
 
@@ -80,7 +83,7 @@ pub struct ShellMeshReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// `converged`.
@@ -139,6 +142,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
     let mesh =
         TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
+    // All defaults are relative to the size, so a mesh without one would divide by zero.
     if size <= 0.0 {
         return Err(Error::undetermined(format!(
             "{}: {}: a shell needs a mesh with faces and a size",
@@ -149,12 +153,15 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             }
         )));
     }
-    let softness = job.softness.unwrap_or(USUAL_SOFTNESS * size);
+    // The softness decides how fine facets must be, so it is fixed before they are divided.
+    let softness = job.softness.unwrap_or(DEFAULT_SOFTNESS * size);
     let mut findings = Vec::new();
     let wrapped = match job.metaball {
+        // Triangular metaballs follow facets of any size; spheres only approximate small ones.
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
-            let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MAX_FACETS);
+            let (fine, _) = subdivide_for_spheres(&mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
+            // A warning: the surface is valid, but bumpy.
             if fine.triangles.len() >= MAX_FACETS {
                 let text = format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
@@ -168,7 +175,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         }
     };
     let options = ShellOptions {
-        thickness: job.thickness.unwrap_or(USUAL_THICKNESS * size),
+        thickness: job.thickness.unwrap_or(DEFAULT_THICKNESS * size),
         threshold: job.threshold,
         ..ShellOptions::new(job.metaball, 1.0 / softness)
     };
@@ -177,6 +184,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         .and_then(|shell| iso_surface(&shell, &IsoOptions { level: job.level, cell: job.cell }))
         .map_err(|e| e.in_context(job.mesh.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
+    // One set of normals for all files, so that they agree.
     let normals = made.mesh.vertex_normals();
     for path in &job.outputs {
         write_mesh(

@@ -39,15 +39,16 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use view::ColourView;
 
-/// Minimum and maximum default side of a texture, in pixels.
+/// Minimum and maximum default side of a texture, in pixels. Smaller textures blur even small meshes; larger
+/// ones take long to load.
 const DEFAULT_SIDES: [usize; 2] = [256, 4096];
-/// The largest side of a texture.
+/// Maximum side of a texture, in pixels. It bounds memory, which grows with the square of the side.
 pub const LARGEST_TEXTURE: usize = 8192;
 /// Maximum fraction of jointly seen places at which a view may be an outlier. Beyond it, the view is
-/// rejected.
+/// rejected. A picture of another object is an outlier nearly everywhere (test `texture`).
 const MAX_OUTLIER_FRACTION: f64 = 0.5;
 
-/// Where colours go.
+/// Target of the colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ColourPlace {
     /// Onto a texture where the mesh has texture coordinates, to the vertices where it has none.
@@ -66,13 +67,13 @@ pub struct ShellTextureJob {
     pub mesh: PathBuf,
     /// Cameras and pictures.
     pub views: PathBuf,
-    /// Where colours go.
+    /// Target of the colours.
     pub place: ColourPlace,
     /// Pixels along a side of the texture; about as fine as the pictures if none is given.
     pub texture_size: Option<usize>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
-    /// The unit where no file names it.
+    /// Unit if no file states one.
     pub unit: Option<Unit>,
 }
 
@@ -81,11 +82,11 @@ pub struct ShellTextureJob {
 pub struct ColourViewReport {
     /// Its name.
     pub view: String,
-    /// Whether it only judges.
+    /// Whether the view was held out.
     pub held_out: bool,
     /// Vertices that it sees.
     pub seen: usize,
-    /// Those where it differs too much from other views to take part.
+    /// Number of vertices at which it is an outlier.
     pub odd: usize,
     /// Whether the view was rejected because it differs at too many places.
     pub left_out: bool,
@@ -132,7 +133,7 @@ pub struct ShellTextureReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
     /// `converged`.
@@ -156,6 +157,7 @@ impl Job for ShellTextureJob {
     fn outputs(&self) -> Result<Vec<PathBuf>> {
         let good = |path: &Path| match extension(path).as_str() {
             "ply" => true,
+            // OBJ has no standard for colours of vertices.
             "glb" | "obj" => self.place != ColourPlace::Vertices || extension(path) == "glb",
             _ => false,
         };
@@ -171,7 +173,7 @@ impl Job for ShellTextureJob {
     }
 }
 
-/// Colours a mesh, and writes what was asked for.
+/// Colours a mesh and writes its outputs.
 ///
 /// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
 fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
@@ -179,11 +181,13 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     let mut findings = Vec::new();
     let (file, scene) = read(job, progress, &mut findings)?;
     progress.check("blending", 0.5)?;
+    // Vertices first, also for a texture: they decide which views are used, and colour its unseen pixels.
     let BlendedViews { used, statistics, coloured, seen } = blend_vertices(job, &scene)?;
     let wanted = match job.place {
         ColourPlace::Texture => true,
         ColourPlace::Vertices => false,
         ColourPlace::Auto => {
+            // OBJ files have colours only as a texture.
             !file.uv_triangles.is_empty() || job.outputs.iter().any(|path| extension(path) == "obj")
         }
     };
@@ -192,6 +196,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         let colour_at = |at, normal| {
             blend::blend(&scene.colours_at(&used, at, normal), statistics.sigma).map(|b| b.colour)
         };
+        // The texture is as fine as the views that colour it.
         let chosen: Vec<&ColourView> = used.iter().map(|k| &scene.views[*k]).collect();
         let painting = Painting { job, file: &file, scene: &scene, coloured: &coloured, views: &chosen };
         Some(paint(&painting, &colour_at, &mut findings)?)
@@ -199,6 +204,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         None
     };
     progress.check("judging", 0.8)?;
+    // Judged by what is written: the texture if there is one, otherwise the vertices.
     let reports = judge(&scene, &statistics, &coloured, texture.as_ref());
     for view in reports.iter().filter(|view| view.left_out) {
         let text = format!(
@@ -276,6 +282,7 @@ fn read(
     }
     let read = read_views(&job.views)?;
     file.unit = file.unit.or(job.unit);
+    // If either states no unit, both are assumed to share one.
     let by = match (file.unit, read.unit) {
         (Some(own), Some(theirs)) => own.millimetres() / theirs.millimetres(),
         _ => 1.0,
@@ -284,6 +291,7 @@ fn read(
     let mesh = TriangleMesh::try_new(points, file.triangles.clone())
         .map_err(|e| e.in_context(job.mesh.display()))?;
     let two_sided = !mesh.check().oriented;
+    // A warning: most meshes of this kind are closed bodies, for which the far side is hidden anyway.
     if two_sided {
         let text = format!(
             "{}: its facets are not all turned the same way: what is thin may take colours from its other \
@@ -294,6 +302,7 @@ fn read(
     }
     let count = read.views.len();
     let pictured: Vec<ViewFile> = (read.views.into_iter()).filter(|view| view.image.is_some()).collect();
+    // An error, because otherwise every colour would be a fill.
     if !pictured.iter().any(|view| !view.held_out) {
         return Err(Error::input(format!(
             "{}: needed a view with `image = \"...\"` that is not held out, found none of {count}",
@@ -346,6 +355,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
         let colours: Vec<Vec<ViewColour>> = (mesh.positions.par_iter().zip(&scene.normals))
             .map(|(at, normal)| scene.colours_at(used, *at, *normal))
             .collect();
+        // One σ for all places: a single place has too few views for an estimate of its own.
         let sigma = blend::scale(colours.iter().map(|s| &s[..]));
         let blended: Vec<Option<Blended>> = colours.par_iter().map(|s| blend::blend(s, sigma)).collect();
         (colours, sigma, blended)
@@ -359,6 +369,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
         })
         .collect();
     let odd = blend::odd_shares(count, &colours, &blended);
+    // Frees the samples of all views before they are made again.
     drop(colours);
     let all_used = used.len();
     used.retain(|k| odd[*k] <= MAX_OUTLIER_FRACTION);
@@ -382,7 +393,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
 }
 
-/// How far the pictures of all views are from the colours that were made.
+/// Differences between the pictures of all views and the resulting colours.
 fn judge(
     scene: &Scene,
     statistics: &ViewStatistics,
@@ -394,6 +405,7 @@ fn judge(
         .map(|(k, (view, file))| ColourViewReport {
             view: file.name.clone(),
             held_out: file.held_out,
+            // Held-out views were not sampled for the blend.
             seen: if file.held_out {
                 (mesh.positions.par_iter().zip(&scene.normals))
                     .filter(|(at, normal)| view.sample(**at, **normal, scene.two_sided).is_some())
@@ -415,7 +427,7 @@ fn judge(
 fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<ColourView> {
     let path = view.image.as_deref().unwrap_or(Path::new(""));
     let picture = read_picture(path)?;
-    // Places on the border are not asked for.
+    // The positions on the border are not used, so few of them are made.
     let mask = read_mask(view, 10.0)?;
     if let Some(mask) = &mask
         && (mask.columns, mask.rows) != (picture.columns, picture.rows)

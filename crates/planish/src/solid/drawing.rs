@@ -15,10 +15,12 @@ use std::path::{Path, PathBuf};
 
 /// Maximum number of lines of one kind that a message names. Others are counted.
 const MAX_NAMED: usize = 3;
-/// Ends of lines meet within this share of the drawing's size.
-const MEETS: f64 = 1e-4;
-/// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
-const SAME: f64 = 1e-7;
+/// Distance within which ends of lines meet, relative to the drawing's size. It only selects what a message
+/// names; the search has limits of its own.
+const MEETING_TOLERANCE: f64 = 1e-4;
+/// Distance within which ends and middles of repeated lines agree, relative to the drawing's size: the
+/// rounding of files. A larger value would merge distinct lines.
+const REPEATED_LINE_TOLERANCE: f64 = 1e-7;
 
 /// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
 /// 0.004 mm to 4e8 mm, and not of 4e9 mm.
@@ -53,18 +55,22 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawi
         }
         unit = unit.or(found.unit);
         findings.extend(found.findings.into_iter().map(|f| f.in_context(&name)));
+        // A second copy would have to be explained by a second edge.
         let twice = drop_repeated(&mut found.curves);
         findings.extend(summary(twice).map(|f| f.in_context(&name)));
+        // DXF views share a frame; every SVG page has an origin of its own.
         if extension(path) == "svg" && job.views.len() > 1 {
             place_at_origin(&mut found.curves);
         }
         drawing.views.push(View { kind, curves: found.curves });
     }
+    // One file holds all views: they are separated by gaps and named by their positions.
     if let [path] = &job.views[..] {
         let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
         drawing =
             views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
+    // Joining comes before the check of extents, because it can make them equal.
     if let Some(tolerance) = job.tolerance {
         drawing = joined(&drawing, tolerance)
             .map_err(|e| e.in_context(format!("tolerance {tolerance:e}")).with_setting(Setting::Tolerance))?;
@@ -109,7 +115,7 @@ fn summary(all: Vec<Finding>) -> impl Iterator<Item = Finding> {
 fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     let all =
         Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
-    let step = (SAME * all.size()).max(f64::MIN_POSITIVE);
+    let step = (REPEATED_LINE_TOLERANCE * all.size()).max(f64::MIN_POSITIVE);
     let key = |curve: &Curve2| {
         let points = curve.points();
         let mut at: Vec<[i64; 2]> = [0, points.len() / 2, points.len() - 1]
@@ -118,7 +124,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
         if let Curve2::Segment(..) = curve {
             at.remove(1);
         }
-        // The same line the other way round is the same line.
+        // A line and its reverse are the same line.
         if at[0] > at[at.len() - 1] {
             at.reverse();
         }
@@ -145,6 +151,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
             ),
         };
         repeated.push(Finding::new(FindingCode::LineRepeated, text));
+        // A visible line hides a hidden one in the same place.
         if drawn.style == LineStyle::Visible {
             first.style = LineStyle::Visible;
         }
@@ -153,7 +160,7 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
     repeated
 }
 
-/// Moves a view's left lower corner to the origin: pages have an origin of their own.
+/// Moves the lower left corner of a view to the origin.
 fn place_at_origin(curves: &mut [DrawnCurve]) {
     let points = || curves.iter().flat_map(|c| c.curve.points());
     let least = [0, 1].map(|k| points().map(|p| p[k]).fold(f64::MAX, f64::min));
@@ -162,12 +169,12 @@ fn place_at_origin(curves: &mut [DrawnCurve]) {
     }
 }
 
-/// What in a drawing may be the reason why no solid was found: sizes and ends that nearly agree, and open
-/// outlines.
+/// Possible reasons why no solid was found: sizes and ends that nearly agree, and open outlines.
 pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
     let mut found = nearly_equal_extents(drawing, paths);
     found.extend(summary(nearly_meeting_ends(drawing, paths)));
     if found.is_empty() {
+        // Only if nothing else was found: drawings without smooth edges have open ends as well.
         found = open_ends(drawing, paths);
     }
     found
@@ -184,7 +191,7 @@ pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Err
 /// Names the ends of visible lines at which no other line ends. If no solid was found, an open outline is a
 /// likely reason. (Drawings that omit smooth edges have such ends as well.)
 fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
-    let near = MEETS * drawing.size();
+    let near = MEETING_TOLERANCE * drawing.size();
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
         let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();
@@ -245,6 +252,8 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
                 continue;
             };
             let size = (first[1] - first[0]).max(range[1] - range[0]);
+            // An error before the search, whose message could not name the cause. Smaller differences are
+            // left to the search and to the hints for near misses.
             if let Some(end) = (0..2).find(|e| (first[*e] - range[*e]).abs() > 2e-3 * size) {
                 let ratio = (range[1] - range[0]) / (first[1] - first[0]);
                 let scale = match (ratio - 1.0).abs() > 2e-3 && ratio.is_finite() {

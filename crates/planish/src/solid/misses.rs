@@ -5,8 +5,9 @@ use planish_core::{Finding, FindingCode, Setting};
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;
 
-/// Ends and sizes that differ by more than this share of the drawing's size are not meant to be one.
-const NEARLY: f64 = 2e-3;
+/// Maximum difference of a near miss, relative to the drawing's size. Larger differences are taken as
+/// intended.
+const NEAR_MISS_RATIO: f64 = 2e-3;
 
 /// Distance within which coordinates are treated as equal: the rounding of six digits in files.
 fn rounding(drawing: &Drawing) -> f64 {
@@ -34,12 +35,14 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
             let points = view.curves.iter().flat_map(|c| c.curve.points());
             let [lo, hi] = points.fold([f64::MAX, f64::MIN], |[lo, hi], p| [lo.min(p[k]), hi.max(p[k])]);
             let size = hi - lo;
+            // Each later view is compared with the first one that has the axis.
             let Some((first, other)) = seen[axis] else {
                 seen[axis] = Some((size, index));
                 continue;
             };
             let off = (size - first).abs();
-            if off > rounding(drawing) && off <= NEARLY * drawing.size() {
+            // Equal but for rounding is no reason for a failure, and a larger difference is an error already.
+            if off > rounding(drawing) && off <= NEAR_MISS_RATIO * drawing.size() {
                 let text = format!(
                     "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
                      times as long: needed one scale; a tolerance of {:.1e} makes them equal",
@@ -60,7 +63,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
 
 /// Ends of visible lines that almost meet another line.
 pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
-    let (same, nearly) = (rounding(drawing), NEARLY * drawing.size());
+    let (same, nearly) = (rounding(drawing), NEAR_MISS_RATIO * drawing.size());
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
         let is_closed = |curve: &Curve2| {
@@ -68,6 +71,7 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<F
             distance(points[0], points[points.len() - 1]) <= same
         };
         for (k, drawn) in view.curves.iter().enumerate() {
+            // Hidden lines end behind others, and closed curves have no ends.
             if drawn.style != LineStyle::Visible || is_closed(&drawn.curve) {
                 continue;
             }

@@ -43,9 +43,9 @@ pub struct ReportedView {
 pub struct NoisyGeometry {
     /// The views.
     pub views: Vec<ReportedView>,
-    /// Which coordinates of them are one.
+    /// Coordinates of the views that are equal.
     pub matches: Vec<SpaceMatch>,
-    /// What agreeing costs the views.
+    /// χ² of the agreement between the views.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
@@ -66,10 +66,12 @@ pub(super) struct Noisy {
     of_file: Vec<bool>,
 }
 
-/// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found.
-const NEARLY: f64 = 0.1;
-/// Points of exact views are one within this share of the extent.
-const SAME: f64 = 1e-7;
+/// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found. Steeper bars (6°)
+/// are meant to be oblique.
+const MAX_LEAN: f64 = 0.1;
+/// Distance within which points of exact views coincide, relative to the extent: rounding errors of the
+/// estimation.
+const COINCIDENCE_TOLERANCE: f64 = 1e-7;
 
 /// Reads the views and makes them one geometry.
 pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy> {
@@ -88,6 +90,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
             )));
         }
         unit = unit.or(file.unit.map(|own| (own, path.as_path())));
+        // Several levels are sections at different heights, which no single view shows.
         if let Some(level) = file.levels.iter().flatten().find(|level| Some(**level) != file.levels[0]) {
             return Err(named(Error::input(format!(
                 "holds contours of several levels, such as {level}: a view is one outline with its holes"
@@ -95,8 +98,11 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
         }
         let sketch = Sketch::new(&file.contours).map_err(named)?;
         let constraints = match file.constraints {
+            // Constraints of a file were imposed by the user or in an earlier run. Searching again could
+            // contradict them.
             Some(constraints) => {
                 for constraint in &constraints {
+                    // A file may be edited by hand, so the parts that constraints name may not exist.
                     constraint.require_parts(&sketch.drawing).map_err(named)?;
                 }
                 of_file.push(true);
@@ -110,7 +116,10 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
         views.push(NoisyView { kind, sketch, constraints });
     }
     let options = MatchOptions { level: job.level, ..MatchOptions::default() };
+    // Constraints of each view come first. They make coordinates equal within a view before views are
+    // matched.
     let consistent = match_views(&views, &options)?;
+    // A warning: the solid is still the best estimate, and the cause may be an optimistic σ.
     if consistent.p_value < job.level {
         findings.push(
             Finding::new(
@@ -142,6 +151,7 @@ fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
 impl Noisy {
     /// The drawing of a view, consistent with the others, and its constraints including dimensions.
     fn complete(&self, view: usize) -> Result<(ParametricDrawing, Vec<Constraint>)> {
+        // The view as adjusted to the others, so that dimensions of all views agree.
         let (drawing, covariance) = self.consistent.view(view)?;
         let own = &self.views[view];
         let mut all: Vec<Constraint> = own.sketch.given.iter().chain(&own.constraints).copied().collect();
@@ -173,11 +183,13 @@ impl Noisy {
                 axes: [axis(view.kind.axes()[0]), axis(view.kind.axes()[1])],
                 drawing,
                 constraints,
+                // The graph needs the structure only.
                 covariance: None,
             })
             .collect();
-        match composite(&sketches, SAME * self.consistent.drawing.extent(), 0.0) {
+        match composite(&sketches, COINCIDENCE_TOLERANCE * self.consistent.drawing.extent(), 0.0) {
             Ok(composite) => Ok(Some(composite)),
+            // A missing graph must not discard the solid.
             Err(e) => {
                 findings.push(Finding::new(
                     FindingCode::GraphNotWritten,
@@ -224,9 +236,11 @@ impl Noisy {
             let each = [Constraint::Horizontal { bar }, Constraint::Vertical { bar }];
             let off =
                 each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
+            // A leaning bar is compared with the axis that it nearly follows.
             let nearest = usize::from(off[1] < off[0]);
             let spread = sigma(&each[nearest], drawing, &self.consistent.covariance) / drawing.length(bar);
-            (off[nearest] > SAME && off[nearest] < NEARLY).then(|| {
+            // Exactly parallel bars are fine, and steeper ones are meant to be oblique.
+            (off[nearest] > COINCIDENCE_TOLERANCE && off[nearest] < MAX_LEAN).then(|| {
                 format!(
                     "{} leans by {:.3}° ± {:.3}°",
                     drawing.bar_name(bar),
@@ -236,6 +250,7 @@ impl Noisy {
             })
         });
         let leaning: Vec<String> = leaning.collect();
+        // Without a leaning bar, the usual reason is that contours lack inner edges.
         if leaning.is_empty() {
             return error.in_context(
                 "contours are outlines: edges inside an outline are not seen, and a solid that shows some \

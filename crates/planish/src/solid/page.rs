@@ -12,15 +12,16 @@ use planish_solid::tessellation::tessellate;
 use planish_solid::views::{Drawing, LineStyle};
 use std::path::PathBuf;
 
-/// Solids that are shown side by side, at most.
-const MOST_SOLIDS: usize = 6;
-/// From one solid to the next, over the width of the first.
-const APART: f64 = 1.35;
+/// Maximum number of solids that are shown side by side.
+const MAX_SOLIDS: usize = 6;
+/// Distance from one solid to the next, relative to the width of the first.
+const SPACING_RATIO: f64 = 1.35;
 /// Height of the labels above the solutions, relative to the diagonal of their box.
-const ABOVE: f64 = 0.06;
-/// Lines that none explains, named one by one.
-const MOST_LINES: usize = 20;
-/// Faces that meet at less than this angle in degrees have no edge that is drawn.
+const LABEL_HEIGHT_RATIO: f64 = 0.06;
+/// Maximum number of unexplained lines that are listed.
+const MAX_LINES: usize = 20;
+/// Faces that meet at less than this angle in degrees have no edge that is drawn. Facets of round faces meet
+/// at smaller angles, edges of usual parts at larger ones.
 const SMOOTH_DEG: f64 = 20.0;
 
 /// The page of solids, best first.
@@ -34,14 +35,16 @@ pub(crate) fn solid_page(
     let unit = report.unit.name();
     let mut scene = Scene { unit: unit.to_owned(), ..Scene::default() };
     let mut across = 0.0;
-    for (k, solid) in solids.iter().take(MOST_SOLIDS).enumerate() {
+    for (k, solid) in solids.iter().take(MAX_SOLIDS).enumerate() {
+        // STEP output needs no mesh, so a solid that cannot be meshed is only missing in the view.
         let Ok(mut mesh) = tessellate(solid, tolerance) else {
             continue;
         };
         if let Some(bounds) = BoundingBox::from_points(&mesh.positions)
             && across == 0.0
         {
-            across = APART * (bounds.max[0] - bounds.min[0]);
+            // All solids of a drawing have the same extents, so the width of the first serves for all.
+            across = SPACING_RATIO * (bounds.max[0] - bounds.min[0]);
         }
         for p in &mut mesh.positions {
             p[0] += across * k as f64;
@@ -53,7 +56,7 @@ pub(crate) fn solid_page(
                 format!("volume {} {unit}³, {}", significant(s.volume, 5), faces(&s.faces))
             });
             scene.marks.push(Mark {
-                at: [x, y, bounds.max[2] + ABOVE * bounds.diagonal()],
+                at: [x, y, bounds.max[2] + LABEL_HEIGHT_RATIO * bounds.diagonal()],
                 label: (k + 1).to_string(),
                 text,
                 normal: [0.0, 0.0, 1.0],
@@ -101,6 +104,7 @@ pub(crate) fn solid_page(
         headline,
         findings: report.findings.clone(),
         figures,
+        // Without a solid, the page shows only the views and the unexplained lines.
         scene: (!scene.surfaces.is_empty()).then_some(scene),
         drawings: Vec::new(),
         sections: sections(report, drawings, unit),
@@ -111,6 +115,7 @@ pub(crate) fn solid_page(
 fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 2]> {
     use planish_estimate::vector3::{cross, dot, sub, unit};
     use std::collections::BTreeMap;
+    // A sorted map, so that the page has the same bytes in every run.
     let mut sides: BTreeMap<[u32; 2], Vec<[f64; 3]>> = BTreeMap::new();
     for t in triangles {
         let [a, b, c] = t.map(|k| positions[k as usize]);
@@ -124,6 +129,7 @@ fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 
     }
     let smooth = SMOOTH_DEG.to_radians().cos();
     (sides.into_iter())
+        // Edges of chords on a round face are not edges of the solid.
         .filter(|(_, normals)| normals.len() != 2 || dot(normals[0], normals[1]) < smooth)
         .map(|(ends, _)| ends.map(|k| positions[k as usize]))
         .collect()
@@ -146,7 +152,7 @@ fn faces(counts: &FaceCounts) -> String {
 
 fn lines_table(lines: &[UnexplainedLine]) -> Table {
     let mut table = Table::new(["view", "entity", "why"]);
-    for line in lines.iter().take(MOST_LINES) {
+    for line in lines.iter().take(MAX_LINES) {
         let entity = line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
         table.row([line.view.to_owned(), entity, line.why.clone()], false);
     }
@@ -189,6 +195,7 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
                     significant(dimension.value, 6),
                     dimension.sigma.map_or("not known".to_owned(), |s| significant(s, 2)),
                 ],
+                // Dimensions without σ follow from no estimate and are marked.
                 dimension.sigma.is_none(),
             );
         }
@@ -209,6 +216,7 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
             vec![Block::Table(lines_table(&report.unexplained))],
         ));
     }
+    // The first few are enough to show what is wrong.
     for refused in report.refused.iter().take(3) {
         sections.push(Section::new(
             format!("A solid that was refused, {} {unit}³", significant(refused.volume, 5)),

@@ -12,7 +12,7 @@ use planish_solid::tessellation::{MAX_TRIANGLES, min_tolerance, tessellate, tria
 use planish_solid::views::Solution;
 use std::path::{Path, PathBuf};
 
-/// Vertices, edges and faces of a STEP file meet within this share of a millimetre.
+/// Stated uncertainty of STEP files, in millimetres: vertices, edges and faces meet within it.
 const UNCERTAINTY_MM: f64 = 1e-5;
 
 /// A solid, with its mesh if an output needs one.
@@ -36,6 +36,7 @@ pub(super) fn prepare<'a>(
     let one = |(index, solution): (usize, &&'a Solution)| {
         let solid = &solution.solid;
         let mesh = match is_meshed {
+            // Estimated before meshing, because the mesh itself could exhaust the memory.
             true if triangles_needed(solid, tolerance) > MAX_TRIANGLES => {
                 return Err(too_fine(solid, tolerance));
             }
@@ -43,6 +44,7 @@ pub(super) fn prepare<'a>(
             false => None,
         };
         if let Some(mesh) = &mesh {
+            // Rounded coordinates would tear a watertight mesh apart.
             refuse_coarse_numbers(job, &mesh.positions, tolerance)?;
         }
         Ok(Prepared { solid, mesh })
@@ -108,6 +110,7 @@ pub(super) fn write(
                 }
                 _ => write_solid(&path, one.solid, &options(output, unit))?,
             }
+            // The report names one file per solid.
             file.get_or_insert(path.display().to_string());
             all.push(path);
         }

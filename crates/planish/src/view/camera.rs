@@ -11,8 +11,8 @@ const DISTANCE: f64 = 2.6;
 /// Azimuth and elevation of `iso`, in degrees: equal angles with all three axes.
 const ISO_DEG: [f64; 2] = [45.0, 35.264_389_682_754_654];
 
-/// An azimuth of more than ten turns is a slip.
-const MOST_TURN_DEG: f64 = 3600.0;
+/// Largest accepted azimuth, in degrees: ten turns. A larger one is a typing error.
+const MAX_TURN_DEG: f64 = 3600.0;
 
 /// A direction along an axis that is up in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +51,7 @@ impl Up {
         up
     }
 
-    /// To the right of who looks from the front: x, or y where x is up.
+    /// The right-hand direction in the front view: x, or y if x is up.
     fn right(self) -> [f64; 3] {
         if self.axis == 0 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }
     }
@@ -67,7 +67,7 @@ pub struct CameraAngles {
     pub azimuth_deg: f64,
     /// Above the level of the object, in degrees from −90 to 90.
     pub elevation_deg: f64,
-    /// How much larger than what just fits.
+    /// Magnification relative to the view in which the object just fits.
     pub zoom: f64,
 }
 
@@ -80,6 +80,7 @@ impl FromStr for CameraAngles {
                               top, bottom or iso";
         let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self { azimuth_deg, elevation_deg, zoom: 1.0 };
         let (name, zoom) = match text.split_once(',') {
+            // `top,1.5` is a name with a zoom; `30,20` are two angles.
             Some((name, zoom)) if name.parse::<f64>().is_err() => (name, Some(zoom)),
             _ => (text, None),
         };
@@ -104,7 +105,7 @@ impl FromStr for CameraAngles {
         if let Some(zoom) = zoom {
             found.zoom = zoom.trim().parse().map_err(|_| format!("{NEEDED}; found {text:?}"))?;
         }
-        if !(-MOST_TURN_DEG..=MOST_TURN_DEG).contains(&found.azimuth_deg) {
+        if !(-MAX_TURN_DEG..=MAX_TURN_DEG).contains(&found.azimuth_deg) {
             return Err(format!("needed an azimuth from -3600 to 3600 degrees; found {text:?}"));
         }
         if !(-90.0..=90.0).contains(&found.elevation_deg) {
@@ -125,6 +126,7 @@ pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
     let (upwards, across) = (up.direction(), up.right());
     let front = cross(across, upwards);
     let [azimuth, elevation] = [angles.azimuth_deg, angles.elevation_deg].map(f64::to_radians);
+    // From angles and not from a cross product with `up`, which vanishes in views from above.
     let level = add(scale(azimuth.sin(), across), scale(azimuth.cos(), front));
     let from = add(scale(elevation.cos(), level), scale(elevation.sin(), upwards));
     let right = add(scale(azimuth.cos(), across), scale(-azimuth.sin(), front));
@@ -138,7 +140,7 @@ pub(super) fn axes_from(from: [f64; 3], up: [f64; 3]) -> Result<Axes> {
     Ok([right, cross(from, right), from])
 }
 
-/// Where in a picture the object is to be: from the left and the top, in pixels.
+/// Area of the picture for the object, from the left and the top, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
     pub low: [f64; 2],
@@ -164,6 +166,7 @@ impl Camera {
     /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
     pub(super) fn from_points(points: &[[f64; 3]], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
         let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        // A single point has no size, but must not give NaN.
         let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
         let mut camera = Self {
             at: add_scaled(bounds.center(), DISTANCE * diagonal, axes[2]),
@@ -174,6 +177,7 @@ impl Camera {
         };
         let seen: BoundingBox<2> = points.iter().map(|p| camera.project(*p).at).collect();
         let BoundingBox { min: low, max: high } = seen;
+        // The distance is fixed and the focal length follows, so the perspective is the same for all objects.
         let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
         camera.focal = zoom * room(0).min(room(1));
         camera.middle =

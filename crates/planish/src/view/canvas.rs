@@ -34,11 +34,13 @@ impl Canvas {
 
     /// Red, green and blue of every pixel, row by row.
     pub(super) fn bytes(&self) -> Vec<u8> {
+        // Rounded, so that a colour that was not mixed keeps its byte.
         let byte = |c: &f64| (255.0 * c).round().clamp(0.0, 255.0) as u8;
         self.pixels.iter().flat_map(|colour| colour.iter().map(byte)).collect()
     }
 
     fn mix(&mut self, column: i64, row: i64, colour: Colour, share: f64) {
+        // Legends of tiny pictures may extend beyond the border.
         let inside = (0..self.columns as i64).contains(&column) && (0..self.rows as i64).contains(&row);
         if inside && share > 0.0 {
             let pixel = &mut self.pixels[row as usize * self.columns + column as usize];
@@ -58,6 +60,8 @@ impl Canvas {
         for row in (low[1] - 1.0).floor() as i64..=(high[1] + 1.0).ceil() as i64 {
             for column in (low[0] - 1.0).floor() as i64..=(high[0] + 1.0).ceil() as i64 {
                 let at = [column as f64 + 0.5, row as f64 + 0.5];
+                // The distance from the border, clamped to a pixel, approximates the covered area: smooth
+                // edges without several samples.
                 self.mix(column, row, colour(at), (inside(at) + 0.5).clamp(0.0, 1.0));
             }
         }
@@ -84,6 +88,7 @@ impl Canvas {
     /// A straight line with round ends.
     pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], width: f64, colour: Colour) {
         let along = [to[0] - from[0], to[1] - from[1]];
+        // A line without a length is a dot, not NaN.
         let square = (along[0] * along[0] + along[1] * along[1]).max(f64::MIN_POSITIVE);
         let half = 0.5 * width;
         let low = [0, 1].map(|k| from[k].min(to[k]) - half);
@@ -140,6 +145,7 @@ impl Canvas {
             let placed = glyph.with_scale_and_position(scale, point(x as f32, at[1] as f32));
             if let Some(outline) = self.font.outline_glyph(placed) {
                 let corner = outline.px_bounds().min;
+                // Collected first, because drawing borrows the font of the canvas.
                 let mut covered = Vec::new();
                 outline.draw(|column, row, share| covered.push((column, row, share)));
                 for (column, row, share) in covered {

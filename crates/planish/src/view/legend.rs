@@ -6,8 +6,8 @@ use planish_report::colour::{Colour, ColourKind, Range, Scale};
 
 const INK: Colour = [0.11, 0.115, 0.125];
 const SOFT: Colour = [0.36, 0.375, 0.41];
-/// Kinds that a legend names.
-const MOST_KINDS: usize = 8;
+/// Maximum number of kinds that a legend names; the others are counted. More do not fit into one line.
+const MAX_KINDS: usize = 8;
 
 /// Contents of a legend.
 pub(super) struct Legend {
@@ -58,6 +58,7 @@ pub(super) fn draw(canvas: &mut Canvas, legend: &Legend, camera: &Camera) {
     let size = 0.9 * em;
     if end == left {
         canvas.text([left, bottom], &legend.size, size, Anchor::Left, SOFT);
+    // The size is omitted if it does not fit. The scale is more important.
     } else if right - end > canvas.width(&legend.size, size) + 2.0 * em {
         canvas.text([right, bottom], &legend.size, size, Anchor::Right, SOFT);
     }
@@ -87,7 +88,7 @@ fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], roo
     for (k, kind) in list.iter().enumerate() {
         let rest = list.len() - k;
         let width = 1.1 * em + canvas.width(&kind.label, size);
-        let is_full = k == MOST_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
+        let is_full = k == MAX_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
         if is_full && k > 0 {
             let text = format!("and {rest} more");
             canvas.text([x, bottom], &text, size, Anchor::Left, SOFT);

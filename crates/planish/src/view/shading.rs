@@ -15,9 +15,10 @@ use planish_mesh::{DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::{Colour, linear_light};
 use rayon::prelude::*;
 
-/// Places along each side of a pixel that are drawn, and of pictures with more pixels than [`LARGE`].
+/// Samples along each side of a pixel, and the same for pictures larger than [`LARGE_PICTURE`]. Large
+/// pictures have finer pixels, so their edges need fewer samples.
 const SAMPLES: [usize; 2] = [3, 2];
-const LARGE: usize = 8_000_000;
+const LARGE_PICTURE: usize = 8_000_000;
 /// Approximate maximum number of samples in the depth buffer. Larger pictures are drawn in strips.
 const MAX_SAMPLES: usize = 16_000_000;
 /// Faces that meet at more than this angle, in degrees, have an edge between them.
@@ -28,17 +29,19 @@ const LAMP: [f64; 3] = [-0.42, 0.58, 0.70];
 const SKY: f64 = 0.44;
 const GROUND: f64 = 0.24;
 const DIRECT: f64 = 0.72;
-/// The lamp reaches so far around an object, as a cosine: its edge of light is soft.
-const AROUND: f64 = 0.4;
-/// Reach of obscurance, over the diagonal of the object; how dark it makes; places that are asked.
+/// How far the lamp reaches around an object, as a cosine. It makes the edge of the light soft.
+const LAMP_WRAP: f64 = 0.4;
+/// Reach of obscurance relative to the diagonal of the object, its strength, and the number of sampled
+/// positions. A larger reach also darkens wide hollows; more samples reduce noise at proportional cost.
 const REACH: f64 = 0.035;
 const OBSCURANCE: f64 = 1.5;
-const ASKED: usize = 48;
-/// An angle by which neighbours on a spiral never line up.
+const OBSCURANCE_SAMPLES: usize = 48;
+/// Golden angle in radians: samples on a spiral with this step never line up.
 const GOLDEN: f64 = 2.399_963_229_728_653;
-/// How dark the dots behind others are, for each unit of slope, and the steepest slope that counts.
-const DOTS_APART: f64 = 0.14;
-const STEEPEST: f64 = 4.0;
+/// Darkening of dots behind others per unit of slope, and the largest slope that counts. Without the limit,
+/// all dots at a depth edge would be black.
+const DOT_DARKENING: f64 = 0.14;
+const MAX_SLOPE: f64 = 4.0;
 
 /// A drawn object.
 pub(super) enum Shape<'a> {
@@ -80,7 +83,7 @@ pub(super) struct Pixel {
     is_value: bool,
 }
 
-/// A shape with what light needs of it.
+/// A shape, prepared for shading.
 struct Prepared<'a> {
     shape: &'a Shape<'a>,
     /// The first of its triangles, in the depth buffer.
@@ -94,11 +97,12 @@ const OUTLINE: usize = 6;
 
 /// Draws shapes: every pixel, row by row.
 pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usize; 2]) -> Vec<Pixel> {
-    let samples = SAMPLES[usize::from(columns * rows > LARGE)];
+    let samples = SAMPLES[usize::from(columns * rows > LARGE_PICTURE)];
     let fine = |p: Projected| Projected { at: p.at.map(|x| samples as f64 * x), ..p };
     let (mut corners, mut triangles) = (Vec::new(), Vec::new());
     let mut prepared = Vec::with_capacity(shapes.len());
     for shape in shapes {
+        // All shapes share one depth buffer, so that they hide each other.
         let (first, base) = (triangles.len(), corners.len() as u32);
         let mut normals = Vec::new();
         match shape {
@@ -125,6 +129,7 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
         }
         prepared.push(Prepared { shape, first, normals });
     }
+    // Strips bound the memory. Each pixel is computed alone, so their height does not change the result.
     let strip = (MAX_SAMPLES / (samples * samples * columns).max(1)).clamp(1, rows.max(1));
     let mut pixels = Vec::with_capacity(columns * rows);
     for first in (0..rows).step_by(strip) {
@@ -153,6 +158,7 @@ fn pixel(
     let mut mean = Pixel::default();
     let mut n = 0.0;
     for seen in samples.flatten() {
+        // Shapes are in the order of their first triangle.
         let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
         let (light, normal) = lit(&prepared[which], camera, &seen);
         mean.light = add_scaled(mean.light, 1.0, light);
@@ -208,6 +214,7 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> ([f64; 3],
 }
 
 fn towards_camera(normal: [f64; 3]) -> [f64; 3] {
+    // Both sides of a surface are lit alike, because the orientation in files is unreliable.
     if normal[2] < 0.0 { scale(-1.0, normal) } else { normal }
 }
 
@@ -215,7 +222,7 @@ fn towards_camera(normal: [f64; 3]) -> [f64; 3] {
 fn brightness(normal: [f64; 3]) -> f64 {
     let sky = 0.5 + 0.5 * normal[1];
     let lamp = dot(normal, LAMP) / norm(LAMP);
-    let reached = ((lamp + AROUND) / (1.0 + AROUND)).max(0.0);
+    let reached = ((lamp + LAMP_WRAP) / (1.0 + LAMP_WRAP)).max(0.0);
     GROUND + (SKY - GROUND) * sky + DIRECT * reached.powf(1.5)
 }
 
@@ -224,6 +231,7 @@ fn brightness(normal: [f64; 3]) -> f64 {
 fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
     // Files may contain a vertex several times, once for each adjacent face.
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+    // Adding 0 turns −0 into 0, so that both compare equal.
     let bits = |k: u32| positions[k as usize].map(|c| (c + 0.0).to_bits());
     order.par_sort_unstable_by_key(|&k| bits(k));
     let mut place_of = vec![0_u32; positions.len()];
@@ -241,6 +249,7 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
         })
         .collect();
     // Faces around every place, one list after the other.
+    // Counting sort of triangles by place. It keeps their order, so sums do not depend on threads.
     let mut starts = vec![0_u32; places as usize + 2];
     for k in triangles.as_flattened() {
         starts[place_of[*k as usize] as usize + 1] += 1;
@@ -266,6 +275,7 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
                 let all = &around[starts[place] as usize..starts[place + 1] as usize];
                 let sum = all.iter().fold([0.0; 3], |sum, &other| {
                     let other = face[other as usize];
+                    // Faces are not normalised here: the mean is weighted by area.
                     let meets = own.is_none_or(|own| dot(own, other) >= smooth * norm(other));
                     if meets { add_scaled(sum, 1.0, other) } else { sum }
                 });
@@ -279,9 +289,9 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
 fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
     let [columns, _] = size;
     // Places over a disc, evenly.
-    let spiral: Vec<[f64; 2]> = (0..ASKED)
+    let spiral: Vec<[f64; 2]> = (0..OBSCURANCE_SAMPLES)
         .map(|k| {
-            let radius = ((k as f64 + 0.5) / ASKED as f64).sqrt();
+            let radius = ((k as f64 + 0.5) / OBSCURANCE_SAMPLES as f64).sqrt();
             let (sine, cosine) = (GOLDEN * k as f64).sin_cos();
             [radius * cosine, radius * sine]
         })
@@ -291,6 +301,7 @@ fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
         .with_min_len(64)
         .map(|k| {
             let mut pixel = pixels[k];
+            // Pixels that encode a normal must keep their exact colour.
             if pixel.covered > 0.0 && !pixel.is_value {
                 let at = [k % columns, k / columns];
                 let share = if pixel.is_dot {
@@ -339,7 +350,8 @@ fn obscurance(
             sum += above * reach / (square + 0.01 * reach * reach) * (1.0 - square / (4.0 * reach * reach));
         }
     }
-    (1.0 - OBSCURANCE * sum / ASKED as f64).max(0.25)
+    // The lower limit keeps colours readable as values in deep folds.
+    (1.0 - OBSCURANCE * sum / OBSCURANCE_SAMPLES as f64).max(0.25)
 }
 
 /// The brightness of a dot, reduced by steep depth differences to dots in front of it.
@@ -349,11 +361,12 @@ fn dots_apart(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2
     let footprint = pixel.depth / camera.focal;
     let mut sum = 0.0;
     for k in 0..16 {
+        // Two rings: the inner one separates neighbouring dots, the outer one layers of dots.
         let radius = if k < 8 { 1.5 } else { 4.0 };
         let (sine, cosine) = (std::f64::consts::TAU * f64::from(k) / 8.0).sin_cos();
         if let Some(other) = covered(pixels, size, [middle[0] + radius * cosine, middle[1] + radius * sine]) {
-            sum += ((pixel.depth - other.depth) / (radius * footprint)).clamp(0.0, STEEPEST);
+            sum += ((pixel.depth - other.depth) / (radius * footprint)).clamp(0.0, MAX_SLOPE);
         }
     }
-    (-DOTS_APART * sum / 2.0).exp().max(0.12)
+    (-DOT_DARKENING * sum / 2.0).exp().max(0.12)
 }

@@ -14,7 +14,7 @@ use planish_report::numbers::{count, counted, significant};
 use planish_report::{Cloud, FieldKind, Scene};
 use std::path::{Path, PathBuf};
 
-/// Maximum number of points that are drawn.
+/// Maximum number of points that are drawn. It bounds memory; a picture has fewer pixels anyway.
 const MAX_POINTS: usize = 3_000_000;
 
 /// A file to view and, optionally, the reference that it is compared with.
@@ -56,6 +56,7 @@ impl ViewedContent {
             Compared::read(path)?
         } else if has_faces(path) {
             let file = read_mesh(path)?;
+            // Formats of meshes can contain points only.
             if file.triangles.is_empty() {
                 return Self::from_points(viewed, points.min(MAX_POINTS));
             }
@@ -104,6 +105,7 @@ impl ViewedContent {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let (report, shown) = compared(model, Reference::read(reference)?, &viewed.compare, progress)?;
+        // The same scene as in the report of a comparison.
         let scene = compared_scene(model, &report, shown, &viewed.compare, triangles)?;
         Ok(Self {
             scene,
@@ -115,6 +117,7 @@ impl ViewedContent {
 
     fn from_points(viewed: &ViewedFile, max_points: usize) -> Result<Self> {
         let path = &viewed.file;
+        // An error, because a picture without the requested deviations would look complete.
         if viewed.reference.is_some() {
             return Err(Error::unsupported(format!(
                 "{}: needed a model with a surface, found points only: deviations are those of a surface \
@@ -130,8 +133,10 @@ impl ViewedContent {
             return Err(Error::input(format!("{}: needed points, found none", path.display())));
         }
         let step = all.points.len().div_ceil(max_points);
+        // Every nth point: deterministic, and even along the path of a scanner.
         let kept = || (0..all.points.len()).step_by(step);
         let mut fields = Vec::new();
+        // All or none: a mixture of lit and unlit dots would look like shape.
         let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| norm(*n) > 0.0));
         if let Some(covariance) = &all.covariance {
             let (label, sigma): (_, Vec<f64>) = match normals {
@@ -143,12 +148,14 @@ impl ViewedContent {
                     kept().map(|k| (covariance[k].trace() / 3.0).sqrt()).collect(),
                 ),
             };
+            // σ = 0 stands for unknown. As a value, it would fix the lower end of the colour scale.
             let known = sigma.iter().map(|s| if *s > 0.0 { *s } else { f64::NAN }).collect();
             fields.push(numbers("sigma", label, name, FieldKind::Sequential, known));
         }
         if set.scans.len() > 1 {
             let names = set.scans.iter().enumerate();
             let of_point: Vec<u16> = (names.clone())
+                // Points are in the order of the scans.
                 .flat_map(|(k, posed)| std::iter::repeat_n(k as u16, posed.scan.points.len()))
                 .collect();
             fields.push(kinds(
@@ -158,6 +165,7 @@ impl ViewedContent {
                 kept().map(|k| of_point[k]).collect(),
             ));
         }
+        // Always there, so that a plain cloud is readable, too.
         let heights = kept().map(|k| all.points[k][2]).collect();
         fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
         let mut findings = Vec::new();

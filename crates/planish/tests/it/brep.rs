@@ -168,7 +168,7 @@ fn a_ball_turned_inside_out_still_encloses_its_solid() {
     }
 }
 
-/// What Open Cascade says of STEP files; none, with a word, where it is not there.
+/// Result of Open Cascade for STEP files. Without Open Cascade there is none, and a message is printed.
 fn open_cascade(files: &[PathBuf]) -> Option<Vec<serde_json::Value>> {
     let Ok(python) = std::env::var("PLANISH_OCC_PYTHON") else {
         println!("skipped: PLANISH_OCC_PYTHON names no python that has cadquery-ocp-novtk");

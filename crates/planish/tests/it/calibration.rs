@@ -1,4 +1,5 @@
-//! Are the stated uncertainties true? Known truth, seeded draws, errors judged against what was predicted.
+//! Calibration of uncertainties: errors of seeded draws from a known truth, compared with their predicted
+//! covariance.
 //!
 //! The small sizes run with every test; `just nightly` runs the two hundred draws of each (`--ignored`).
 

@@ -1,4 +1,4 @@
-//! Clouds as they come: no grid, no normals, no viewpoint; dust, duplicates, misstated σ.
+//! Clouds without grid, normals and viewpoint, with isolated points, duplicates and misstated σ.
 
 use crate::common;
 

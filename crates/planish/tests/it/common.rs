@@ -1,4 +1,4 @@
-//! What several test programs build on.
+//! Helpers that several tests share.
 
 use planish_exchange::{PosedScan, ScanSet};
 use planish_sense::{Noise, Scan, Sensor, SensorKind};

@@ -1,5 +1,4 @@
-//! Both filters over the same scans: what one says, the other must not contradict, and both must tell the
-//! truth about their σ.
+//! Both filters on the same scans: their results must be consistent, and so must their σ.
 
 use planish::fit::{
     Filter, Fit, FitOptions, GlobalOptions, PatchOptions, RefineBy, Strategy, UpdateOptions, fit,
@@ -112,7 +111,7 @@ fn another_days_scans_go_on_with_the_patch_filter() {
     assert!(today.model.known.filter().is_some());
     assert!(today.report.observed_area_fraction >= yesterday.report.observed_area_fraction);
     let ratio = today.report.sigma.median / all.report.sigma.median;
-    // What was divided late knows its detail less well, what was divided less has less of it.
+    // Cells that were refined late have a larger σ; a coarser model has a smaller one.
     println!("{ratio:.2} times the σ of one session, {:?} held out", today.report.held_out);
     assert!((0.5..1.4).contains(&ratio), "{ratio} times the σ of one session");
     let judged = today.report.held_out.rms_normalised;

@@ -1,5 +1,5 @@
-//! What a user relies on when sensors are not as they say: bias, misstated σ, gross errors, the same bytes
-//! whatever the threads.
+//! Sensors that differ from their statements: bias, misstated σ, gross errors. Results do not depend on
+//! threads.
 
 use crate::common;
 
@@ -35,8 +35,8 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
     (heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64).sqrt()
 }
 
-/// A touch probe takes few readings. Its σ must come out, and the surface must be their plane, not one
-/// through each of them.
+/// A touch probe takes few readings. Its σ must be estimated, and the surface must be their plane, not a
+/// surface through each reading.
 #[test]
 fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
     let (sigma, count, runs) = (0.01, 20, 40);
@@ -60,8 +60,8 @@ fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
     assert!(square.sqrt() < 0.5 * sigma, "the middle is off by {}", square.sqrt());
 }
 
-/// Noise of 5 % of the radius lifts readings by 0.25 % of it on average: a radius that is too large if nobody
-/// takes that off.
+/// Noise of 5 % of the radius lifts readings by 0.25 % of it on average. Without a correction, the radius is
+/// too large.
 #[test]
 fn a_noisy_sphere_keeps_its_radius() {
     let (sigma, count) = (0.05, 40_000);

@@ -1,4 +1,4 @@
-//! The library from outside: one program for all, as each would be linked with the whole of it.
+//! Integration tests. They share one program, because each program would be linked with the whole library.
 
 // Helpers of tests may unwrap and print as tests do.
 #![allow(clippy::unwrap_used, clippy::print_stdout, clippy::type_complexity)]

@@ -1,5 +1,5 @@
-//! Patches of known surfaces, merged: what comes out is nearer to the truth than what went in, and σ says how
-//! near.
+//! Merged patches of known surfaces: the result is closer to the truth than the patches, and its σ is
+//! consistent.
 
 use planish::compare::{CompareOptions, Compared, Reference, compare};
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
@@ -107,8 +107,8 @@ fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
     assert!(rms[0] < 0.95 * SIGMA && rms[2] < 0.7 * rms[0], "{rms:?}");
 }
 
-/// Noise that neighbours share does not go away in a refit, and σ says so: patches come from models and from
-/// scans whose poses are a little wrong.
+/// A refit does not reduce correlated noise, and σ includes this. Patches of models and of scans with pose
+/// errors have such noise.
 #[test]
 fn sigma_is_true_where_neighbours_are_off_together() {
     for smooth in [0.5, 1.0] {
@@ -120,8 +120,8 @@ fn sigma_is_true_where_neighbours_are_off_together() {
     }
 }
 
-/// A hole that all patches have is filled as the surface goes on, flagged, within what its σ says; curvature
-/// is told there, too.
+/// A hole in all patches is filled with continued curvature, marked, and within its σ. The output includes
+/// its curvature.
 #[test]
 fn a_hole_is_filled_as_the_surface_goes_on() {
     let mut patches = four_patches();
@@ -154,8 +154,8 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
     assert!((mean + 0.1).abs() < 0.04, "{mean}");
 }
 
-/// Both sides of a plate that is thinner than edges are long stay as they face, where σ says that they are
-/// two; a sheet that faces the other way than the one it lies on is turned.
+/// The two sides of a plate thinner than an edge keep their orientations if σ separates them. A sheet that
+/// faces against an overlapping one is reversed.
 #[test]
 fn the_sides_of_a_thin_plate_are_not_turned_over() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -263,8 +263,8 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
     assert!(refused.contains("has 2 parts, the second of"), "{refused}");
 }
 
-/// A patch that stands a little off makes two layers or a step; aligned first, the whole is as good as if it
-/// had stood right.
+/// A patch with a pose error makes two layers or a step. After alignment, the result is as good as with the
+/// correct pose.
 #[test]
 fn patches_that_are_off_are_brought_together_first() {
     let mut patches = four_patches();

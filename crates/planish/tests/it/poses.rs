@@ -1,5 +1,5 @@
-//! Scans that stand elsewhere than stated, and sensors that err alike in all readings of a scan: what was
-//! changed comes back within its σ.
+//! Scans with wrong poses, and sensors with a common error in all readings of a scan: the errors are
+//! estimated within their σ.
 
 use crate::common;
 
@@ -223,8 +223,8 @@ fn an_update_keeps_what_earlier_scans_share() {
     println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
     assert!(before.1 > 0.15 && after.1 < 0.05 * before.1);
     assert!(after.0.abs() < 4.0 * after.1, "{after:?}");
-    // The new readings all lie on one side of what was believed: that is left out of the shape, and σ says
-    // so.
+    // All new readings lie on one side of the old surface. The difference is treated as unresolved shape, and
+    // σ includes it.
     assert!(wrong.0.abs() > 8.0 * after.1 && wrong.1 > 8.0 * after.1, "{wrong:?}");
     assert_eq!(both.model.known.scan_errors().unwrap().corner.len(), 36);
 }
@@ -266,6 +266,6 @@ fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
     }
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     println!("mean square error over covariance {mean:.2} (6 wanted): {all:.1?}");
-    // Poses of one set are not independent of each other: all stand by the first.
+    // Poses of one set are correlated, because all refer to the first.
     assert!((2.0..15.0).contains(&mean), "{mean}");
 }

@@ -1,4 +1,4 @@
-//! What was not measured, concluded from what was: judged against the truth.
+//! Completion of unmeasured parts, compared with the truth.
 
 use crate::common;
 
@@ -78,7 +78,7 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
     );
     assert!(n > 1000 && rms < 0.15 && before > 10.0 * rms);
     assert!(coverage > 0.9 && seen_coverage > 0.9);
-    // Copies are no readings.
+    // Copies do not count as readings.
     assert!(whole.report.observations.abs_diff(plain.report.observations) < 50);
     assert!(whole.report.sensors.len() == 1);
 
@@ -240,7 +240,7 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
             "rate {rate} ± {sigma}; speed {:?}; last pose σ {:?}",
             motion.speed, motion.poses[4].sigma_rotation_deg
         );
-        // Of the true surface what was seen.
+        // The measured part of the true surface.
         let seen = scene.readings.iter().flatten().step_by(11);
         let points: Vec<_> = seen.map(|r| (r.point.position, r.point.normal)).collect();
         let (rms, coverage, _) = judge(&fitted, &points, Some(Observed::Measured));
@@ -249,8 +249,7 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         assert!(motion.poses.iter().all(|pose| pose.innovation < 2.0), "{:?}", motion.poses);
     }
     println!("squares over variance: rate {rate_error}, poses {pose_error}");
-    // Of one number and of three, over three scenes: pose errors of a scene are alike, as they share its
-    // first scan.
+    // Pose errors of one scene are correlated, because they share its first scan.
     assert!(rate_error < 4.0, "{rate_error}");
     assert!((0.2..2.5).contains(&pose_error), "{pose_error}");
 }
@@ -313,7 +312,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
         let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, true), Some(Observed::Inferred));
         println!("hole: rms {rms:.4}, coverage {coverage:.3} of {n}");
         assert!(n > 30);
-        // Where points of the sheet went along it, which readings do not tell but at its border.
+        // Motion of points along the sheet. Readings determine it only at the border.
         let (first, last) = (&fitted.earlier_states[0].model.surface, &fitted.model.surface);
         let slide: Vec<f64> = (1..10)
             .flat_map(|i| (1..10).map(move |j| [f64::from(i) / 10.0, f64::from(j) / 10.0]))
@@ -352,7 +351,7 @@ fn a_sheet_that_stretches_is_no_isometry() {
 fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
     let mut scene =
         bending(&BendingOptions { states: 2, readings: 10_000, ..BendingOptions::default() }).unwrap();
-    // The first state again, 8 % longer: flat still, so that curvature tells nothing.
+    // The first state again, 8 % longer. It is still flat, so curvature shows nothing.
     scene.set.scans[1] = scene.set.scans[0].clone();
     let scan = &mut scene.set.scans[1].scan;
     scan.time_s = Some(1.0);

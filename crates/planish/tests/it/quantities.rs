@@ -1,4 +1,4 @@
-//! Positions, normals and curvatures in any mix: is the surface right, and are its σ true?
+//! Positions, normals and curvatures in any mix: the surface is correct, and its σ is consistent.
 
 use planish::fit::{Fit, FitOptions, RefineBy, fit};
 use planish::progress::Silent;
@@ -71,7 +71,7 @@ impl Truth {
         let level = Self { surface: level.surface.with_vertices(flat.collect()).unwrap(), ..level };
         let options = FitOptions { max_depth: Some(0), shape: Some(Shape::Sheet), ..FitOptions::default() };
         let fit = fit(&readings(&level, mix, seed), &options, &Silent).unwrap();
-        // Its noise is taken off: what is wanted is the grid.
+        // Only the grid of the fit is used, without its noise.
         let base = fit.model.surface.space().base();
         let corner = |u: f64, v: f64| fit.model.surface.jet(u * base[0] as f64, v * base[1] as f64).point;
         let [a, b, c] = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
@@ -92,7 +92,7 @@ impl Truth {
     }
 }
 
-/// How many readings of each kind, and what their true σ are over those stated.
+/// Number of readings of each kind, and ratios of their true to their stated σ.
 #[derive(Clone, Copy)]
 struct Mix {
     positions: usize,

@@ -1,5 +1,4 @@
-//! Reports: a page that needs nothing but itself, whose 3D view holds the values of the files, and which
-//! names what is wrong.
+//! Reports: a self-contained page whose 3D view holds the values of the files, with findings about problems.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -79,7 +78,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
     // What a click reads is what the file says.
     let sigma: Vec<f32> = written.column("sigma").unwrap().iter().map(|s| *s as f32).collect();
     assert_eq!(floats(&field(surface, "sigma")["values"]), sigma);
-    // The sensor that lies, and how good the rest is.
+    // The sensor with a misstated σ is named, and the accuracy of the others is shown.
     let false_sigma = |f: &planish::Finding| {
         f.code == planish::FindingCode::SensorSigmaMisstated && f.text.contains("\"old\"")
     };
@@ -89,7 +88,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
     // The command is text, not markup; every input has its checksum.
     assert!(text.contains("planish &#60;test&#62;") || text.contains("planish &lt;test&gt;"));
     assert!(text.contains(&planish_exchange::sha256_of(&pebble().join("probe.ply")).unwrap()));
-    // Readings that took part are as many as the fit's figures say, and every part was seen by a scan that
+    // The number of used readings is that of the fit's figures, and every part was seen by a scan that
     // exists.
     let clouds = scene["clouds"].as_array().unwrap();
     assert!(clouds[0]["name"].as_str().unwrap().starts_with("readings"));
@@ -111,8 +110,7 @@ fn scans_that_contradict_each_other_are_named_at_once() {
     for name in ["laser-1.ply", "laser-2.ply", "laser-3.ply", "old-1.ply", "probe.ply"] {
         std::fs::copy(pebble().join(name), folder.path().join(name)).unwrap();
     }
-    // The second scan stands 0.4 mm, five σ, from where it says: the exact touches of the probe are where
-    // that shows.
+    // The pose of the second scan is wrong by 0.4 mm (five σ), which shows at the exact points of the probe.
     let job = std::fs::read_to_string(pebble().join("job.toml")).unwrap();
     let [at, rest] = job.split_once("laser-2.ply").map(|(a, b)| [a, b]).unwrap();
     let (before, numbers) = rest.split_once("translation = [").unwrap();

@@ -1,5 +1,5 @@
-//! `planish shell fit` of a rough start, from files to files: an ellipsoid that is to become a bow, whose
-//! ends no deformation of a ball brings about without a web.
+//! `planish shell fit` of a rough start, from files to files: an ellipsoid becomes a bow. Deforming a ball
+//! would leave a web between the ends of the bow.
 
 use planish::Job;
 use planish::progress::Silent;
@@ -140,7 +140,7 @@ fn an_ellipsoid_becomes_a_bow() {
     assert!(bent.flow.is_none() && least_held_out(&bent) < 0.9, "{:?}", bent.iou);
 }
 
-/// What cannot be made anew is refused with the file's name.
+/// A mesh that cannot be rebuilt is refused with the name of its file.
 #[test]
 fn open_meshes_and_those_elsewhere_are_no_start() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Shape that a limit leaves out is a part of σ.
+//! Shape that a limit on the model excludes is a part of σ.
 
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;

@@ -1,4 +1,4 @@
-//! `planish shell fit` from files to files: what a mesh looks like is kept, and parts that are rigid stay so.
+//! `planish shell fit` from files to files: the appearance of a mesh is kept, and rigid parts stay rigid.
 
 use planish::Job;
 use planish::progress::{Progress, Silent};
@@ -104,7 +104,7 @@ fn texture_and_its_coordinates_are_kept() {
     assert!(ply.windows(5).any(|bytes| bytes == b"sigma"));
 }
 
-/// A listener that writes down what it is told, and stops the work at an iteration.
+/// A progress listener that records its calls and interrupts at an iteration.
 struct Told {
     stages: RefCell<Vec<String>>,
     rms: RefCell<Vec<f64>>,
@@ -135,8 +135,8 @@ impl Progress for Told {
     }
 }
 
-/// Every iteration is told of with the distance that is left, and the next is not begun once someone says
-/// stop: nothing is written then.
+/// Every iteration reports its residual. After an interruption, no further iteration starts and nothing is
+/// written.
 #[test]
 fn a_fit_tells_how_far_it_is_and_can_be_stopped() {
     let folder = tempfile::tempdir().unwrap();
@@ -192,8 +192,8 @@ fn rigid_parts_keep_their_lengths() {
     );
 }
 
-/// An eye in the rigid head hangs together with nothing and is near no point: no control is spent on it, and
-/// none is left that nothing determines.
+/// An eye in the rigid head is unconnected and near no point. It gets no control, so no control is
+/// undetermined.
 #[test]
 fn loose_parts_of_what_is_rigid_need_no_readings() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Views into solids, from files to files: the example bracket, damaged input, and drawings whose true solids
-//! are known, where these are at hand.
+//! Views to solids, from files to files: the example bracket, damaged input, and drawings with known solids
+//! if they are available.
 
 #![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
 
@@ -258,8 +258,8 @@ fn data() -> PathBuf {
     )
 }
 
-/// Drawings that caught a wrong rule once: holes that touch walls and planes, circles in pieces, holes that
-/// cross, faces oblique to all views.
+/// Regression tests for drawings: holes that touch walls and planes, circles in pieces, crossing holes, and
+/// faces oblique to all views.
 #[test]
 fn known_parts_come_out_as_they_are() {
     let folder = data().join("drawings");

@@ -138,7 +138,7 @@ fn the_reference_samples_are_told_apart() {
             .collect();
         let scores = agreement(&truly, &found);
         let fit = ground(&set);
-        // The sheet's own opinion of every point, those that the filter left out too.
+        // Classification of every point by the sheet, including points that the filter rejected.
         let surface = &fit.model.surface;
         let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
         let sigma = fit.report.sensors[0].sigma_estimated;

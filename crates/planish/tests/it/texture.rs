@@ -1,5 +1,5 @@
-//! `planish shell texture` from files to files: a simulated object whose colours are known, one view of
-//! another object, and what no view sees.
+//! `planish shell texture` from files to files: a simulated object with known colours, one view of another
+//! object, and parts that no view sees.
 
 use planish::Job;
 use planish::progress::Silent;
@@ -17,7 +17,7 @@ const SIZE: [usize; 2] = [400, 300];
 const FOCAL: f64 = 400.0;
 /// A ball of 50, and a ball of 12 that stands before it as seen from +x.
 const SMALL: ([f64; 3], f64) = ([75.0, 0.0, 10.0], 12.0);
-/// The view whose picture is of something else.
+/// The view with the picture of another object.
 const ODD: usize = 3;
 const HELD_OUT: usize = 5;
 

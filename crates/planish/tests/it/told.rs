@@ -1,5 +1,5 @@
-//! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes
-//! that a motion does not suit.
+//! Cases that must be reported: the same readings in two files, options that a filter cannot use, and shapes
+//! that do not fit a motion.
 
 use planish::fit::{
     FitOptions, FitTermination, ObservationOptions, Observations, PatchOptions, Quantity, RejectionCause,
@@ -47,7 +47,7 @@ fn readings_in_two_files_count_once_and_both_are_named() {
     let copied = set.scans[0].scan.points.len();
     assert_eq!(twice.report.rejected.get("duplicate"), Some(&copied));
     assert_eq!(twice.report.observations, once.report.observations);
-    // A copy that counted would make σ of the surface smaller by a quarter or so.
+    // If the copy counted, σ of the surface would be about a quarter smaller.
     let ratio = twice.report.sigma.median / once.report.sigma.median;
     assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
     let named =
@@ -107,7 +107,7 @@ fn a_ball_that_bends_is_refused_before_the_work() {
     assert!(e.kind() == ErrorKind::Input && e.to_string().contains("looks like a ball"), "{e}");
 }
 
-/// A direction along the normal is no direction of a curvature; one of zero says that nothing is known.
+/// A principal direction along the normal is invalid. A direction of zero means unknown.
 #[test]
 fn curvatures_along_the_normal_are_counted_by_that_name() {
     let up = [0.0, 0.0, 1.0];

@@ -1,4 +1,4 @@
-//! Pictures: what is seen is where it should be, in the colour of its value.
+//! Pictures: objects appear at the right place, in the colour of their values.
 
 use planish::ErrorKind;
 use planish::Job;

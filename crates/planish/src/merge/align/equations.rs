@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 /// sides of an edge.
 const MAX_ANGLE_RAD: f64 = 0.8;
 /// Minimum ratio of the information of residuals to that of noise and prior for a determined direction.
+/// Smaller values follow noise of the normals along planes; larger ones leave weak but real directions open.
 const MIN_INFORMATION_RATIO: f64 = 3.0;
 /// Minimum cosine between the normals of a triangle's corners and its own for a curved triangle. Beyond it,
 /// the triangle spans a sharp edge and is treated as flat.
@@ -76,6 +77,8 @@ pub(super) fn residuals(sides: &[Side], reach: f64) -> Vec<Residual> {
     let mut all = Vec::new();
     for (i, here) in sides.iter().enumerate() {
         for (j, there) in sides.iter().enumerate().filter(|(j, _)| *j != i && near(i, *j)) {
+            // Into the frame of the other patch, so that its search structure need not be rebuilt in every
+            // round.
             let back = there.pose.inverse().after(&here.pose);
             let vertices: Vec<usize> = (0..here.patch.mesh.positions.len()).step_by(here.stride).collect();
             all.par_extend(
@@ -102,6 +105,7 @@ fn residual(
     let foot = (there.search).closest_compatible_within(p, mine, MAX_ANGLE_RAD, reach)?;
     let mesh = &there.patch.mesh;
     let corners = mesh.triangles[foot.triangle as usize].map(|v| v as usize);
+    // Both sides must be away from a border.
     if !corners.iter().all(|v| there.within[*v]) {
         return None;
     }
@@ -116,6 +120,7 @@ fn residual(
     };
     let here_variance = here.sigma(vertex).powi(2);
     let area = here.areas[vertex] * here.stride as f64;
+    // The factor 0.5: each pair of places is measured in both directions.
     let weight = 0.5 * area / (here_variance * area + there_sigma.powi(2) * at_foot(&there.areas));
     (weight > 0.0 && weight.is_finite()).then(|| Residual {
         here: i,

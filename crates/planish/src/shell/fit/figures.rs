@@ -9,16 +9,16 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What became of readings of one kind.
+/// Figures of the readings of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ReadingsReport {
-    /// How many there were.
+    /// Number of readings.
     pub count: usize,
-    /// How many of them are gross errors.
+    /// Number of gross errors among them.
     pub outliers: usize,
     /// Root mean square of the residuals of all others: distances of points, pixels of outlines, σ of tracks.
     pub rms: f64,
-    /// By how much their σ are larger than stated.
+    /// Ratio of their estimated to their stated σ.
     pub sigma_factor: f64,
 }
 
@@ -38,9 +38,9 @@ impl ReadingsReport {
 pub struct CameraPoseReport {
     /// Its view.
     pub view: String,
-    /// How far it was turned, in degrees.
+    /// Angle of its estimated rotation, in degrees.
     pub turned_deg: f64,
-    /// How far it was moved.
+    /// Length of its estimated translation.
     pub moved: f64,
     /// `R`, row by row.
     pub r: [[f64; 3]; 3],
@@ -63,40 +63,40 @@ pub struct FrameReport {
     pub rms_silhouettes_px: Option<f64>,
     /// Mean overlap (IoU) of the mesh with the masks of its views.
     pub iou: Option<f64>,
-    /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the
-    /// first.
+    /// Root mean square difference of the parameters from their prediction, relative to that of their σ.
+    /// Absent for the first frame.
     pub surprise: Option<f64>,
     /// The median σ of vertices along normals.
     pub sigma: f64,
 }
 
-/// What became of a rough start before the fit.
+/// The flow of a rough start before the fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlowReport {
-    /// How often the mesh was made anew.
+    /// Number of times that the mesh was rebuilt.
     pub rounds: usize,
     /// Facets of the mesh that was fitted.
     pub facets: usize,
     /// Its parts.
     pub parts: usize,
-    /// How far it agreed with each mask.
+    /// Overlap (IoU) with each mask.
     pub iou: BTreeMap<String, f64>,
 }
 
-/// What was found.
+/// The result of a shell fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ShellFitReport {
     /// Root mean square of the distances of points that are no gross errors.
     pub rms_points: Option<f64>,
     /// The same of places on outlines, in pixels.
     pub rms_silhouettes_px: Option<f64>,
-    /// How far what each view shows agrees with its mask.
+    /// Overlap (IoU) of the mesh with the mask of each view.
     pub iou: BTreeMap<String, f64>,
     /// The same before the fit.
     pub iou_before: BTreeMap<String, f64>,
     /// Held-out views.
     pub held_out: Vec<String>,
-    /// How many controls there are; parameters, of modes.
+    /// Number of controls; for modes, the number of parameters.
     pub controls: usize,
     /// Gross errors of all kinds.
     pub outliers: usize,
@@ -109,7 +109,7 @@ pub struct ShellFitReport {
     /// Tracked features.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracks: Option<ReadingsReport>,
-    /// Poses that were uncertain.
+    /// Poses of cameras that were estimated.
     pub poses: Vec<CameraPoseReport>,
     /// σ of the vertices that were measured, along normals.
     pub sigma: SigmaSummary,
@@ -122,7 +122,7 @@ pub struct ShellFitReport {
     pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,
-    /// What became of a rough start before the fit.
+    /// The flow of a rough start before the fit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow: Option<FlowReport>,
     /// Frames of a sequence; all above is of the last.
@@ -139,7 +139,7 @@ pub struct ShellFitReport {
     /// Every file that was written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Findings for the user.
     #[serde(flatten, serialize_with = "with_warnings")]
     pub findings: Vec<Finding>,
 }

@@ -1,6 +1,6 @@
 //! Reads the inputs of a shell fit from files.
 
-use super::super::pose::{USUAL_BLEND, part_vertices};
+use super::super::pose::{DEFAULT_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
 use nalgebra::{DMatrix, DVector};
 use planish_core::{Finding, FindingCode, Setting, SymmetricMatrix3};
@@ -24,10 +24,12 @@ use std::path::{Path, PathBuf};
 /// Initial σ of points without a stated σ, relative to the mesh's size. Its value does not matter, because σ
 /// is then estimated from residuals.
 const UNKNOWN_SIGMA: f64 = 1e-3;
-/// σ of the distance of a tracked feature from the mesh, relative to the mesh's size.
+/// σ of the distance of a tracked feature from the mesh, relative to the mesh's size. Smaller values tie
+/// features to a mesh that is still wrong; larger ones lose the information of tracks about shape.
 const SURFACE_SIGMA: f64 = 1e-3;
-/// Vertices that may each move on their own: equations are dense.
-const MOST_VERTICES: usize = 600;
+/// Maximum number of vertices that move independently. The equations are dense: three unknowns per vertex,
+/// with cost in the cube of their number.
+const MAX_VERTICES: usize = 600;
 
 /// A deformation with its smoothness energy and prior.
 pub(super) struct Moved {
@@ -93,6 +95,8 @@ impl Frame {
             tracks: (views.tracks.iter())
                 .map(|track| FeatureTrack {
                     observations: (track.iter())
+                        // Held-out views must not influence the fit in any way, or their overlap would not
+                        // test it.
                         .filter(|(view, _, _)| !views.views[*view as usize].held_out)
                         .map(|(view, pixel, sigma_px)| FeatureObservation {
                             view: *view,
@@ -102,6 +106,7 @@ impl Frame {
                         .collect(),
                     sigma_surface: SURFACE_SIGMA * size,
                 })
+                // One ray per feature leaves its depth open.
                 .filter(|track| track.observations.len() > 1)
                 .collect(),
             views: views.views,
@@ -114,6 +119,7 @@ impl Frame {
 /// The frames of a folder: its folders by name, each with `views.toml`, files `points.*`, or both.
 pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
     let mut frames = Vec::new();
+    // Frames follow the order of names. Files beside the folders are allowed, for example the mesh.
     for path in paths_in(folder)?.into_iter().filter(|path| path.is_dir()) {
         let mut frame = FrameFiles {
             name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -127,6 +133,7 @@ pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
                 frame.points.push(file);
             }
         }
+        // An error, because a misnamed file would otherwise leave a frame without readings unnoticed.
         if frame.silhouettes.is_none() && frame.points.is_empty() {
             return Err(Error::input(format!(
                 "{}: needed views.toml or points.* in the folder of a frame",
@@ -154,6 +161,8 @@ impl Units {
 
     pub(super) fn add(&mut self, unit: Option<Unit>, path: &Path) -> Result<()> {
         match (&self.found, unit) {
+            // No conversion here: mesh, cameras and points are parts of one scene, and different units
+            // usually mean a mistake.
             (Some((before, file)), Some(unit)) if *before != unit => Err(Error::input(format!(
                 "{} is in {unit} and {} in {before}: needed one unit",
                 path.display(),
@@ -185,13 +194,14 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
     if job.rigid.is_empty() {
         return Ok(inner);
     }
+    // Rigid parts reduce the smoothness energy to fewer unknowns. Modes have a prior instead of an energy.
     let Some(stiffness) = &inner.stiffness else {
         return Err(Error::unsupported(
             "parts cannot be rigid where modes move the mesh: use controls or a lattice",
         ));
     };
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
-    let blend = job.blend.unwrap_or(USUAL_BLEND * size);
+    let blend = job.blend.unwrap_or(DEFAULT_BLEND * size);
     let made = RigidParts::new(mesh, inner.deformation, &parts, blend)
         .map_err(|e| e.in_context(job.mesh.display()))?;
     Ok(Moved { stiffness: Some(made.stiffness(stiffness)), deformation: Box::new(made), ..inner })
@@ -252,7 +262,10 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             free(Box::new(Dirichlet::new(&made.points, &mesh.positions)?), k, made.points.len())
         }
         (DeformationKind::Lattice, _) => {
+            // The number of controls is that of the whole lattice, so its cube root is that of one edge.
             let along = ((job.controls as f64).cbrt().round() as usize).max(2);
+            // Bernstein polynomials act on the whole mesh. With many points, B-splines keep the effect of
+            // each local.
             let basis = if along >= 5 { LatticeBasis::CubicBSpline } else { LatticeBasis::Bernstein };
             // The lattice encloses the triangles only. Unused vertices may be far away.
             let made = Lattice::new(&within_surface(mesh), [along; 3], basis)?;
@@ -262,9 +275,9 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
         }
         (DeformationKind::Vertices, _) => {
             let count = mesh.positions.len();
-            if count > MOST_VERTICES {
+            if count > MAX_VERTICES {
                 return Err(Error::unsupported(format!(
-                    "{}: has {count} vertices, and at most {MOST_VERTICES} may each move on their own: use \
+                    "{}: has {count} vertices, and at most {MAX_VERTICES} may each move on their own: use \
                      controls, or a coarser mesh",
                     job.mesh.display()
                 )));
@@ -278,6 +291,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
                 family.push(read_mesh(path)?.points);
             }
             let modes = Modes::from_meshes(&family, job.controls)?;
+            // Modes move vertices by their number. With other vertices, the result would be meaningless.
             if modes.mean().len() != mesh.positions.len() {
                 return Err(Error::input(format!(
                     "{} has {} vertices, and the family {}: needed the same vertices in all",
@@ -286,6 +300,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
                     modes.mean().len()
                 )));
             }
+            // The fit starts at the mean of the family, where the prior has its maximum.
             mesh.positions = modes.mean().to_vec();
             let count = modes.parameters();
             // Modes are as long as one standard deviation of the family.
@@ -296,7 +311,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
     })
 }
 
-/// The vertices, those that no triangle has at the first that one has.
+/// The vertices. Those of no triangle are moved to a vertex of the first triangle.
 fn within_surface(mesh: &TriangleMesh) -> Vec<[f64; 3]> {
     let mut places = vec![mesh.positions[mesh.triangles[0][0] as usize]; mesh.positions.len()];
     for v in mesh.triangles.iter().flatten() {
@@ -316,6 +331,8 @@ fn read_points(
         return Ok((Vec::new(), false));
     }
     let set = read_inputs(files, job.unit)?;
+    // The reader has already applied the job's unit to files without one; only a unit of the files can
+    // conflict.
     units.add(set.unit.filter(|_| job.unit.is_none()), &files[0])?;
     let mut points = Vec::new();
     let mut unknown = 0_usize;
@@ -340,6 +357,7 @@ fn read_points(
             points.push(PointReading { at: pose.apply(*point), covariance: stated.rotated(&pose.rotation) });
         }
     }
+    // The assumed σ is a start for its estimation. Used as a fact, it would be an invented accuracy.
     if unknown > 0 && job.believe_sigma {
         return Err(Error::input(format!(
             "{unknown} points state no σ: to use σ as stated, every point needs one"
@@ -380,6 +398,7 @@ pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Opti
 fn shell_view(view: &ViewFile, mask: Option<&Silhouette>) -> ShellView {
     let mut made = ShellView {
         camera: view.camera,
+        // The camera of a held-out view stays as given: nothing of it may be estimated.
         pose: view.pose.filter(|_| !view.held_out),
         outline: Vec::new(),
         inside: Vec::new(),

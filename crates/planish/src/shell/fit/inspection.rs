@@ -1,4 +1,4 @@
-//! What of a fit's input cannot be meant, and what of its outcome should be looked at.
+//! Checks of the input of a fit, and findings about its result.
 //!
 //! Input: the mesh and the readings of a frame before the fit; what was found after it. Output: an error
 //! where readings and mesh are of other sizes or places, and findings. Not guaranteed: that what
@@ -16,28 +16,32 @@ use rayon::prelude::*;
 
 /// Maximum size of the points relative to the mesh. Larger points probably have another unit.
 const MAX_SIZE_RATIO: f64 = 8.0;
-/// And those that reach over less than this share of it; a part of an object may be small.
-const SMALLER: f64 = 1.0 / 100.0;
-/// Half of the points are within this distance of the mesh, in its sizes.
-const FAR: f64 = 0.25;
+/// Minimum size of the points relative to the mesh. The points may belong to a small part of the object, so
+/// this limit is wider than the upper one.
+const MIN_SIZE_RATIO: f64 = 1.0 / 100.0;
+/// Maximum median distance of the points from the mesh, relative to its size. Fits start from within a tenth;
+/// beyond a quarter, frames or units differ.
+const MAX_MEDIAN_DISTANCE: f64 = 0.25;
 /// Approximate number of points that are sampled for distances.
 const DISTANCE_SAMPLES: usize = 1000;
-/// This share of points, in either direction, may be anything.
-const WILD: usize = 10;
-/// Factors between the estimated and the stated σ that are not reported.
-pub(super) const TRUE_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
-/// A view that was held out agrees with its mask by at least this.
+/// One in this many points is ignored at each end of each axis: a few outliers must not decide the size.
+const TRIMMED_ONE_IN: usize = 10;
+/// Factors between the estimated and the stated σ that are not reported. A σ that is too small biases the
+/// fusion, so the upper limit is narrower.
+pub(super) const ACCEPTED_FACTORS: [f64; 2] = [1.0 / 3.0, 1.5];
+/// Minimum overlap of a held-out view with its mask that is reported as good.
 pub(super) const MIN_OVERLAP: f64 = 0.9;
-/// A mask that a mesh agrees with by less before the fit is not that view's.
-const UNLIKE: f64 = 0.05;
-/// Overlap after the fit below which the mask counts as not matched.
-const NOT_REACHED: f64 = 0.5;
-/// The axis of a camera is within this share of the picture about its middle.
-const OFF_AXIS: f64 = 0.25;
-/// An object covers less of a picture's frame than this.
-const AT_FRAME: f64 = 0.5;
+/// Minimum overlap with a mask before the fit. A smaller one means another view, unit or frame.
+const MIN_INITIAL_OVERLAP: f64 = 0.05;
+/// Overlap after the fit below which the mask counts as not matched. Half of the pixels differ then, which no
+/// inaccurate σ explains.
+const MIN_FITTED_OVERLAP: f64 = 0.5;
+/// Maximum distance of the optical axis from the middle of the picture, relative to its size.
+const MAX_AXIS_OFFSET: f64 = 0.25;
+/// Maximum fraction of the outermost pixels that belong to the object. More means an inverted mask.
+const MAX_FRAME_SHARE: f64 = 0.5;
 
-/// Whether points can be of the mesh: neither a hundred times larger or smaller, nor far off.
+/// Refuses points that cannot belong to the mesh: of another size, or far away.
 ///
 /// # Errors
 /// `Undetermined` where they cannot.
@@ -50,7 +54,8 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     };
     let (size, reach) = (of_mesh.diagonal(), of_points.diagonal());
     let [size_text, reach_text] = [size, reach].map(|length| significant(length, 3));
-    if reach > MAX_SIZE_RATIO * size || reach < SMALLER * size {
+    // An error: a wrong unit is far more likely than an object that differs so much from its mesh.
+    if reach > MAX_SIZE_RATIO * size || reach < MIN_SIZE_RATIO * size {
         return Err(Error::undetermined(format!(
             "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit, \
              or a mesh of the object's size"
@@ -58,13 +63,15 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
         .with_setting(Setting::Unit));
     }
     let search = MeshSearch::try_new(mesh)?;
+    // A median of a thousand distances is accurate enough for a limit of a quarter of the size.
     let step = (frame.points.len() / DISTANCE_SAMPLES).max(1);
     let mut away: Vec<f64> = (frame.points.par_iter().step_by(step))
         .filter_map(|p| search.closest(p.at).map(|foot| foot.distance))
         .collect();
     away.sort_unstable_by(f64::total_cmp);
     let median = quantile_of_sorted(&away, 0.5);
-    if median > (FAR * size).min(reach) {
+    // Points of a small part must also be nearer than their own extent.
+    if median > (MAX_MEDIAN_DISTANCE * size).min(reach) {
         return Err(Error::undetermined(format!(
             "half of the points are more than {} {unit} from the mesh, which reaches over {size_text} \
              {unit}, and they over {reach_text} {unit}: bring both into one frame and unit first",
@@ -74,16 +81,16 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     Ok(())
 }
 
-/// The box of all points but the tenth that is farthest out, each way along each axis.
+/// The box of all points except the outer tenth at each end of each axis.
 fn most_of(frame: &Frame) -> Option<BoundingBox> {
     let count = frame.points.len();
-    if count < WILD {
+    if count < TRIMMED_ONE_IN {
         return None;
     }
     let along = |axis: usize| {
         let mut values: Vec<f64> = frame.points.iter().map(|p| p.at[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);
-        [values[count / WILD], values[count - 1 - count / WILD]]
+        [values[count / TRIMMED_ONE_IN], values[count - 1 - count / TRIMMED_ONE_IN]]
     };
     let ends = [0, 1, 2].map(along);
     BoundingBox::from_points(&[ends.map(|e| e[0]), ends.map(|e| e[1])])
@@ -97,7 +104,7 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         let Some(mask) = mask else { continue };
         let name = &view.name;
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
-        if share > AT_FRAME {
+        if share > MAX_FRAME_SHARE {
             let text = format!(
                 "view {name}: {} of the mask's frame belongs to the object: is the mask inverted? The object \
                  is brighter than its threshold",
@@ -105,14 +112,17 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
             );
             findings.push(Finding::new(FindingCode::MaskInverted, text));
         }
+        // A rough start grows into its masks, so a small overlap is no evidence there.
         if should_show
-            && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows) < UNLIKE
+            && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows)
+                < MIN_INITIAL_OVERLAP
         {
             let middle = [fitted.camera.pinhole.k[0][2], fitted.camera.pinhole.k[1][2]];
             let picture = [mask.columns as f64, mask.rows as f64];
             // In calibrations from projection matrices, the optical axis may be anywhere. Alone, it is no
             // evidence of an error.
-            let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
+            let off_axis =
+                (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > MAX_AXIS_OFFSET * picture[k]);
             findings.push(Finding::new(
                 FindingCode::MaskMismatch,
                 format!(
@@ -133,7 +143,7 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
     findings
 }
 
-/// The share of a picture's outermost pixels that a mask has.
+/// The share of the outermost pixels of a picture that belong to the mask.
 fn at_frame(mask: &[bool], columns: usize, rows: usize) -> f64 {
     let frame = |k: &usize| {
         let (column, row) = (k % columns, k / columns);
@@ -154,6 +164,8 @@ pub(super) fn outcome(
     let mut findings = Vec::new();
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines)] {
         let Some(report) = report else { continue };
+        // So many are rarely gross errors. More often the controls cannot follow the shape, or the start is
+        // far off.
         if 3 * report.outliers > report.count {
             findings.push(Finding::new(
                 FindingCode::ManyOutliers,
@@ -171,7 +183,7 @@ pub(super) fn outcome(
             findings.extend(misstated(what, &report));
         }
     }
-    for (view, iou) in done.iou.iter().filter(|(_, iou)| **iou < NOT_REACHED) {
+    for (view, iou) in done.iou.iter().filter(|(_, iou)| **iou < MIN_FITTED_OVERLAP) {
         findings.push(Finding::new(
             FindingCode::MaskNotReached,
             format!(
@@ -181,6 +193,7 @@ pub(super) fn outcome(
             ),
         ));
     }
+    // Folds and spikes are warnings: the mesh is still the best answer, and the page shows where they are.
     let distortion = mesh.distortion(found);
     if distortion.folds > 0 {
         findings.push(Finding::new(
@@ -206,7 +219,7 @@ pub(super) fn outcome(
 /// A finding if the residuals contradict the stated σ.
 fn misstated(what: &str, report: &ReadingsReport) -> Option<Finding> {
     let factor = report.sigma_factor;
-    if (TRUE_FACTORS[0]..=TRUE_FACTORS[1]).contains(&factor) {
+    if (ACCEPTED_FACTORS[0]..=ACCEPTED_FACTORS[1]).contains(&factor) {
         return None;
     }
     let times = match factor > 1.0 {

@@ -1,6 +1,6 @@
 //! The report of a fitted shell.
 
-use super::inspection::{MIN_OVERLAP, TRUE_FACTORS};
+use super::inspection::{ACCEPTED_FACTORS, MIN_OVERLAP};
 use crate::report::scenes::{numbers, observed_field};
 use crate::report::words::SmallUnit;
 use crate::shell::fit::{ReadingsReport, ShellFitReport};
@@ -10,8 +10,8 @@ use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Cloud, FieldKind, Figure, Page, Scene, Section, SurfaceShown, Table};
 use std::path::PathBuf;
 
-/// Points that are drawn at most.
-const MOST_POINTS: usize = 20_000;
+/// Maximum number of points that are drawn.
+const MAX_POINTS: usize = 20_000;
 
 /// A fitted shell, prepared for display.
 pub(crate) struct ShownShell<'a> {
@@ -45,6 +45,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
             "of their distances",
         ));
     }
+    // Figures of sources that were not used would read as zero errors, so they are omitted.
     if !report.iou.is_empty() {
         figures.push(Figure::new(
             "overlap with masks",
@@ -86,7 +87,8 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     let name = report.unit.name();
     let moved =
         (shown.found.positions.iter().zip(&shown.given.positions)).map(|(a, b)| distance(*a, *b)).collect();
-    let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
+    // Every nth point, so that the selection is the same in every run.
+    let step = shown.points.len().div_ceil(MAX_POINTS).max(1);
     let clouds = if shown.points.is_empty() {
         Vec::new()
     } else {
@@ -108,6 +110,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
                 fields: vec![
                     numbers("sigma", "σ along the normal", name, FieldKind::Sequential, shown.sigma.to_vec()),
                     observed_field(shown.observed),
+                    // Distances and not only normal components: a mesh that slides along itself should show.
                     numbers("moved", "how far it was moved", name, FieldKind::Sequential, moved),
                 ],
                 ..SurfaceShown::default()
@@ -142,7 +145,8 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
                 },
                 significant(of.sigma_factor, 3),
             ],
-            of.sigma_factor > TRUE_FACTORS[1] || 3 * of.outliers > of.count,
+            // The same limits as those of the findings.
+            of.sigma_factor > ACCEPTED_FACTORS[1] || 3 * of.outliers > of.count,
         );
     }
     Section::new(
@@ -158,7 +162,7 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
     )
 }
 
-/// How far views agree with their masks.
+/// Overlap of views with their masks.
 fn overlaps(report: &ShellFitReport) -> Option<Section> {
     if report.iou.is_empty() {
         return None;
@@ -186,6 +190,7 @@ fn poses(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
     }
     let [moved, sigma] = ["moved", "largest σ"].map(|what| unit.head(what));
     let mut table = Table::new(["view", "turned / °", &moved, "largest σ / °", &sigma]);
+    // The worst axis: a camera is rarely uncertain along all three.
     let largest = |values: &[f64; 3]| values.iter().copied().fold(0.0, f64::max);
     for pose in &report.poses {
         table.row(
@@ -220,6 +225,7 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
                 cell(frame.surprise, &|v| significant(v, 3)),
                 unit.number(frame.sigma, 3),
             ],
+            // Above 3 σ, the object moved otherwise than predicted, or the frame belongs elsewhere.
             frame.surprise.is_some_and(|surprise| surprise > 3.0),
         );
     }

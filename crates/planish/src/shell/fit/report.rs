@@ -1,7 +1,7 @@
 //! Report of a fitted shell.
 
 use super::input::Frame;
-use super::{CameraPoseReport, MEASURED};
+use super::{CameraPoseReport, MIN_DATA_SHARE};
 use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
@@ -15,6 +15,8 @@ pub(super) fn known(
     start_sigma: &[f64],
 ) -> (Vec<[f64; 3]>, Vec<f64>, Vec<u8>) {
     let normals = mesh.vertex_normals();
+    // The part of the variance that readings account for: with information `A = D + P` of data and prior,
+    // `A⁻¹ = A⁻¹ D A⁻¹ + A⁻¹ P A⁻¹`.
     let by_data = &made.covariance * &made.data_information * &made.covariance;
     let (sigma, observed) = (0..mesh.positions.len())
         .into_par_iter()
@@ -24,7 +26,7 @@ pub(super) fn known(
             let share = row.dot(&(&by_data * &row)) / variance;
             let start = start_sigma.get(v).copied().unwrap_or(0.0);
             let lacking = made.unresolved_shape * made.unresolved_shape + start * start;
-            ((variance + lacking).sqrt(), u8::from(share > MEASURED))
+            ((variance + lacking).sqrt(), u8::from(share > MIN_DATA_SHARE))
         })
         .unzip();
     (normals, sigma, observed)
@@ -33,6 +35,7 @@ pub(super) fn known(
 pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {
     let mut reports = Vec::new();
     for (v, covariance) in made.pose_covariances.iter().enumerate() {
+        // Only cameras whose pose was stated as uncertain were moved.
         let Some(covariance) = covariance else { continue };
         let camera = &made.cameras[v];
         let change = camera.change_from(&frame.fitted[v].camera);

@@ -31,31 +31,36 @@ use planish_shell::covered_pixels;
 use planish_shell::{Region, RemeshOptions, ShellFitOptions, remesh, smooth_vertex_values};
 use rayon::prelude::*;
 
-/// Cells along the mesh's diagonal.
+/// Cells along the mesh's diagonal. Finer cells keep thinner parts; time and memory grow with their number
+/// squared and more. The test `rough_start` guards these settings with a bow that a deformed ball cannot
+/// reach.
 const CELLS: f64 = 100.0;
-/// How far it flows in one round, in cells.
-const FARTHEST: f64 = 10.0;
+/// Growth of the mesh in one round, in cells. Larger steps need fewer rounds, but overshoot into room that
+/// only other views exclude.
+const FLOW_CELLS: f64 = 10.0;
 /// Distance from the covered region, in cells, beyond which a place counts as uncovered.
 const UNCOVERED_CELLS: f64 = 0.5;
-/// Parts of less than this share of the largest one's volume are crumbs.
-const LEAST_PART: f64 = 0.002;
-/// Rounds at most.
-const MOST_ROUNDS: usize = 30;
-/// The flow ends where a round adds less than this to the mean agreement with the masks.
-const LEAST_GAIN: f64 = 1e-3;
-/// How far it fills the domain in the end, in cells.
-const FILLED: f64 = 8.0;
-/// Smoothings after each round: they take away the steps that rounds leave.
+/// Minimum volume of a part, relative to the largest. Smaller parts are artefacts of the cuts.
+const MIN_PART: f64 = 0.002;
+/// Maximum number of rounds.
+const MAX_ROUNDS: usize = 30;
+/// Minimum gain of a round in the mean overlap with the masks. The flow ends below it, because further rounds
+/// change hardly any pixel.
+const MIN_GAIN: f64 = 1e-3;
+/// Final growth into the domain that the silhouettes leave, in cells.
+const FILL_CELLS: f64 = 8.0;
+/// Smoothing passes after each round. They remove the steps that rounds leave.
 const SMOOTHINGS: usize = 20;
 /// Number of diffusion steps of the local mean. n steps average over a radius of about √n edges.
 const MEAN_STEPS: usize = 100;
-/// Without one view of several at even angles as much more is left than all of them leave.
-const LEFT_WITHOUT_ONE: f64 = 3.0;
-/// Thickness of the field of the fit, at first, as a share of the mesh's size: coarser ones draw thin parts
+/// Ratio of the extra excess without one view to the excess with all views (derived in the module
+/// documentation).
+const EXCESS_RATIO: f64 = 3.0;
+/// Initial softness of the field of the fit, relative to the mesh's size. Coarser fields pull thin parts
 /// together.
 const SOFTNESS: f64 = 0.003;
 
-/// A bound that is so much wider than silhouettes are.
+/// Silhouettes widened by a distance.
 struct Wider {
     silhouettes: SilhouetteBound,
     by: f64,
@@ -84,7 +89,7 @@ impl Region for Nothing {
     }
 }
 
-/// A mesh that has flown.
+/// The result of the flow.
 pub(super) struct Flown {
     pub mesh: TriangleMesh,
     /// σ of its vertices, along normals.
@@ -98,6 +103,7 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
     let usual = ShellFitOptions::default();
     ShellFitOptions {
         softness: (SOFTNESS, usual.softness.1),
+        // Few steps, because the start is near: coarse fields only serve to find a distant object.
         steps: 2,
         start_sigma: Some(size / CELLS),
         ..usual
@@ -116,6 +122,7 @@ pub(super) fn flown(
     watch: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Flown> {
     let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
+    // The findings of this reading are dropped, because the fit reads the views again.
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
     let domain = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
@@ -130,36 +137,40 @@ pub(super) fn flown(
             domain: &domain,
             flow: flow.map(|(covered, cells)| (covered, cells * cell)),
             cell,
-            min_part_volume_ratio: LEAST_PART,
+            min_part_volume_ratio: MIN_PART,
             smoothing_passes: SMOOTHINGS,
         };
         remesh(mesh, &options).map_err(|e| e.in_context(job.mesh.display()))
     };
     let mut cell = size(&mesh) / CELLS;
+    // First cut to the silhouettes. Only then does a gain in overlap mean growth.
     mesh = anew(&mesh, None, cell)?;
     let (mut mean, _) = agreement(&mesh);
     let mut rounds = 1;
-    while rounds < MOST_ROUNDS {
+    while rounds < MAX_ROUNDS {
         watch(rounds)?;
+        // The mesh may grow. Cells grow with it, so that the cost of a round stays bounded.
         cell = cell.max(size(&mesh) / CELLS);
         let covered = Wider {
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
             by: UNCOVERED_CELLS * cell,
         };
-        let next = anew(&mesh, Some((&covered, FARTHEST)), cell)?;
+        let next = anew(&mesh, Some((&covered, FLOW_CELLS)), cell)?;
         let (after, _) = agreement(&next);
         rounds += 1;
         let gain = after - mean;
+        // A round that loses overlap is discarded.
         if gain > 0.0 {
             (mesh, mean) = (next, after);
         }
-        if gain < LEAST_GAIN {
+        if gain < MIN_GAIN {
             break;
         }
     }
-    mesh = anew(&mesh, Some((&Nothing, FILLED)), cell)?;
+    // Partly covered places end in steps. Filling removes them.
+    mesh = anew(&mesh, Some((&Nothing, FILL_CELLS)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
-        .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / LEFT_WITHOUT_ONE)
+        .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / EXCESS_RATIO)
         .collect();
     Ok(Flown {
         report: FlowReport {
@@ -186,7 +197,7 @@ fn views_of(frame: &Frame) -> Result<(Vec<ContourView>, Vec<&ViewFile>)> {
     Ok(made.into_iter().unzip())
 }
 
-/// What views show of a mesh, as silhouettes.
+/// The silhouettes of a mesh in the views.
 fn covers(
     mesh: &TriangleMesh,
     views: &[ContourView],
@@ -205,6 +216,7 @@ fn covers(
                 rows: mask.rows,
                 values: shown.iter().map(|shown| f32::from(u8::from(*shown))).collect(),
             };
+            // Also small parts of the mesh cover the mask.
             let options = SilhouetteOptions { least_share: 0.0, ..SilhouetteOptions::default() };
             Ok(ContourView {
                 silhouette: outlines(&picture, &options).map_err(|e| e.in_context(&view.name))?,
@@ -214,7 +226,7 @@ fn covers(
         .collect()
 }
 
-/// A mesh that was made anew has neither texture nor parts.
+/// The appearance of a rebuilt mesh, which has neither texture nor parts.
 pub(super) fn without_looks(
     appearance: TexturedMesh,
     mesh: &TriangleMesh,

@@ -8,9 +8,11 @@
 use planish_exchange::textured::{NO_UV, TexturedMesh};
 use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 
-/// Pixels between a triangle of an atlas and the side of its square.
+/// Pixels between a triangle of an atlas and the side of its square. Bilinear sampling reads half a pixel
+/// beyond a triangle; a smaller margin would mix in the neighbour.
 const MARGIN: f64 = 1.5;
-/// Minimum side of an atlas square, in pixels.
+/// Minimum side of an atlas square, in pixels. In smaller ones, the margins leave a triangle hardly any
+/// pixels.
 pub(super) const MIN_SQUARE: usize = 10;
 
 /// Texture coordinates of a mesh.
@@ -60,6 +62,8 @@ impl Chart {
             .map(|[u, v]| Projected { at: [u * columns as f64, (1.0 - v) * rows as f64], depth: 1.0 })
             .collect();
         let nowhere = corners.len() as u32;
+        // A corner that is not a number keeps its triangle out of the buffer, and the numbering of triangles
+        // intact.
         corners.push(Projected { at: [f64::NAN; 2], depth: 1.0 });
         let triangles: Vec<[u32; 3]> =
             (self.triangles.iter()).map(|t| t.map(|uv| if uv == NO_UV { nowhere } else { uv })).collect();

@@ -11,10 +11,10 @@
 
 /// Tukey's constant: 95 % efficiency where errors are normal.
 const TUKEY: f64 = 4.685;
-/// Iterations of the mean.
+/// Iterations of the mean. It starts at the medoid and settles in a few.
 const ROUNDS: usize = 5;
-/// The scale is never below this, of 255: pictures are rounded.
-const LEAST_SCALE: f64 = 2.0;
+/// Minimum scale, of 255. Pictures are rounded; a smaller scale would reject views for that.
+const MIN_SCALE: f64 = 2.0;
 /// The median of the length of three standard normal numbers, over √3.
 const MEDIAN_OF_THREE: f64 = 0.888;
 
@@ -36,7 +36,7 @@ pub(super) struct Blended {
     pub colour: [f64; 3],
     /// Number of views that contribute.
     pub views: usize,
-    /// Views that differ too much to take part.
+    /// Views that are outliers and do not contribute.
     pub odd: Vec<usize>,
 }
 
@@ -60,15 +60,16 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     for colours in places.filter(|colours| colours.len() > 2) {
         if let Some(middle) = medoid(colours) {
             let others = colours.iter().filter(|one| one.view != middle.view);
+            // Without the medoid itself, whose difference is always zero.
             differences.extend(others.map(|one| apart(one.colour, middle.colour)));
         }
     }
     differences.sort_unstable_by(f64::total_cmp);
     let median = differences.get(differences.len() / 2).copied().unwrap_or(0.0);
-    (median / MEDIAN_OF_THREE).max(LEAST_SCALE)
+    (median / MEDIAN_OF_THREE).max(MIN_SCALE)
 }
 
-/// The share of the places that three views or more see at which each view is odd.
+/// For each view, the share of the places seen by three or more views at which it is an outlier.
 pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[Option<Blended>]) -> Vec<f64> {
     let mut counts = vec![(0_usize, 0_usize); views];
     for (colours, blended) in colours.iter().zip(blended).filter(|(colours, _)| colours.len() > 2) {
@@ -92,6 +93,7 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
             sum = [0, 1, 2].map(|c| sum[c] + weight * one.colour[c]);
             total += weight;
         }
+        // If all weights vanish, the medoid remains.
         if total > 0.0 {
             colour = sum.map(|s| s / total);
         }
@@ -109,7 +111,7 @@ mod tests {
         ViewColour { view, colour: [level, 0.5 * level, 10.0], weight }
     }
 
-    /// The odd view sees best of all and is outvoted all the same.
+    /// The outlier has the largest weight and is outvoted nevertheless.
     #[test]
     fn the_odd_view_is_outvoted() {
         let colours = [

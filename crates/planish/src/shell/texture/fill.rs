@@ -6,16 +6,18 @@
 
 use planish_mesh::{Neighbours, TriangleMesh};
 
-/// The largest residual of the Laplace equation, of 255.
-const SMALL: f64 = 0.01;
+/// Maximum residual of the Laplace equation, of 255: far below one step of an 8-bit colour.
+const MAX_RESIDUAL: f64 = 0.01;
 /// Maximum number of conjugate-gradient steps. More steps make no visible difference.
 const MAX_STEPS: usize = 2000;
 /// Colour if no view sees any part.
 const GREY: [f64; 3] = [128.0; 3];
 
-/// Colours of all vertices of those of some.
+/// Extends the colours of some vertices to all.
 pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
     let seen: Vec<[f64; 3]> = known.iter().flatten().copied().collect();
+    // Parts that no known vertex reaches have no boundary values, so the equation has no unique solution
+    // there.
     let mean = match seen.len() {
         0 => GREY,
         n => [0, 1, 2].map(|c| seen.iter().map(|v| v[c]).sum::<f64>() / n as f64),
@@ -37,6 +39,7 @@ pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f
             }
         }
     }
+    // Only vertices that are connected to a known one: the system is then positive definite.
     let unknown = &reached[start..];
     for channel in 0..3 {
         laplace(&neighbours, unknown, &mut colours, channel);
@@ -66,12 +69,13 @@ fn laplace(neighbours: &Neighbours, unknown: &[u32], colours: &mut [[f64; 3]], c
             (neighbours.of_vertex(*v).iter()).map(|o| colours[*o as usize][channel] - own).sum()
         })
         .collect();
+    // Jacobi preconditioner: valences differ where meshes are refined.
     let scaled = |r: &[f64]| -> Vec<f64> { unknown.iter().zip(r).map(|(v, r)| r / degree(*v)).collect() };
     let mut z = scaled(&r);
     let mut p = z.clone();
     let mut rz = inner(&r, &z);
     for _ in 0..MAX_STEPS {
-        if r.iter().all(|r| r.abs() < SMALL) {
+        if r.iter().all(|r| r.abs() < MAX_RESIDUAL) {
             break;
         }
         let product = multiply(&p);
@@ -88,7 +92,7 @@ fn laplace(neighbours: &Neighbours, unknown: &[u32], colours: &mut [[f64; 3]], c
     }
 }
 
-/// Fills the empty pixels of a picture from coarser and coarser means of what there is.
+/// Fills the empty pixels of a picture from means of its filled pixels, at ever coarser resolution.
 pub(super) fn in_picture(columns: usize, rows: usize, pixels: &mut [Option<[f32; 3]>]) {
     if columns <= 1 && rows <= 1 || pixels.iter().all(Option::is_some) {
         return;
@@ -109,6 +113,7 @@ pub(super) fn in_picture(columns: usize, rows: usize, pixels: &mut [Option<[f32;
             (count > 0.0).then(|| sum.map(|s| s / count))
         })
         .collect();
+    // Without any colour, the recursion would never find one.
     if half.iter().all(Option::is_none) {
         return;
     }

@@ -14,7 +14,7 @@ use planish_exchange::textured::TexturedMesh;
 use planish_report::colour::linear_light;
 use std::path::{Path, PathBuf};
 
-/// Writes one file, and what belongs to it.
+/// Writes one file and its companion files.
 pub(super) fn write(
     path: &Path,
     file: &TexturedMesh,
@@ -41,6 +41,7 @@ pub(super) fn write(
             }
             columns
                 .extend([("red", &red), ("green", &green), ("blue", &blue)].map(|(n, c)| (n, Column::U8(c))));
+            // Zero marks colours that were filled.
             columns.push(("views", Column::U8(&coloured.views)));
             write_mesh(
                 path,

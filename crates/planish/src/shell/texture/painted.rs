@@ -29,10 +29,12 @@ fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
             let corners = mesh.corners(t);
             views.iter().map(|view| view.pixels_on(corners)).fold(0.0, f64::max)
         })
+        // Collected before the sum, so that its order does not depend on threads.
         .collect::<Vec<f64>>()
         .iter()
         .sum();
     let side = (pixels / share.max(1e-3)).sqrt().min(LARGEST_TEXTURE as f64) as usize;
+    // A power of two: older viewers scale other sizes, which blurs them.
     side.next_power_of_two().clamp(DEFAULT_SIDES[0], DEFAULT_SIDES[1])
 }
 
@@ -57,6 +59,7 @@ pub(super) fn paint(
     let count = mesh.triangles.len();
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
     let atlas = own.is_none();
+    // The size of an own chart is free: the user made its layout.
     let least = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
     let usual = || usual_size(mesh, views, share).max(least.next_power_of_two());
     let size = job.texture_size.unwrap_or_else(usual);
@@ -86,12 +89,14 @@ pub(super) fn paint(
             let normal = planish_estimate::vector3::unit(place(normals)).unwrap_or([0.0; 3]);
             Some(match seen(place(&mesh.positions), normal) {
                 Some(colour) => (colour, true),
+                // The filled colours of vertices continue smoothly from those that views see.
                 None => (place(&coloured.colours), false),
             })
         })
         .collect();
     let texels = found.iter().flatten().count();
     let covered = chart.covered() * (size * size) as f64;
+    // Some difference is normal, because pixels are counted by their centres.
     if covered > 1.1 * texels as f64 + 1000.0 {
         let text = format!(
             "{}: parts of the mesh share the same place of the texture, and show the colours of one of them",
@@ -103,6 +108,7 @@ pub(super) fn paint(
         TextureReport { size, texels, seen: found.iter().flatten().filter(|(_, seen)| *seen).count(), atlas };
     let mut pixels: Vec<Option<[f32; 3]>> =
         (found.into_iter()).map(|found| found.map(|(colour, _)| colour.map(|c| c as f32))).collect();
+    // Viewers average pixels across the border of a chart.
     fill::in_picture(size, size, &mut pixels);
     Ok(Texture { chart, size, pixels: pixels.into_iter().map(Option::unwrap_or_default).collect(), report })
 }

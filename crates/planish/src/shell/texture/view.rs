@@ -19,17 +19,18 @@ use planish_shell::projected_vertices;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
-/// From here on, in pixels, the nearest jump of the depth is too far to matter.
+/// Distance from the nearest depth edge, in pixels, from which a pixel has full weight. A fitted mesh is
+/// accurate to a few pixels (`docs/decisions/0064`).
 const CLEAR_PX: u8 = 5;
 /// Second difference of depth at a depth edge, in pixel widths. A plane has zero.
 const DEPTH_EDGE: f64 = 10.0;
 /// Maximum distance of a visible place behind the depth buffer, in pixel widths. Interpolation between pixels
 /// cuts corners.
-const BEHIND: f64 = 3.0;
+const MAX_DEPTH_BEHIND: f64 = 3.0;
 /// Minimum cosine between normal and line of sight (81°). Beyond it, a pixel covers too much of the surface.
 const MIN_COSINE: f64 = 0.15;
-/// By which power of the pixels on a piece of surface a view counts: the best view rules, without visible
-/// borders to the next.
+/// Power of the number of pixels per area in the weight of a view. With a higher power, borders between views
+/// become visible. With 1, distant views blur the best one.
 const SHARPNESS: f64 = 2.0;
 
 /// A view that is prepared for sampling.
@@ -74,8 +75,10 @@ impl ColourView {
                 false => f32::INFINITY,
             })
             .collect();
+        // Bytes and 32-bit depths: all views are in memory at once.
         let byte = |v: f32| (255.0 * v / picture.white).clamp(0.0, 255.0).round() as u8;
         let colours = (picture.values.chunks_exact(picture.channels))
+            // The same expression reads grey pictures (one channel) and colours.
             .map(|p| [byte(p[0]), byte(p[p.len() / 2]), byte(p[p.len() - 1])])
             .collect();
         let clear = clear_of_jumps(&depth, columns, rows, camera.pinhole.focal_px());
@@ -88,6 +91,7 @@ impl ColourView {
         let (pixel, depth) = self.camera.project(at)?;
         let corner = |x: f64, count: usize| {
             let low = x.floor();
+            // Places between the outermost pixel centres and the frame are not interpolated.
             (low >= 0.0 && x <= count as f64 - 1.0 && count > 1).then_some((low as usize).min(count - 2))
         };
         let (column, row) = (corner(pixel[0], self.columns)?, corner(pixel[1], self.rows)?);
@@ -100,16 +104,19 @@ impl ColourView {
             (first + self.columns + 1, x * y),
         ];
         let clear = around.iter().map(|(k, _)| self.clear[*k]).min().unwrap_or(0);
+        // One of four pixels at an edge is enough to mix in the background.
         if clear == 0 {
             return None;
         }
+        // The size of a pixel at this depth makes all limits independent of the unit.
         let width = depth / self.camera.pinhole.focal_px();
         let front: f64 = around.iter().map(|(k, w)| w * f64::from(self.depth[*k])).sum();
-        if depth > front + BEHIND * width {
+        if depth > front + MAX_DEPTH_BEHIND * width {
             return None;
         }
         let cosine = dot(normal, unit(sub(self.camera.center(), at))?);
         let cosine = if two_sided { cosine.abs() } else { cosine };
+        // Also rejects back faces, whose cosine is negative.
         if cosine < MIN_COSINE {
             return None;
         }
@@ -183,6 +190,7 @@ fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec
                 inside.then(|| at(x as usize, y as usize))
             };
             match (along(-1), along(1)) {
+                // The second difference, because a slanted plane has a large first one.
                 (Some(a), Some(b)) => !(a.is_finite() && b.is_finite() && (a + b - 2.0 * here).abs() <= most),
                 (Some(a), None) | (None, Some(a)) => !a.is_finite(),
                 (None, None) => false,
@@ -199,6 +207,7 @@ fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec
             }
         }
     }
+    // Breadth first, so each pixel gets its smallest distance.
     while let Some((column, row)) = queue.pop_front() {
         let next = clear[row * columns + column] + 1;
         for y in row.saturating_sub(1)..(row + 2).min(rows) {
