@@ -17,8 +17,14 @@ use planish_spline::{
 };
 
 /// Number of readings after which patches are first considered for division; afterwards at each doubling.
+///
+/// At a doubling there are as many new readings as old ones, and a resumed stream knows the moment from the
+/// number alone (docs/decisions/0025).
 const FIRST_REFINEMENT: u64 = 256;
 /// Squares along each side of a base cell for which it is recorded whether anything was measured.
+///
+/// Patches are divided while readings arrive, so the record cannot be kept by leaf. More squares follow the
+/// border of the measured part more closely.
 const MARKS: usize = 4;
 /// Control vertices that a patch adds to a surface, approximately: one for each of its cells.
 pub(crate) const VERTICES_PER_PATCH: usize = 16;

@@ -195,6 +195,7 @@ impl SurfaceStream {
         let mut scan = Scan::default();
         let (mut covariance, mut normals) = (Vec::new(), Vec::new());
         for reading in first {
+            // Every reading is checked before the fit, also those that follow after it.
             reading.incoming()?;
             if let Reading::Position { point, covariance: own, facing } = reading {
                 scan.points.push(*point);

@@ -211,6 +211,7 @@ impl Cloud {
         let turns = self.turns(found);
         // Evenly spread over the readings, so that all parts are completed.
         let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
+        // Unmeasured parts may depart from the symmetry as much as the compared ones.
         let doubt = found.departure * found.departure;
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {

@@ -58,7 +58,8 @@ const SIGMA_STRETCH: f64 = 1e-3;
 const MAX_DIVISIONS: usize = 2;
 const DIVIDED_ABOVE: f64 = 1.05;
 /// Limits beyond which a state is reported as stretched: relative change of E, F or G; residuals over their
-/// noise; share of the readings beyond the border.
+/// noise; share of the readings beyond the border. See docs/decisions/0020 for the stretches that they
+/// detect.
 const MAX_CHANGE: f64 = 0.01;
 const MAX_MISFIT: f64 = 1.2;
 const MAX_BEYOND: f64 = 0.005;
@@ -81,6 +82,7 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let first = fit(&first_scans, &still, &ProgressPart::new(progress, 0.0, 0.3))?;
     refuse_other_than_sheet(set, &states[0], first.model.surface.space().shape())?;
     let mut reference = first.model.surface.clone();
+    // Lengths belong to the cells over which they are measured, so finer cells follow all states anew.
     for divisions in 0.. {
         let from = 0.3 + 0.2 * divisions as f64;
         let part = ProgressPart::new(progress, from, from + 0.2);
@@ -178,6 +180,7 @@ fn follow(
         // Marks come before the figures, since these are taken over measured parts only.
         lengths.carry_into(&mut made, &held);
         let figures = lengths.judge(&scans, state, &made, &first.report.sensors, beyond)?;
+        // After the figures: a state must not be judged by lengths that it defined itself.
         lengths.add_measured(&made)?;
         followed.push((made, figures));
     }
@@ -287,6 +290,7 @@ fn sigma_of_lengths(posterior: &Posterior<'_>, leaf: usize, local: [f64; 2]) -> 
     let side = surface.space().leaves()[leaf].side();
     let [e, _, g] = jet.first_form();
     let (Some(normal), Some(curvature)) = (jet.normal(), jet.curvature()) else {
+        // Without a tangent plane lengths are unknown, and a relative σ of 1 leaves them free.
         return Ok(1.0);
     };
     let height = Posterior::sigma_along(&posterior.leaf(leaf)?, local, normal);

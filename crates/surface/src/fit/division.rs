@@ -48,6 +48,8 @@ pub(super) fn divided_within_budget(
     if nodes(misfits.len()) <= most {
         return (space.refine(&marked(misfits.len())), misfits.len());
     }
+    // Bisection: grading adds leaves around divided ones, so the nodes of a refinement are only known by
+    // counting.
     let (mut fits, mut too_many) = (0, misfits.len());
     while too_many - fits > chance_misfits(space).div_ceil(8) {
         let middle = fits.midpoint(too_many);
@@ -83,6 +85,7 @@ pub(super) fn log_divisions(
     };
     let (residuals, curvature, roughness) =
         (leaves_of(Cause::Residuals), leaves_of(Cause::Curvature), leaves_of(Cause::Roughness));
+    // Grading divides leaves that no misfit asked for, so the log compares the two hierarchies.
     let kept: HashSet<Cell> = finer.leaves().iter().copied().collect();
     for (leaf, cell) in space.leaves().iter().enumerate().filter(|(_, cell)| !kept.contains(cell)) {
         let cause = if residuals.contains(&leaf) {
@@ -108,6 +111,7 @@ pub(super) fn blocks<'a>(space: &Hierarchy, misfits: impl IntoIterator<Item = &'
             for du in [0.5, 0.5 + su] {
                 let [u, v] = space.parameters(leaf, [du, dv]);
                 let (other, _) = space.locate(u, v);
+                // A finer neighbour has the functions of the next level already.
                 if space.leaves()[other].level <= space.leaves()[leaf].level {
                     marked.push(other);
                 }

@@ -49,6 +49,8 @@ pub(super) fn first_surface(
     if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
+        // The area of a sphere with the mean squared half axis: rough, but a level changes the number of
+        // leaves by a factor of four.
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
         let least_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
         let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
@@ -103,6 +105,8 @@ fn base_grid(base: &BaseShape, cells: usize, multiple: usize, most: usize) -> Re
                 base.shape.name()
             )));
         }
+        // Sides are rounded to multiples, so the number of nodes does not fall in proportion: small steps
+        // lose less.
         cells = (cells * 4 / 5).max(1);
     }
 }
@@ -127,12 +131,16 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surf
     let space = Arc::clone(reference.space());
     let extent = space.extent();
     let system = SurfaceSystem::new(&space)?;
+    // Each reading keeps its parameters over the base. Without foot points the equations are linear, and
+    // one solution is enough.
     let mut lists: Vec<Vec<(u32, [f64; 2])>> = vec![Vec::new(); space.leaves().len()];
     for (i, p) in points.iter().enumerate() {
         let q = base.parameters(*p);
         let (leaf, local) = space.locate(q[0] * extent[0], q[1] * extent[1]);
         lists[leaf].push((i as u32, local));
     }
+    // All readings weigh alike: their noise is not estimated yet, and the weight of the plate follows their
+    // number.
     let data = system.accumulate(|leaf, cell| {
         for &(i, local) in &lists[leaf] {
             cell.add_vector(

@@ -97,6 +97,7 @@ impl Indicator {
             .map(|index| {
                 let k = wave(index, CELLS);
                 let k2 = dot(k, k);
+                // The mean of χ is arbitrary, because its level is the median at the points.
                 if k2 == 0.0 {
                     return Complex::new(0.0, 0.0);
                 }
@@ -118,6 +119,7 @@ impl Indicator {
     /// The indicator blurred by a Gaussian of the given σ (a length), on a grid just fine enough for it.
     pub(super) fn blurred(&self, sigma: f64) -> BlurredIndicator {
         let mut grid = self.grid;
+        // Grid sides stay even, since wave numbers are split at half a side.
         while grid.cells.is_multiple_of(4) && sigma >= AMPLE_BLUR_CELLS * 2.0 * grid.cell {
             grid.cells /= 2;
             grid.cell *= 2.0;
@@ -170,6 +172,7 @@ impl BlurredIndicator {
     /// The value deep inside: the 99.5th percentile over the grid.
     pub(super) fn inside(&self) -> f64 {
         let mut values = self.values.clone();
+        // A percentile instead of the maximum, which a dense cluster of points could raise alone.
         let high = values.len() - values.len() / 200;
         *values.select_nth_unstable_by(high, f64::total_cmp).1
     }
@@ -195,6 +198,8 @@ impl Grid {
         (c * self.cells + b) * self.cells + a
     }
 
+    /// Distributes a unit over the eight grid points around `p`: the transpose of the interpolation in
+    /// [`BlurredIndicator::sample`].
     fn splat(self, p: [f64; 3], mut add: impl FnMut(usize, f64)) {
         let (corner, t) = self.locate(p);
         for c in 0..2 {
@@ -222,11 +227,13 @@ fn wave(index: usize, n: usize) -> [f64; 3] {
     })
 }
 
+/// Spectral index of the opposite wave vector.
 fn mirrored(index: usize) -> usize {
     let m = split(index, CELLS).map(|m| (CELLS - m) % CELLS);
     (m[2] * CELLS + m[1]) * CELLS + m[0]
 }
 
+/// Multiplies a spectrum by that of a Gaussian, whose σ is in grid cells.
 fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
     // A Gaussian is the product of Gaussians along the axes.
     let along: Vec<f64> = (0..n).map(|m| (-0.5 * (sigma_cells * wave(m, n)[0]).powi(2)).exp()).collect();
@@ -241,6 +248,8 @@ fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
 /// The transform along all three axes, not normalised.
 fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
     let plan = FftPlanner::new().plan_fft(n, direction);
+    // Three passes with a turn after each, so that every pass transforms rows that are contiguous in
+    // memory.
     for _ in 0..3 {
         grid.par_chunks_mut(n * n).for_each(|slab| plan.process(slab));
         // Turn the axes: what was contiguous becomes the slowest.

@@ -35,7 +35,7 @@ use std::sync::Arc;
 
 use readings::{Evaluation, Reading, Readings, TASK};
 
-/// Most rounds of weighing and gating.
+/// Maximum number of rounds of weighing and gating.
 const MAX_ROUNDS: u32 = 20;
 /// Relative change of a sensor's variance below which it has converged.
 const VARIANCE_AT_REST: f64 = 0.01;
@@ -43,7 +43,8 @@ const VARIANCE_AT_REST: f64 = 0.01;
 /// beyond it. Such readings would otherwise alternate without end.
 const GATE_AT_REST: f64 = 1e-4;
 const MARGINAL: f64 = 1.0;
-/// Most rounds with softened readings, and the relative change of a variance that asks for another one.
+/// Maximum number of rounds with softened readings, and the relative change of a variance that asks for
+/// another one.
 const BOUNDED_ROUNDS: u32 = 8;
 const FOUND_VARIANCE: f64 = 0.1;
 /// Largest number of cells. The covariance takes about 20 KB for each, so more would exceed the memory of
@@ -495,6 +496,7 @@ fn over_coordinates(
             }
         },
     );
+    // With η = Λ x, a shift of the origin by o adds Λ o, whose entries are row sums times o.
     let mut row_sums = vec![0.0; information.dimension()];
     if origin != [0.0; 3] {
         information.multiply(&vec![1.0; information.dimension()], &mut row_sums)?;

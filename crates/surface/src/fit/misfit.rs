@@ -33,6 +33,9 @@ pub(super) const MAX_GROSS: f64 = 0.25;
 /// Residuals beyond this many σ are weighed down to it, so that one wild reading cannot divide a leaf.
 const HUBER_BOUND: f64 = 3.0;
 /// The share of `pairs` up to which the degrees of freedom that the fit used are added back.
+///
+/// The degrees are an average over leaves. A leaf with few readings cannot have lost more than its own
+/// residuals.
 const MAX_RESTORED: f64 = 0.8;
 
 /// The bin of a place on a leaf, row by row.
@@ -238,6 +241,7 @@ pub(super) fn misfit(
             corner: own.worst_corner(),
         };
         let significant = shape > (SIGNIFICANT * spread).max(WORTHWHILE * f64::from(own.count));
+        // Shape below a tolerance need not be resolved, so weak misfits are not searched for.
         if let Some(tolerance) = options.tolerance {
             if significant && own.largest_mean() > tolerance {
                 strong.push(found());

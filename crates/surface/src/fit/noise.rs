@@ -17,7 +17,10 @@ pub(super) const ENOUGH_TO_CONTRADICT: f64 = 20.0;
 /// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
 /// readings and their residuals carry no information about σ.
 pub(super) const MIN_REDUNDANCY: f64 = 0.2;
-/// Fewest components from which a channel's scale is estimated on its own.
+/// Minimum number of components from which the scale of a channel is estimated on its own.
+///
+/// The standard error of σ from 8 components is 25 %; below that, the scale of all readings of the quantity
+/// is safer.
 const MIN_FOR_SCALE: usize = 8;
 
 /// Variance of rounding, over the stated variance, for quantities that are not lengths.
@@ -124,6 +127,7 @@ impl SensorNoise {
                 // These have other units than lengths.
                 Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
+            // Residuals in stated σ, so that readings of one sensor may have different σ.
             let normalised: Vec<f64> = subset
                 .iter()
                 .zip(feet)
@@ -157,6 +161,7 @@ impl SensorNoise {
             noise.estimated_factors[channel] =
                 (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(least);
             let ratio = noise.estimated_factors[channel].sqrt();
+            // An estimated σ of n redundant readings has the relative standard error 1/√(2n).
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             // The surface follows errors that neighbours share, so small residuals do not prove small errors.
             let may_be_smaller = !observations.channels[channel].correlated_errors;

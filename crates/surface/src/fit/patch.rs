@@ -33,8 +33,10 @@ use planish_spline::{
 };
 use std::sync::Arc;
 
-/// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number. More of them cost
-/// memory and time; fewer may miss the shape.
+/// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number.
+///
+/// More of them cost memory and time. A first fit that misses shape takes it for noise, which made σ twice
+/// too large on the bunny (docs/decisions/0025).
 const FIRST_SHARE: usize = 4;
 const MIN_FIRST: usize = 500;
 const MAX_FIRST: usize = 20_000;
@@ -45,7 +47,7 @@ const USUAL_DEPTH: u8 = 3;
 /// Length of the weak hold that makes the prior proper, in extents of the surface.
 const HOLD_LENGTH: f64 = 2.0;
 /// Smallest relative reduction of a variance that is passed on to neighbouring patches. Smaller gains cost
-/// updates without a visible effect on σ.
+/// updates without a visible effect on σ (docs/decisions/0025).
 const MIN_GAIN: f64 = 1e-2;
 /// Readings between two checks for an interruption by the user.
 const READINGS_PER_CHECK: usize = 4096;
@@ -122,6 +124,7 @@ pub(crate) fn first_fit_of(
     let found = FitOptions { max_depth: Some(growth), ..options.clone() };
     let surface = first_surface(observations, &found, PATCH_CELLS, &ProgressPart::new(progress, 0.0, 0.3))?;
     let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
+    // Patches divide a uniform base grid, so the levels that a ball has grown become that grid.
     let (metric, base_level) = rebased(surface)?;
     let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
@@ -139,6 +142,8 @@ pub(crate) fn first_fit_of(
         &ProgressPart::new(progress, 0.3, 0.8),
     )?;
     let reached_tolerance = converged.reached_tolerance;
+    // Patches are divided as a whole. The second fit gives the joint posterior over exactly their cells, so
+    // that neighbouring patches start in agreement.
     let space = patch_hierarchy(converged.surface.space())?;
     if space.levels() > 1 {
         log_cover(&mut log, base_level, converged.surface.space(), &space, options);
@@ -168,6 +173,8 @@ pub(crate) fn first_fit_of(
             }
         }
     })?;
+    // The prior has the metric of the base surface, which the filter keeps for patches that are divided
+    // later.
     let of_prior = prior.information(system, &metric)?.expanded(3)?;
     information.add_scaled(&system.contract(&of_prior, &up)?, 1.0)?;
     let filter = PatchFilter::from_first_fit(
@@ -347,6 +354,8 @@ pub(super) fn update_patches(
     let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
     let stated = SensorNoise::stated(&observations.channels);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
+    // The surface of the model did not follow these readings, so they determine none of its degrees of
+    // freedom.
     let degrees = vec![0.0; observations.channels.len()];
     // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
     // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
@@ -406,6 +415,7 @@ pub(super) fn update_patches(
 
 /// The readings in a random order.
 pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
+    // A number that no scan has: otherwise the order would repeat the choice of held-out readings.
     let mut keyed: Vec<(f64, u32)> = all.iter().map(|&i| (hash01(seed, 1 << 20, u64::from(i)), i)).collect();
     keyed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     keyed.into_iter().map(|(_, i)| i).collect()
@@ -470,6 +480,7 @@ pub(super) fn stream(
     let surface = core.reconcile()?;
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
+    // Each reading was filtered on the surface of its time. The report needs residuals from the final one.
     let search = FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?;
     let mut feet =
         project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);

@@ -34,7 +34,7 @@ const MAX_FINDING_ITERATIONS: usize = 8;
 /// An early round ends once the mean square step is below this many variances of the surface. The next
 /// round changes the surface by more than that, so further iterations would be wasted.
 const FOUND: f64 = 30.0;
-/// Most iterations of the last round, without and with unknown poses of scans.
+/// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
 /// The surface is at rest when the mean square step that readings see is this share of its variance.
@@ -47,7 +47,10 @@ const UNSEEN_AT_REST: f64 = 4.0;
 const SCAN_ERRORS_AT_REST: f64 = 0.02;
 /// Relative change of the smoothness weight below which it has converged.
 const WEIGHT_AT_REST: f64 = 0.02;
-/// Readings of each leaf that an early round uses, on average, and fewest in all.
+/// Readings of each leaf that an early round uses, on average, and their minimum in all.
+///
+/// A leaf needs [`super::division::MIN_READINGS`] readings to be tested, so a smaller sample would hide
+/// misfits. A larger one projects more readings in rounds whose surface is refined anyway.
 const SAMPLE_PER_LEAF: usize = 12;
 const MIN_SAMPLE: usize = 40_000;
 /// Shortest length over which the prior smooths at the start, in leaves.
@@ -57,7 +60,10 @@ const FIRST_SMOOTHING: f64 = 0.15;
 /// Longest length over which the prior smooths, in square roots of the surface's area. A stiffer plate would
 /// be no flatter, but the information of the readings about its place would be lost in rounding.
 const STIFFEST: f64 = 2.0;
-/// Largest change of the smoothness weight in one iteration.
+/// Largest factor by which the smoothness weight rises in one iteration; it falls by at most the same factor.
+///
+/// The update holds at a converged surface. Far from it, an unbounded change would flatten the surface, or
+/// let it follow its noise, in a single step.
 const MAX_WEIGHT_CHANGE: f64 = 5.0;
 /// σ of tangential motion, as a share of a leaf's size. It names points of the surface without a measurable
 /// effect on its shape.
@@ -188,6 +194,8 @@ pub(super) fn refine_to_noise(
         let verdict = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
         let space = state.surface.space();
         reached_tolerance |= options.tolerance.is_some() && verdict.by_residuals == 0;
+        // Some leaves are significant by chance. Dividing them would create new ones of the same kind,
+        // without end.
         if verdict.misfits.len() < chance_misfits(space) {
             is_last = true;
             continue;
@@ -260,11 +268,13 @@ impl Refinement<'_> {
         } else {
             MAX_FINDING_ITERATIONS
         };
-        // The metric stays that of the surface at the start of the round.
+        // The metric stays that of the surface at the start of the round, so the energy is quadratic and each
+        // step solves linear equations.
         let energy = BendingEnergy::new(system, &self.surface)?;
         let mut equations = RoundEquations { system, energy, factor: None };
         for iteration in 0..iterations {
             let rounds = round.number as f64 + iteration as f64 / iterations as f64;
+            // The number of rounds is not known, so the progress approaches its end geometrically.
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(rounds));
             progress.check(if round.is_last { "settling" } else { "refining" }, share)?;
             progress.items(self.projected, "readings");
@@ -321,6 +331,8 @@ impl Refinement<'_> {
         self.surface = step.surface;
         energy.measure(&self.surface);
         // Generalised Fellner–Schall (Wood & Fasiolo 2017): w ← (degrees that the data determine) / xᵀKx.
+        // One null mode for every shape: a flat sheet has three, which matters with a handful of readings
+        // only (docs/decisions/0003).
         let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
         let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
         let next = next.clamp(0.2 * weight, MAX_WEIGHT_CHANGE * weight).min(stiffest);
@@ -343,6 +355,7 @@ impl Refinement<'_> {
         factor: Option<&CholeskyFactor>,
     ) -> Result<Verdict> {
         let options = self.options;
+        // The last step has moved the surface since its feet were found.
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
         let kept = weights(readings, &self.noise, options.gate, false);
@@ -391,6 +404,8 @@ impl Refinement<'_> {
         // The prior of the model is that of its own metric.
         let energy = BendingEnergy::new(&system, &self.surface)?;
         let weight = self.weight.unwrap_or(0.0);
+        // Readings do not determine motion along the surface. The hold makes the stored matrix regular
+        // (docs/decisions/0002).
         let mut prior = system.tangential_hold(&self.surface, TANGENTIAL_HOLD)?;
         prior.add_scaled(&energy.matrix.expanded(3)?, weight)?;
         Ok(ConvergedFit {

@@ -38,6 +38,8 @@ pub(super) fn leaves_of_varying_curvature(
     let feet = readings.feet;
     let space = surface.space();
     let leaves = space.leaves().len();
+    // The factor of the last step is at hand and is near the posterior; a new one would cost a
+    // factorisation.
     let motion = VertexMotion::Along(system.node_normals(surface));
     let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
     let posterior = Posterior::new(surface, covariance);

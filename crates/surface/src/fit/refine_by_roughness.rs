@@ -34,6 +34,8 @@ pub(super) fn leaves_coarser_than_smoothing(
     for (foot, &w) in feet.iter().zip(information) {
         if foot.state == FootState::Good && w > 0.0 {
             let leaf = foot.leaf as usize;
+            // Instead of ℓ = (w/ρ)^{1/4}, the test compares ρ (side/3)⁴ with w: the information then adds
+            // over quantities of different units.
             let length = areas[leaf].sqrt() / WIDEST;
             sums[leaf].0 += smoothing_information(foot.quantity, w, length) / areas[leaf];
             sums[leaf].1 += 1;

@@ -108,6 +108,7 @@ pub(super) fn unresolved_shape(
         for k in near() {
             *(if information[k] > 0.0 { &mut inside } else { &mut outside }) += 1;
         }
+        // Many readings beyond the gate are shape that the gate mistook for gross errors.
         let is_shape = outside as f64 > MAX_GROSS * (inside + outside) as f64;
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
         let mut bins = [[0.0; 5]; BINS * BINS];

@@ -68,6 +68,7 @@ pub struct LeafCovariance<'a> {
 const IDENTITY_WEIGHTS: [[f64; 16]; 16] = {
     let mut weights = [[0.0; 16]; 16];
     let mut k = 0;
+    // Constants cannot be made by `for` loops.
     while k < 16 {
         weights[k][k] = 1.0;
         k += 1;

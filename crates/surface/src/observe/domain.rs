@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_out_of_range_are_named() {
+    fn numbers_out_of_range_are_rejected_with_their_place() {
         type Change = fn(&mut Scan, &mut Sensor);
         let cases: [(Change, &str); 6] = [
             (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
@@ -214,7 +214,7 @@ mod tests {
         }
         let said = check_domain(&three, "job.toml").unwrap();
         assert!(said.len() == 1 && said[0].text.contains("a.ply and 2.ply lie farther apart"), "{said:?}");
-        // What lies between joins them.
+        // A scan between them connects them.
         let mut between = three.scans[0].clone();
         between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
         three.scans.push(between);

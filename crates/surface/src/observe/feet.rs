@@ -153,6 +153,7 @@ pub(crate) fn project(
             // A foot is followed from its last parameters; a search is only needed for new readings.
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
+            // A scan normal is a unit vector, or zero if the side is unknown.
             let has_normal = dot(scan_normal, scan_normal) > 0.5;
             let state = if has_normal && dot(scan_normal, foot.normal) < MIN_COSINE {
                 FootState::NormalMismatch

@@ -38,7 +38,7 @@ const BIAS: usize = 6;
 const FREE_ROTATION: f64 = 1.0;
 /// Largest motion of a scan in one iteration: as a share of the cloud's size, and in radians. Larger steps
 /// leave the range of the linearisation.
-const LONGEST_STEP: f64 = 0.1;
+const MAX_STEP: f64 = 0.1;
 /// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
 const DETERMINED: f64 = 0.05;
 /// Step of central differences by rotation, in radians: their error is about its square, and rounding about
@@ -265,6 +265,8 @@ impl ScanErrors {
             made.of_scan[s] = Some(made.errors.len());
             made.errors.push(ScanError {
                 scan: s,
+                // About the centroid of its readings, rotation and translation of a scan are nearly
+                // independent.
                 center: if sigmas[0] > 0.0 {
                     sum.map(|c| c / count as f64)
                 } else {
@@ -313,6 +315,7 @@ impl ScanErrors {
             return 0.0;
         };
         let error = &self.errors[error];
+        // Most scans have no bias, and the ray of a point takes a square root.
         if error.bias == 0.0 {
             return 0.0;
         }
@@ -343,8 +346,8 @@ impl ScanErrors {
                 if length > longest { v.map(|c| c * longest / length) } else { v }
             };
             // A limited step keeps its direction, so the iteration still goes downhill.
-            let translation = limited([by[0], by[1], by[2]], LONGEST_STEP * self.size);
-            let rotation = limited([by[3], by[4], by[5]], LONGEST_STEP);
+            let translation = limited([by[0], by[1], by[2]], MAX_STEP * self.size);
+            let rotation = limited([by[3], by[4], by[5]], MAX_STEP);
             let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);
             // About the centre: z ↦ R (z − c) + c + τ.
             let motion =

@@ -110,6 +110,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
         degrees_by_channel(input, &factor, &directions)?
     };
     let total: f64 = degrees.iter().sum();
+    // Λ δ is the gradient, so δᵀ Λ δ needs no product with the matrix.
     let decrement = step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
     let mut data_step = vec![0.0; step.len()];
     readings.multiply(&step, &mut data_step)?;
@@ -209,6 +210,7 @@ fn degrees_by_channel(
     directions: &[[f64; 3]],
 ) -> Result<Vec<f64>> {
     let StepInput { surface, feet, information, channels, .. } = *input;
+    // A fixed seed: σ follows from these degrees, and must be the same in every run.
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut degrees = vec![0.0; channels.count];
     for _ in 0..PROBES {
@@ -244,6 +246,7 @@ fn degrees_by_channel(
         }
     }
     for d in &mut degrees {
+        // Random probes of a channel with few readings may give a small negative trace.
         *d = d.max(0.0);
     }
     Ok(degrees)

@@ -106,7 +106,7 @@ fn gross_errors_are_rejected_and_wrong_files_refused() {
     assert!(e.to_string().contains("global filter"), "{e}");
 }
 
-/// A normal and a curvature add to what positions have told.
+/// A normal and a curvature add information to that of positions.
 #[test]
 fn normals_and_curvatures_lower_sigma() {
     let all = readings(800, 4);

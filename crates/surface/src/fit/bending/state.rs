@@ -20,6 +20,9 @@ use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 
 /// Relative σ of lengths in the first iteration, and iterations until it has its final value.
+///
+/// A flat sheet that is stiff from the start cannot leave its plane: to first order a normal displacement
+/// changes no length, to second order all (docs/decisions/0020).
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
 /// Largest number of iterations, and mean square step at rest, in variances of a vertex.
@@ -30,6 +33,9 @@ const AT_REST: f64 = 1e-3;
 const FIRST_SMOOTHING: f64 = 0.1;
 const STIFFEST: f64 = 2.0;
 /// σ of sliding along the sheet, in leaves.
+///
+/// Range readings do not determine sliding, so some hold is needed. A tighter one would resist the bending
+/// itself.
 const SLIDING: f64 = 5.0;
 /// Readings beyond the border belong to the sheet if they are nearer to it than this share of its extent.
 /// Their pull is bounded beyond [`BOUNDED`] spacings of the readings.

@@ -19,11 +19,11 @@ use std::sync::Arc;
 
 /// Readings of one parallel task.
 pub(super) const TASK: usize = 1 << 13;
-/// Held-out readings that are enough to judge a fit.
+/// Held-out readings that are enough to judge a fit: their normalised rms has a standard error of 1.3 %.
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
-/// Residuals that are enough to estimate the scale of a sensor.
+/// Residuals that are enough to estimate the scale of a sensor: its standard error is 0.3 %.
 const ENOUGH_FOR_SCALE: usize = 50_000;
-/// Fewest readings of a fit.
+/// Minimum number of readings of a fit.
 const MIN_READINGS: usize = 10;
 /// Readings farther than this many σ are softened while gross errors are searched for.
 const BOUNDED: f64 = 2.5;
@@ -508,7 +508,7 @@ impl Evaluation {
 }
 
 /// Numbers of the held-out readings of each scan: one at random from each stratum of `1/share` readings, and
-/// no more than are needed.
+/// at most as many as are needed.
 pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
     let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
     (set.scans.iter().enumerate())

@@ -97,6 +97,7 @@ impl RigidTracker<'_> {
         let start = self.times[0];
         let (mut information, mut pull) = (Matrix6::zeros(), Vector6::zeros());
         let (mut roots, mut found) = (Matrix6::zeros(), 0);
+        // The first scan defines the frame, so its pose has no error.
         for (tracked, &time) in self.tracked.iter_mut().zip(&self.times).skip(1) {
             let report = &poses[tracked.scan];
             let Some((covariance, object_from_scanner)) =
@@ -159,6 +160,7 @@ impl RigidTracker<'_> {
             [size, variance.max(0.0).sqrt()]
         };
         let rate = length(6, turn);
+        // Without a significant turn the axis would lie anywhere.
         let is_turning = rate[0] > 3.0 * rate[1];
         Ok(MotionReport {
             kind: "rigid".to_owned(),

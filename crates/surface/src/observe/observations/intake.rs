@@ -97,6 +97,7 @@ impl Observations {
             made.add_positions(&mut intake, s, geometry.as_ref());
         }
         made.refuse_too_few()?;
+        // The ground comes first: normals and roughness from neighbours are then those of the ground alone.
         if let Some(ground) = &options.ground {
             made.keep_ground(scans, ground)?;
         }

@@ -112,6 +112,7 @@ impl Observations {
         self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
         let roughness: Vec<Option<f64>> = (0..sensors)
             .map(|sensor| {
+                // One scan, because errors of poses between scans would count as roughness.
                 let largest = (0..scans.len())
                     .filter(|&s| self.scans.channel[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;

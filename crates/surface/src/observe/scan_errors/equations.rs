@@ -57,6 +57,7 @@ impl ScanErrorEquations {
     pub(crate) fn into_information(mut self, factor: f64) -> ScanErrorInformation {
         self.coupling.iter_mut().for_each(|c| *c *= factor);
         for (p, prior) in self.corner.iter_mut().zip(&self.prior) {
+            // More readings add information, but what was stated counts once.
             *p = factor * (*p - prior) + prior;
         }
         ScanErrorInformation { coupling: self.coupling, corner: self.corner }
