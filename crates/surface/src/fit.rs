@@ -183,7 +183,7 @@ fn fit_at_once(
     let sheet = options.with_shape_of_ground();
     let mut observations = observe(set, &observation_options(set, options))?;
     // About a distant origin, products of coordinates lose the digits that determine the surface
-    // (docs/decisions/0010).
+    // (decision 0010).
     let origin = observations.recentre();
     // Centres of rotation come from the moved readings, so the unknowns of scans follow the move.
     observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
@@ -229,7 +229,7 @@ fn fit_in_batches(
     observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.02)?;
     // The first batch is a sample of the whole, with more readings than the allowed control vertices can
-    // follow: it shows all shape that the fit can resolve (docs/decisions/0011).
+    // follow: it shows all shape that the fit can resolve (decision 0011).
     let mut converged = converge(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
     let added = batches::add_batches(batches, &observations, origin, &mut converged, options, progress)?;
     let input = FinishInput { added: Some(added), ..FinishInput::new(set, &observations, options, origin) };
@@ -260,7 +260,7 @@ pub fn update(
     };
     progress.check("normals", 0.1)?;
     let surface = &model.surface;
-    // The new cloud alone has two sides. The model decides which of them is outside (docs/decisions/0009).
+    // The new cloud alone has two sides. The model decides which of them is outside (decision 0009).
     let search = FootPointSearch::new(surface, 2, 0.0)?;
     observations.orient_by(|p| {
         let [u, v] = search.nearest(p, [0.0; 3]);

@@ -19,7 +19,7 @@ use planish_spline::{
 /// Number of readings after which patches are first considered for division; afterwards at each doubling.
 ///
 /// At a doubling there are as many new readings as old ones, and a resumed stream knows the moment from the
-/// number alone (docs/decisions/0025).
+/// number alone (decision 0025).
 const FIRST_REFINEMENT: u64 = 256;
 /// Squares along each side of a base cell for which it is recorded whether anything was measured.
 ///

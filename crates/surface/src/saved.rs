@@ -447,6 +447,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
             return Err(Error::input(format!("tensor `{name}`: needed the knots 0, 1, …, {cells}")));
         }
     }
+    // Another program may write the cells in any order; columns by cell are sorted with `order`.
     let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
     let marks = tensors.u8("observed")?;
     if marks.len() != order.len() || marks.iter().any(|&m| Observed::from_mark(m).is_none()) {

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Readings for each allowed control vertex; more of them do not change the shape that is found
-/// (docs/decisions/0011).
+/// (decision 0011).
 const READINGS_PER_COEFFICIENT: usize = 64;
 /// Minimum number of readings of a batch, for its overhead, and the maximum number of batches.
 ///

@@ -58,7 +58,7 @@ const SIGMA_STRETCH: f64 = 1e-3;
 const MAX_DIVISIONS: usize = 2;
 const DIVIDED_ABOVE: f64 = 1.05;
 /// Limits beyond which a state is reported as stretched: relative change of E, F or G; residuals over their
-/// noise; share of the readings beyond the border. See docs/decisions/0020 for the stretches that they
+/// noise; share of the readings beyond the border. See decision 0020 for the stretches that they
 /// detect.
 const MAX_CHANGE: f64 = 0.01;
 const MAX_MISFIT: f64 = 1.2;
@@ -243,6 +243,7 @@ impl Lengths {
         let (mut mean, mut largest) = ([0.0; 3], [0.0_f64; 3]);
         let mut area = 0.0;
         let changes = self.metric.changes(&made.model.surface)?;
+        // Other leaves have no lengths of an earlier state to compare with.
         let leaves = (0..areas.len()).filter(|&leaf| self.measured[leaf]);
         for leaf in leaves {
             area += areas[leaf];
@@ -344,6 +345,7 @@ fn reported(
     let Some((mut last, _)) = followed.pop() else {
         return first;
     };
+    // Leaves without readings were marked as inferred after the report had been made.
     last.report.observed_area_fraction = last.model.area_fraction(Observed::Measured);
     last.earlier_states = std::iter::once(first).chain(followed.into_iter().map(|(fit, _)| fit)).collect();
     let stretched: Vec<&BendingState> = states.iter().filter(|state| !state.isometric).collect();

@@ -21,7 +21,7 @@ const PLACES: usize = 5;
 /// Distance to the nearest reading from which a point is in a gap, in spacings of the readings.
 ///
 /// Among readings at random, exp(−π) = 4 % of the surface is farther than one spacing from all of them, and
-/// exp(−4π) = 3e-6 farther than two. With less than three, a large cloud would be full of gaps.
+/// exp(−4π) = 3e-6 farther than two. With two, large surfaces would have gaps by chance.
 const EMPTY: f64 = 3.0;
 /// Widths of the rings around a gap, in radii of the gap. The widest ring whose readings have one simple
 /// shape is used.

@@ -223,6 +223,7 @@ impl Stage {
             d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
         }
         // A film is recognised by low values of the indicator on both of its sides.
+        // The denominator is the fall of the indicator over half a cell next to the points.
         let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
         if outside > 0.0
             && let Some(mean) = mean_curvature()

@@ -38,10 +38,10 @@ use readings::{Evaluation, Reading, Readings, TASK};
 /// Maximum number of rounds of weighing and gating.
 const MAX_ROUNDS: u32 = 20;
 /// Relative change of a sensor's variance below which it has converged.
-const VARIANCE_AT_REST: f64 = 0.01;
+const CONVERGED_VARIANCE: f64 = 0.01;
 /// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGINAL`] σ
 /// beyond it. Such readings would otherwise alternate without end.
-const GATE_AT_REST: f64 = 1e-4;
+const CONVERGED_GATE: f64 = 1e-4;
 const MARGINAL: f64 = 1.0;
 /// Maximum number of rounds with softened readings, and the relative change of a variance that asks for
 /// another one.
@@ -127,8 +127,8 @@ pub(super) fn fit_known_parameters(
             continue;
         }
         // A single sensor needs no weighing: a common factor cancels in the restricted likelihood.
-        let same_noise = variances.len() == 1 || !far_apart(&now, &variances, VARIANCE_AT_REST);
-        let is_marginal = changed as f64 <= GATE_AT_REST * total.sums.count() as f64
+        let same_noise = variances.len() == 1 || !far_apart(&now, &variances, CONVERGED_VARIANCE);
+        let is_marginal = changed as f64 <= CONVERGED_GATE * total.sums.count() as f64
             && examined.farthest_new <= options.gate + MARGINAL;
         let converged = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
         if converged || round == MAX_ROUNDS {
@@ -339,6 +339,7 @@ impl Solved {
         let held_out = readings.judge(&self.evaluation, &posterior, &scales, noise.is_gated)?;
         let unresolved_share = readings.unresolved_share(&self.evaluation, &scales);
         let sigma = posterior.sigma_summary(&model.observed)?;
+        // All cells have the same sides, so shares of the area need only the area element at their middles.
         let areas: Vec<f64> = (0..model.observed.len())
             .map(|leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).area_element())
             .collect();

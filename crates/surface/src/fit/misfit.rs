@@ -1,6 +1,7 @@
 //! Leaves whose residuals contain more than noise.
 //!
-//! Input: a surface at rest on its readings. Output: the leaves that cannot follow them, worst first.
+//! Input: a surface that has converged on its readings. Output: the leaves that cannot follow them, worst
+//! first.
 //!
 //! Residuals are averaged over bins of each leaf. Only products of residuals of *different* readings are
 //! counted: their mean is zero under independent noise of any size, so the noise need not be known exactly.
@@ -14,13 +15,17 @@ use crate::subdivision::Cause;
 use planish_spline::{Hierarchy, Surface};
 
 /// Bins along each side of a leaf in which residuals are averaged to find shape that the leaf cannot follow.
+///
+/// Only products of readings in one bin count. Smaller bins show finer shape, but hold fewer pairs of
+/// readings.
 pub(super) const BINS: usize = 4;
 /// Shape worth a division explains at least this share of the variance of a leaf's readings. Less would
 /// spend coefficients on shape far below the noise.
 const WORTHWHILE: f64 = 0.02;
 /// Shape of a single leaf counts if it is this many standard deviations of noise.
 ///
-/// A lower bound divides leaves by chance; [`chance_misfits`] allows for 2 % of them.
+/// A lower bound divides leaves by chance; [`chance_misfits`] allows for 2 % of them. Of a normal variable
+/// 0.6 % would exceed 2.5, but a sum of few products is skewed.
 const SIGNIFICANT: f64 = 2.5;
 /// The same for the quarters of a leaf and its neighbours together.
 ///

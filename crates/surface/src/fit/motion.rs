@@ -41,7 +41,8 @@ use planish_exchange::ScanSet;
 use planish_spline::Shape;
 use tracker::RigidTracker;
 
-/// A part of the surface faces away if its normal has a smaller cosine with the mean normal.
+/// A part of the surface faces away if its normal has a smaller cosine with the mean normal: 66° (decision
+/// 0019).
 const AWAY_COSINE: f64 = 0.4;
 /// Largest share of the area of a sheet that faces away. More of it is the side of a solid object.
 const MAX_AWAY: f64 = 0.03;
@@ -58,6 +59,7 @@ pub(super) fn fit_moving(
 ) -> Result<Fit> {
     let order = scans_in_time(set)?;
     let mut still = options.with_global(global.clone());
+    // The first scan alone is fitted without completion: symmetry and gaps are those of all scans together.
     let GlobalOptions { ground, align, .. } = *global;
     let mut plain = options.with_global(GlobalOptions { ground, align, ..GlobalOptions::default() });
     let mut first = fit(&scans_of(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.0, 0.15))?;

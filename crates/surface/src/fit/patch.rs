@@ -36,7 +36,7 @@ use std::sync::Arc;
 /// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number.
 ///
 /// More of them cost memory and time. A first fit that misses shape takes it for noise, which made σ twice
-/// too large on the bunny (docs/decisions/0025).
+/// too large on the bunny (decision 0025).
 const FIRST_SHARE: usize = 4;
 const MIN_FIRST: usize = 500;
 const MAX_FIRST: usize = 20_000;
@@ -45,9 +45,12 @@ const MAX_GROWTH: u8 = 2;
 /// Default levels of subdivision beyond the base grid.
 const USUAL_DEPTH: u8 = 3;
 /// Length of the weak hold that makes the prior proper, in extents of the surface.
+///
+/// An affine motion costs no thin-plate energy, so a prior without a hold has no covariance. Twice the size
+/// of the object is too long to change its shape.
 const HOLD_LENGTH: f64 = 2.0;
 /// Smallest relative reduction of a variance that is passed on to neighbouring patches. Smaller gains cost
-/// updates without a visible effect on σ (docs/decisions/0025).
+/// updates without a visible effect on σ (decision 0025).
 const MIN_GAIN: f64 = 1e-2;
 /// Readings between two checks for an interruption by the user.
 const READINGS_PER_CHECK: usize = 4096;
@@ -290,10 +293,10 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<Finding> {
 }
 
 /// Largest variance of the surface, as a share of a reading's, at which residuals show noise rather than
-/// unknown shape.
+/// unknown shape. The estimated σ is then at most 5 % too large.
 const MAX_SURFACE_SHARE: f64 = 0.1;
 /// Readings on the measured surface from which the noise of a later session is estimated; with fewer, all
-/// readings are used.
+/// readings are used. The standard error of σ from 200 is 5 %.
 const ENOUGH_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.

@@ -4,7 +4,8 @@
 //! smoothness weight. The information and its inverse are made from it once, by [`super::finish`].
 //!
 //! A round iterates the surface over one hierarchy. Early rounds use a sample of the readings and end with
-//! the division of leaves that cannot follow them. The last round uses all readings and iterates to rest.
+//! the division of leaves that cannot follow them. The last round uses all readings and iterates until the
+//! surface has converged.
 
 use super::FitOptions;
 use super::bending_energy::BendingEnergy;
@@ -37,16 +38,16 @@ const FOUND: f64 = 30.0;
 /// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
-/// The surface is at rest when the mean square step that readings see is this share of its variance.
+/// The surface has converged when the mean square step that readings see is this share of its variance.
 /// Smaller values cost iterations for changes well within σ.
-const AT_REST: f64 = 0.1;
+const CONVERGED_STEP: f64 = 0.1;
 /// The same bound where only the prior holds the surface, which has a longer way to go there.
-const UNSEEN_AT_REST: f64 = 4.0;
+const CONVERGED_UNSEEN_STEP: f64 = 4.0;
 /// The same bound for poses and biases of scans. Scans slide along the surface with the feet of their
 /// readings and come nearer by about half in each iteration, so the bound is tighter.
-const SCAN_ERRORS_AT_REST: f64 = 0.02;
+const CONVERGED_SCAN_ERRORS: f64 = 0.02;
 /// Relative change of the smoothness weight below which it has converged.
-const WEIGHT_AT_REST: f64 = 0.02;
+const CONVERGED_WEIGHT: f64 = 0.02;
 /// Readings of each leaf that an early round uses, on average, and their minimum in all.
 ///
 /// A leaf needs [`super::division::MIN_READINGS`] readings to be tested, so a smaller sample would hide
@@ -69,7 +70,7 @@ const MAX_WEIGHT_CHANGE: f64 = 5.0;
 /// effect on its shape.
 const TANGENTIAL_HOLD: f64 = 0.5;
 
-/// A surface at rest on its observations.
+/// A surface that has converged on its observations.
 pub(super) struct ConvergedFit {
     pub surface: Surface,
     pub system: SurfaceSystem,
@@ -281,7 +282,7 @@ impl Refinement<'_> {
             self.projected += sample.len();
             let rest = self.step(&mut equations, sample, round, progress)?;
             let is_found = !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND;
-            if rest.is_at_rest || is_found {
+            if rest.has_converged || is_found {
                 break;
             }
         }
@@ -332,17 +333,17 @@ impl Refinement<'_> {
         energy.measure(&self.surface);
         // Generalised Fellner–Schall (Wood & Fasiolo 2017): w ← (degrees that the data determine) / xᵀKx.
         // One null mode for every shape: a flat sheet has three, which matters with a handful of readings
-        // only (docs/decisions/0003).
+        // only (decision 0003).
         let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
         let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
         let next = next.clamp(0.2 * weight, MAX_WEIGHT_CHANGE * weight).min(stiffest);
         self.weight = Some(next);
         self.degrees = Some(step.degrees);
         Ok(StepOutcome {
-            is_at_rest: step.seen < AT_REST
-                && step.scan_error_decrement < SCAN_ERRORS_AT_REST
-                && step.decrement < UNSEEN_AT_REST
-                && (next / weight - 1.0).abs() < WEIGHT_AT_REST,
+            has_converged: step.seen < CONVERGED_STEP
+                && step.scan_error_decrement < CONVERGED_SCAN_ERRORS
+                && step.decrement < CONVERGED_UNSEEN_STEP
+                && (next / weight - 1.0).abs() < CONVERGED_WEIGHT,
             decrement: step.decrement,
         })
     }
@@ -405,7 +406,7 @@ impl Refinement<'_> {
         let energy = BendingEnergy::new(&system, &self.surface)?;
         let weight = self.weight.unwrap_or(0.0);
         // Readings do not determine motion along the surface. The hold makes the stored matrix regular
-        // (docs/decisions/0002).
+        // (decision 0002).
         let mut prior = system.tangential_hold(&self.surface, TANGENTIAL_HOLD)?;
         prior.add_scaled(&energy.matrix.expanded(3)?, weight)?;
         Ok(ConvergedFit {
@@ -427,7 +428,7 @@ impl Refinement<'_> {
 
 /// How far one iteration moved the surface.
 struct StepOutcome {
-    is_at_rest: bool,
+    has_converged: bool,
     /// Mean square of the step in variances of the surface.
     decrement: f64,
 }

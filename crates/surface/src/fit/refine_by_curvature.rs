@@ -1,8 +1,8 @@
 //! Subdivision by curvature, for the global filter: leaves around which Gaussian curvature varies.
 //!
-//! Input: a surface at rest on its readings, with the factor of its information. Output: the leaves with
-//! `sd(K)/max(|K̄|, σ_K) > 0.5`, where K is taken at the middles of the leaf and its neighbours. The part of
-//! `sd(K)²` that σ_K explains is subtracted first.
+//! Input: a surface that has converged on its readings, with the factor of its information. Output: the
+//! leaves with `sd(K)/max(|K̄|, σ_K) > 0.5`, where K is taken at the middles of the leaf and its neighbours.
+//! The part of `sd(K)²` that σ_K explains is subtracted first.
 //!
 //! Not guaranteed: that more cells reduce the error. A surface may follow its readings to within the noise
 //! and still be curved unevenly.

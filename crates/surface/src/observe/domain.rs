@@ -148,6 +148,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
         }
     }
     let sensor = &set.sensors[posed.sensor];
+    // The σ of a sensor is not used for a scan that states its own.
     match sensor.noise.map(|noise| noise.sigma()) {
         Some(sigma) if scan.sigma.is_none() && scan.covariance.is_none() && out_of_range(sigma) => {
             Err(Error::input(format!("{inputs}: sensor \"{}\": {}", sensor.name, message(sigma))))

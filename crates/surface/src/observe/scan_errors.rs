@@ -154,6 +154,7 @@ impl ScanError {
     /// 1/σ² of each unknown; 0 for exact ones, which do not move.
     fn stated_information(&self) -> [f64; UNKNOWNS] {
         std::array::from_fn(|k| {
+            // Unknowns 0 to 2 are the translation, 3 to 5 the rotation, and 6 is the bias.
             let sigma = self.sigmas[(k / 3).min(2)];
             if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 }
         })

@@ -121,6 +121,7 @@ impl Notes {
         let innovations = tensors.f64("patch_innovations", &[CELLS, 3])?;
         let count = cells.len() / 3;
         let square = VERTICES * VERTICES;
+        // The tensors are compared before they are cut up: a damaged file must give an error, not a panic.
         for (name, found) in [
             ("patch_means", means.len() / (VERTICES * columns)),
             ("patch_covariances", covariances.len() / square),

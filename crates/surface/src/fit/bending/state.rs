@@ -22,12 +22,12 @@ use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 /// Relative σ of lengths in the first iteration, and iterations until it has its final value.
 ///
 /// A flat sheet that is stiff from the start cannot leave its plane: to first order a normal displacement
-/// changes no length, to second order all (docs/decisions/0020).
+/// changes no length, to second order all (decision 0020).
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
-/// Largest number of iterations, and mean square step at rest, in variances of a vertex.
+/// Largest number of iterations, and mean square step of a converged state, in variances of a vertex.
 const MAX_ITERATIONS: usize = 40;
-const AT_REST: f64 = 1e-3;
+const CONVERGED_STEP: f64 = 1e-3;
 /// Length over which displacements are smoothed at the start, and at most, in square roots of the sheet's
 /// area.
 const FIRST_SMOOTHING: f64 = 0.1;
@@ -89,7 +89,7 @@ impl Sheet<'_> {
         let unknown = vec![0.0; observations.channels.len()];
         let mut surface = previous.clone();
         let mut weight = None;
-        let mut resting = false;
+        let mut has_converged = false;
         let gate = self.options.gate;
         for iteration in 0..MAX_ITERATIONS {
             progress.check("bending", iteration as f64 / MAX_ITERATIONS as f64)?;
@@ -138,8 +138,8 @@ impl Sheet<'_> {
                     .min(smoothing(STIFFEST));
             }
             weight = Some(next);
-            resting = annealed && decrement < AT_REST && (next / now - 1.0).abs() < 0.05;
-            if resting {
+            has_converged = annealed && decrement < CONVERGED_STEP && (next / now - 1.0).abs() < 0.05;
+            if has_converged {
                 break;
             }
         }
@@ -165,7 +165,7 @@ impl Sheet<'_> {
             weight,
             prior,
             at,
-            reached_limit: !resting,
+            reached_limit: !has_converged,
             reached_tolerance: false,
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,

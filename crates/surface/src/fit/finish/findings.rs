@@ -41,8 +41,8 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     );
     // Sensors of earlier sessions are not among `sensors`, but further batches are.
     if fit.added.is_none() && found.sigma.median < MIN_SIGMA_RATIO * min_sigma(found.sensors) {
-        let text = "σ of the surface is less than all readings together could make it: the surface is folded, \
-             and its figures are not valid; state another shape, or give normals";
+        let text = "σ of the surface is less than all readings together could make it: the surface is \
+             folded, and its figures are not valid; state another shape, or give normals";
         findings.push(Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape));
     }
     if found.too_shallow {
@@ -143,6 +143,8 @@ pub(in crate::fit) fn common_findings(
         );
         findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }
+    // Points of unwanted classes are no readings of this surface: they count neither as rejected nor in the
+    // total.
     let gated = rejected_readings(rejected);
     let total = total - (rejected.values().sum::<usize>() - gated);
     if gated * 10 > total {

@@ -470,6 +470,8 @@ impl Evaluation {
     pub(super) fn new(surface: &Surface, measured: [bool; 3]) -> Self {
         let coordinates: Vec<usize> = (0..3).filter(|&d| measured[d]).collect();
         let coefficients = surface.space().leaf_coefficients(surface.vertices());
+        // The sum over sixteen products of weights is one polynomial for each leaf, which Horner's rule
+        // evaluates with fifteen multiplications.
         let polynomials = (coefficients.iter())
             .flat_map(|c| {
                 coordinates.iter().map(|&d| {

@@ -120,6 +120,8 @@ impl RigidTracker<'_> {
             let foot = self.surface.project(place, start, &ProjectionOptions::default());
             let n = foot.normal;
             let leaf = foot.leaf as usize;
+            // Beyond the part that the first scan measured, or on the other side of the object, there is
+            // nothing to match.
             if foot.at_border || !self.observed[leaf].is_measured() || dot(n, facing) < MIN_COSINE {
                 return None;
             }

@@ -178,6 +178,8 @@ impl Observations {
         checks: &PointChecks<'_>,
     ) -> Option<RejectionCause> {
         let scan = intake.scans[s];
+        // Classes come first, so that a point of an unwanted class is not remembered as the original of
+        // another.
         if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
             && (NOISE_CLASSES.contains(&class) || checks.ground_only && !GROUND_CLASSES.contains(&class))
         {

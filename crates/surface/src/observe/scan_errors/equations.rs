@@ -138,6 +138,8 @@ impl ScanErrors {
                 row[..m].copy_from_slice(part);
             }
             put_block(&mut made.corner, width, 0, &earlier.information.corner, m);
+            // What earlier sessions know counts as stated: the spurious part was removed from it at their
+            // end.
             put_block(&mut made.prior, width, 0, &earlier.information.corner, m);
             let (of_shared, of_vertices) = earlier.products(at.surface, at.directions);
             for (g, product) in made.gradient.iter_mut().zip(of_shared) {
