@@ -98,6 +98,7 @@ pub fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
+    // The path of the program is left out, so that a report does not depend on where it is installed.
     let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
     std::iter::once("planish".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }

@@ -90,7 +90,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    // First, so that a panic while parsing is announced as well.
     failure::announce_bugs();
+    // Not `parse`, which ends the process: a wrong command line also gets its JSON object and the event
+    // `finished`.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) => return ExitCode::from(summary::print_parse_error(&e, Cli::command())),

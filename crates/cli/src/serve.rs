@@ -9,9 +9,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
-/// Interval between checks for a stop.
+/// Interval between checks for a stop: too short to notice, and long enough to leave the processor idle.
 const PAUSE: Duration = Duration::from_millis(30);
-/// Timeout of a connection.
+/// Timeout of a connection. Requests are answered one at a time, so a silent connection would block the page.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Maximum size of a request, in bytes; a longer one is dropped.
 const MAX_REQUEST: usize = 16 * 1024;

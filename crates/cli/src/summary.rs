@@ -73,6 +73,7 @@ pub fn run<B: Serialize>(
 ) -> u8 {
     let begun = Instant::now();
     let progress = Terminal::new(common.audience());
+    // Threads come first: the global pool can be set only before its first use.
     let outcome = set_threads(common).and_then(|()| work(&progress));
     // Programs take the event `finished` as the end of stderr, so warnings are printed before it.
     let code = print_outcome(name, common, begun, outcome, &progress);
@@ -111,6 +112,7 @@ fn print_outcome<B: Serialize>(
             (0, printed)
         }
         Err(e) => {
+            // Errors are printed even with --quiet: without them, a failure would look like a success.
             failure::print(&e, name);
             let body = FailedBody {
                 findings: Vec::new(),

@@ -206,6 +206,7 @@ impl StreamingFilter {
     fn refine(&mut self) -> Result<()> {
         let divided = self.filter.refine(&self.rules.criteria())?;
         self.log.add_patches(self.base_level, &divided);
+        // Later foot points must be searched for on the divided patches.
         self.reconcile()?;
         self.plan_refinement();
         Ok(())

@@ -128,6 +128,7 @@ pub fn complete_by_symmetry(
     let Some(found) = found else {
         return Ok(SymmetryCompletion { symmetry: SymmetryReport::none(), pseudo_readings: 0 });
     };
+    // Copies come before the first fit, so that the starting surface is chosen for the completed object.
     let copies = cloud.copies(observations, &found);
     observations.add_inferred(&copies);
     Ok(SymmetryCompletion {
@@ -144,6 +145,8 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
         SymmetryKind::Mirror { .. } => "a mirror plane".to_owned(),
     };
     let advice = "omit the symmetry, state another, or let it be detected";
+    // A requested symmetry that the readings do not support is an error: a vessel with a wrong half looks
+    // as good as a right one (decision 0016).
     let Some(found) = found else {
         return Err(Error::undetermined(format!(
             "the readings do not place {what}: no part of them meets the image of another; {advice}"

@@ -229,6 +229,7 @@ impl Sewing<'_> {
         let [nu, nv] = self.patches.count();
         for b in 0..lv {
             for a in 0..lu {
+                // All grid lines along v meet in one vertex at a pole.
                 if self.is_pole(b) && a > 0 {
                     self.vertices.push(self.vertices[b * lu]);
                     continue;

@@ -259,6 +259,7 @@ impl AddedBatches {
         let feet = project(surface, observations, subset, &mut at, Some(search), &noise.variance_factors);
         let information =
             weights(ProjectedReadings { observations, subset, feet: &feet }, noise, gate, false);
+        // Moments of a leaf cost a third of the sums over products of weights (decision 0011).
         add_up(sums, surface, &feet, &information);
         // Normals and curvatures have rows of their own, which directed sums of positions cannot hold.
         if feet.iter().any(|foot| foot.quantity != Quantity::Position) {

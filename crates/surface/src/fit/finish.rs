@@ -471,6 +471,7 @@ impl Finishing<'_> {
     }
 
     fn totals(&self) -> Totals {
+        // Inferred readings are no measurements: they count neither as observations nor in χ².
         let used: Vec<(&Foot, f64)> = (self.feet.iter().zip(self.information.iter().copied()).enumerate())
             .filter(|(k, (_, w))| *w > 0.0 && self.is_real(*k))
             .map(|(_, used)| used)

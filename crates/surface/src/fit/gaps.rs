@@ -75,6 +75,7 @@ fn gaps(readings: &ReadingColumns, converged: &ConvergedFit, used: &[usize]) -> 
     // The spacing comes from leaves with readings alone, or gaps would enlarge it.
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
     let measured = MeasuredRegion::new(readings, EMPTY * spacing);
+    // A grid of points on each leaf, because a large leaf may have readings at one end only.
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
             let grid = (0..PLACES * PLACES)

@@ -110,6 +110,7 @@ fn curves_away(fitted: &Fit) -> bool {
         })
         .collect();
     let Some(towards) = unit(areas.iter().fold([0.0; 3], |sum, a| add(sum, *a))) else {
+        // Normals that cancel each other are those of a closed object.
         return true;
     };
     let all: f64 = areas.iter().map(|a| norm(*a)).sum();

@@ -58,6 +58,7 @@ pub(super) fn leaves_of_varying_curvature(
             .map(|k| noise.variance(readings, k))
             .collect();
         let mean = variances.iter().sum::<f64>() / variances.len().max(1) as f64;
+        // The same limits as for misfits: on a leaf with few readings, curvature is that of the prior.
         if own.len() < MIN_READINGS as usize || areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * mean {
             continue;
         }

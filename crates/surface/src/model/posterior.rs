@@ -250,6 +250,7 @@ impl<'a> Posterior<'a> {
                 Ok((sigma, jet.area_element() * side * side))
             })
             .collect::<Result<_>>()?;
+        // Collapsed leaves have neither area nor σ.
         by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
         by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
         let Some(&(max, _)) = by_area.last() else {

@@ -237,6 +237,8 @@ pub(crate) fn accumulate(
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             if w > 0.0 {
                 foot.rows(surface, |r, row| {
+                    // The equation is one for the vertices, not for a step: information of different
+                    // surfaces then adds.
                     let on_surface = along_normal(surface, foot, row);
                     cell.add_scalar(row, foot.normal, on_surface + foot.residuals[r], w);
                 });

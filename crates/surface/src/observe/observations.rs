@@ -105,6 +105,7 @@ impl Observations {
             self.channels.push(Channel { inferred: true, ..Channel::new(usize::MAX, Quantity::Position) });
             self.channels.len() - 1
         });
+        // A scan of its own, which belongs to no measured one.
         let scan = self.scans.channel.len() as u32;
         self.scans.channel.push(channel);
         self.scans.base.push(scan);

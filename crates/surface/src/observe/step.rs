@@ -166,6 +166,7 @@ fn solve(
     for (s, pull) in step.iter_mut().zip(&equations.pull) {
         *s += pull;
     }
+    // Vertices and scans are solved together: alternating between them creeps (decision 0014).
     let bordered = Bordered::new(factor, &equations.coupling, &equations.corner)?;
     let mut of_scans = equations.gradient.clone();
     bordered.solve_in_place(factor, &equations.coupling, &mut step, &mut of_scans)?;

@@ -191,6 +191,7 @@ impl Sheet<'_> {
         weight: f64,
         iteration: usize,
     ) -> Result<BlockInformation> {
+        // Geometric from the first to the final σ: every iteration stiffens the sheet by the same factor.
         let left = 1.0 - (iteration as f64 / ANNEALING as f64).min(1.0);
         let softness = 2.0 * (SIGMA_STRETCH * (FIRST_STRETCH / SIGMA_STRETCH).powf(left));
         let softness = if left > 0.0 { softness } else { 0.0 };

@@ -205,6 +205,7 @@ impl<'a> Readings<'a> {
         let repeated = repeated(set);
         let mut held_out = held_out(set, options, total);
         for (held_out, repeated) in held_out.iter_mut().zip(&repeated) {
+            // A copy of a fitted reading cannot judge the fit.
             held_out.retain(|k| repeated.binary_search(k).is_err());
         }
         let marks = || -> Vec<Marks> {

@@ -98,6 +98,7 @@ impl RigidTracker<'_> {
             sums.gradient += row * (height / variance);
             sums.matched += 1;
             sums.normalised.push(height / variance.sqrt());
+            // A truncated parabola: readings beyond the gate neither help nor harm a start.
             sums.score += 1.0 - (height / gate.max(f64::MIN_POSITIVE)).powi(2).min(1.0);
         }
         sums

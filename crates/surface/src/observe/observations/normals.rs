@@ -79,6 +79,7 @@ impl Observations {
                 found.len()
             )));
         }
+        // Two passes, so that each cause has its own count.
         let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
         self.reject(&below, RejectionCause::BelowGround);
         found.retain(|&what| what != Ground::Below);
