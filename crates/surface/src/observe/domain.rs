@@ -213,8 +213,11 @@ mod tests {
             next.scan.points.iter_mut().for_each(|p| p[0] += along);
             three.scans.push(next);
         }
-        let said = check_domain(&three, "job.toml").unwrap();
-        assert!(said.len() == 1 && said[0].text.contains("a.ply and 2.ply lie farther apart"), "{said:?}");
+        let findings = check_domain(&three, "job.toml").unwrap();
+        assert!(
+            findings.len() == 1 && findings[0].text.contains("a.ply and 2.ply lie farther apart"),
+            "{findings:?}"
+        );
         // A scan between them connects them.
         let mut between = three.scans[0].clone();
         between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
