@@ -45,6 +45,7 @@ impl CommonArgs {
     /// The reader of progress reports.
     pub fn audience(&self) -> Audience {
         match self.progress {
+            // `--quiet` is for people; a program that asked for events gets them.
             ProgressName::Json => Audience::Program,
             ProgressName::Auto if !self.quiet => Audience::People,
             ProgressName::Auto | ProgressName::None => Audience::Nobody,

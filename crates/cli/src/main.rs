@@ -126,7 +126,7 @@ mod tests {
         Cli::command().debug_assert();
     }
 
-    /// The first screen of help is for people who look for one option.
+    /// Short help is for users who look for one option, so it must fit one screen.
     #[test]
     fn short_help_fits_one_screen() {
         let mut commands = vec![Cli::command()];

@@ -173,6 +173,7 @@ pub fn print_document(name: &str, document: Result<Vec<u8>>) -> u8 {
 pub fn print_parse_error(error: &clap::Error, command: clap::Command) -> u8 {
     // If stderr is closed, there is nowhere to report that.
     let _ = error.print();
+    // Help and version also end the parsing, but they are no errors and go to stdout.
     let is_error = error.use_stderr();
     if is_error && std::env::args_os().any(|word| word == "--json") {
         print_parse_error_json(error, command);

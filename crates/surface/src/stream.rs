@@ -353,6 +353,7 @@ impl SurfaceStream {
             unit: model.unit,
             earlier: model.observations,
             counted,
+            // The factor belongs to the first fit; pushed readings count with their stated σ.
             sigma_factor: 1.0,
             smoothness_weight: model.smoothness_weight,
             sensors: model.sensors,

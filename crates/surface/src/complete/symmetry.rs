@@ -12,7 +12,7 @@ use planish_spline::{Facets, FittedSymmetry, Symmetry, SymmetryKind, fit_symmetr
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// No copies are made within this distance of a reading, in sides of a facet of the cloud.
+/// No copies are made within this distance of a reading, in sides of a facet of the cloud. See decision 0017.
 const MEASURED_REACH: f64 = 0.5;
 /// Largest number of copies. If there would be more, only every Nth reading is copied.
 const MAX_COPIES: usize = 60_000;

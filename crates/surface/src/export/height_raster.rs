@@ -23,7 +23,8 @@ use rayon::prelude::*;
 /// Largest number of cells of a raster: three gigabytes before compression.
 pub const MAX_CELLS: f64 = 4e8;
 
-/// Largest σ of a height, in medians of all σ. Heights above it are extrapolation by the prior.
+/// Largest σ of a height, in medians of all σ. Heights above it are extrapolation by the prior. See decision
+/// 0040.
 pub const MAX_MEDIANS: f64 = 30.0;
 
 /// Largest share of cells under an overhang. They are left empty; more of them refuse the raster.

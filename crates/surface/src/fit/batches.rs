@@ -66,7 +66,7 @@ impl<'a> Batches<'a> {
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
             .sum();
-        // Fewer than three batches would save little memory beside one fit of all readings.
+        // Fewer than three batches would save little memory compared with one fit of all readings.
         let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(MIN_BATCH);
         let count = loose.div_ceil(size).min(MAX_BATCHES);
         if count < 3 {

@@ -52,7 +52,8 @@ use std::sync::Arc;
 
 /// Relative σ of lengths along a sheet.
 ///
-/// Paper tears at a strain of 1 to 3 % and steel yields at 0.2 %; bending by hand strains them far less.
+/// Paper tears at a strain of 1 to 3 % and steel yields at 0.2 %; bending by hand strains them far less. See
+/// decision 0020.
 const SIGMA_STRETCH: f64 = 1e-3;
 /// Cells are divided while residuals exceed noise by the factor [`DIVIDED_ABOVE`], at most this many times.
 const MAX_DIVISIONS: usize = 2;

@@ -10,7 +10,7 @@ pub(super) const MIN_READINGS: u32 = 8;
 /// Smallest side of a leaf that is divided, in σ of its readings.
 ///
 /// On smaller leaves readings find a foot nearby however the surface wrinkles, and σ is underestimated: on a
-/// sphere of 40 000 readings with σ of 5 % of its radius it came out as 3.6 %.
+/// sphere of 40 000 readings with σ of 5 % of its radius it came out as 3.6 %. See decision 0005.
 pub(super) const MIN_LEAF_SIGMAS: f64 = 6.0;
 /// Deepest level below the base grid: at most 16 384 leaves of it fit in one base cell.
 const DEEPEST: u8 = 7;

@@ -22,7 +22,7 @@ const BASE_CELLS: usize = 128;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
 /// A ball grows no leaves that would hold fewer readings than this on average: emptier ones would follow
-/// the indicator's noise.
+/// the indicator's noise. See decision 0007.
 const READINGS_PER_GROWN_LEAF: usize = 6;
 
 /// The starting surface, over a base grid whose sides are multiples of `multiple`.

@@ -77,6 +77,7 @@ impl Formation {
         if by == [0.0; 3] {
             return Ok(self);
         }
+        // Covariances do not depend on the origin, so only vertices and places move.
         for snapshot in &mut self.snapshots {
             let moved = snapshot.surface.vertices().iter().map(|p| add(*p, by)).collect();
             snapshot.surface = snapshot.surface.with_vertices(moved)?;

@@ -46,6 +46,7 @@ pub(super) fn completed(
     gate: f64,
 ) -> (Vec<InferredReading>, Vec<GapReport>) {
     let information = weights(converged.readings(observations), &converged.noise, gate, false);
+    // A gross error within a gap must not close it, and inferred readings are no evidence.
     let used: Vec<usize> = (0..converged.subset.len())
         .filter(|&k| information[k] > 0.0 && observations.inferred(converged.subset[k] as usize).is_none())
         .collect();
@@ -130,6 +131,7 @@ fn surroundings(
     information: &[f64],
     gap: &[Place],
 ) -> (Option<Classification>, Surroundings) {
+    // The radius of a disc of the same area.
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
     let sample: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(ENOUGH_PLACES)).collect();
     // Distance of each reading from the nearest point of the gap.
@@ -163,7 +165,7 @@ fn surroundings(
     (None, around)
 }
 
-/// Readings inferred from the shape, one beside every point of a gap.
+/// Readings inferred from the shape, one near every point of a gap.
 fn inferred_readings(found: &Classification, gap: &[Place], own: f64) -> Vec<InferredReading> {
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
     gap.iter()

@@ -28,7 +28,7 @@ const PADDING: f64 = 1.6;
 /// Weakest blur that the full grid can represent, in its cells.
 pub(super) const MIN_BLUR_CELLS: f64 = 0.85;
 /// A coarser grid is used if the blur spans at least this many of its cells. With half as many a film stays
-/// between the ears of the bunny.
+/// between the ears of the bunny. See decision 0001.
 const AMPLE_BLUR_CELLS: f64 = 1.7;
 /// Blur of the density estimate, in grid cells. A weaker blur follows single points; a stronger one mixes
 /// the densities of different scans.
@@ -69,6 +69,7 @@ impl Indicator {
         };
         let mut counts = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         for p in points {
+            // One thread adds all points: the order of additions decides the last digits.
             grid.splat(*p, |index, w| counts[index].re += w);
         }
         transform(&mut counts, CELLS, FftDirection::Forward);
@@ -254,7 +255,7 @@ fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
     // memory.
     for _ in 0..3 {
         grid.par_chunks_mut(n * n).for_each(|slab| plan.process(slab));
-        // Turn the axes: what was contiguous becomes the slowest.
+        // Rotate the axes: the contiguous one becomes the slowest.
         let turned: Vec<Complex<f64>> = {
             let source = &*grid;
             let mut out = vec![Complex::new(0.0, 0.0); source.len()];

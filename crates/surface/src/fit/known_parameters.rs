@@ -88,6 +88,8 @@ pub(super) fn fit_known_parameters(
     let mut variances = vec![1.0; set.sensors.len()];
     let mut earlier: Option<Smoothing> = None;
     let mut bounded: Option<Vec<f64>> = None;
+    // A round solves, and then changes either the variances of sensors or the rejected readings. The last
+    // round changes neither.
     for round in 1.. {
         progress.check("smoothing", 0.25 + 0.02 * f64::from(round))?;
         let total = Totals::new(&sums, &variances, &system)?;
@@ -260,7 +262,7 @@ impl Solved {
         Ok(Self { variances, smoothing, surface, evaluation, residuals, ..self })
     }
 
-    /// σ² of the readings: their residuals over what is left of their number.
+    /// σ² of the readings: their weighted squares over their redundancy.
     fn noise_scale(&self, readings: &Readings<'_>, degrees: f64, has_redundancy: bool) -> Result<NoiseScale> {
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
         let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };

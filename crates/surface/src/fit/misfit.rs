@@ -17,7 +17,7 @@ use planish_spline::{Hierarchy, Surface};
 /// Bins along each side of a leaf in which residuals are averaged to find shape that the leaf cannot follow.
 ///
 /// Only products of readings in one bin count. Smaller bins show finer shape, but hold fewer pairs of
-/// readings.
+/// readings. See decision 0005.
 pub(super) const BINS: usize = 4;
 /// Shape worth a division explains at least this share of the variance of a leaf's readings. Less would
 /// spend coefficients on shape far below the noise.
@@ -30,10 +30,10 @@ const SIGNIFICANT: f64 = 2.5;
 /// The same for the quarters of a leaf and its neighbours together.
 ///
 /// Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with it at 2 they cover
-/// 94.8 %, sheets 95.5 % and balls 95.0 %.
+/// 94.8 %, sheets 95.5 % and balls 95.0 %. See decision 0005.
 const POOLED_SIGNIFICANT: f64 = 2.0;
 /// Readings beyond the gate are gross errors while they are fewer than this share of a leaf; more of them
-/// are shape.
+/// are shape. See decision 0005.
 pub(super) const MAX_GROSS: f64 = 0.25;
 /// Residuals beyond this many σ are weighed down to it, so that one wild reading cannot divide a leaf.
 const HUBER_BOUND: f64 = 3.0;

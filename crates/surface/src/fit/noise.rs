@@ -9,13 +9,13 @@ use planish_estimate::{Result, TruncatedNormal, gated_scale};
 /// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
 ///
 /// Instruments are rarely specified more sharply. A smaller tolerance reports correct sensors as wrong; a
-/// larger one misses wrong ones.
+/// larger one misses wrong ones. See decision 0009.
 pub(super) const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
 /// Redundant readings needed to contradict a stated σ. The standard error of an estimate from 20 is 16 %.
 pub(super) const ENOUGH_TO_CONTRADICT: f64 = 20.0;
 /// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
-/// readings and their residuals carry no information about σ.
+/// readings and their residuals carry no information about σ. See decision 0009.
 pub(super) const MIN_REDUNDANCY: f64 = 0.2;
 /// Minimum number of components from which the scale of a channel is estimated on its own.
 ///
@@ -48,7 +48,7 @@ pub(super) struct SensorNoise {
 }
 
 /// Factor on the variance of points about the planes of their neighbours, for an upper bound of their noise.
-/// It allows for errors that neighbours share, which those planes do not show.
+/// It allows for errors that neighbours share, which those planes do not show. See decision 0009.
 const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {

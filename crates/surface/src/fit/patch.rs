@@ -194,6 +194,7 @@ pub(crate) fn first_fit_of(
     )?;
     let mut core = StreamingFilter::new(filter, base_level, rules(options))?;
     core.log = log;
+    // The first readings are part of the filter's state, so their places count as measured.
     for (foot, _) in feet.iter().zip(&used).filter(|(_, w)| **w > 0.0) {
         core.mark(surface.space().parameters(foot.leaf as usize, foot.local));
     }
@@ -361,7 +362,7 @@ pub(super) fn update_patches(
     // freedom.
     let degrees = vec![0.0; observations.channels.len()];
     // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
-    // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
+    // Later sessions may extend beyond the measured part, where residuals carry no information about noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
     let (start, order) = by_leaf(&feet, surface.space().leaves().len());
     let (mut on_known, mut known_feet) = (Vec::new(), Vec::new());
@@ -481,6 +482,7 @@ pub(super) fn stream(
         refused.push(outcome);
     }
     let surface = core.reconcile()?;
+    // The order of `refused`: first readings, then those of the stream.
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
     // Each reading was filtered on the surface of its time. The report needs residuals from the final one.

@@ -39,9 +39,10 @@ const FOUND: f64 = 30.0;
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
 /// The surface has converged when the mean square step that readings see is this share of its variance.
-/// Smaller values cost iterations for changes well within σ.
+/// Smaller values cost iterations for changes well within σ. See decision 0004.
 const CONVERGED_STEP: f64 = 0.1;
-/// The same bound where only the prior holds the surface, which has a longer way to go there.
+/// The same bound where only the prior holds the surface, which has a longer way to go there. Waiting for
+/// these parts as well took twice as many rounds and changed no reading (decision 0004).
 const CONVERGED_UNSEEN_STEP: f64 = 4.0;
 /// The same bound for poses and biases of scans. Scans slide along the surface with the feet of their
 /// readings and come nearer by about half in each iteration, so the bound is tighter.
@@ -56,10 +57,12 @@ const SAMPLE_PER_LEAF: usize = 12;
 const MIN_SAMPLE: usize = 40_000;
 /// Shortest length over which the prior smooths at the start, in leaves.
 ///
-/// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere.
+/// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere. See
+/// decision 0003.
 const FIRST_SMOOTHING: f64 = 0.15;
 /// Longest length over which the prior smooths, in square roots of the surface's area. A stiffer plate would
-/// be no flatter, but the information of the readings about its place would be lost in rounding.
+/// be no flatter, but the information of the readings about its place would be lost in rounding. See
+/// decision 0003.
 const STIFFEST: f64 = 2.0;
 /// Largest factor by which the smoothness weight rises in one iteration; it falls by at most the same factor.
 ///
@@ -67,7 +70,7 @@ const STIFFEST: f64 = 2.0;
 /// let it follow its noise, in a single step.
 const MAX_WEIGHT_CHANGE: f64 = 5.0;
 /// σ of tangential motion, as a share of a leaf's size. It names points of the surface without a measurable
-/// effect on its shape.
+/// effect on its shape. See decision 0002.
 const TANGENTIAL_HOLD: f64 = 0.5;
 
 /// A surface that has converged on its observations.
@@ -170,6 +173,7 @@ pub(super) fn refine_to_noise(
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     let mut is_last = false;
     let mut state = Refinement {
+        // NaN marks readings that were not searched for: samples of different rounds overlap only in part.
         at: vec![[f64::NAN; 2]; observations.len()],
         noise: SensorNoise::stated(&observations.channels),
         observations,
@@ -184,6 +188,7 @@ pub(super) fn refine_to_noise(
     };
     for number in 0.. {
         let round = Round { number, is_last };
+        // One pattern and one elimination order serve all steps of a round.
         let system = SurfaceSystem::new(state.surface.space())?;
         let sample = state.sample(round);
         state.find_parameters(&sample, round)?;
@@ -250,6 +255,7 @@ impl Refinement<'_> {
     fn project(&mut self, readings: &[u32]) -> Vec<Foot> {
         let factors = &self.noise.variance_factors;
         let mut feet = project(&self.surface, self.observations, readings, &mut self.at, None, factors);
+        // The variance of inferred readings depends on the present weight of the plate.
         share_errors(self.observations, readings, &mut feet, &self.surface, self.weight);
         feet
     }
@@ -302,6 +308,7 @@ impl Refinement<'_> {
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
         let channels = FootChannels::new(self.observations, sample);
+        // The noise needs degrees of freedom, and these need a solution. A rough guess starts the cycle.
         let degrees = self.degrees.get_or_insert_with(|| first_degrees(&self.surface, &channels));
         self.noise = SensorNoise::estimate(readings, gate, degrees, round.is_last)?;
         let information = weights(readings, &self.noise, gate, !round.is_last);

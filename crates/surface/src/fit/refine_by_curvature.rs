@@ -8,7 +8,7 @@
 //! and still be curved unevenly.
 //!
 //! # References
-//! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
+//! Wang, Wang 1994, eq. 11–13, with the correction in decision 0023.
 
 use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
 use super::leaves::{leaf_areas, neighbourhood};
@@ -22,7 +22,8 @@ use planish_spline::{Surface, SurfaceSystem, curvature_variation};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Largest variation of a leaf that is not divided (Wang & Wang 1994, eq. 13, made free of units).
+/// Largest variation of a leaf that is not divided (Wang & Wang 1994, eq. 13, made free of units). See
+/// decision 0006.
 const MAX_VARIATION: f64 = 0.5;
 
 /// Leaves around which curvature varies, most variable first. Leaves at the deepest level are excluded, and

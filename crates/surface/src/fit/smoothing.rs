@@ -186,6 +186,7 @@ impl Smoothing {
             ..SmoothnessSearch::from_start(start.clamp(bounds.0, bounds.1))
         };
         let vector = total.information.vector();
+        // Exact coordinates would make the residual too small for their number.
         let noisy: Vec<f64> = (vector.chunks_exact(3))
             .flat_map(|eta| (0..3).filter(|&d| measured[d]).map(|d| eta[d]))
             .collect();
@@ -207,6 +208,7 @@ impl Smoothing {
             let Some(made) = &factor else { unreachable!("a factor was made") };
             factored_at = Some(weight);
             // zᵀWz − ηᵀA⁻¹η is the residual and w times the roughness together.
+            // The likelihood needs a forward substitution only, not the solution (decision 0012).
             whitened.clone_from(&noisy);
             made.solve_lower_in_place(&mut whitened)?;
             let explained: f64 = whitened.iter().map(|x| x * x).sum();

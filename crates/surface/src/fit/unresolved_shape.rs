@@ -28,7 +28,7 @@ use serde::Serialize;
 
 /// Significance in standard deviations of noise: of a single leaf, and of a leaf with its neighbours. Lower
 /// values enlarge σ by chance on some of the thousands of leaves; higher ones miss shape that makes σ too
-/// small.
+/// small. See decision 0008.
 const SIGNIFICANT_ALONE: f64 = 4.0;
 const SIGNIFICANT_TOGETHER: f64 = 3.0;
 
@@ -139,6 +139,7 @@ pub(super) fn unresolved_shape(
         }
         Ok(shared)
     };
+    // The sums of a leaf enter up to nine neighbourhoods, so they are made once.
     let sums: Vec<Shared> =
         (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect::<Result<_>>()?;
     Ok((0..leaves)

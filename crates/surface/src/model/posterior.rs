@@ -13,7 +13,7 @@ use std::sync::Arc;
 ///
 /// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of
 /// position determine. Motion along the surface only changes the parameters of its points, so it is held; see
-/// `DESIGN.md`. If parameters were known, every coordinate moves.
+/// decision 0002. If parameters were known, every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,

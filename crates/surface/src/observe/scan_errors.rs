@@ -1,8 +1,8 @@
 //! Errors common to all readings of a scan: its pose, and a bias of its ranges.
 //!
 //! Input: scans whose pose or bias has a σ. Output: up to seven unknowns for each of them, `τ` and `ω` of a
-//! motion and a bias `b`, which are part of the state beside the control vertices; their coupling with these;
-//! and their covariance. The residual of a reading changes with them by
+//! motion and a bias `b`, which are part of the state in addition to the control vertices; their coupling
+//! with these; and their covariance. The residual of a reading changes with them by
 //!
 //! ```text
 //! position    ∂r/∂τ = n      ∂r/∂ω = (z − c) × n      ∂r/∂b = −n·d
@@ -34,12 +34,13 @@ const UNKNOWNS: usize = 7;
 const ROTATION: usize = 3;
 const BIAS: usize = 6;
 /// σ of the rotation of a scan whose pose is free, in radians. σ of its position is the cloud's size, so the
-/// prior is negligible beside any reading.
+/// prior is negligible compared with any reading.
 const FREE_ROTATION: f64 = 1.0;
 /// Largest motion of a scan in one iteration: as a share of the cloud's size, and in radians. Larger steps
 /// leave the range of the linearisation.
 const MAX_STEP: f64 = 0.1;
 /// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
+/// See decision 0014.
 const DETERMINED: f64 = 0.05;
 /// Step of central differences by rotation, in radians: their error is about its square, and rounding about
 /// 1e-16 over it.

@@ -16,6 +16,7 @@ const CELLS: usize = 16;
 /// Metadata of a filter.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Notes {
+    // The field names are keys of the file format, so they stay.
     layout: String,
     weight: f64,
     hold: f64,
@@ -152,6 +153,8 @@ impl Notes {
                         mean,
                         covariances[p * square..][..square].to_vec(),
                     )?,
+                    // Messages between patches are not saved: a filter is written after reconciliation
+                    // only.
                     before: None,
                     prior_covariance: priors[p * square..][..square].to_vec(),
                     innovations: std::array::from_fn(of_cell),

@@ -56,7 +56,7 @@ fn a_resumed_stream_continues_to_the_last_bit() {
     assert_eq!(a.known.filter().unwrap().state(), b.known.filter().unwrap().state());
 }
 
-/// What is stated must be true, and memory must not depend on how much was read.
+/// The reported σ must be correct, and memory must not depend on the number of readings.
 #[test]
 fn sigma_is_calibrated_and_memory_constant() {
     let all = readings(20_000, 2);

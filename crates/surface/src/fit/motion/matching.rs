@@ -58,7 +58,7 @@ impl RigidTracker<'_> {
             .1
     }
 
-    /// Information that makes the equations regular and is negligible beside that of any reading.
+    /// Information that makes the equations regular and is negligible compared with that of any reading.
     pub(super) fn damping(&self) -> Matrix6<f64> {
         let shift = self.size.powi(-2);
         Matrix6::from_diagonal(&Vector6::from([1.0, 1.0, 1.0, shift, shift, shift]))

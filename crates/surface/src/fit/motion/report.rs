@@ -11,7 +11,8 @@ use serde::Serialize;
 
 /// Factor by which σ of the tracked poses is enlarged as a prior of the fit of all scans.
 ///
-/// The readings of a scan count in both steps. With a weak prior they count little more than once.
+/// The readings of a scan count in both steps. With a weak prior they count little more than once. See
+/// decision 0019.
 const PRIOR_SIGMA_FACTOR: f64 = 4.0;
 
 /// The motion of an object during scanning.

@@ -1,4 +1,4 @@
-//! The columns of [`Observations`](super::Observations), apart by what they have an entry for.
+//! The columns of [`Observations`](super::Observations), grouped by what they have one entry for.
 
 use super::InferredVariance;
 use crate::observe::RejectionCause;

@@ -143,6 +143,7 @@ impl Observations {
                 point: world,
                 normal: scan.world_from_scanner.rotate(normal).map(|c| c as f32),
                 scan: s as u32,
+                // By a hash of the point number, so that the choice depends on no other point.
                 held_out: may_be_held_out
                     && hash01(options.seed, s as u64, i as u64) < options.held_out_share,
                 index: kept,
