@@ -15,6 +15,9 @@ macro_rules! short_help {
 }
 pub(crate) use short_help;
 
+// Options allow negative numbers even where these are out of range. Otherwise clap reports an unknown
+// option, and the user does not learn the range. Rare options are hidden from `-h`, which must fit one
+// screen (see the tests in `main.rs`).
 /// Options of every command that does work.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Common options")]

@@ -226,6 +226,7 @@ impl SurfaceStream {
                 ground: None,
             },
         )?;
+        // A stream holds no readings out: the next ones judge it.
         let all = (0..observations.len() as u32).collect();
         let found = first_fit_of(&mut observations, all, &fit, &Silent)?;
         let (sigma_factor, smoothness_weight) = (found.sigma_factor(), found.smoothness_weight());

@@ -252,6 +252,7 @@ fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
             session.version,
             session.seed
         ));
+        // Lists of files have no points of their own.
         for input in session.inputs.iter().filter(|input| input.points > 0) {
             lines.line(format!("  {}: {}", input.name, counted(input.points, "point")));
         }

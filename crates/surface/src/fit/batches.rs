@@ -220,6 +220,7 @@ fn prepared(
     options: &FitOptions,
 ) -> Result<(Observations, Vec<u32>)> {
     let options = ObservationOptions {
+        // The held-out readings of the first batch judge the fit.
         held_out_share: 0.0,
         ground: None,
         unprocessed: true,

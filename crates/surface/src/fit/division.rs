@@ -51,6 +51,7 @@ pub(super) fn divided_within_budget(
     // Bisection: grading adds leaves around divided ones, so the nodes of a refinement are only known by
     // counting.
     let (mut fits, mut too_many) = (0, misfits.len());
+    // A few leaves more or less do not matter, and each step counts the nodes of a hierarchy.
     while too_many - fits > chance_misfits(space).div_ceil(8) {
         let middle = fits.midpoint(too_many);
         if nodes(middle) <= most {

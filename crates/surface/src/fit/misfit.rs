@@ -245,6 +245,8 @@ pub(super) fn misfit(
             severity: shape / spread.max(1.0),
             corner: own.worst_corner(),
         };
+        // With many readings, shape far below the noise becomes significant. The second bound keeps it from
+        // asking for cells.
         let significant = shape > (SIGNIFICANT * spread).max(WORTHWHILE * f64::from(own.count));
         // Shape below a tolerance need not be resolved, so weak misfits are not searched for.
         if let Some(tolerance) = options.tolerance {

@@ -74,6 +74,7 @@ pub(super) fn fit_moving(
         progress.items(k - 1, "scans");
         let readings = observe(
             &scans_of(set, &[scan]),
+            // Tracking judges nothing; the fit of all scans holds readings out.
             &ObservationOptions { held_out_share: 0.0, ..observation_options(set, &plain) },
         )?;
         tracker.follow(scan, &readings)?;

@@ -155,6 +155,8 @@ impl SensorNoise {
                 continue;
             }
             let scale = gated_scale(&normalised, gate)?;
+            // Residuals are smaller than the errors of the readings, by the degrees of freedom that these
+            // determine.
             let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.

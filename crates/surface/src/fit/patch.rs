@@ -129,6 +129,7 @@ pub(crate) fn first_fit_of(
     let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
     // Patches divide a uniform base grid, so the levels that a ball has grown become that grid.
     let (metric, base_level) = rebased(surface)?;
+    // Levels that a ball has grown count towards the depth that the user allows.
     let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
     // limit.

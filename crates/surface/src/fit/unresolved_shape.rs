@@ -150,6 +150,8 @@ pub(super) fn unresolved_shape(
             for other in neighbourhood(surface.space(), leaf) {
                 together.add(&sums[other]);
             }
+            // The leaf alone comes first: the mean over its neighbours would make strong local shape too
+            // small.
             (sums[leaf].mean_square(SIGNIFICANT_ALONE))
                 .or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
                 .unwrap_or(0.0)

@@ -194,6 +194,7 @@ impl<'a> Posterior<'a> {
             }
         };
         let (nodes, weights) = self.surface.space().extraction(leaf);
+        // Nodes of a leaf are coupled in the pattern, so the selected inverse has all of their entries.
         let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
         if let Some(shared) = shared.as_ref().filter(|_| !self.given_scan_errors) {
             shared.add_to(&mut covariance, nodes);

@@ -354,6 +354,7 @@ impl ScanErrors {
             // About the centre: z ↦ R (z − c) + c + τ.
             let motion =
                 Pose { translation: add(translation, sub(error.center, turn.rotate(error.center))), ..turn };
+            // The caller moves the readings by the same motion, so that poses and readings agree.
             error.now = motion.after(&error.now);
             error.viewing = moved_viewing(error.viewing, &motion);
             *moved = Some(motion);

@@ -281,6 +281,7 @@ impl<'a> Readings<'a> {
                 (0..size).step_by(TASK).map(move |k| (s, k..size.min(k + TASK)))
             })
             .collect();
+        // Results are collected in the order of the tasks, so sums over them do not depend on the threads.
         tasks.into_par_iter().map(|(s, range)| work(s, range)).collect()
     }
 
