@@ -177,8 +177,8 @@ impl StreamingFilter {
             ReadingValue::Curvature(tensor, variance) => {
                 let (mut directions, mut principal) = tensor.eigen();
                 // The third direction is the normal, along which a curvature tensor is zero.
-                let least = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
-                let last = least.unwrap_or(2);
+                let smallest = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
+                let last = smallest.unwrap_or(2);
                 directions.swap(last, 2);
                 principal.swap(last, 2);
                 SurfaceReading::Curvature {

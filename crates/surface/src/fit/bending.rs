@@ -296,7 +296,7 @@ fn sigma_of_lengths(posterior: &Posterior<'_>, leaf: usize, local: [f64; 2]) -> 
         return Ok(1.0);
     };
     let height = Posterior::sigma_along(&posterior.leaf(leaf)?, local, normal);
-    let bend = curvature.principal.iter().fold(0.0_f64, |most, k| most.max(k.abs()));
+    let bend = curvature.principal.iter().fold(0.0_f64, |largest, k| largest.max(k.abs()));
     let slope2 = height * height / (e.min(g) * side * side);
     Ok((2.0 * SIGMA_STRETCH).hypot(2.0 * bend * height).hypot(slope2))
 }

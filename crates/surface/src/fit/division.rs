@@ -13,7 +13,7 @@ pub(super) const MIN_READINGS: u32 = 8;
 /// sphere of 40 000 readings with σ of 5 % of its radius it came out as 3.6 %. See decision 0005.
 pub(super) const MIN_LEAF_SIGMAS: f64 = 6.0;
 /// Deepest level below the base grid: at most 16 384 leaves of it fit in one base cell.
-const DEEPEST: u8 = 7;
+const MAX_DEPTH: u8 = 7;
 
 /// A leaf that should be divided.
 pub(super) struct Misfit {
@@ -28,7 +28,7 @@ pub(super) struct Misfit {
 
 /// The deepest level that is allowed.
 pub(super) fn deepest(options: &FitOptions) -> u8 {
-    options.max_depth.map_or(DEEPEST, |depth| DEEPEST.min(depth))
+    options.max_depth.map_or(MAX_DEPTH, |depth| MAX_DEPTH.min(depth))
 }
 
 /// Number of misfits expected by chance (2 % of the leaves).
@@ -41,11 +41,11 @@ pub(super) fn chance_misfits(space: &Hierarchy) -> usize {
 pub(super) fn divided_within_budget(
     space: &Hierarchy,
     misfits: &[Misfit],
-    most: usize,
+    max_nodes: usize,
 ) -> (Hierarchy, usize) {
     let marked = |count: usize| blocks(space, &misfits[..count]);
     let nodes = |count: usize| space.refined_node_count(&marked(count));
-    if nodes(misfits.len()) <= most {
+    if nodes(misfits.len()) <= max_nodes {
         return (space.refine(&marked(misfits.len())), misfits.len());
     }
     // Bisection: grading adds leaves around divided ones, so the nodes of a refinement are only known by
@@ -54,7 +54,7 @@ pub(super) fn divided_within_budget(
     // A few leaves more or less do not matter, and each step counts the nodes of a hierarchy.
     while too_many - fits > chance_misfits(space).div_ceil(8) {
         let middle = fits.midpoint(too_many);
-        if nodes(middle) <= most {
+        if nodes(middle) <= max_nodes {
             fits = middle;
         } else {
             too_many = middle;

@@ -52,12 +52,12 @@ pub(super) fn first_surface(
         // The area of a sphere with the mean squared half axis: rough, but a level changes the number of
         // leaves by a factor of four.
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
-        let least_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
+        let min_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
         let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {
                 cells(level) * READINGS_PER_GROWN_LEAF <= size
-                    && area >= least_area * cells(level) as f64
+                    && area >= min_area * cells(level) as f64
                     && cells(level) <= options.max_coefficients
             })
             .count();
@@ -90,18 +90,18 @@ fn positions_and_normals(readings: &ReadingColumns, sample: &[u32]) -> (Vec<[f64
 }
 
 /// A base grid of about `cells` cells whose sides are multiples of `multiple`; fewer cells if it would have
-/// more than `most` nodes.
-fn base_grid(base: &BaseShape, cells: usize, multiple: usize, most: usize) -> Result<[usize; 2]> {
+/// more than `max_nodes` nodes.
+fn base_grid(base: &BaseShape, cells: usize, multiple: usize, max_nodes: usize) -> Result<[usize; 2]> {
     let mut cells = cells;
     loop {
         let grid = (base.grid(cells)).map(|n| (n + multiple / 2).max(multiple) / multiple * multiple);
         let nodes = Hierarchy::uniform(base.shape, grid)?.node_count();
-        if nodes <= most {
+        if nodes <= max_nodes {
             return Ok(grid);
         }
         if cells == 1 {
             return Err(Error::input(format!(
-                "a {} takes at least {nodes} coefficients, but only {most} are allowed",
+                "a {} takes at least {nodes} coefficients, but only {max_nodes} are allowed",
                 base.shape.name()
             )));
         }

@@ -51,7 +51,7 @@ const FOUND_VARIANCE: f64 = 0.1;
 /// most machines.
 const MAX_CELLS: usize = 1 << 18;
 /// Information of an exact coordinate over that of the others: firm, but far from the limits of rounding.
-const EXACT: f64 = 1e6;
+const EXACT_INFORMATION_RATIO: f64 = 1e6;
 
 /// Fits a uniform grid of `cells` to readings with known parameters.
 ///
@@ -491,7 +491,7 @@ fn over_coordinates(
     origin: [f64; 3],
 ) -> Result<BlockInformation> {
     let mut out = BlockInformation::zeros(Arc::clone(information.pattern()), 3, 1)?;
-    let weights = measured.map(|m| if m { factor } else { EXACT * factor });
+    let weights = measured.map(|m| if m { factor } else { EXACT_INFORMATION_RATIO * factor });
     (out.values_mut().par_chunks_exact_mut(9).zip(information.values())).with_min_len(TASK).for_each(
         |(block, value)| {
             for d in 0..3 {

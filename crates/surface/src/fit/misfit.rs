@@ -21,17 +21,17 @@ use planish_spline::{Hierarchy, Surface};
 pub(super) const BINS: usize = 4;
 /// Shape worth a division explains at least this share of the variance of a leaf's readings. Less would
 /// spend coefficients on shape far below the noise.
-const WORTHWHILE: f64 = 0.02;
+const MIN_EXPLAINED_SHARE: f64 = 0.02;
 /// Shape of a single leaf counts if it is this many standard deviations of noise.
 ///
 /// A lower bound divides leaves by chance; [`chance_misfits`] allows for 2 % of them. Of a normal variable
 /// 0.6 % would exceed 2.5, but a sum of few products is skewed.
-const SIGNIFICANT: f64 = 2.5;
+const MIN_SIGNIFICANCE: f64 = 2.5;
 /// The same for the quarters of a leaf and its neighbours together.
 ///
 /// Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with it at 2 they cover
 /// 94.8 %, sheets 95.5 % and balls 95.0 %. See decision 0005.
-const POOLED_SIGNIFICANT: f64 = 2.0;
+const MIN_POOLED_SIGNIFICANCE: f64 = 2.0;
 /// Readings beyond the gate are gross errors while they are fewer than this share of a leaf; more of them
 /// are shape. See decision 0005.
 pub(super) const MAX_GROSS: f64 = 0.25;
@@ -247,7 +247,7 @@ pub(super) fn misfit(
         };
         // With many readings, shape far below the noise becomes significant. The second bound keeps it from
         // asking for cells.
-        let significant = shape > (SIGNIFICANT * spread).max(WORTHWHILE * f64::from(own.count));
+        let significant = shape > (MIN_SIGNIFICANCE * spread).max(MIN_EXPLAINED_SHARE * f64::from(own.count));
         // Shape below a tolerance need not be resolved, so weak misfits are not searched for.
         if let Some(tolerance) = options.tolerance {
             if significant && own.largest_mean() > tolerance {
@@ -263,7 +263,7 @@ pub(super) fn misfit(
                 spread += 2.0 * quarters[other].1;
                 count += f64::from(residuals[other].count);
             }
-            if excess > (POOLED_SIGNIFICANT * f64::sqrt(spread)).max(WORTHWHILE * count) {
+            if excess > (MIN_POOLED_SIGNIFICANCE * f64::sqrt(spread)).max(MIN_EXPLAINED_SHARE * count) {
                 weak.push(found());
             }
         }

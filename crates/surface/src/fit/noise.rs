@@ -122,7 +122,7 @@ impl SensorNoise {
             if observations.channels[channel].inferred {
                 continue;
             }
-            let least = match observations.channels[channel].quantity {
+            let min_variance = match observations.channels[channel].quantity {
                 Quantity::Position => observations.min_variance,
                 // These have other units than lengths.
                 Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
@@ -146,7 +146,8 @@ impl SensorNoise {
                         .filter(|f| f.state == FootState::Good && f.quantity == quantity)
                         .flat_map(|f| f.residuals().iter().copied())
                         .collect();
-                    noise.variance_factors[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
+                    noise.variance_factors[channel] =
+                        gated_scale(&all, gate)?.sigma.powi(2).max(min_variance);
                     noise.estimated_factors[channel] = noise.variance_factors[channel];
                 }
                 if observations.channels[channel].stated {
@@ -161,7 +162,7 @@ impl SensorNoise {
             let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
             noise.estimated_factors[channel] =
-                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(least);
+                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(min_variance);
             let ratio = noise.estimated_factors[channel].sqrt();
             // An estimated σ of n redundant readings has the relative standard error 1/√(2n).
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;

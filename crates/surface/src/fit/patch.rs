@@ -502,9 +502,9 @@ pub(super) fn stream(
     let held_back = core.held_back();
     let deepest = core.base_level + usize::from(core.filter.options().maximum_depth);
     let mut refined = core.log;
-    let most = options.max_coefficients;
+    let max_coefficients = options.max_coefficients;
     // A division adds three patches; with less room than that the limit stops it.
-    let full = core.filter.patches().len() + 3 > most / crate::patch_stream::VERTICES_PER_PATCH;
+    let full = core.filter.patches().len() + 3 > max_coefficients / crate::patch_stream::VERTICES_PER_PATCH;
     Ok(ConvergedFit {
         prior: system.nothing()?,
         system,

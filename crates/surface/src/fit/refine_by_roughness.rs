@@ -17,11 +17,11 @@ use planish_spline::Surface;
 /// For surfaces drawn from a thin plate over much finer cells, 95 % intervals of positions cover 81 % without
 /// this rule and 95 % with it. For surfaces without such detail they cover 99 %, so the rule is optional.
 /// See decision 0007.
-const WIDEST: f64 = 3.0;
+const MAX_WIDTH: f64 = 3.0;
 /// Fewest readings of a leaf that is divided: one for each quarter.
 const MIN_READINGS: usize = 4;
 
-/// All corners of the leaves wider than [`WIDEST`] smoothing lengths, widest first.
+/// All corners of the leaves wider than [`MAX_WIDTH`] smoothing lengths, widest first.
 pub(super) fn leaves_coarser_than_smoothing(
     surface: &Surface,
     feet: &[Foot],
@@ -37,7 +37,7 @@ pub(super) fn leaves_coarser_than_smoothing(
             let leaf = foot.leaf as usize;
             // Instead of ℓ = (w/ρ)^{1/4}, the test compares ρ (side/3)⁴ with w: the information then adds
             // over quantities of different units.
-            let length = areas[leaf].sqrt() / WIDEST;
+            let length = areas[leaf].sqrt() / MAX_WIDTH;
             sums[leaf].0 += smoothing_information(foot.quantity, w, length) / areas[leaf];
             sums[leaf].1 += 1;
         }

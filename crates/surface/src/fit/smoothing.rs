@@ -19,9 +19,9 @@ const TOLERANCE: f64 = 0.03;
 ///
 /// Each evaluation is a factorisation. A small step needs many of them to reach the maximum from afar; a
 /// large one leaves the neighbourhood of a good start.
-const NEAR: f64 = 0.5;
-const ABOUT: f64 = 1.0;
-const FAR: f64 = 2.0;
+const STEP_FROM_EARLIER: f64 = 0.5;
+const STEP_FROM_COARSER: f64 = 1.0;
+const STEP_FROM_GUESS: f64 = 2.0;
 /// Shortest length over which the plate smooths, in cells, and longest, in sides of the surface. Beyond these
 /// the equations are lost in rounding.
 const SOFTEST: f64 = 1e-3;
@@ -105,7 +105,7 @@ impl Smoothing {
         let cell = area / leaves as f64;
         let start = of_length2(cell);
         let bounds = (of_length2(SOFTEST * SOFTEST * cell), of_length2(STIFFEST * STIFFEST * area));
-        let step = if known.is_some() { ABOUT } else { FAR };
+        let step = if known.is_some() { STEP_FROM_COARSER } else { STEP_FROM_GUESS };
         let start = known.unwrap_or(start);
         let start = SearchStart { weight: start, step, dispersion: Dispersion::Estimated, memory: None };
         Self::search(system, energy, bounds, total, start)
@@ -133,7 +133,7 @@ impl Smoothing {
     pub(super) fn again(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
         let start = SearchStart {
             weight: self.found.weight,
-            step: NEAR,
+            step: STEP_FROM_EARLIER,
             dispersion: Dispersion::Estimated,
             memory: Some(self.factor),
         };
@@ -144,7 +144,7 @@ impl Smoothing {
     pub(super) fn with_stated_noise(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
         let start = SearchStart {
             weight: self.found.weight,
-            step: FAR,
+            step: STEP_FROM_GUESS,
             dispersion: Dispersion::Known(1.0),
             memory: Some(self.factor),
         };
