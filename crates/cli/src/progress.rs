@@ -154,6 +154,7 @@ fn rounded(seconds: f64) -> f64 {
 pub struct Terminal {
     begun: Instant,
     audience: Audience,
+    // `Progress` takes `&self`. Jobs report from one thread, so cells need no lock.
     state: RefCell<State>,
     bar: RefCell<Option<ProgressBar>>,
     /// Time of the last event, measured from the start of the job.
@@ -194,6 +195,7 @@ impl Terminal {
 
     fn show(&self, state: &State, elapsed: Duration) {
         let mut bar = self.bar.borrow_mut();
+        // Made on first use: a job that ends before the delay never draws.
         let bar = bar.get_or_insert_with(|| {
             let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
             if let Ok(style) = ProgressStyle::with_template("{bar:32.cyan} {percent:>3} %  {wide_msg}") {

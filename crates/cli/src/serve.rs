@@ -92,6 +92,7 @@ fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool>
     let request = String::from_utf8_lossy(&request);
     let (status, body) = response(&request, page, port);
     let method = request.split(' ').next().unwrap_or_default();
+    // Nothing is cached, because the next run may serve another page at the same address.
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
          Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n",

@@ -264,7 +264,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
                 leaf: leaf as u32,
                 local,
                 normal: jet.normal()?,
-                // The last step is added to first order; its square is below rounding.
+                // The last step is added to first order; its square is negligible.
                 height: jet.point[2] + jet.du[2] * step[0] + jet.dv[2] * step[1],
             });
         }

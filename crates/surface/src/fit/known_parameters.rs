@@ -88,8 +88,8 @@ pub(super) fn fit_known_parameters(
     let mut variances = vec![1.0; set.sensors.len()];
     let mut earlier: Option<Smoothing> = None;
     let mut bounded: Option<Vec<f64>> = None;
-    // A round solves, and then changes either the variances of sensors or the rejected readings. The last
-    // round changes neither.
+    // A round solves, and then updates the variances of sensors and the rejected readings. The rounds end
+    // when neither changes noticeably.
     for round in 1.. {
         progress.check("smoothing", 0.25 + 0.02 * f64::from(round))?;
         let total = Totals::new(&sums, &variances, &system)?;
@@ -265,6 +265,7 @@ impl Solved {
     /// σ² of the readings: their weighted squares over their redundancy.
     fn noise_scale(&self, readings: &Readings<'_>, degrees: f64, has_redundancy: bool) -> Result<NoiseScale> {
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
+        // The residuals are those of a truncated normal only if the gate has removed any.
         let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
         let weighted: f64 = self.residuals.iter().zip(&self.variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (self.coordinates() * self.count() as f64 - degrees).max(1.0);
@@ -311,6 +312,7 @@ impl Solved {
         let Self { total, smoothing, surface, .. } = self;
         let measured = smoothing.measured;
         let observed = with_neighbours(surface.space(), &total.sums.observed());
+        // Prior and data are known up to one common factor on all variances, so both are divided by it.
         let weight = smoothing.found.weight / noise.used;
         let information = VertexInformation {
             prior: over_coordinates(&smoothing.energy, weight, measured, [0.0; 3])?,
