@@ -313,6 +313,7 @@ pub(super) fn add_batches(
     let mut sums = DirectedSums::new(surface.space());
     // The next batch is prepared by one thread while this one is projected by the others.
     let mut coming = Some(prepared(batches, 1, first, origin, options));
+    // Batch 0 is part of the converged surface already.
     for number in 1..batches.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / batches.count as f64)?;
         progress.items(added.total, "readings");

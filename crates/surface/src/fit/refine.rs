@@ -169,6 +169,7 @@ pub(super) fn refine_to_noise(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
+    // A ball has grown before this stage, so the log starts with its levels.
     let mut refined = growth_log(surface.space(), 1);
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     let mut is_last = false;
@@ -228,6 +229,7 @@ impl Refinement<'_> {
     /// The readings of a round. An early round needs a few dozen for each leaf only.
     fn sample(&mut self, round: Round) -> Vec<u32> {
         if round.is_last {
+            // The last round uses more readings, so its rate is counted anew.
             self.projected = 0;
             return self.subset.clone();
         }

@@ -71,6 +71,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
         )));
     }
     for posed in &set.scans {
+        // The size of the cloud is the only scale by which a σ can be judged.
         check_sigma(posed, set, size, inputs)?;
     }
     let away = bounds.min.iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));

@@ -240,6 +240,7 @@ fn beyond_by(surface: &Surface, readings: &ReadingColumns, reading: u32, foot: &
     }
     let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
     let off = sub(readings.points[reading as usize], from);
+    // Along the sheet only: the component along the normal is noise or bending.
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 

@@ -128,6 +128,7 @@ impl RigidTracker<'_> {
                 .ok_or_else(|| Error::undetermined(format!("{}: its pose has no covariance", report.scan)))?
                 .inverse();
             let eigen = symmetric.symmetric_eigen();
+            // Common errors add linearly, so the roots of the covariances are summed, not the covariances.
             let root = eigen.eigenvectors
                 * Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()))
                 * eigen.eigenvectors.transpose();

@@ -91,6 +91,7 @@ impl Observations {
             sensors,
             options,
             keep_source: (0..scans.len()).any(wanted),
+            // By sensor, because two sensors may measure the same place (decision 0030).
             seen: vec![SeenPoints::default(); sensors.len()],
         };
         for (s, geometry) in geometries.iter().enumerate() {
