@@ -15,6 +15,9 @@ macro_rules! short_help {
 }
 pub(crate) use short_help;
 
+// Options allow negative numbers even where these are out of range. Otherwise clap reports an unknown
+// option, and the user does not learn the range. Rare options are hidden from `-h`, which must fit one
+// screen (see the tests in `main.rs`).
 /// Options of every command that does work.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Common options")]
@@ -45,6 +48,7 @@ impl CommonArgs {
     /// The reader of progress reports.
     pub fn audience(&self) -> Audience {
         match self.progress {
+            // `--quiet` is for people; a program that asked for events gets them.
             ProgressName::Json => Audience::Program,
             ProgressName::Auto if !self.quiet => Audience::People,
             ProgressName::Auto | ProgressName::None => Audience::Nobody,
@@ -98,6 +102,7 @@ pub fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
+    // The path of the program is left out, so that a report does not depend on where it is installed.
     let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
     std::iter::once("planish".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }

@@ -26,6 +26,7 @@ pub struct CompletionsArgs {
 /// Prints the completion script for `command`; returns the exit code.
 pub fn run(args: &CompletionsArgs, mut command: clap::Command) -> u8 {
     let mut script = Vec::new();
+    // Into memory, because this function panics if it cannot write, as to a closed pipe.
     clap_complete::generate(args.shell, &mut command, "planish", &mut script);
     print_document("completions", Ok(script))
 }

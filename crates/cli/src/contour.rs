@@ -58,7 +58,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
             KindChoice::Space(shape) => shapes.push(*shape),
         }
     }
-    // `auto` includes all kinds, so kinds beside it are redundant.
+    // `auto` includes all kinds, so other kinds are redundant.
     let all = args.kind.contains(&KindChoice::Auto);
     if !shapes.is_empty() && shapes.len() < args.kind.len() {
         return Err(Error::input(
@@ -84,6 +84,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
                 ContourMotion::Linear => PlanarMotion::Linear,
                 ContourMotion::Rigid => PlanarMotion::Rigid,
             },
+            // On the command line 0 means none, since an option with a default cannot be absent.
             gate: (args.gate > 0.0).then_some(args.gate),
             corner_margin: (args.corner_margin > 0.0).then_some(args.corner_margin),
             ..ContourFitOptions::default()
@@ -102,6 +103,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
         },
         gap: args.gap,
         constrain: ConstrainJob {
+            // Snapping and graphs need the relations, so they imply the search.
             propose: args.constrain || args.snap.is_some() || !args.graphs.is_empty(),
             level: Some(args.level),
             snap: args.snap,

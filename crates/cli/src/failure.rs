@@ -9,6 +9,7 @@ use std::io::Write;
 pub fn announce_bugs() {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
+        // The usual message comes first, because it names the place in the source.
         usual(info);
         let _ = writeln!(
             std::io::stderr(),

@@ -52,6 +52,7 @@ pub enum Align {
 impl Lines {
     /// Adds one line.
     pub fn line(&mut self, text: impl AsRef<str>) {
+        // Rows are padded to their width, which would leave blanks at the end of a line.
         self.text.push_str(text.as_ref().trim_end());
         self.text.push('\n');
     }

@@ -90,7 +90,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    // First, so that a panic while parsing is announced as well.
     failure::announce_bugs();
+    // Not `parse`, which ends the process: a wrong command line also gets its JSON object and the event
+    // `finished`.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) => return ExitCode::from(summary::print_parse_error(&e, Cli::command())),
@@ -123,7 +126,7 @@ mod tests {
         Cli::command().debug_assert();
     }
 
-    /// The first screen of help is for people who look for one option.
+    /// Short help is for users who look for one option, so it must fit one screen.
     #[test]
     fn short_help_fits_one_screen() {
         let mut commands = vec![Cli::command()];

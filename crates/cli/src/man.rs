@@ -68,11 +68,13 @@ fn write_pages(folder: &Path, command: clap::Command) -> Result<()> {
     let mut waiting = vec![command];
     let mut files = Vec::new();
     while let Some(command) = waiting.pop() {
+        // clap adds a command `help` to each command; it has no page.
         let inner = command.get_subcommands().filter(|c| c.get_name() != "help");
         waiting.extend(inner.cloned());
         let name = command.get_display_name().unwrap_or_else(|| command.get_name());
         let file = format!("{name}.1");
         files.push((file, page(command)?));
     }
+    // Every page is made before the first one is written, so an error leaves no incomplete set.
     write_files(folder, &files)
 }

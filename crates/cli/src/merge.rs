@@ -66,6 +66,7 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     all.extend(args.patches.iter().map(|path| path.display().to_string()));
     let method = args.method.and_then(|m| m.to_possible_value());
     let stated = |length: Length| format!("{}{}", length.value, length.unit.map_or("", Unit::name));
+    // Default values are left out, so that stating a default does not change the record.
     let given = [
         ("--method", method.map(|v| v.get_name().to_owned())),
         ("--epsilon", args.epsilon.map(stated)),

@@ -21,6 +21,7 @@ struct Body<R: Serialize> {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &NextArgs) -> u8 {
+    // The parser refuses one of the two without the other, so all other pairs mean points.
     match (args.views, &args.sensor) {
         (Some(_), Some(sensor)) => {
             summary::run("next", &args.common, |progress| choose_views(args, sensor, progress))

@@ -7,6 +7,7 @@ use planish::Setting;
 
 /// The option that states a setting.
 pub fn option(setting: Setting) -> &'static str {
+    // Without a wildcard, a new setting does not compile before it has an option.
     match setting {
         Setting::Align => "--align",
         Setting::Animation => "--animate",

@@ -22,6 +22,7 @@ const MIN_SHARE_FOR_ESTIMATE: f64 = 0.05;
 /// Number of steps of the bar.
 const STEPS: u64 = 1000;
 
+// Relaxed ordering is enough for these flags, because no other memory is read depending on them.
 /// Set by Ctrl-C.
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// Set while files are written. Then Ctrl-C does not end the process, so that no file is incomplete.
@@ -38,6 +39,8 @@ fn listen_for_ctrl_c() {
     // If a handler exists already, or the system has no signals, the default remains: the process
     // ends at once.
     let _ = ctrlc::set_handler(|| {
+        // The first Ctrl-C leaves time for the job to stop between two steps; a second one means that this
+        // takes too long.
         if !INTERRUPTED.swap(true, Ordering::Relaxed) {
             if !SHOWING.load(Ordering::Relaxed) {
                 let _ = writeln!(
@@ -88,7 +91,7 @@ impl State {
             .then(|| elapsed.as_secs_f64() * (1.0 - self.share.min(1.0)) / self.share)
     }
 
-    /// The text beside the bar.
+    /// The text after the bar.
     fn text(&self, elapsed: Duration) -> String {
         let mut parts = vec![self.stage.clone()];
         if let (Some(rate), Some((_, what))) = (self.rate(elapsed), self.items) {
@@ -153,6 +156,7 @@ fn rounded(seconds: f64) -> f64 {
 pub struct Terminal {
     begun: Instant,
     audience: Audience,
+    // `Progress` takes `&self`. Jobs report from one thread, so cells need no lock.
     state: RefCell<State>,
     bar: RefCell<Option<ProgressBar>>,
     /// Time of the last event, measured from the start of the job.
@@ -193,6 +197,7 @@ impl Terminal {
 
     fn show(&self, state: &State, elapsed: Duration) {
         let mut bar = self.bar.borrow_mut();
+        // Made on first use: a job that ends before the delay never draws.
         let bar = bar.get_or_insert_with(|| {
             let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
             if let Ok(style) = ProgressStyle::with_template("{bar:32.cyan} {percent:>3} %  {wide_msg}") {
@@ -226,6 +231,7 @@ impl Progress for Terminal {
         let elapsed = self.begun.elapsed();
         let mut state = self.state.borrow_mut();
         let is_new = state.stage != stage;
+        // The rate of a stage must not contain the items of the stage before.
         if is_new {
             stage.clone_into(&mut state.stage);
             state.stage_begun = elapsed;

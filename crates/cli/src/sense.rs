@@ -59,6 +59,7 @@ pub fn run(args: &SenseArgs) -> u8 {
         SenseCommand::Depth(args) => ("sense depth", Ok(depth::kind(args)), &args.output, &args.common),
         SenseCommand::Contours(args) => return contours::run(args),
     };
+    // Options that exclude each other are an error of the work, so that it is printed like any other.
     summary::run(name, common, |progress| work(kind?, output, common, progress))
 }
 

@@ -9,9 +9,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
-/// Interval between checks for a stop.
+/// Interval between checks for a stop: too short to notice, and long enough to leave the processor idle.
 const PAUSE: Duration = Duration::from_millis(30);
-/// Timeout of a connection.
+/// Timeout of a connection. Requests are answered one at a time, so a silent connection would block the page.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Maximum size of a request, in bytes; a longer one is dropped.
 const MAX_REQUEST: usize = 16 * 1024;
@@ -92,6 +92,7 @@ fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool>
     let request = String::from_utf8_lossy(&request);
     let (status, body) = response(&request, page, port);
     let method = request.split(' ').next().unwrap_or_default();
+    // Nothing is cached, because the next run may serve another page at the same address.
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
          Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n",

@@ -73,6 +73,7 @@ pub fn run<B: Serialize>(
 ) -> u8 {
     let begun = Instant::now();
     let progress = Terminal::new(common.audience());
+    // Threads come first: the global pool can be set only before its first use.
     let outcome = set_threads(common).and_then(|()| write_as_set(|| work(&progress)));
     // Programs take the event `finished` as the end of stderr, so warnings are printed before it.
     let code = print_outcome(name, common, begun, outcome, &progress);
@@ -111,6 +112,7 @@ fn print_outcome<B: Serialize>(
             (0, printed)
         }
         Err(e) => {
+            // Errors are printed even with --quiet: without them, a failure would look like a success.
             failure::print(&e, name);
             let body = FailedBody {
                 findings: Vec::new(),
@@ -171,6 +173,7 @@ pub fn print_document(name: &str, document: Result<Vec<u8>>) -> u8 {
 pub fn print_parse_error(error: &clap::Error, command: clap::Command) -> u8 {
     // If stderr is closed, there is nowhere to report that.
     let _ = error.print();
+    // Help and version also end the parsing, but they are no errors and go to stdout.
     let is_error = error.use_stderr();
     if is_error && std::env::args_os().any(|word| word == "--json") {
         print_parse_error_json(error, command);

@@ -91,6 +91,7 @@ pub fn threads(text: &str) -> Result<usize, String> {
 
 /// Cells along u and v, as in `61x61`.
 pub fn grid(text: &str) -> Result<[usize; 2], String> {
+    // Larger numbers are typing errors. Commands have tighter limits by memory.
     let cells = |part: &str| part.trim().parse::<usize>().ok().filter(|n| (1..=1 << 14).contains(n));
     let parts: Vec<Option<usize>> = text.split(['x', 'X', '×']).map(cells).collect();
     match parts[..] {

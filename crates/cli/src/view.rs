@@ -87,9 +87,11 @@ fn show(
     page: &ReportOutput,
     progress: &dyn Progress,
 ) -> Result<Summary<Body>> {
+    // The port is bound before the work: an error should not come after minutes of computation.
     let server = Server::on(args.port)?;
     let made = view_page(viewed, page, progress)?;
     let url = server.url();
+    // From here on, Ctrl-C is the normal end.
     progress.advance(SHOWING_STAGE, 1.0);
     if !args.common.quiet {
         // If stderr is closed, there is nowhere to report that.

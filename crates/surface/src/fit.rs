@@ -182,11 +182,15 @@ fn fit_at_once(
 ) -> Result<Fit> {
     let sheet = options.with_shape_of_ground();
     let mut observations = observe(set, &observation_options(set, options))?;
+    // About a distant origin, products of coordinates lose the digits that determine the surface
+    // (decision 0010).
     let origin = observations.recentre();
+    // Centres of rotation come from the moved readings, so the unknowns of scans follow the move.
     observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.01)?;
     let (converged, propagation) =
         converge_with_propagation(&mut observations, origin, global, &sheet, progress)?;
+    // Snapshots come before `finish`, which consumes the converged surface.
     let formation = (global.snapshots)
         .map(|frames| {
             let part = ProgressPart::new(progress, 0.88, 0.9);
@@ -212,16 +216,20 @@ fn fit_in_batches(
 ) -> Result<Fit> {
     let sheet = options.with_shape_of_ground();
     progress.check("dealing out", 0.01)?;
+    // The copied scans of the batch are freed at the end of this block, before the fit needs its memory.
     let mut observations = {
         let first = batches.batch(0);
         let options = observation_options(set, options);
         // The ground was found in the whole cloud already.
         observe(&first, &ObservationOptions { ground: None, ..options })?
     };
+    // The intake did not separate the ground again, but the weights of readings depend on this mark.
     observations.intake.ground = global.ground.is_some();
     let origin = observations.recentre();
     observations.scan_errors = ScanErrors::new(set, &observations, origin, global.align, None);
     progress.check("normals", 0.02)?;
+    // The first batch is a sample of the whole, with more readings than the allowed control vertices can
+    // follow: it shows all shape that the fit can resolve (decision 0011).
     let mut converged = converge(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
     let added = batches::add_batches(batches, &observations, origin, &mut converged, options, progress)?;
     let input = FinishInput { added: Some(added), ..FinishInput::new(set, &observations, options, origin) };
@@ -252,6 +260,7 @@ pub fn update(
     };
     progress.check("normals", 0.1)?;
     let surface = &model.surface;
+    // The new cloud alone has two sides. The model decides which of them is outside (decision 0009).
     let search = FootPointSearch::new(surface, 2, 0.0)?;
     observations.orient_by(|p| {
         let [u, v] = search.nearest(p, [0.0; 3]);
@@ -266,6 +275,7 @@ pub fn update(
         }
         Knowledge::Patches(filter) => {
             patch::refuse_align(align)?;
+            // Poses are not part of the state of a patch, so they count as exact.
             observations.scan_errors = ScanErrors::default();
             patch::update_patches(model, filter, &observations, options, progress)?
         }
@@ -292,6 +302,7 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
         )
         .with_setting(Setting::Motion));
     }
+    // An information matrix and the beliefs of patches do not add, so a model stays with its filter.
     let own = if model.known.filter().is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
         let name = |filter| match filter {

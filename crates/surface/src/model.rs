@@ -22,7 +22,7 @@ use planish_spline::{PatchFilter, Surface, SurfaceSystem};
 use posterior::ScanErrorRows;
 use std::sync::Arc;
 
-/// Information about poses and biases of scans, which are unknowns beside the vertices.
+/// Information about poses and biases of scans, which are unknowns in addition to the vertices.
 ///
 /// Vertices move along the surface's normals at their nodes. The unknowns are those of [`ScanPoseReport`]s,
 /// scan after scan. See [`planish_estimate::sparse::Bordered`].

@@ -17,8 +17,14 @@ use planish_spline::{
 };
 
 /// Number of readings after which patches are first considered for division; afterwards at each doubling.
+///
+/// At a doubling there are as many new readings as old ones, and a resumed stream knows the moment from the
+/// number alone (decision 0025).
 const FIRST_REFINEMENT: u64 = 256;
 /// Squares along each side of a base cell for which it is recorded whether anything was measured.
+///
+/// Patches are divided while readings arrive, so the record cannot be kept by leaf. More squares follow the
+/// border of the measured part more closely.
 const MARKS: usize = 4;
 /// Control vertices that a patch adds to a surface, approximately: one for each of its cells.
 pub(crate) const VERTICES_PER_PATCH: usize = 16;
@@ -171,8 +177,8 @@ impl StreamingFilter {
             ReadingValue::Curvature(tensor, variance) => {
                 let (mut directions, mut principal) = tensor.eigen();
                 // The third direction is the normal, along which a curvature tensor is zero.
-                let least = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
-                let last = least.unwrap_or(2);
+                let smallest = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
+                let last = smallest.unwrap_or(2);
                 directions.swap(last, 2);
                 principal.swap(last, 2);
                 SurfaceReading::Curvature {
@@ -200,6 +206,7 @@ impl StreamingFilter {
     fn refine(&mut self) -> Result<()> {
         let divided = self.filter.refine(&self.rules.criteria())?;
         self.log.add_patches(self.base_level, &divided);
+        // Later foot points must be searched for on the divided patches.
         self.reconcile()?;
         self.plan_refinement();
         Ok(())

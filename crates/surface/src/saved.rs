@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
-//! | `unresolved_shape` | L | mean square of the unresolved shape along the normal, if any; a part of σ² |
+//! | `shape_left` | L | mean square of the unresolved shape along the normal, if any; a part of σ² |
 //! | `observed` | L, u8 | 1 for a measured leaf, 2 for one inferred by symmetry or smoothness, else 0 |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
@@ -86,7 +86,7 @@ pub struct SavedModel {
     pub provenance: Vec<Session>,
 }
 
-/// The metadata beside the tensors.
+/// The metadata of a file.
 #[derive(Serialize, Deserialize)]
 struct Metadata {
     unit: String,
@@ -105,6 +105,7 @@ struct Metadata {
     patch_filter: Option<patches::Notes>,
 }
 
+/// Tensor of the unresolved shape. The name is part of the format and older than the term.
 const UNRESOLVED_SHAPE: &str = "shape_left";
 /// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
 /// the information about them.
@@ -267,6 +268,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         add_information(&mut tensors, "information_data", data, space.node_count())?;
         add_information(&mut tensors, "information_prior", prior, space.node_count())?;
     }
+    // Reading refuses numbers that are not finite, so such a file must not be written.
     for (name, tensor) in &tensors {
         if tensor.as_f64().is_some_and(|values| !values.iter().all(|v| v.is_finite())) {
             return Err(Error::input(format!("`{name}` of the model holds a number that is not finite")));
@@ -445,6 +447,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
             return Err(Error::input(format!("tensor `{name}`: needed the knots 0, 1, …, {cells}")));
         }
     }
+    // Another program may write the cells in any order; columns by cell are sorted with `order`.
     let (space, order) = hierarchy(shape, metadata.base, &tensors.u32("cells", &[3])?)?;
     let marks = tensors.u8("observed")?;
     if marks.len() != order.len() || marks.iter().any(|&m| Observed::from_mark(m).is_none()) {

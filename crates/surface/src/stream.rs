@@ -195,6 +195,7 @@ impl SurfaceStream {
         let mut scan = Scan::default();
         let (mut covariance, mut normals) = (Vec::new(), Vec::new());
         for reading in first {
+            // Every reading is checked before the fit, also those that follow after it.
             reading.incoming()?;
             if let Reading::Position { point, covariance: own, facing } = reading {
                 scan.points.push(*point);
@@ -225,6 +226,7 @@ impl SurfaceStream {
                 ground: None,
             },
         )?;
+        // A stream holds no readings out: the next ones judge it.
         let all = (0..observations.len() as u32).collect();
         let found = first_fit_of(&mut observations, all, &fit, &Silent)?;
         let (sigma_factor, smoothness_weight) = (found.sigma_factor(), found.smoothness_weight());
@@ -352,6 +354,7 @@ impl SurfaceStream {
             unit: model.unit,
             earlier: model.observations,
             counted,
+            // The factor belongs to the first fit; pushed readings count with their stated σ.
             sigma_factor: 1.0,
             smoothness_weight: model.smoothness_weight,
             sensors: model.sensors,

@@ -49,6 +49,7 @@ pub fn text(args: &FitArgs, done: &FitJobReport) -> String {
 fn facts(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
     let FitJobReport { fit, unit, .. } = done;
     let length = |value: f64| format!("{} {unit}", significant(value, 3));
+    // An empty text omits the line: only an update has readings of earlier sessions.
     let all_readings =
         args.update.as_ref().map_or(String::new(), |_| count(done.observations_of_all_sessions));
     let residuals = format!(
@@ -255,8 +256,10 @@ fn rejected(lines: &mut Lines, fit: &FitReport) {
         lines.line("Rejected: no readings.");
         return;
     }
+    // Held-out readings are neither used nor rejected.
     let all = (total + fit.observations + fit.held_out.n) as f64;
     let mut causes: Vec<(&String, usize)> = fit.rejected.iter().map(|(cause, n)| (cause, *n)).collect();
+    // The sort is stable: causes with equal counts keep their alphabetical order.
     causes.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
     let rows: Vec<Vec<String>> = causes
         .into_iter()

@@ -24,6 +24,7 @@ impl Lengths {
         };
         let size = [0, 1, 2].map(|d| significant(max[d] - min[d], 4)).join(" × ");
         let corner = |p: &[f64; 3]| p.map(|c| significant(c, 4)).join(", ");
+        // A file without a unit leaves two blanks in its place.
         format!("{size} {} from ({}) to ({})", self.name(), corner(min), corner(max)).replace("  ", " ")
     }
 }
@@ -251,6 +252,7 @@ fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
             session.version,
             session.seed
         ));
+        // Lists of files have no points of their own.
         for input in session.inputs.iter().filter(|input| input.points > 0) {
             lines.line(format!("  {}: {}", input.name, counted(input.points, "point")));
         }

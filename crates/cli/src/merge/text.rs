@@ -74,6 +74,7 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
 fn facts(lines: &mut Lines, report: &MergeReport) {
     let unit = report.unit;
     let sigma = &report.sigma;
+    // Entry k counts the vertices with k edges; a vertex of a regular mesh has six.
     let above_six = report.valence.iter().skip(7).sum::<usize>();
     lines.facts([
         (

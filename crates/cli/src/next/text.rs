@@ -61,6 +61,7 @@ pub fn points_text(report: &NextJobReport) -> String {
     );
     lines.gap();
     changes(&mut lines, next.worst_sigma, next.mean_sigma);
+    // The last entry is for as many points as were chosen.
     if let Some(random) = &next.random
         && let Some(median) = random.worst_sigma_median.last()
     {

@@ -98,6 +98,7 @@ fn work(args: &ContoursSceneArgs) -> Result<Summary<SceneBody>> {
             at(&format!("patch-{motion}.ply"))
         ));
     }
+    // Each motion sees two sides of the object, so `sense contours` writes two patches for it.
     let patches: Vec<String> = ["1.1", "1.2", "2.1", "2.2"].map(|k| at(&format!("patch-{k}.ply"))).to_vec();
     lines.line(format!("  planish merge {} -o {}", patches.join(" "), at("whole.ply")));
     lines.line(format!("  planish compare {} {}", at("whole.ply"), at("truth.ply")));

@@ -8,7 +8,7 @@
 //! `PLANISH_WRITE_DOCS=1 cargo test --release -p planish-cli --test it book` rewrites the shown lines and the
 //! images.
 
-use crate::support::{Said, command, repository};
+use crate::support::{RunOutput, command, repository};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -190,11 +190,11 @@ fn run_part(part: &Part, folder: &Path, place: &str, run: &mut Run) {
     run.text.push_str(&format!("$ {}\n", part.command));
     let words: Vec<&str> = part.command.split_whitespace().collect();
     assert_eq!(words[0], "planish", "{place}: the book runs nothing else");
-    let said = Said::new(command(folder, &words[1..]).output().expect("planish runs"));
-    if said.code != 0 {
-        run.wrong.push(format!("{place}: exit code {}: {}", said.code, said.stderr));
+    let result = RunOutput::new(command(folder, &words[1..]).output().expect("planish runs"));
+    if result.code != 0 {
+        run.wrong.push(format!("{place}: exit code {}: {}", result.code, result.stderr));
     }
-    let printed: Vec<&str> = said.stdout.lines().collect();
+    let printed: Vec<&str> = result.stdout.lines().collect();
     let mut next = 0;
     for shown in &part.shown {
         let found = match *shown {
@@ -209,7 +209,7 @@ fn run_part(part: &Part, folder: &Path, place: &str, run: &mut Run) {
             None => {
                 run.text.push_str(shown);
                 if *shown != "…" {
-                    run.wrong.push(format!("{place}: it does not print: {shown}\nbut:\n{}", said.stdout));
+                    run.wrong.push(format!("{place}: it does not print: {shown}\nbut:\n{}", result.stdout));
                 }
             }
         }

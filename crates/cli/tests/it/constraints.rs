@@ -52,8 +52,8 @@ fn relations_are_imposed_and_sizes_snapped() {
         "--graphs",
         "g.dot",
     ];
-    let said = contour(at, &args);
-    let found = &said["constrained"];
+    let result = contour(at, &args);
+    let found = &result["constrained"];
     let imposed = texts(&found["relations"], |r| r["outcome"] == "imposed");
     assert_eq!(imposed.len(), 3, "{imposed:?}");
     assert!(found["relations"].as_array().expect("a list").iter().all(|r| r["p_value"].as_f64().is_some()));
@@ -105,8 +105,8 @@ fn unsupported_grid_is_not_imposed() {
     let at = folder.path();
     readings(at, "0.1");
     let outcomes = |grid: &str| -> Vec<String> {
-        let said = contour(at, &["--kind", "rectangle", "--snap", grid]);
-        let sizes = said["constrained"]["sizes"].as_array().expect("sizes").clone();
+        let result = contour(at, &["--kind", "rectangle", "--snap", grid]);
+        let sizes = result["constrained"]["sizes"].as_array().expect("sizes").clone();
         sizes.iter().map(|s| s["outcome"].as_str().expect("a word").to_owned()).collect()
     };
     assert!(outcomes("0.01mm").iter().all(|o| o == "ambiguous"));
@@ -118,20 +118,23 @@ fn given_constraints_are_imposed_and_tested() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
-    let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 90 long"]);
-    let width = &said["constrained"]["contours"][0]["parameters"]["width"];
+    let result = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 90 long"]);
+    let width = &result["constrained"]["contours"][0]["parameters"]["width"];
     assert!((width["value"].as_f64().expect("a width") - 90.0).abs() < 1e-9);
     assert!(
         width["sigma"].as_f64() < Some(1e-6)
-            && said["contours"][0]["parameters"]["width"]["sigma"].as_f64() > Some(0.01)
+            && result["contours"][0]["parameters"]["width"]["sigma"].as_f64() > Some(0.01)
     );
-    assert_eq!(said["warnings"].as_array().map(Vec::len), Some(0), "{said}");
+    assert_eq!(result["warnings"].as_array().map(Vec::len), Some(0), "{result}");
     // A constraint that contradicts the readings gives a warning.
-    let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 85 long"]);
-    assert!(said["warnings"][0].as_str().is_some_and(|w| w.contains("conflict with the readings")), "{said}");
+    let result = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 85 long"]);
+    assert!(
+        result["warnings"][0].as_str().is_some_and(|w| w.contains("conflict with the readings")),
+        "{result}"
+    );
     // A redundant constraint names the constraints that imply it.
-    let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 parallel to P3P4"]);
-    let redundant = &said["constrained"]["redundant"][0];
+    let result = contour(at, &["--kind", "rectangle", "--given", "P1P2 parallel to P3P4"]);
+    let redundant = &result["constrained"]["redundant"][0];
     assert_eq!(
         (redundant["text"].as_str(), redundant["with"].as_array().map(Vec::len)),
         (Some("P1P2 parallel to P3P4"), Some(2))
@@ -139,7 +142,7 @@ fn given_constraints_are_imposed_and_tested() {
 }
 
 #[test]
-fn invalid_constraints_are_named() {
+fn invalid_constraints_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
@@ -160,8 +163,13 @@ fn invalid_constraints_are_named() {
         (&["--graphs", "seen/readings.csv"], "seen/readings.csv"),
     ] {
         let all = [&["contour", "seen/readings.csv", "--kind", "rectangle"], args].concat();
-        let said = planish(at, &all);
-        assert!(said.code == 2 && said.stderr.contains(says), "{args:?}: {} {}", said.code, said.stderr);
+        let result = planish(at, &all);
+        assert!(
+            result.code == 2 && result.stderr.contains(says),
+            "{args:?}: {} {}",
+            result.code,
+            result.stderr
+        );
     }
 }
 
@@ -175,9 +183,9 @@ fn contours_of_every_kind_are_constrained() {
             &["simulate", "scene", "readings", "--shape", shape, "--noise", "0.1", "--out", "seen", "-q"],
         )
         .ok();
-        let said = contour(at, &["--kind", shape, "--constrain"]);
-        let found = &said["constrained"];
-        let (before, after) = (&said["contours"][0], &found["contours"][0]);
+        let result = contour(at, &["--kind", shape, "--constrain"]);
+        let found = &result["constrained"];
+        let (before, after) = (&result["contours"][0], &found["contours"][0]);
         assert_eq!((&before["kind"], &before["order"]), (&after["kind"], &after["order"]), "{shape}");
         for name in before["order"].as_array().expect("names") {
             let name = name.as_str().expect("a name");

@@ -37,12 +37,12 @@ fn dome(folder: &Path) {
 fn candidates_touching_along_a_line_are_not_written() {
     let folder = tempfile::tempdir().expect("a folder");
     dome(folder.path());
-    let said = planish(folder.path(), &["solid", "front.dxf", "top.dxf", "--all", "-o", "dome.step"]).ok();
-    assert!(said.stdout.contains("4 solids have these views, best first."), "{}", said.stdout);
+    let result = planish(folder.path(), &["solid", "front.dxf", "top.dxf", "--all", "-o", "dome.step"]).ok();
+    assert!(result.stdout.contains("4 solids have these views, best first."), "{}", result.stdout);
     assert!(
-        said.stdout.contains("1 more candidate is invalid: two bodies only touch along a line through"),
+        result.stdout.contains("1 more candidate is invalid: two bodies only touch along a line through"),
         "{}",
-        said.stdout
+        result.stdout
     );
     assert!(folder.path().join("dome.4.step").exists() && !folder.path().join("dome.5.step").exists());
 }
@@ -78,7 +78,7 @@ fn too_fine_mesh_tolerance_suggests_a_larger_one() {
 }
 
 #[test]
-fn small_gaps_are_named_and_joined_with_tolerance() {
+fn small_gaps_are_reported_and_joined_with_tolerance() {
     let folder = tempfile::tempdir().expect("a folder");
     let views = ["solid", "front.dxf", "top.dxf", "side.dxf", "-o", "block.step"];
     let solve = |more: &[&str]| planish(folder.path(), &[&views, more].concat());
@@ -87,25 +87,25 @@ fn small_gaps_are_named_and_joined_with_tolerance() {
     put(folder.path(), "front.dxf", &front, &[]);
     put(folder.path(), "top.dxf", &rectangle([0.0, 0.0], [40.0, 30.0]), &[]);
     put(folder.path(), "side.dxf", &rectangle([0.0, 0.0], [30.0, 20.0]), &[]);
-    let said = solve(&[]);
-    assert_eq!(said.code, 1, "{}", said.stderr);
+    let result = solve(&[]);
+    assert_eq!(result.code, 1, "{}", result.stderr);
     assert!(
-        said.stderr.contains("of the front view ends at 39.999900 0.000000, 1.0e-4 from LINE 1"),
+        result.stderr.contains("of the front view ends at 39.999900 0.000000, 1.0e-4 from LINE 1"),
         "{}",
-        said.stderr
+        result.stderr
     );
     solve(&["--tolerance", "2e-4"]).ok();
     put(folder.path(), "front.dxf", &rectangle([0.0, 0.0], [40.0, 20.0]), &[]);
     put(folder.path(), "top.dxf", &rectangle([0.0, 0.0], [40.04, 30.03]), &[]);
-    let said = solve(&[]);
-    assert_eq!(said.code, 1, "{}", said.stderr);
-    assert!(said.stderr.contains("40.000000, 1.001000 times as long"), "{}", said.stderr);
+    let result = solve(&[]);
+    assert_eq!(result.code, 1, "{}", result.stderr);
+    assert!(result.stderr.contains("40.000000, 1.001000 times as long"), "{}", result.stderr);
     let joined = solve(&["--tolerance", "0.05"]).ok();
     assert!(joined.stdout.contains("24000"), "{}", joined.stdout);
 }
 
 #[test]
-fn options_that_do_not_apply_are_named() {
+fn options_that_do_not_apply_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let points: String = (0..60)
         .map(|k| {
@@ -117,15 +117,15 @@ fn options_that_do_not_apply_are_named() {
     for (option, value) in
         [("--region", "0,0,4,3"), ("--pixel-size", "0.05"), ("--scan", "3"), ("--sigma-range", "0.1")]
     {
-        let said = planish(folder.path(), &["contour", "points.csv", "--kind", "circle", option, value]);
-        assert_eq!(said.code, 2, "{}", said.stderr);
-        assert!(said.stderr.contains(&format!("(option {option})")), "{}", said.stderr);
+        let result = planish(folder.path(), &["contour", "points.csv", "--kind", "circle", option, value]);
+        assert_eq!(result.code, 2, "{}", result.stderr);
+        assert!(result.stderr.contains(&format!("(option {option})")), "{}", result.stderr);
     }
     planish(folder.path(), &["contour", "points.csv", "--kind", "circle"]).ok();
 }
 
 #[test]
-fn given_lengths_accept_units_and_impossible_ones_are_named() {
+fn given_lengths_accept_units_and_impossible_ones_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     planish(folder.path(), &["simulate", "scene", "readings", "--shape", "rectangle", "--out", "seen"]).ok();
     let given = |sentence: &str| {

@@ -7,12 +7,12 @@ fn fit_then_info_then_compare() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     let job = pebble("job.toml");
-    let said = run(&["fit", &job, "-o", "p.step", "-o", "p.ply", "-o", "p.planish"]);
+    let result = run(&["fit", &job, "-o", "p.step", "-o", "p.ply", "-o", "p.planish"]);
     for words in ["Fitted a ball", "rejected", "outlier", "laser", "held out", "Wrote p.step", "Wrote p.ply"]
     {
-        assert!(said.stdout.contains(words), "{words}: {}", said.stdout);
+        assert!(result.stdout.contains(words), "{words}: {}", result.stdout);
     }
-    assert!(said.stderr.contains("sensor \"old\" states σ"), "{}", said.stderr);
+    assert!(result.stderr.contains("sensor \"old\" states σ"), "{}", result.stderr);
     assert_eq!(names(folder.path()), ["p.planish", "p.ply", "p.step"]);
     let step = std::fs::read_to_string(folder.path().join("p.step")).expect("text");
     assert!(step.starts_with("ISO-10303-21;") && step.trim_end().ends_with("END-ISO-10303-21;"));
@@ -73,10 +73,10 @@ fn readings_far_from_the_model_are_rejected() {
     std::fs::write(folder.path().join("first.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");
     std::fs::write(folder.path().join("far.xyz"), far_points()).expect("points");
     planish(folder.path(), &["fit", "first.toml", "-o", "first.planish", "--quiet"]).ok();
-    let said =
+    let result =
         planish(folder.path(), &["fit", "far.xyz", "--update", "first.planish", "-o", "second.planish"]);
-    assert_eq!(said.code, 1, "{}", said.stdout);
-    assert!(said.stderr.contains("far.xyz: the readings lie"), "{}", said.stderr);
+    assert_eq!(result.code, 1, "{}", result.stdout);
+    assert!(result.stderr.contains("far.xyz: the readings lie"), "{}", result.stderr);
     assert!(!folder.path().join("second.planish").exists());
 }
 
@@ -138,8 +138,8 @@ fn pebble_data_matches_its_command() {
 fn summary_reports_a_missing_output() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("job.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");
-    let said = planish(folder.path(), &["fit", "job.toml"]).ok();
-    assert!(said.stdout.contains("Nothing was written"), "{}", said.stdout);
+    let result = planish(folder.path(), &["fit", "job.toml"]).ok();
+    assert!(result.stdout.contains("Nothing was written"), "{}", result.stdout);
     assert_eq!(names(folder.path()), ["job.toml"]);
 }
 
@@ -186,8 +186,8 @@ fn closed_pipe_is_no_error() {
 fn vessel_scanned_from_one_side_is_completed() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
-    let said = run(&["simulate", "scene", "vessel", "--readings", "8000", "--out", "v"]);
-    assert!(said.stdout.contains("--symmetry rotation:full"), "{}", said.stdout);
+    let result = run(&["simulate", "scene", "vessel", "--readings", "8000", "--out", "v"]);
+    assert!(result.stdout.contains("--symmetry rotation:full"), "{}", result.stdout);
     let found = run(&[
         "fit",
         "v/job.toml",

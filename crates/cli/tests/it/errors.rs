@@ -68,11 +68,11 @@ fn hostile(folder: &Path) {
 #[track_caller]
 fn refused(folder: &Path, line: &str) -> (i32, String) {
     let before = names(folder);
-    let said = planish(folder, &line.split(' ').collect::<Vec<_>>());
-    assert!(said.code != 0 && said.code != 101, "{line}: {} {}", said.code, said.stderr);
-    assert_eq!(said.stdout, "", "{line}");
+    let result = planish(folder, &line.split(' ').collect::<Vec<_>>());
+    assert!(result.code != 0 && result.code != 101, "{line}: {} {}", result.code, result.stderr);
+    assert_eq!(result.stdout, "", "{line}");
     assert_eq!(names(folder), before, "{line}");
-    (said.code, said.stderr)
+    (result.code, result.stderr)
 }
 
 /// The messages and exit codes of these commands, for a snapshot.

@@ -60,8 +60,8 @@ fn json_has_codes_and_the_texts_of_warnings() {
         })
         .collect();
     std::fs::write(folder.path().join("a.xyz"), cloud).expect("a file");
-    let said = planish(folder.path(), &["fit", "a.xyz", "--json"]).ok();
-    let json = said.json();
+    let result = planish(folder.path(), &["fit", "a.xyz", "--json"]).ok();
+    let json = result.json();
     let findings = json["findings"].as_array().expect("a list");
     let unit = &findings[0];
     assert_eq!((&unit["code"], &unit["level"]), (&"unit-assumed".into(), &"warning".into()), "{json:#}");
@@ -70,7 +70,7 @@ fn json_has_codes_and_the_texts_of_warnings() {
     let warnings = findings.iter().filter(|finding| finding["level"] == "warning").count();
     assert_eq!(json["warnings"].as_array().map(Vec::len), Some(warnings), "{json:#}");
     // People see the option, too.
-    assert!(said.stderr.contains(&format!("{} (option --unit)", unit["text"].as_str().expect("a text"))));
+    assert!(result.stderr.contains(&format!("{} (option --unit)", unit["text"].as_str().expect("a text"))));
     let same = planish(folder.path(), &["compare", &pebble("truth.ply"), &pebble("truth.ply"), "--json"]);
     let codes = same.ok().json()["findings"].clone();
     assert_eq!(codes[0]["code"], "model-without-sigma", "{codes:#}");

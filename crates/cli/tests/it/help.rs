@@ -105,8 +105,8 @@ fn examples_in_help_parse() {
                     _ => {}
                 }
             }
-            let said = planish(folder.path(), &args);
-            assert_eq!(said.code, 3, "{example}: {}", said.stderr);
+            let result = planish(folder.path(), &args);
+            assert_eq!(result.code, 3, "{example}: {}", result.stderr);
         }
     }
 }

@@ -1,8 +1,7 @@
-//! Inputs that want to break the command: each has its message, its exit code, and leaves every file as it
-//! was.
+//! Damaged and extreme inputs: each gives a message and an exit code, and leaves every file unchanged.
 //!
-//! What is said is kept in `docs/hostile-inputs.md`;
-//! `PLANISH_WRITE_DOCS=1 cargo test -p planish-cli --test it hostile` writes it anew.
+//! The messages are listed in `docs/hostile-inputs.md`.
+//! `PLANISH_WRITE_DOCS=1 cargo test -p planish-cli --test it hostile` rewrites that page.
 
 #![cfg(target_os = "linux")]
 
@@ -14,8 +13,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What it is, the command line, and the exit code. `%` stands for a byte that is no text; what follows
-/// `limit` may write two blocks.
+/// Description, command line and exit code. `%` is replaced by a byte that is not valid UTF-8. A command
+/// after `limit` can write at most two blocks to a file.
 const INPUTS: &[(&str, &str, i32)] = &[
     ("A PLY header that declares a billion vertices", "fit bomb.ply -o old.ply", 2),
     ("A PCD header that declares a billion points", "fit bomb.pcd -o old.ply", 2),
@@ -100,7 +99,7 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A wrong option with `--json`", "fit good.xyz --gate 0 --json", 2),
 ];
 
-/// 200 points of a rough plane, one a line.
+/// 200 points of a rough plane, one on each line.
 fn plane(point: impl Fn(f64, f64, f64) -> String) -> String {
     let number = |k: u32| (f64::from(k % 20), f64::from(k / 20), 0.01 * f64::from((7 * k) % 10));
     (0..200).map(number).map(|(x, y, z)| point(x, y, z) + "\n").collect()
@@ -192,8 +191,7 @@ fn fill(folder: &Path) {
     std::fs::set_permissions(folder.join("protected.ply"), permissions).expect("permissions");
 }
 
-/// Drawings that want to break the command, beside good ones.
-/// An octahedron, and views and poses of it that make no sense.
+/// An octahedron, with invalid views and poses of it.
 fn fill_shells(folder: &Path) {
     let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
     text(
@@ -234,9 +232,10 @@ fn fill_shells(folder: &Path) {
     text("many.toml", &pose("controls = 100000000", up, ""));
 }
 
+/// Damaged drawings, with valid ones for comparison.
 fn fill_drawings(folder: &Path) {
     let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
-    // Codes and values between blanks.
+    // Codes and values, separated by blanks.
     let dxf = |name: &str, blocks: &str, entities: &str| {
         let all =
             format!("0 SECTION 2 BLOCKS {blocks} 0 ENDSEC 0 SECTION 2 ENTITIES {entities} 0 ENDSEC 0 EOF");
@@ -277,7 +276,7 @@ fn fill_drawings(folder: &Path) {
     text("cut.json", "{\"kind\": \"circle\", \"parameters\": {");
 }
 
-/// STEP files that hold what no part does.
+/// STEP files with content that no real part has.
 fn steps(folder: &Path) {
     let step = |name: &str, lines: &str| {
         let text = format!(
@@ -325,11 +324,11 @@ fn steps(folder: &Path) {
     std::fs::write(folder.join("half.step"), &whole[..whole.len() / 2]).expect("a file");
 }
 
-/// What an older file holds.
+/// The content of an existing file.
 const OLD: &str = "old";
 
-/// Runs a line of the table; its words, exit code and output.
-fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
+/// Runs a line of the table; returns the command line, the exit code, stdout and stderr.
+fn run_line(folder: &Path, line: &str) -> (String, i32, String, String) {
     let words: Vec<OsString> = line
         .split(' ')
         .map(|word| {
@@ -339,7 +338,8 @@ fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
         .collect();
     let (shown, output) = match words.split_first() {
         Some((first, rest)) if first == "limit" => {
-            // The signal that comes before the error is ignored, as by most who start programs.
+            // Signal 25 (SIGXFSZ) would end the process before the write returns an error. Most programs that
+            // start others ignore it, too.
             let mut shell = Command::new("sh");
             shell.args(["-c", "trap '' 25; ulimit -f 2; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_planish")]);
             let output = shell.args(rest).current_dir(folder).env("COLUMNS", "100").output();
@@ -354,7 +354,7 @@ fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
 }
 
 #[test]
-fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
+fn hostile_inputs_give_messages_and_leave_files_unchanged() {
     let folder = tempfile::tempdir().expect("a folder");
     fill(folder.path());
     fill_shells(folder.path());
@@ -374,7 +374,7 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
             std::fs::write(path, OLD).expect("a file");
         }
         let before = names(folder.path());
-        let (shown, code, stdout, stderr) = said(folder.path(), line);
+        let (shown, code, stdout, stderr) = run_line(folder.path(), line);
         assert_eq!(code, expected, "{line}: {stdout}{stderr}");
         if code != 0 {
             assert_eq!(names(folder.path()), before, "{line}");
@@ -383,7 +383,7 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
             }
         }
         let _ = write!(page, "\n## {what}\n\n    $ {shown}\n");
-        // How good the fit is depends on the machine, in its last digits; that there is one does not.
+        // The last digits of a fit differ between machines, so only the fact that there is one is compared.
         let summary = match stdout.starts_with('{') {
             true if code != 0 => {
                 stdout.replace(&format!("\"threads\": {}", threads(&stdout)), "\"threads\": 2")
@@ -391,10 +391,10 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
             true => "{ …\n".to_owned(),
             false => stdout.split_once(" of ").map_or(String::new(), |(fitted, _)| format!("{fitted} …\n")),
         };
-        // Where the folder of the system's devices may not be written to, or is mounted so that nobody may.
+        // On some systems /sys is mounted read-only; on others, only its permissions forbid writing.
         let stderr = stderr.replace("read-only filesystem or storage medium", "permission denied");
-        for said in stderr.lines().chain(summary.lines()) {
-            let _ = writeln!(page, "    {said}");
+        for line in stderr.lines().chain(summary.lines()) {
+            let _ = writeln!(page, "    {line}");
         }
         let _ = writeln!(page, "    [exit {code}]");
     }
@@ -409,15 +409,16 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     assert_eq!(page.lines().count(), written.lines().count());
 }
 
-/// The threads that a JSON summary names.
+/// The number of threads in a JSON summary.
 fn threads(json: &str) -> u64 {
     let object: serde_json::Value = serde_json::from_str(json).expect("JSON");
     object["threads"].as_u64().expect("a count")
 }
 
-/// A run that is interrupted or killed at any moment leaves the old files or the new ones.
+/// After an interruption or a kill at any moment, every output is the complete old file or the complete new
+/// one.
 #[test]
-fn a_run_that_is_interrupted_or_killed_leaves_old_or_new_files() {
+fn interrupted_runs_leave_complete_old_or_new_files() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("a.xyz"), plane(|x, y, z| format!("{x} {y} {z}"))).expect("a file");
     let args = ["fit", "a.xyz", "-o", "a.planish", "-o", "a.ply", "-o", "a.step", "--quiet"];
@@ -445,7 +446,7 @@ fn a_run_that_is_interrupted_or_killed_leaves_old_or_new_files() {
         if interrupted {
             let sent =
                 Command::new("kill").args(["-INT", &child.id().to_string()]).stderr(Stdio::null()).status();
-            // Whoever is done already cannot be interrupted.
+            // A process that has ended already cannot be interrupted.
             assert!(sent.is_ok());
         } else {
             child.kill().expect("it can be ended");
@@ -456,7 +457,7 @@ fn a_run_that_is_interrupted_or_killed_leaves_old_or_new_files() {
             assert!(found == OLD.as_bytes() || found == *new, "run {run}: {} is half", path.display());
         }
         if interrupted {
-            // None: it had not begun to listen.
+            // No code: the signal came before the handler was installed.
             assert!(matches!(code, None | Some(0 | 130)), "run {run}: {code:?}");
             assert_eq!(names(folder.path()), before, "run {run}");
         } else {

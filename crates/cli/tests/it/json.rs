@@ -139,13 +139,13 @@ fn json_is_alone_on_stdout_and_warnings_on_stderr() {
     let folder = tempfile::tempdir().expect("a folder");
     let xyz: String = (0..400).map(|k| format!("{} {} 0.0{}\n", k % 20, k / 20, (7 * k) % 10)).collect();
     std::fs::write(folder.path().join("a.xyz"), xyz).expect("points");
-    let said = planish(folder.path(), &["fit", "a.xyz", "--json"]).ok();
-    assert!(said.json()["warnings"][0].as_str().is_some_and(|w| w.contains("unit of length")));
-    assert!(said.stderr.contains("planish: warning: no file states its unit of length"));
-    let said = planish(folder.path(), &["fit", "a.xyz", "--json", "--quiet", "--unit", "m"]).ok();
-    assert_eq!((said.json()["unit"].as_str(), said.stderr.as_str()), (Some("m"), ""));
-    let said = planish(folder.path(), &["fit", "a.xyz", "--quiet"]).ok();
-    assert_eq!((said.stdout.as_str(), said.stderr.as_str()), ("", ""));
+    let result = planish(folder.path(), &["fit", "a.xyz", "--json"]).ok();
+    assert!(result.json()["warnings"][0].as_str().is_some_and(|w| w.contains("unit of length")));
+    assert!(result.stderr.contains("planish: warning: no file states its unit of length"));
+    let result = planish(folder.path(), &["fit", "a.xyz", "--json", "--quiet", "--unit", "m"]).ok();
+    assert_eq!((result.json()["unit"].as_str(), result.stderr.as_str()), (Some("m"), ""));
+    let result = planish(folder.path(), &["fit", "a.xyz", "--quiet"]).ok();
+    assert_eq!((result.stdout.as_str(), result.stderr.as_str()), ("", ""));
 }
 
 #[test]
@@ -157,15 +157,15 @@ fn parse_error_prints_an_object() {
         ("frobnicate --json", "", "unrecognized subcommand 'frobnicate'"),
         ("simulate scene scans --json", "simulate scene scans", "--out <DIR>"),
     ] {
-        let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
-        assert_eq!(said.code, 2, "{line}");
-        let object = said.json();
+        let result = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+        assert_eq!(result.code, 2, "{line}");
+        let object = result.json();
         has(&object, &COMMON);
         assert_eq!((&object["command"], &object["termination"]), (&command.into(), &Value::Null));
         assert_eq!(object["error"]["kind"], "input");
         let message = object["error"]["message"].as_str().unwrap_or_default();
         assert!(message.contains(words) && !message.starts_with("error"), "{message}");
-        assert!(said.stderr.contains("--help"), "people are told too: {}", said.stderr);
+        assert!(result.stderr.contains("--help"), "people are told too: {}", result.stderr);
     }
     let help = planish(folder.path(), &["fit", "--json", "--help"]).ok();
     assert!(help.stdout.contains("Usage: planish fit"));
@@ -175,9 +175,9 @@ fn parse_error_prints_an_object() {
 fn failure_prints_an_object() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("three.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("points");
-    let said = planish(folder.path(), &["fit", "three.xyz", "--json"]);
-    assert_eq!(said.code, 1);
-    let object = said.json();
+    let result = planish(folder.path(), &["fit", "three.xyz", "--json"]);
+    assert_eq!(result.code, 1);
+    let object = result.json();
     has(&object, &COMMON);
     assert_eq!(
         (&object["termination"], &object["error"]["kind"]),

@@ -25,7 +25,7 @@ const LAYERS: [(&str, u8); 15] = [
     ("planish-fuzz", 9),
 ];
 
-/// What is wrong with the arrows between these crates and the crates that each of them uses.
+/// Violations of the layering, given the crates that each crate uses.
 fn complaints(uses: &BTreeMap<String, Vec<String>>) -> Vec<String> {
     let layers = BTreeMap::from(LAYERS);
     let mut found = Vec::new();
@@ -55,7 +55,7 @@ fn workspace() -> BTreeMap<String, Vec<String>> {
     let list = |value: &Value| value.as_array().expect("a list").clone();
     list(&metadata["packages"])
         .iter()
-        // Tests and benches count too: what they need, a reader of the crate needs.
+        // Dependencies of tests and benches count, because a reader of the crate needs them, too.
         .map(|package| (name(package), list(&package["dependencies"]).iter().map(name).collect()))
         .collect()
 }
@@ -159,7 +159,7 @@ fn mutual_imports_are_found() {
     let upper = source("upper/part.rs", "use crate::{error::Error, lower::{self, Leaf}};\n");
     let lower = source("lower.rs", "fn f() {\n    crate::upper::part();\n}\n");
     assert_eq!(found(&[upper, lower]), ["mesh: lower <-> upper"]);
-    // Comments and tests may name what they like.
+    // Imports in comments and tests do not count.
     let upper = source("upper.rs", "use crate::lower::Leaf;\n");
     let lower = source(
         "lower.rs",

@@ -38,13 +38,13 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     let folder = tempfile::tempdir().expect("a folder");
     zone(&folder.path().join("low.obj"), -80.0, 20.0, 0.0, 1.0, false);
     zone(&folder.path().join("high.obj"), -10.0, 80.0, 2.3, 1.0, true);
-    let said = planish(folder.path(), &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"]).ok();
-    let found = said.json();
+    let result = planish(folder.path(), &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"]).ok();
+    let found = result.json();
     // The poles are not covered by a patch and stay open.
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
     assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
-    assert!(said.stderr.contains("it was reversed"), "{}", said.stderr);
+    assert!(result.stderr.contains("it was reversed"), "{}", result.stderr);
     let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
     assert_eq!((&read["manifold"], &read["components"]), (&true.into(), &1.into()), "{read:#}");
     let area = read["area"].as_f64().expect("a number");
@@ -128,7 +128,7 @@ fn merged_mesh_is_written_as_a_spline() {
 }
 
 #[test]
-fn inputs_that_cannot_be_merged_are_named() {
+fn inputs_that_cannot_be_merged_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 10.0, 0.0, 1.0, false);
@@ -170,9 +170,9 @@ fn inputs_that_cannot_be_merged_are_named() {
         ("merge a.obj far.obj --theta 120", 2, "90"),
         ("merge a.obj far.obj --epsilon 0", 2, "above 0"),
     ] {
-        let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
-        assert_eq!(said.code, code, "{line}: {}", said.stderr);
-        assert!(said.stderr.contains(words), "{line}: {}", said.stderr);
+        let result = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+        assert_eq!(result.code, code, "{line}: {}", result.stderr);
+        assert!(result.stderr.contains(words), "{line}: {}", result.stderr);
         assert!(!path("w.ply").exists(), "{line}");
     }
 }
@@ -180,7 +180,7 @@ fn inputs_that_cannot_be_merged_are_named() {
 /// Without σ, unrelated surfaces are merged where they are close. A warning reports it; --epsilon prevents
 /// it.
 #[test]
-fn patches_of_different_objects_are_named() {
+fn patches_of_different_objects_give_a_warning() {
     let folder = tempfile::tempdir().expect("a folder");
     let sheet = |name: &str, slope: f64| {
         let mut text = String::new();
@@ -196,13 +196,13 @@ fn patches_of_different_objects_are_named() {
     sheet("flat.obj", 0.0);
     sheet("slanted.obj", 0.3);
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
-    let said = run("merge flat.obj slanted.obj -o whole.ply --unit mm");
-    assert!(said.stderr.contains("flat.obj: other patches near it differ by σ = "), "{}", said.stderr);
-    let said = run("merge flat.obj slanted.obj -o whole.ply --unit mm --epsilon 0.2");
-    assert!(!said.stderr.contains("differ by"), "{}", said.stderr);
+    let result = run("merge flat.obj slanted.obj -o whole.ply --unit mm");
+    assert!(result.stderr.contains("flat.obj: other patches near it differ by σ = "), "{}", result.stderr);
+    let result = run("merge flat.obj slanted.obj -o whole.ply --unit mm --epsilon 0.2");
+    assert!(!result.stderr.contains("differ by"), "{}", result.stderr);
     sheet("near.obj", 0.001);
-    let said = run("merge flat.obj near.obj -o whole.ply --unit mm");
-    assert!(!said.stderr.contains("differ by"), "{}", said.stderr);
+    let result = run("merge flat.obj near.obj -o whole.ply --unit mm");
+    assert!(!result.stderr.contains("differ by"), "{}", result.stderr);
 }
 
 /// Faces of a STEP file are merged with those of another, and with a mesh.
@@ -246,7 +246,7 @@ fn faces_of_step_files_are_patches() {
     assert!(rms < 0.01, "{rms}");
 }
 
-/// Of two files with the same vertices one is used, and both are named.
+/// Of two files with the same vertices, one is used; the message names both.
 #[test]
 fn duplicate_patch_is_ignored() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -256,11 +256,11 @@ fn duplicate_patch_is_ignored() {
     std::fs::copy(path("a.obj"), path("copy.obj")).expect("a copy");
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     run("merge a.obj b.obj -o two.ply");
-    let said = run("merge a.obj b.obj copy.obj -o three.ply");
+    let result = run("merge a.obj b.obj copy.obj -o three.ply");
     assert!(
-        said.stderr.contains("copy.obj has the same vertices as a.obj: it was ignored"),
+        result.stderr.contains("copy.obj has the same vertices as a.obj: it was ignored"),
         "{}",
-        said.stderr
+        result.stderr
     );
     let read = |name: &str| std::fs::read(path(name)).expect("a mesh");
     assert_eq!(read("two.ply"), read("three.ply"));
@@ -274,8 +274,8 @@ fn patches_with_rounded_coordinates_are_aligned() {
     // Rotated by one of 72 columns.
     zone(&folder.path().join("b.obj"), -60.0, 20.0, 5.0, 1.0, true);
     let line = "merge a.obj b.obj --align --report page.html --json";
-    let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
-    let found = said.json();
+    let result = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
+    let found = result.json();
     let page = std::fs::read_to_string(folder.path().join("page.html")).expect("a page");
     let open = found["poses"][1]["undetermined"].as_array().map_or(0, Vec::len);
     assert!(page.contains("How patches were moved") && page.contains(&format!("{open} of 6")));
@@ -287,7 +287,7 @@ fn patches_with_rounded_coordinates_are_aligned() {
     assert_eq!((turned(0), turned(1)), (Some(false), Some(true)));
 }
 
-/// `--unit` applies to files without a unit, also beside files with a unit; ε may have its own unit.
+/// `--unit` applies to files without a unit, also if other files have one; ε may have its own unit.
 #[test]
 fn units_of_files_and_of_options_are_independent() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -298,17 +298,17 @@ fn units_of_files_and_of_options_are_independent() {
     zone(&path("inches.obj"), -20.0, 60.0, 2.3, 1.0 / 25.4, false);
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
     assert_eq!(run("info named.obj --json").ok().json()["unit"], "mm");
-    let said = run("merge named.obj inches.obj --unit in --epsilon 0.01in --json").ok();
-    let found = said.json();
+    let result = run("merge named.obj inches.obj --unit in --epsilon 0.01in --json").ok();
+    let found = result.json();
     assert_eq!((&found["unit"], &found["parts"]), (&"mm".into(), &1.into()), "{found:#}");
-    assert!(said.stderr.contains("converted from in to mm"), "{}", said.stderr);
+    assert!(result.stderr.contains("converted from in to mm"), "{}", result.stderr);
     let left = run("merge named.obj inches.obj");
     assert_eq!(left.code, 1, "{}", left.stderr);
 }
 
-/// A patch that intersects itself is named, with the intersecting triangles of its file.
+/// A patch that intersects itself is reported, with the intersecting triangles of its file.
 #[test]
-fn self_intersecting_patch_is_named() {
+fn self_intersecting_patch_is_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
@@ -319,10 +319,10 @@ fn self_intersecting_patch_is_named() {
     text +=
         &format!("v 5 0 5\nv 12 0.3 9\nv 12 0.1 8.5\nf {} {} {}\n", vertices + 1, vertices + 2, vertices + 3);
     std::fs::write(path("b.obj"), text).expect("a file");
-    let said = planish(folder.path(), &["merge", "a.obj", "b.obj"]).ok();
-    assert!(said.stderr.contains("b.obj intersects itself"), "{}", said.stderr);
-    assert!(said.stderr.contains(&format!("and {faces} (counted from 0)")), "{}", said.stderr);
-    assert!(said.stderr.contains("the merged mesh does not intersect itself"), "{}", said.stderr);
+    let result = planish(folder.path(), &["merge", "a.obj", "b.obj"]).ok();
+    assert!(result.stderr.contains("b.obj intersects itself"), "{}", result.stderr);
+    assert!(result.stderr.contains(&format!("and {faces} (counted from 0)")), "{}", result.stderr);
+    assert!(result.stderr.contains("the merged mesh does not intersect itself"), "{}", result.stderr);
 }
 
 /// Objects of kilometres and of nanometres are merged like objects of millimetres.

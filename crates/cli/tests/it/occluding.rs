@@ -6,11 +6,11 @@ use crate::support::planish;
 #[test]
 fn commands_printed_by_the_scene_reconstruct_the_object() {
     let folder = tempfile::tempdir().expect("a folder");
-    let said =
+    let result =
         planish(folder.path(), &["simulate", "scene", "contours", "--views", "21", "--out", "scene"]).ok();
     let commands: Vec<&str> =
-        (said.stdout.lines()).filter_map(|line| line.strip_prefix("  planish ")).collect();
-    assert_eq!(commands.len(), 4, "{}", said.stdout);
+        (result.stdout.lines()).filter_map(|line| line.strip_prefix("  planish ")).collect();
+    assert_eq!(commands.len(), 4, "{}", result.stdout);
     let mut last = None;
     for command in commands {
         let mut args: Vec<&str> = command.split(' ').collect();
@@ -53,13 +53,17 @@ fn insufficient_views_are_refused() {
         )
     };
     write(&(0..3).map(view).collect::<String>());
-    let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
-    assert!(said.stderr.contains("view `v0`") && said.stderr.contains("needed a mask"), "{}", said.stderr);
-    let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.las"]);
-    assert!(said.stderr.contains(".ply"), "{}", said.stderr);
+    let result = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
+    assert!(
+        result.stderr.contains("view `v0`") && result.stderr.contains("needed a mask"),
+        "{}",
+        result.stderr
+    );
+    let result = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.las"]);
+    assert!(result.stderr.contains(".ply"), "{}", result.stderr);
     std::fs::write(folder.path().join("few.csv"), "x,y\n1,2\n3,4\n").expect("a file");
     write(&(0..2).map(|k| view(k) + "contours = \"few.csv\"\n").collect::<String>());
-    let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
-    assert!(said.stderr.contains("three views"), "{}", said.stderr);
+    let result = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
+    assert!(result.stderr.contains("three views"), "{}", result.stderr);
     assert!(!folder.path().join("points.ply").exists());
 }

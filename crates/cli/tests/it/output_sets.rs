@@ -94,8 +94,8 @@ fn a_name_that_is_too_long_is_refused_before_the_work() {
     let folder = tempfile::tempdir().expect("a folder");
     let name = format!("{}.ply", "long".repeat(70));
     let data = pebble("job.toml");
-    let said = planish(folder.path(), &["fit", &data, "-o", "a.step", "-o", &name]);
-    assert_eq!(said.code, 3, "{}", said.stderr);
-    assert!(said.stderr.contains("could not be written"), "{}", said.stderr);
+    let result = planish(folder.path(), &["fit", &data, "-o", "a.step", "-o", &name]);
+    assert_eq!(result.code, 3, "{}", result.stderr);
+    assert!(result.stderr.contains("could not be written"), "{}", result.stderr);
     assert!(contents(folder.path()).is_empty());
 }

@@ -28,12 +28,12 @@ fn prism_views_give_a_solid_whose_intervals_cover_the_true_sizes() {
     let at = folder.path();
     contours(at, 2);
     let args = ["solid", "front.json", "top.json", "side.json", "-o", "p.step", "-o", "p.json", "--json"];
-    let said = planish(at, &args).ok().json();
-    assert_eq!(said["solutions"][0]["faces"]["plane"], 5);
-    assert_eq!(json(&at.join("p.json"))["geometry"], said["geometry"]);
+    let result = planish(at, &args).ok().json();
+    assert_eq!(result["solutions"][0]["faces"]["plane"], 5);
+    assert_eq!(json(&at.join("p.json"))["geometry"], result["geometry"]);
     let step = std::fs::read_to_string(at.join("p.step")).expect("STEP");
     assert!(step.starts_with("ISO-10303-21;") && step.matches("PLANE(").count() == 5);
-    let dimensions = said["geometry"]["dimensions"].as_array().expect("dimensions");
+    let dimensions = result["geometry"]["dimensions"].as_array().expect("dimensions");
     assert_eq!(dimensions.len(), 3 + 9);
     let truths = [SIZE[0], SIZE[1], SIZE[2], SIZE[0].hypot(SIZE[2])];
     for dimension in dimensions {
@@ -42,7 +42,7 @@ fn prism_views_give_a_solid_whose_intervals_cover_the_true_sizes() {
         let off = truths.iter().map(|t| (t - value).abs()).fold(f64::INFINITY, f64::min);
         assert!(off < 4.0 * sigma && sigma > 0.01 && sigma < 0.3, "{dimension}");
     }
-    for vertex in said["geometry"]["vertices"].as_array().expect("vertices") {
+    for vertex in result["geometry"]["vertices"].as_array().expect("vertices") {
         assert!(
             vertex["sigma"].as_array().is_some_and(|s| s.iter().all(|s| s.as_f64() > Some(0.0))),
             "{vertex}"
@@ -107,7 +107,7 @@ fn prism_graphs_match_the_paper() {
 }
 
 #[test]
-fn inconsistent_views_are_named() {
+fn inconsistent_views_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     contours(at, 2);
@@ -145,7 +145,12 @@ fn inconsistent_views_are_named() {
         ),
         (&["a.dxf", "a.dxf", "--graphs", "g.dot"], "graphs are made of contours"),
     ] {
-        let said = planish(at, &[&["solid"], args].concat());
-        assert!(said.code == 2 && said.stderr.contains(says), "{args:?}: {} {}", said.code, said.stderr);
+        let result = planish(at, &[&["solid"], args].concat());
+        assert!(
+            result.code == 2 && result.stderr.contains(says),
+            "{args:?}: {} {}",
+            result.code,
+            result.stderr
+        );
     }
 }

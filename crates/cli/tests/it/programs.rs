@@ -6,7 +6,7 @@ use serde_json::Value;
 #[test]
 fn json_progress_has_one_object_per_line() {
     let folder = tempfile::tempdir().expect("a folder");
-    let said = planish(
+    let result = planish(
         folder.path(),
         &[
             "fit",
@@ -21,7 +21,7 @@ fn json_progress_has_one_object_per_line() {
         ],
     )
     .ok();
-    let events: Vec<Value> = (said.stderr.lines().filter(|line| line.starts_with('{')))
+    let events: Vec<Value> = (result.stderr.lines().filter(|line| line.starts_with('{')))
         .map(|line| serde_json::from_str(line).expect("an object"))
         .collect();
     let (last, progress) = events.split_last().expect("events");
@@ -36,14 +36,14 @@ fn json_progress_has_one_object_per_line() {
     let rms = progress.iter().filter_map(|event| event["rms"].as_f64()).next_back();
     assert!(rms.is_some_and(|rms| (0.1..0.4).contains(&rms)), "{rms:?}");
     // Stdout has only the result.
-    assert_eq!(said.json()["command"], "fit");
+    assert_eq!(result.json()["command"], "fit");
 }
 
 #[test]
 fn pipes_get_no_progress_unless_requested() {
     let folder = tempfile::tempdir().expect("a folder");
-    let said = planish(folder.path(), &["info", &pebble("job.toml")]).ok();
-    assert_eq!(said.stderr, "");
+    let result = planish(folder.path(), &["info", &pebble("job.toml")]).ok();
+    assert_eq!(result.stderr, "");
     let failed = planish(folder.path(), &["info", "gone.ply", "--progress", "json"]);
     let last = failed.stderr.lines().last().expect("a line");
     let event: Value = serde_json::from_str(last).expect("an object");

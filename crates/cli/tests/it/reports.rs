@@ -36,14 +36,14 @@ fn planned_views_are_marked_on_the_model() {
     )
     .ok();
     let sensor = repository().join("examples/data/camera.toml").display().to_string();
-    let said = planish(
+    let result = planish(
         folder.path(),
         &["next", "a.planish", "--views", "2", "--sensor", &sensor, "--report", "a.html", "--json"],
     )
     .ok()
     .json();
     let (page, scene) = read(folder.path(), "a.html");
-    let views = said["views"].as_array().expect("views");
+    let views = result["views"].as_array().expect("views");
     assert_eq!(scene["marks"].as_array().map(Vec::len), Some(views.len()));
     assert!(page.contains("fields of view") && page.contains("Views to take, in this order"));
     // Each line of sight goes from the surface to the sensor, so its ends and the sensor are collinear.
@@ -69,11 +69,11 @@ fn report_shows_a_shape_in_space_with_its_readings() {
         readings += &format!("{},0.01\n", line.replace(' ', ","));
     }
     std::fs::write(folder.path().join("points.csv"), readings).expect("a file");
-    let said = planish(
+    let result = planish(
         folder.path(),
         &["contour", "points.csv", "--kind", "sphere", "--report", "a.html", "--json"],
     );
-    assert_eq!(said.code, 0, "{}", said.stderr);
+    assert_eq!(result.code, 0, "{}", result.stderr);
     let (page, scene) = read(folder.path(), "a.html");
     assert!(page.contains("One sphere in 600 readings."));
     assert_eq!(scene["surfaces"][0]["name"], "sphere");
@@ -88,7 +88,7 @@ fn report_shows_displacements_of_a_fitted_mesh() {
     let octahedron = "v 10 0 0\nv -10 0 0\nv 0 10 0\nv 0 -10 0\nv 0 0 10\nv 0 0 -10\n\
                       f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n";
     std::fs::write(folder.path().join("start.obj"), octahedron).expect("a file");
-    let said = planish(
+    let result = planish(
         folder.path(),
         &[
             "shell",
@@ -103,8 +103,8 @@ fn report_shows_displacements_of_a_fitted_mesh() {
             "--json",
         ],
     );
-    assert_eq!(said.code, 0, "{}", said.stderr);
-    let said = said.json();
+    assert_eq!(result.code, 0, "{}", result.stderr);
+    let result = result.json();
     let (page, scene) = read(folder.path(), "a.html");
     let keys: Vec<&str> = (scene["surfaces"][0]["fields"].as_array().expect("fields").iter())
         .filter_map(|field| field["key"].as_str())
@@ -112,14 +112,14 @@ fn report_shows_displacements_of_a_fitted_mesh() {
     assert_eq!(keys, ["sigma", "observed", "moved"]);
     assert_eq!(scene["surfaces"][1]["name"], "mesh that was given");
     assert!(page.contains("points that were read") && page.contains("<td>points</td>"));
-    let outputs = said["outputs"].as_array().expect("outputs");
+    let outputs = result["outputs"].as_array().expect("outputs");
     assert!(outputs.iter().any(|output| output == "a.html"));
 }
 
 #[test]
 fn report_shows_curves_of_a_simulated_sphere() {
     let folder = tempfile::tempdir().expect("a folder");
-    let said = planish(
+    let result = planish(
         folder.path(),
         &[
             "simulate",
@@ -141,7 +141,7 @@ fn report_shows_curves_of_a_simulated_sphere() {
     .json();
     let (page, scene) = read(folder.path(), "a.html");
     assert!(scene.is_null());
-    let rows = said["rows"].as_array().expect("rows").len();
+    let rows = result["rows"].as_array().expect("rows").len();
     let table = page.split("<tbody>").nth(1).and_then(|rest| rest.split("</tbody>").next()).expect("a table");
     assert_eq!(table.matches("<tr>").count(), rows);
     assert!(page.contains("<svg") && page.contains("<polyline"));

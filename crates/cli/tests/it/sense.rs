@@ -44,11 +44,11 @@ fn stereo_pair_gives_points_and_disparities() {
         );
         planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok().json()
     };
-    let said = run("1", "a.ply");
+    let result = run("1", "a.ply");
     run("2", "b.ply");
-    assert_eq!((said["command"].as_str(), said["unit"].as_str()), (Some("sense stereo"), Some("mm")));
-    assert_eq!(said["termination"], "converged");
-    let points = said["observations"].as_u64().expect("a count") as usize;
+    assert_eq!((result["command"].as_str(), result["unit"].as_str()), (Some("sense stereo"), Some("mm")));
+    assert_eq!(result["termination"], "converged");
+    let points = result["observations"].as_u64().expect("a count") as usize;
     assert!(points > COLUMNS * ROWS / 2, "{points}");
     let read = |name: &str| std::fs::read(folder.path().join(name)).expect("a file");
     assert!(read("a.ply") == read("b.ply"), "threads change the points");
@@ -72,12 +72,12 @@ fn normal_map_and_depth_image_give_points() {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).expect("a file");
     write("n.ppm", b"P3 2 1 255 128 128 255 0 0 0");
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok().json();
-    let said = run("sense photometric n.ppm --normal-map 2.5 -o n.ply -o n.tif --json");
+    let result = run("sense photometric n.ppm --normal-map 2.5 -o n.ply -o n.tif --json");
     assert_eq!(
-        (said["observations"].as_u64(), said["rejected"]["undetermined"].as_u64()),
+        (result["observations"].as_u64(), result["rejected"]["undetermined"].as_u64()),
         (Some(1), Some(1))
     );
-    assert_eq!(said["sigma_n_deg"]["median"], 2.5);
+    assert_eq!(result["sigma_n_deg"]["median"], 2.5);
     let mut depth = b"\x93NUMPY\x01\x00".to_vec();
     let header = "{'descr': '<u2', 'fortran_order': False, 'shape': (1, 20)}\n";
     depth.extend((header.len() as u16).to_le_bytes());
@@ -85,9 +85,12 @@ fn normal_map_and_depth_image_give_points() {
     depth.extend((0..20_u16).flat_map(|k| (if k == 3 { 0 } else { 1000 + k }).to_le_bytes()));
     write("d.npy", &depth);
     write("d.toml", b"unit = \"m\"\nfx = 500\nfy = 500\ncx = 10\ncy = 0\nscale = 0.001\nsigma_a = 0.002\n");
-    let said = run("sense depth d.npy -o d.ply --json");
-    assert_eq!((said["observations"].as_u64(), said["rejected"]["no_reading"].as_u64()), (Some(19), Some(1)));
-    assert_eq!(said["inputs"].as_array().map(Vec::len), Some(2));
+    let result = run("sense depth d.npy -o d.ply --json");
+    assert_eq!(
+        (result["observations"].as_u64(), result["rejected"]["no_reading"].as_u64()),
+        (Some(19), Some(1))
+    );
+    assert_eq!(result["inputs"].as_array().map(Vec::len), Some(2));
 }
 
 #[test]
@@ -99,12 +102,12 @@ fn simulated_grid_gives_points_normals_and_curvatures() {
         (scene["command"].as_str(), scene["unit"].as_str()),
         (Some("simulate scene grid"), Some("mm"))
     );
-    let said =
+    let result =
         run("sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o s/grid-1.ply --json")
             .json();
-    let found = said["observations"].as_u64().expect("a count");
+    let found = result["observations"].as_u64().expect("a count");
     assert!(found > 40, "{found}");
-    assert!(said["sigma_px"]["median"].as_f64().expect("a number") < 0.3);
+    assert!(result["sigma_px"]["median"].as_f64().expect("a number") < 0.3);
     let info = run("info s/grid-1.ply").stdout;
     assert!(info.contains("sigma_n_deg") && info.contains("k1 k2"), "{info}");
     // Points and the curvatures computed from them would count the same measurements twice.
@@ -142,8 +145,13 @@ fn errors_are_reported_before_anything_is_written() {
         ("sense grid left.pgm -o p.ply", 2, "--calib"),
         ("sense depth left.pgm --calib misspelt.toml -o p.ply", 2, "misspelt.toml"),
     ] {
-        let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
-        assert!(said.code == code && said.stderr.contains(words), "{line}: {} {}", said.code, said.stderr);
+        let result = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+        assert!(
+            result.code == code && result.stderr.contains(words),
+            "{line}: {} {}",
+            result.code,
+            result.stderr
+        );
         assert_eq!(names(folder.path()), before, "{line}");
     }
 }
@@ -178,6 +186,6 @@ fn points_are_in_the_frame_of_the_calibration() {
     let behind = text.replace("[-1070, 0, 0]", "[-1000, 0, -70]");
     std::fs::write(folder.path().join("views.toml"), behind).expect("a file");
     let line = "sense stereo left.pgm right.pgm --calib views.toml -o c.ply";
-    let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
-    assert!(said.code == 2 && said.stderr.contains("epipole"), "{}", said.stderr);
+    let result = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
+    assert!(result.code == 2 && result.stderr.contains("epipole"), "{}", result.stderr);
 }

@@ -37,19 +37,22 @@ fn open_mesh_has_a_closed_shell_and_no_offset() {
         "s.off",
         "--json",
     ];
-    let said = planish(folder.path(), &args).ok().json();
-    assert!(said["watertight"] == true && said["manifold"] == true && said["components"] == 1, "{said}");
-    assert!(said["deviation_max"].as_f64().expect("a number") < 0.2, "{said}");
+    let result = planish(folder.path(), &args).ok().json();
+    assert!(
+        result["watertight"] == true && result["manifold"] == true && result["components"] == 1,
+        "{result}"
+    );
+    assert!(result["deviation_max"].as_f64().expect("a number") < 0.2, "{result}");
     let faces = lines(folder.path(), "s.off", "3").len() as u64;
-    assert_eq!(faces, said["triangles"].as_u64().expect("a number"));
-    let said = planish(
+    assert_eq!(faces, result["triangles"].as_u64().expect("a number"));
+    let result = planish(
         folder.path(),
         &["shell", "mesh", "a.obj", "--surface", "offset", "--offset", "1", "-o", "o.ply"],
     );
     assert!(
-        said.code == 1 && said.stderr.contains("a.obj") && said.stderr.contains("open edges"),
+        result.code == 1 && result.stderr.contains("a.obj") && result.stderr.contains("open edges"),
         "{}",
-        said.stderr
+        result.stderr
     );
     assert!(!folder.path().join("o.ply").exists());
 }
@@ -68,8 +71,8 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
         "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "bottom", "-o", "b.obj", "-o", "b.glb",
         "--json",
     ];
-    let said = planish(folder.path(), &args).ok().json();
-    assert!(said["poses"][0]["moved"] == 1 && said["rigid"][0]["vertices"] == 3, "{said}");
+    let result = planish(folder.path(), &args).ok().json();
+    assert!(result["poses"][0]["moved"] == 1 && result["rigid"][0]["vertices"] == 3, "{result}");
     let of = |name: &str, word: &str| numbers(folder.path(), name, word);
     assert_eq!(of("a.obj", "vt"), of("b.obj", "vt"));
     assert_eq!(lines(folder.path(), "a.obj", "f"), lines(folder.path(), "b.obj", "f"));
@@ -80,21 +83,21 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
     assert!((length(&before) - length(&after)).abs() < 1e-9);
     let glb = std::fs::read(folder.path().join("b.glb")).expect("a file");
     assert!(glb.starts_with(b"glTF"));
-    let said = planish(
+    let result = planish(
         folder.path(),
         &["shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "head", "-o", "c.glb"],
     );
     assert!(
-        said.code == 2 && said.stderr.contains("`head`") && said.stderr.contains("bottom, sides"),
+        result.code == 2 && result.stderr.contains("`head`") && result.stderr.contains("bottom, sides"),
         "{}",
-        said.stderr
+        result.stderr
     );
     write("p.toml", "[[pose]]\nname = \"up\"\nmove = [{ control = 99, by = [0, 0, 5] }]\n");
-    let said = planish(folder.path(), &["shell", "pose", "a.obj", "--poses", "p.toml", "-o", "c.glb"]);
+    let result = planish(folder.path(), &["shell", "pose", "a.obj", "--poses", "p.toml", "-o", "c.glb"]);
     assert!(
-        said.code == 2 && said.stderr.contains("pose `up`") && said.stderr.contains("found 99"),
+        result.code == 2 && result.stderr.contains("pose `up`") && result.stderr.contains("found 99"),
         "{}",
-        said.stderr
+        result.stderr
     );
 }
 
@@ -102,8 +105,8 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
 fn shell_scene_has_all_inputs_of_shell_fit() {
     let folder = tempfile::tempdir().expect("a folder");
     let args = ["simulate", "scene", "shell", "--out", "bent", "--points", "500", "--views", "2", "--json"];
-    let said = planish(folder.path(), &args).ok().json();
-    assert_eq!(said["rows"], 500);
+    let result = planish(folder.path(), &args).ok().json();
+    assert_eq!(result["rows"], 500);
     for name in
         ["mesh.obj", "points.ply", "truth.ply", "truth.json", "views.toml", "mask01.png", "mask02.png"]
     {
@@ -148,9 +151,9 @@ fn sequence_is_fitted_frame_by_frame() {
         "moved.ply",
         "--json",
     ];
-    let said = planish(folder.path(), &args).ok().json();
-    let frames = said["frames"].as_array().expect("frames");
-    assert_eq!(frames.len(), 2, "{said}");
+    let result = planish(folder.path(), &args).ok().json();
+    let frames = result["frames"].as_array().expect("frames");
+    assert_eq!(frames.len(), 2, "{result}");
     for (frame, name) in frames.iter().zip(["a", "b"]) {
         // σ of points is 0.2 % of some 173 mm; a pixel is about half a millimetre.
         let rms = frame["rms_points"].as_f64().expect("a number");
@@ -161,8 +164,8 @@ fn sequence_is_fitted_frame_by_frame() {
     // The first frame has no predecessor, so it has no surprise value.
     assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
     std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
-    let said = planish(folder.path(), &args);
-    assert!(said.code == 2 && said.stderr.contains("needed views.toml or points.*"), "{}", said.stderr);
+    let result = planish(folder.path(), &args);
+    assert!(result.code == 2 && result.stderr.contains("needed views.toml or points.*"), "{}", result.stderr);
     let args =
         ["shell", "fit", "frames/a/mesh.obj", "--sequence", "frames", "--points", "frames/a/points.ply"];
     assert_eq!(planish(folder.path(), &args).code, 2);
@@ -206,17 +209,21 @@ fn mesh_is_coloured_from_images() {
         "c.ply",
         "--json",
     ];
-    let said = planish(folder.path(), &args).ok().json();
+    let result = planish(folder.path(), &args).ok().json();
     // The boundary of the sheet is at a depth edge.
     assert!(
-        said["vertices"] == 81 && said["seen"] == 49 && said["filled"] == 32 && said["texture"].is_null(),
-        "{said}"
+        result["vertices"] == 81
+            && result["seen"] == 49
+            && result["filled"] == 32
+            && result["texture"].is_null(),
+        "{result}"
     );
-    assert!(said["views"][0]["view"] == "p" && said["views"][0]["seen"] == 49, "{said}");
-    let said = planish(folder.path(), &["info", "c.ply"]).ok();
-    assert!(said.stdout.contains("81"), "{}", said.stdout);
-    let said = planish(folder.path(), &["shell", "texture", "a.obj", "--views", "views.toml", "-o", "c.stl"]);
-    assert!(said.code == 2 && said.stderr.contains(".obj (with a texture)"), "{}", said.stderr);
+    assert!(result["views"][0]["view"] == "p" && result["views"][0]["seen"] == 49, "{result}");
+    let result = planish(folder.path(), &["info", "c.ply"]).ok();
+    assert!(result.stdout.contains("81"), "{}", result.stdout);
+    let result =
+        planish(folder.path(), &["shell", "texture", "a.obj", "--views", "views.toml", "-o", "c.stl"]);
+    assert!(result.code == 2 && result.stderr.contains(".obj (with a texture)"), "{}", result.stderr);
 }
 
 /// Writes an OBJ file with its vertices scaled and moved.
@@ -233,10 +240,10 @@ fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
     std::fs::write(folder.join(to), lines.join("\n")).expect("written");
 }
 
-/// Meshes in another unit or far away are refused, and odd views are named. An unused vertex far away and
-/// duplicate faces change little.
+/// Meshes in another unit or far away are refused, and unusual views are reported. An unused vertex far away
+/// and duplicate faces change little.
 #[test]
-fn implausible_inputs_are_named() {
+fn implausible_inputs_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     planish(at, &["simulate", "scene", "shell", "--out", "bent", "--points", "3000", "--views", "3"]).ok();
@@ -249,12 +256,12 @@ fn implausible_inputs_are_named() {
     for (mesh, words) in
         [("bent/metres.obj", "needed one unit"), ("bent/far.obj", "bring both into one frame")]
     {
-        let said = fit(mesh, &[]);
-        assert!(said.code == 1 && said.stderr.contains(words), "{mesh}: {}", said.stderr);
+        let result = fit(mesh, &[]);
+        assert!(result.code == 1 && result.stderr.contains(words), "{mesh}: {}", result.stderr);
     }
     let plain = fit("bent/mesh.obj", &[]).ok();
     assert!(!plain.stderr.contains("fold"), "{}", plain.stderr);
-    let rms = |said: &serde_json::Value| said["rms_points"].as_f64().expect("a number");
+    let rms = |result: &serde_json::Value| result["rms_points"].as_f64().expect("a number");
     let wanted = rms(&plain.json());
     let text = std::fs::read_to_string(at.join("bent/mesh.obj")).expect("a file");
     let faces: Vec<&str> = text.lines().filter(|line| line.starts_with("f ")).collect();
@@ -273,9 +280,9 @@ fn implausible_inputs_are_named() {
     );
     assert_ne!(larger, views);
     std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
-    let said = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
-    assert!(said.stderr.contains("The camera's axis meets the picture at 1278, 958"), "{}", said.stderr);
-    assert!(said.stderr.contains("view mask01: the mesh hardly appears in its mask"), "{}", said.stderr);
+    let result = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
+    assert!(result.stderr.contains("The camera's axis meets the picture at 1278, 958"), "{}", result.stderr);
+    assert!(result.stderr.contains("view mask01: the mesh hardly appears in its mask"), "{}", result.stderr);
     let odd = planish(
         at,
         &["shell", "fit", "bent/mesh.obj", "--points", "bent/points.ply", "--family", "stray.obj"],

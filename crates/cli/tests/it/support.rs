@@ -15,13 +15,13 @@ pub fn pebble(name: &str) -> String {
 }
 
 /// The output of a command.
-pub struct Said {
+pub struct RunOutput {
     pub code: i32,
     pub stdout: String,
     pub stderr: String,
 }
 
-impl Said {
+impl RunOutput {
     pub fn new(output: Output) -> Self {
         Self {
             code: output.status.code().expect("an exit code"),
@@ -52,8 +52,8 @@ pub fn command<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Command 
 }
 
 /// Runs the command in a folder.
-pub fn planish<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Said {
-    Said::new(command(folder, args).output().expect("planish runs"))
+pub fn planish<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> RunOutput {
+    RunOutput::new(command(folder, args).output().expect("planish runs"))
 }
 
 /// Sorted names of all files in a folder.

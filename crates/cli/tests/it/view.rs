@@ -9,15 +9,15 @@ use std::process::{Child, Stdio};
 #[test]
 fn image_is_written_and_described() {
     let folder = tempfile::tempdir().expect("a folder");
-    let said = planish(
+    let result = planish(
         folder.path(),
         &["view", &pebble("truth.ply"), "-o", "a.png", "--camera=-30,20", "--size", "200x150", "--json"],
     )
     .ok()
     .json();
-    assert_eq!(said["color"], "plain");
-    assert_eq!(said["size"], serde_json::json!([200, 150]));
-    assert!(said["covered"].as_f64().is_some_and(|covered| (0.2..0.8).contains(&covered)));
+    assert_eq!(result["color"], "plain");
+    assert_eq!(result["size"], serde_json::json!([200, 150]));
+    assert!(result["covered"].as_f64().is_some_and(|covered| (0.2..0.8).contains(&covered)));
     assert_eq!(names(folder.path()), ["a.png"]);
     let bytes = std::fs::read(folder.path().join("a.png")).expect("a picture");
     assert!(bytes.starts_with(b"\x89PNG"));
@@ -49,7 +49,7 @@ fn page_is_written_on_request() {
 }
 
 #[test]
-fn wrong_use_is_named() {
+fn unsupported_options_and_formats_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     for (args, words) in [
         (&["-o", "a.jpg"][..], "a picture (.png) or as a page (.html)"),
@@ -60,11 +60,11 @@ fn wrong_use_is_named() {
     ] {
         let truth = pebble("truth.ply");
         let args: Vec<&str> = ["view", &truth].into_iter().chain(args.iter().copied()).collect();
-        let said = planish(folder.path(), &args);
-        assert_eq!(said.code, 2, "{args:?}: {}", said.stderr);
-        let is_named = said.stderr.contains(words)
-            || words == "--color" && said.stderr.contains("no sigma to colour by");
-        assert!(is_named, "{args:?}: {}", said.stderr);
+        let result = planish(folder.path(), &args);
+        assert_eq!(result.code, 2, "{args:?}: {}", result.stderr);
+        let is_named = result.stderr.contains(words)
+            || words == "--color" && result.stderr.contains("no sigma to colour by");
+        assert!(is_named, "{args:?}: {}", result.stderr);
     }
     assert!(names(folder.path()).is_empty());
 }
@@ -121,22 +121,22 @@ fn page_is_served_locally_until_ctrl_c() {
             .status()
             .expect("kill runs");
         assert!(stopped.success());
-        let mut said = String::new();
+        let mut result = String::new();
         let mut stdout = served.0.stdout.take().expect("stdout");
-        stdout.read_to_string(&mut said).expect("a summary");
+        stdout.read_to_string(&mut result).expect("a summary");
         assert!(served.0.wait().expect("an end").success());
-        let said: Value = serde_json::from_str(&said).expect("JSON");
-        assert_eq!(said["requests"], 1);
+        let result: Value = serde_json::from_str(&result).expect("JSON");
+        assert_eq!(result["requests"], 1);
         assert!(TcpStream::connect(address).is_err(), "the server is gone");
     }
 }
 
 #[test]
-fn port_in_use_is_named() {
+fn port_in_use_is_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let port = taken.local_addr().expect("a port").port().to_string();
-    let said = planish(folder.path(), &["view", &pebble("truth.ply"), "--no-open", "--port", &port]);
-    assert_eq!(said.code, 3, "{}", said.stderr);
-    assert!(said.stderr.contains(&port) && said.stderr.contains("--port"), "{}", said.stderr);
+    let result = planish(folder.path(), &["view", &pebble("truth.ply"), "--no-open", "--port", &port]);
+    assert_eq!(result.code, 3, "{}", result.stderr);
+    assert!(result.stderr.contains(&port) && result.stderr.contains("--port"), "{}", result.stderr);
 }

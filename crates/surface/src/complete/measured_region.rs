@@ -5,7 +5,7 @@ use planish_estimate::vector3::{dot, sub};
 use std::collections::HashMap;
 
 /// Smallest cosine between normals on the same side of an object.
-const SAME_SIDE: f64 = 0.3;
+const MIN_SIDE_COSINE: f64 = 0.3;
 
 /// The readings of a cloud in a grid of cells.
 pub(crate) struct MeasuredRegion<'a> {
@@ -27,12 +27,13 @@ impl<'a> MeasuredRegion<'a> {
     /// True if a reading lies within reach of `p` on the same side.
     pub(crate) fn contains(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
         let [x, y, z] = cell(p, self.reach);
+        // Cells are as wide as the reach, so a cell and its neighbours contain every reading within it.
         (0..27).any(|k| {
             let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
             self.cells.get(&there).into_iter().flatten().any(|&i| {
                 let i = i as usize;
                 let d = sub(self.readings.points[i], p);
-                dot(d, d) <= self.reach * self.reach && dot(self.readings.normal(i), normal) > SAME_SIDE
+                dot(d, d) <= self.reach * self.reach && dot(self.readings.normal(i), normal) > MIN_SIDE_COSINE
             })
         })
     }

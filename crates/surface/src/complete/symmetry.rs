@@ -12,7 +12,7 @@ use planish_spline::{Facets, FittedSymmetry, Symmetry, SymmetryKind, fit_symmetr
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// No copies are made within this distance of a reading, in sides of a facet of the cloud.
+/// No copies are made within this distance of a reading, in sides of a facet of the cloud. See decision 0017.
 const MEASURED_REACH: f64 = 0.5;
 /// Largest number of copies. If there would be more, only every Nth reading is copied.
 const MAX_COPIES: usize = 60_000;
@@ -128,6 +128,7 @@ pub fn complete_by_symmetry(
     let Some(found) = found else {
         return Ok(SymmetryCompletion { symmetry: SymmetryReport::none(), pseudo_readings: 0 });
     };
+    // Copies come before the first fit, so that the starting surface is chosen for the completed object.
     let copies = cloud.copies(observations, &found);
     observations.add_inferred(&copies);
     Ok(SymmetryCompletion {
@@ -144,6 +145,8 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
         SymmetryKind::Mirror { .. } => "a mirror plane".to_owned(),
     };
     let advice = "omit the symmetry, state another, or let it be detected";
+    // A requested symmetry that the readings do not support is an error: a vessel with a wrong half looks
+    // as good as a right one (decision 0016).
     let Some(found) = found else {
         return Err(Error::undetermined(format!(
             "the readings do not place {what}: no part of them meets the image of another; {advice}"
@@ -211,6 +214,7 @@ impl Cloud {
         let turns = self.turns(found);
         // Evenly spread over the readings, so that all parts are completed.
         let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
+        // Unmeasured parts may depart from the symmetry as much as the compared ones.
         let doubt = found.departure * found.departure;
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {

@@ -121,6 +121,8 @@ impl Patches {
         let [nu, nv] = [0, 1].map(|d| self.spans(patch, d));
         let [i0, j0] = [0, 1].map(|d| self.cuts[d][patch[d]] << level);
         let (n_u, n_v) = (nu + 3, nv + 3);
+        // Windows of neighbouring cells overlap. Their coefficients agree at the level of the patch, so the
+        // order of writing does not matter.
         let mut poles = vec![[0.0; 3]; n_u * n_v];
         for j in 0..nv {
             for i in 0..nu {
@@ -131,6 +133,7 @@ impl Patches {
                 }
             }
         }
+        // Clamping acts along one direction at a time, as the tensor product allows.
         for row in 0..n_v {
             clamp_ends(&mut poles, row, n_v, n_u);
         }
@@ -226,6 +229,7 @@ impl Sewing<'_> {
         let [nu, nv] = self.patches.count();
         for b in 0..lv {
             for a in 0..lu {
+                // All grid lines along v meet in one vertex at a pole.
                 if self.is_pole(b) && a > 0 {
                     self.vertices.push(self.vertices[b * lu]);
                     continue;

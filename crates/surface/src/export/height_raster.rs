@@ -23,7 +23,8 @@ use rayon::prelude::*;
 /// Largest number of cells of a raster: three gigabytes before compression.
 pub const MAX_CELLS: f64 = 4e8;
 
-/// Largest σ of a height, in medians of all σ. Heights above it are extrapolation by the prior.
+/// Largest σ of a height, in medians of all σ. Heights above it are extrapolation by the prior. See decision
+/// 0040.
 pub const MAX_MEDIANS: f64 = 30.0;
 
 /// Largest share of cells under an overhang. They are left empty; more of them refuse the raster.
@@ -245,6 +246,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
         let (leaf, local) = space.locate(at[0], at[1]);
         let jet = surface.leaf_jet(leaf, local[0], local[1]);
         let [rx, ry] = [x - jet.point[0], y - jet.point[1]];
+        // Cramer's rule: where the sheet is vertical, the determinant is zero and the step is not finite.
         let determinant = jet.du[0] * jet.dv[1] - jet.du[1] * jet.dv[0];
         let step = [
             (rx * jet.dv[1] - ry * jet.dv[0]) / determinant,
@@ -262,6 +264,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
                 leaf: leaf as u32,
                 local,
                 normal: jet.normal()?,
+                // The last step is added to first order; its square is negligible.
                 height: jet.point[2] + jet.du[2] * step[0] + jet.dv[2] * step[1],
             });
         }
@@ -309,6 +312,7 @@ impl Extent {
     fn of_measured_leaves(surface: &Surface, observed: &[Observed]) -> Result<Self> {
         let (mut low, mut high, mut area) = ([f64::MAX; 2], [f64::MIN; 2], 0.0);
         for leaf in (0..observed.len()).filter(|&leaf| observed[leaf].is_measured()) {
+            // Corners, middles of sides and the centre, since a border may bulge between the corners.
             for k in 0..9 {
                 let [s, t] = [k % 3, k / 3].map(|c| 0.5 * f64::from(c));
                 let p = surface.leaf_point(leaf, s, t);

@@ -82,7 +82,7 @@ pub struct PlacedMesh {
     pub local: Vec<[f64; 2]>,
 }
 
-/// A mesh of a model with at most about `most` triangles, with the parameters of its vertices.
+/// A mesh of a model with at most about `max_triangles` triangles, with the parameters of its vertices.
 ///
 /// # Errors
 /// As for [`mesh_from_model`].
@@ -90,9 +90,9 @@ pub fn placed_mesh(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
-    most: u64,
+    max_triangles: u64,
 ) -> Result<PlacedMesh> {
-    placed_mesh_of_size(model, posterior, tolerance, [most; 2])
+    placed_mesh_of_size(model, posterior, tolerance, [max_triangles; 2])
 }
 
 /// [`mesh_from_model`] with other limits of triangles: without and with a requested tolerance.
@@ -100,25 +100,26 @@ fn mesh_of_size(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
-    most: [u64; 2],
+    max_triangles: [u64; 2],
 ) -> Result<ModelMesh> {
-    placed_mesh_of_size(model, posterior, tolerance, most).map(|placed| placed.mesh)
+    placed_mesh_of_size(model, posterior, tolerance, max_triangles).map(|placed| placed.mesh)
 }
 
 fn placed_mesh_of_size(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
-    [most_by_default, most]: [u64; 2],
+    [max_by_default, max_triangles]: [u64; 2],
 ) -> Result<PlacedMesh> {
     let mut findings = Vec::new();
     let unit = model.unit;
-    let (wanted, most) = match tolerance {
-        Some(tolerance) => (tolerance, most),
-        None => (0.5 * median_sigma(model, posterior)?, most_by_default),
+    let (wanted, max_triangles) = match tolerance {
+        Some(tolerance) => (tolerance, max_triangles),
+        // Added in quadrature, a chord error of σ/2 makes σ 12 % larger at most.
+        None => (0.5 * median_sigma(model, posterior)?, max_by_default),
     };
     // The tolerance is enlarged before the surface is divided: the number of triangles can be predicted.
-    let affordable = affordable_tolerance(&model.surface, wanted, most)?;
+    let affordable = affordable_tolerance(&model.surface, wanted, max_triangles)?;
     if affordable > wanted {
         let goal = match tolerance {
             Some(_) => format!("the requested {wanted:.2e} {unit}"),
@@ -126,7 +127,7 @@ fn placed_mesh_of_size(
         };
         let text = format!(
             "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more \
-             than {most} triangles"
+             than {max_triangles} triangles"
         );
         findings.push(match tolerance {
             Some(_) => Finding::new(FindingCode::MeshTriangleLimit, text),
@@ -164,19 +165,20 @@ fn placed_mesh_of_size(
     })
 }
 
-/// The given tolerance, enlarged until a mesh within it has at most `most_triangles` triangles.
+/// The given tolerance, enlarged until a mesh within it has at most `max_triangles` triangles.
 ///
 /// # Errors
 /// `Input` for a tolerance that is not positive.
-pub fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64) -> Result<f64> {
+pub fn affordable_tolerance(surface: &Surface, wanted: f64, max_triangles: u64) -> Result<f64> {
     let mut tolerance = wanted;
     // A leaf takes at least two triangles, so a limit below that could never be met.
     loop {
         let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
-        if min_triangles(surface, &options)? <= most_triangles.max(2 * surface.space().leaves().len() as u64)
-        {
+        if min_triangles(surface, &options)? <= max_triangles.max(2 * surface.space().leaves().len() as u64) {
             return Ok(tolerance);
         }
+        // The number of triangles is about inversely proportional to the chord error, so steps of 25 % use
+        // at least 80 % of the limit.
         tolerance *= 1.25;
     }
 }

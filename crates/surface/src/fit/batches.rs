@@ -27,9 +27,13 @@ use planish_spline::{DirectedSums, FootPointSearch, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Readings for each allowed control vertex; more of them do not change the shape that is found.
+/// Readings for each allowed control vertex; more of them do not change the shape that is found
+/// (decision 0011).
 const READINGS_PER_COEFFICIENT: usize = 64;
-/// Fewest readings of a batch that is worth its overhead, and the largest number of batches.
+/// Minimum number of readings of a batch, for its overhead, and the maximum number of batches.
+///
+/// The batch of a point is one byte, of which [`LEFT_OUT`] takes one value: a billion points need a gigabyte
+/// of marks, not eight.
 const MIN_BATCH: usize = 100_000;
 const MAX_BATCHES: usize = 255;
 
@@ -62,7 +66,7 @@ impl<'a> Batches<'a> {
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
             .sum();
-        // Fewer than three batches would save little memory beside one fit of all readings.
+        // Fewer than three batches would save little memory compared with one fit of all readings.
         let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(MIN_BATCH);
         let count = loose.div_ceil(size).min(MAX_BATCHES);
         if count < 3 {
@@ -78,6 +82,8 @@ impl<'a> Batches<'a> {
                     .collect(),
             })
             .collect();
+        // The ground is found among all points: in a batch, which is a sample, the lowest point of a raster
+        // cell often lies above the ground.
         let mut rejected = BTreeMap::new();
         if let Some(ground) = ground {
             for (posed, batch) in
@@ -144,6 +150,7 @@ fn scan_of_batch(scan: &Scan, part: &[u8], number: u8) -> Scan {
         grid: None,
         viewing: scan.viewing,
         world_from_scanner: scan.world_from_scanner,
+        // Counted for the scan once, not for each batch.
         dropped_not_finite: if number == 0 { scan.dropped_not_finite } else { 0 },
     }
 }
@@ -164,6 +171,7 @@ fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
             (x | y << 1 | z << 2, k as u32)
         })
         .collect();
+    // Point numbers break ties, so the order does not depend on the threads.
     numbers.par_sort_unstable();
     numbers.into_iter().map(|(_, k)| k).collect()
 }
@@ -178,6 +186,8 @@ fn spread(x: u32) -> u32 {
 
 /// A repeatable number for coordinates.
 fn hash(p: &[f64; 3], seed: u64) -> u64 {
+    // Constants of SplitMix64 (Steele, Lea & Flood 2014), whose output bits all depend on all input bits:
+    // points of one scan line must not fall into one batch.
     let mut x = seed ^ 0x9E37_79B9_7F4A_7C15;
     for c in p {
         x = (x ^ c.to_bits()).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -210,6 +220,7 @@ fn prepared(
     options: &FitOptions,
 ) -> Result<(Observations, Vec<u32>)> {
     let options = ObservationOptions {
+        // The held-out readings of the first batch judge the fit.
         held_out_share: 0.0,
         ground: None,
         unprocessed: true,
@@ -219,6 +230,7 @@ fn prepared(
     let mut observations = observe(&set, &options)?;
     observations.move_origin(origin);
     observations.scan_errors = first.scan_errors.clone();
+    // The first batch has moved the scans, and these readings belong to the same scans.
     let motions = observations.scan_errors.motions();
     observations.move_scans(&motions);
     let order = neighbours_together(&observations.readings.points);
@@ -248,6 +260,7 @@ impl AddedBatches {
         let feet = project(surface, observations, subset, &mut at, Some(search), &noise.variance_factors);
         let information =
             weights(ProjectedReadings { observations, subset, feet: &feet }, noise, gate, false);
+        // Moments of a leaf cost a third of the sums over products of weights (decision 0011).
         add_up(sums, surface, &feet, &information);
         // Normals and curvatures have rows of their own, which directed sums of positions cannot hold.
         if feet.iter().any(|foot| foot.quantity != Quantity::Position) {
@@ -300,6 +313,7 @@ pub(super) fn add_batches(
     let mut sums = DirectedSums::new(surface.space());
     // The next batch is prepared by one thread while this one is projected by the others.
     let mut coming = Some(prepared(batches, 1, first, origin, options));
+    // Batch 0 is part of the converged surface already.
     for number in 1..batches.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / batches.count as f64)?;
         progress.items(added.total, "readings");
@@ -312,10 +326,13 @@ pub(super) fn add_batches(
         added?;
         coming = next;
     }
+    // The sparse matrix is assembled once, from sums over all batches: each batch touches every leaf again.
     added.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
     let information = weights(converged.readings(first), &converged.noise, options.gate, false);
     // Poses stay where the first batch put them: the sums of the other batches were made with them.
+    // One step: the sample has moved the surface to within its σ, where information linearised at it is
+    // valid.
     let step = normal_step(
         &StepInput {
             system: &converged.system,
@@ -392,7 +409,7 @@ mod tests {
     /// Four batches must give what one would: every reading counts once, and σ is as small and as true as all
     /// of them make it.
     #[test]
-    fn a_cloud_in_batches_is_fitted_as_if_it_were_whole() {
+    fn batches_give_the_same_surface_as_one_fit_of_all_readings() {
         let set = set();
         let fitted = |max_coefficients, threads| {
             let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients, ..FitOptions::default() };

@@ -52,13 +52,15 @@ use std::sync::Arc;
 
 /// Relative σ of lengths along a sheet.
 ///
-/// Paper tears at a strain of 1 to 3 % and steel yields at 0.2 %; bending by hand strains them far less.
+/// Paper tears at a strain of 1 to 3 % and steel yields at 0.2 %; bending by hand strains them far less. See
+/// decision 0020.
 const SIGMA_STRETCH: f64 = 1e-3;
 /// Cells are divided while residuals exceed noise by the factor [`DIVIDED_ABOVE`], at most this many times.
 const MAX_DIVISIONS: usize = 2;
 const DIVIDED_ABOVE: f64 = 1.05;
 /// Limits beyond which a state is reported as stretched: relative change of E, F or G; residuals over their
-/// noise; share of the readings beyond the border.
+/// noise; share of the readings beyond the border. See decision 0020 for the stretches that they
+/// detect.
 const MAX_CHANGE: f64 = 0.01;
 const MAX_MISFIT: f64 = 1.2;
 const MAX_BEYOND: f64 = 0.005;
@@ -81,6 +83,7 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let first = fit(&first_scans, &still, &ProgressPart::new(progress, 0.0, 0.3))?;
     refuse_other_than_sheet(set, &states[0], first.model.surface.space().shape())?;
     let mut reference = first.model.surface.clone();
+    // Lengths belong to the cells over which they are measured, so finer cells follow all states anew.
     for divisions in 0.. {
         let from = 0.3 + 0.2 * divisions as f64;
         let part = ProgressPart::new(progress, from, from + 0.2);
@@ -178,6 +181,7 @@ fn follow(
         // Marks come before the figures, since these are taken over measured parts only.
         lengths.carry_into(&mut made, &held);
         let figures = lengths.judge(&scans, state, &made, &first.report.sensors, beyond)?;
+        // After the figures: a state must not be judged by lengths that it defined itself.
         lengths.add_measured(&made)?;
         followed.push((made, figures));
     }
@@ -240,6 +244,7 @@ impl Lengths {
         let (mut mean, mut largest) = ([0.0; 3], [0.0_f64; 3]);
         let mut area = 0.0;
         let changes = self.metric.changes(&made.model.surface)?;
+        // Other leaves have no lengths of an earlier state to compare with.
         let leaves = (0..areas.len()).filter(|&leaf| self.measured[leaf]);
         for leaf in leaves {
             area += areas[leaf];
@@ -287,10 +292,11 @@ fn sigma_of_lengths(posterior: &Posterior<'_>, leaf: usize, local: [f64; 2]) -> 
     let side = surface.space().leaves()[leaf].side();
     let [e, _, g] = jet.first_form();
     let (Some(normal), Some(curvature)) = (jet.normal(), jet.curvature()) else {
+        // Without a tangent plane lengths are unknown, and a relative σ of 1 leaves them free.
         return Ok(1.0);
     };
     let height = Posterior::sigma_along(&posterior.leaf(leaf)?, local, normal);
-    let bend = curvature.principal.iter().fold(0.0_f64, |most, k| most.max(k.abs()));
+    let bend = curvature.principal.iter().fold(0.0_f64, |largest, k| largest.max(k.abs()));
     let slope2 = height * height / (e.min(g) * side * side);
     Ok((2.0 * SIGMA_STRETCH).hypot(2.0 * bend * height).hypot(slope2))
 }
@@ -340,6 +346,7 @@ fn reported(
     let Some((mut last, _)) = followed.pop() else {
         return first;
     };
+    // Leaves without readings were marked as inferred after the report had been made.
     last.report.observed_area_fraction = last.model.area_fraction(Observed::Measured);
     last.earlier_states = std::iter::once(first).chain(followed.into_iter().map(|(fit, _)| fit)).collect();
     let stretched: Vec<&BendingState> = states.iter().filter(|state| !state.isometric).collect();

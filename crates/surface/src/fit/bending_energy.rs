@@ -10,6 +10,7 @@ use rayon::prelude::*;
 /// A leaf that bends more is a fold or too coarse. A larger bound lets folds make the whole surface soft.
 const MAX_LEAF_BENDING: f64 = 2.5;
 /// Factor on the energy of leaves above [`MAX_LEAF_BENDING`]: large enough to smooth a fold within a round.
+/// See decision 0003.
 const STIFFENING: f64 = 100.0;
 
 /// The prior's energy at a surface, in its own metric.

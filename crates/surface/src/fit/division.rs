@@ -10,10 +10,10 @@ pub(super) const MIN_READINGS: u32 = 8;
 /// Smallest side of a leaf that is divided, in σ of its readings.
 ///
 /// On smaller leaves readings find a foot nearby however the surface wrinkles, and σ is underestimated: on a
-/// sphere of 40 000 readings with σ of 5 % of its radius it came out as 3.6 %.
+/// sphere of 40 000 readings with σ of 5 % of its radius it came out as 3.6 %. See decision 0005.
 pub(super) const MIN_LEAF_SIGMAS: f64 = 6.0;
 /// Deepest level below the base grid: at most 16 384 leaves of it fit in one base cell.
-const DEEPEST: u8 = 7;
+const MAX_DEPTH: u8 = 7;
 
 /// A leaf that should be divided.
 pub(super) struct Misfit {
@@ -28,7 +28,7 @@ pub(super) struct Misfit {
 
 /// The deepest level that is allowed.
 pub(super) fn deepest(options: &FitOptions) -> u8 {
-    options.max_depth.map_or(DEEPEST, |depth| DEEPEST.min(depth))
+    options.max_depth.map_or(MAX_DEPTH, |depth| MAX_DEPTH.min(depth))
 }
 
 /// Number of misfits expected by chance (2 % of the leaves).
@@ -41,17 +41,20 @@ pub(super) fn chance_misfits(space: &Hierarchy) -> usize {
 pub(super) fn divided_within_budget(
     space: &Hierarchy,
     misfits: &[Misfit],
-    most: usize,
+    max_nodes: usize,
 ) -> (Hierarchy, usize) {
     let marked = |count: usize| blocks(space, &misfits[..count]);
     let nodes = |count: usize| space.refined_node_count(&marked(count));
-    if nodes(misfits.len()) <= most {
+    if nodes(misfits.len()) <= max_nodes {
         return (space.refine(&marked(misfits.len())), misfits.len());
     }
+    // Bisection: grading adds leaves around divided ones, so the nodes of a refinement are only known by
+    // counting.
     let (mut fits, mut too_many) = (0, misfits.len());
+    // A few leaves more or less do not matter, and each step counts the nodes of a hierarchy.
     while too_many - fits > chance_misfits(space).div_ceil(8) {
         let middle = fits.midpoint(too_many);
-        if nodes(middle) <= most {
+        if nodes(middle) <= max_nodes {
             fits = middle;
         } else {
             too_many = middle;
@@ -83,6 +86,7 @@ pub(super) fn log_divisions(
     };
     let (residuals, curvature, roughness) =
         (leaves_of(Cause::Residuals), leaves_of(Cause::Curvature), leaves_of(Cause::Roughness));
+    // Grading divides leaves that no misfit asked for, so the log compares the two hierarchies.
     let kept: HashSet<Cell> = finer.leaves().iter().copied().collect();
     for (leaf, cell) in space.leaves().iter().enumerate().filter(|(_, cell)| !kept.contains(cell)) {
         let cause = if residuals.contains(&leaf) {
@@ -108,6 +112,7 @@ pub(super) fn blocks<'a>(space: &Hierarchy, misfits: impl IntoIterator<Item = &'
             for du in [0.5, 0.5 + su] {
                 let [u, v] = space.parameters(leaf, [du, dv]);
                 let (other, _) = space.locate(u, v);
+                // A finer neighbour has the functions of the next level already.
                 if space.leaves()[other].level <= space.leaves()[leaf].level {
                     marked.push(other);
                 }

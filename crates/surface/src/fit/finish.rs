@@ -139,6 +139,8 @@ pub(super) fn finish(
         information: &information,
         filtered,
     };
+    // A later session may measure parts far from the model, so only a first fit is refused for far
+    // readings.
     if earlier.is_none() {
         this.refuse_minority_surface()?;
     }
@@ -164,6 +166,8 @@ pub(super) fn finish(
     let channels = FootChannels::new(observations, &subset);
     // Readings see the surface from where their scan is, so errors of its pose are not part of residuals.
     let seen = Posterior::new(&model.surface, Arc::clone(&covariance)).given_scan_errors();
+    // With one channel, a trace over the sparse inverse is exact and cheaper than a variance for each
+    // reading.
     let degrees = if observations.channels.len() == 1 && earlier.is_none() && filtered.is_none() {
         // With further batches the readings at hand determine only their share of the degrees of freedom.
         let data = match model.known.information() {
@@ -175,6 +179,7 @@ pub(super) fn finish(
         degrees_of_channels(&seen, &channels, &feet, &information)?
     };
     let noise = this.final_noise(noise, &degrees)?;
+    // The unresolved shape comes after the noise, by which its test weighs the residuals.
     let mut left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
     this.raise_to_earlier(&model.surface, &mut left);
     if left.iter().any(|left| *left > 0.0) {
@@ -299,6 +304,7 @@ impl Finishing<'_> {
             refined: ending.refined.levels(),
             rms: rms_of_positions(&sensors),
             rms_normalised: (totals.chi_square / totals.rows).sqrt(),
+            // The gate removes the tails, so the expected sum of squares is less than the number of rows.
             reduced_chi_square: totals.chi_square
                 / (totals.rows * kept_variance(options.gate)? - determined).max(1.0),
             sensors,
@@ -465,6 +471,7 @@ impl Finishing<'_> {
     }
 
     fn totals(&self) -> Totals {
+        // Inferred readings are no measurements: they count neither as observations nor in χ².
         let used: Vec<(&Foot, f64)> = (self.feet.iter().zip(self.information.iter().copied()).enumerate())
             .filter(|(k, (_, w))| *w > 0.0 && self.is_real(*k))
             .map(|(_, used)| used)

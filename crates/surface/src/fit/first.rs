@@ -22,7 +22,7 @@ const BASE_CELLS: usize = 128;
 /// Points from which the base shape is chosen: more only take longer.
 const SHAPE_SAMPLE: usize = 30_000;
 /// A ball grows no leaves that would hold fewer readings than this on average: emptier ones would follow
-/// the indicator's noise.
+/// the indicator's noise. See decision 0007.
 const READINGS_PER_GROWN_LEAF: usize = 6;
 
 /// The starting surface, over a base grid whose sides are multiples of `multiple`.
@@ -49,13 +49,15 @@ pub(super) fn first_surface(
     if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
+        // The area of a sphere with the mean squared half axis: rough, but a level changes the number of
+        // leaves by a factor of four.
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
-        let least_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
+        let min_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
         let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {
                 cells(level) * READINGS_PER_GROWN_LEAF <= size
-                    && area >= least_area * cells(level) as f64
+                    && area >= min_area * cells(level) as f64
                     && cells(level) <= options.max_coefficients
             })
             .count();
@@ -88,21 +90,23 @@ fn positions_and_normals(readings: &ReadingColumns, sample: &[u32]) -> (Vec<[f64
 }
 
 /// A base grid of about `cells` cells whose sides are multiples of `multiple`; fewer cells if it would have
-/// more than `most` nodes.
-fn base_grid(base: &BaseShape, cells: usize, multiple: usize, most: usize) -> Result<[usize; 2]> {
+/// more than `max_nodes` nodes.
+fn base_grid(base: &BaseShape, cells: usize, multiple: usize, max_nodes: usize) -> Result<[usize; 2]> {
     let mut cells = cells;
     loop {
         let grid = (base.grid(cells)).map(|n| (n + multiple / 2).max(multiple) / multiple * multiple);
         let nodes = Hierarchy::uniform(base.shape, grid)?.node_count();
-        if nodes <= most {
+        if nodes <= max_nodes {
             return Ok(grid);
         }
         if cells == 1 {
             return Err(Error::input(format!(
-                "a {} takes at least {nodes} coefficients, but only {most} are allowed",
+                "a {} takes at least {nodes} coefficients, but only {max_nodes} are allowed",
                 base.shape.name()
             )));
         }
+        // Sides are rounded to multiples, so the number of nodes does not fall in proportion: small steps
+        // lose less.
         cells = (cells * 4 / 5).max(1);
     }
 }
@@ -127,12 +131,16 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surf
     let space = Arc::clone(reference.space());
     let extent = space.extent();
     let system = SurfaceSystem::new(&space)?;
+    // Each reading keeps its parameters over the base. Without foot points the equations are linear, and
+    // one solution is enough.
     let mut lists: Vec<Vec<(u32, [f64; 2])>> = vec![Vec::new(); space.leaves().len()];
     for (i, p) in points.iter().enumerate() {
         let q = base.parameters(*p);
         let (leaf, local) = space.locate(q[0] * extent[0], q[1] * extent[1]);
         lists[leaf].push((i as u32, local));
     }
+    // All readings weigh alike: their noise is not estimated yet, and the weight of the plate follows their
+    // number.
     let data = system.accumulate(|leaf, cell| {
         for &(i, local) in &lists[leaf] {
             cell.add_vector(

@@ -77,6 +77,7 @@ impl Formation {
         if by == [0.0; 3] {
             return Ok(self);
         }
+        // Covariances do not depend on the origin, so only vertices and places move.
         for snapshot in &mut self.snapshots {
             let moved = snapshot.surface.vertices().iter().map(|p| add(*p, by)).collect();
             snapshot.surface = snapshot.surface.with_vertices(moved)?;
@@ -108,6 +109,7 @@ pub(super) fn formation_of_global_fit(
     let ConvergedFit { surface, system, subset, feet, noise, prior, .. } = converged;
     let information = weights(converged.readings(observations), noise, options.gate, false);
     let numbers: Vec<u32> = (0..subset.len() as u32).collect();
+    // A random order: in the order of the files, the model would form scan by scan.
     let order: Vec<u32> = shuffled(&numbers, options.seed)
         .into_iter()
         .filter(|&k| information[k as usize] > 0.0 && feet[k as usize].state == FootState::Good)

@@ -17,13 +17,17 @@ use planish_spline::{Classification, classify};
 use std::f64::consts::PI;
 
 /// Points of a leaf that are tested, along each side.
-const PLACES: usize = 5;
+const PLACES_PER_SIDE: usize = 5;
 /// Distance to the nearest reading from which a point is in a gap, in spacings of the readings.
-const EMPTY: f64 = 3.0;
+///
+/// Among readings at random, exp(−π) = 4 % of the surface is farther than one spacing from all of them, and
+/// exp(−4π) = 3e-6 farther than two. With two, large surfaces would have gaps by chance.
+const MIN_GAP_SPACINGS: f64 = 3.0;
 /// Widths of the rings around a gap, in radii of the gap. The widest ring whose readings have one simple
 /// shape is used.
-const RINGS: [f64; 3] = [1.5, 0.8, 0.4];
-/// Readings of a ring, and points of a gap, that are enough.
+const RING_WIDTHS: [f64; 3] = [1.5, 0.8, 0.4];
+/// Maximum number of readings of a ring, and of points of a gap. Every reading is compared with every such
+/// point.
 const ENOUGH_READINGS: usize = 4000;
 const ENOUGH_PLACES: usize = 300;
 
@@ -42,6 +46,7 @@ pub(super) fn completed(
     gate: f64,
 ) -> (Vec<InferredReading>, Vec<GapReport>) {
     let information = weights(converged.readings(observations), &converged.noise, gate, false);
+    // A gross error within a gap must not close it, and inferred readings are no evidence.
     let used: Vec<usize> = (0..converged.subset.len())
         .filter(|&k| information[k] > 0.0 && observations.inferred(converged.subset[k] as usize).is_none())
         .collect();
@@ -70,17 +75,19 @@ fn gaps(readings: &ReadingColumns, converged: &ConvergedFit, used: &[usize]) -> 
     let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
     // The spacing comes from leaves with readings alone, or gaps would enlarge it.
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
-    let measured = MeasuredRegion::new(readings, EMPTY * spacing);
+    let measured = MeasuredRegion::new(readings, MIN_GAP_SPACINGS * spacing);
+    // A grid of points on each leaf, because a large leaf may have readings at one end only.
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
-            let grid = (0..PLACES * PLACES)
-                .map(|k| [k % PLACES, k / PLACES].map(|c| (c as f64 + 0.5) / PLACES as f64));
+            let grid = (0..PLACES_PER_SIDE * PLACES_PER_SIDE).map(|k| {
+                [k % PLACES_PER_SIDE, k / PLACES_PER_SIDE].map(|c| (c as f64 + 0.5) / PLACES_PER_SIDE as f64)
+            });
             let all = grid.filter_map(|[s, t]| {
                 let jet = surface.leaf_jet(leaf, s, t);
                 Some(Place {
                     point: jet.point,
                     normal: jet.normal()?,
-                    area: areas[leaf] / (PLACES * PLACES) as f64,
+                    area: areas[leaf] / (PLACES_PER_SIDE * PLACES_PER_SIDE) as f64,
                 })
             });
             all.filter(|p| !measured.contains(p.point, p.normal)).collect()
@@ -125,6 +132,7 @@ fn surroundings(
     information: &[f64],
     gap: &[Place],
 ) -> (Option<Classification>, Surroundings) {
+    // The radius of a disc of the same area.
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
     let sample: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(ENOUGH_PLACES)).collect();
     // Distance of each reading from the nearest point of the gap.
@@ -138,7 +146,7 @@ fn surroundings(
     let nearest = away.iter().copied().fold(f64::INFINITY, f64::min);
     let mut around = Surroundings { readings: 0, typical_variance: 0.0 };
     // The widest ring with one simple shape has the most readings, hence the smallest σ of the shape.
-    for ring in RINGS {
+    for ring in RING_WIDTHS {
         let near: Vec<usize> = (used.iter().zip(&away))
             .filter(|(_, d)| **d <= nearest + ring * radius)
             .map(|(&k, _)| k)
@@ -158,7 +166,7 @@ fn surroundings(
     (None, around)
 }
 
-/// Readings inferred from the shape, one beside every point of a gap.
+/// Readings inferred from the shape, one near every point of a gap.
 fn inferred_readings(found: &Classification, gap: &[Place], own: f64) -> Vec<InferredReading> {
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
     gap.iter()

@@ -36,7 +36,7 @@ const INWARD_SHARE: f64 = 0.3;
 /// Smoothing length of a step, longest step, drift (squared) and retraction of films (squared), all in cells
 /// of the base.
 const SMOOTHING_CELLS: f64 = 0.6;
-const LONGEST_STEP_CELLS: f64 = 0.3;
+const MAX_STEP_CELLS: f64 = 0.3;
 const DRIFT: f64 = 0.12;
 const RETRACTION: f64 = 4.0;
 /// Steps of a stage: at least, and at most.
@@ -63,6 +63,7 @@ pub(super) fn grow(
     // its ears.
     let last = MIN_BLUR_CELLS * indicator.cell();
     let mut blurs = vec![FIRST_BLUR * largest];
+    // A stage within 10 % of the last blur would only repeat it.
     while blurs[blurs.len() - 1] * BLUR_FACTOR > 1.1 * last {
         blurs.push(blurs[blurs.len() - 1] * BLUR_FACTOR);
     }
@@ -77,6 +78,7 @@ pub(super) fn grow(
         while level < wanted {
             let finer = Arc::new(surface.space().refine_all());
             surface = surface.refined(Arc::clone(&finer))?;
+            // The reference is refined along, because steps are smoothed in its metric at every level.
             reference = reference.refined(finer)?;
             level += 1;
             stage_of_level = Stage::new(&surface, &reference, base, grid, level)?;
@@ -157,6 +159,7 @@ impl Stage {
             let mut values = [[0.0; 3]; FieldPoints::COUNT];
             let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
             for ((value, [_, du, dv]), weight) in values.iter_mut().zip(frames).zip(&self.weights[leaf]) {
+                // The bounds keep the logarithm finite on a collapsed leaf.
                 let base = (weight / share).max(1e-300);
                 value[0] = (norm(cross(du, dv)) / base).max(1e-6).ln();
             }
@@ -204,7 +207,7 @@ impl Stage {
         mean_curvature: impl Fn() -> Option<f64>,
     ) -> [f64; 3] {
         let cell = self.cell;
-        let longest = LONGEST_STEP_CELLS * cell;
+        let longest = MAX_STEP_CELLS * cell;
         let Some(normal) = unit(cross(du, dv)) else {
             return [0.0; 3];
         };
@@ -215,10 +218,12 @@ impl Stage {
             let downhill = scale(-1.0 / slope, gradient);
             facing = dot(downhill, normal);
             let height = ((value - target.iso) / slope).clamp(-longest, longest);
+            // The two motions blend over a cosine from −0.1 to 0.1: a sudden change would tear the step.
             let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
             d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
         }
         // A film is recognised by low values of the indicator on both of its sides.
+        // The denominator is the fall of the indicator over half a cell next to the points.
         let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
         if outside > 0.0
             && let Some(mean) = mean_curvature()

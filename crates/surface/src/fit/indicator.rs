@@ -20,16 +20,18 @@ use rustfft::num_complex::Complex;
 use rustfft::{FftDirection, FftPlanner};
 use std::f64::consts::TAU;
 
-/// Grid cells along each side: 2⁵ · 3, which is fast to transform.
+/// Grid cells along each side: 2⁵ · 3, which is fast to transform. A complex grid takes 14 MB; a finer one
+/// would find thinner parts at eight times the cost for each doubling.
 const CELLS: usize = 96;
 /// Side of the grid over that of the points, so that periodic images do not touch.
 const PADDING: f64 = 1.6;
 /// Weakest blur that the full grid can represent, in its cells.
 pub(super) const MIN_BLUR_CELLS: f64 = 0.85;
 /// A coarser grid is used if the blur spans at least this many of its cells. With half as many a film stays
-/// between the ears of the bunny.
+/// between the ears of the bunny. See decision 0001.
 const AMPLE_BLUR_CELLS: f64 = 1.7;
-/// Blur of the density estimate, in grid cells.
+/// Blur of the density estimate, in grid cells. A weaker blur follows single points; a stronger one mixes
+/// the densities of different scans.
 const DENSITY_BLUR: f64 = 2.0;
 
 /// The transformed indicator of a cloud.
@@ -67,6 +69,7 @@ impl Indicator {
         };
         let mut counts = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         for p in points {
+            // One thread adds all points: the order of additions decides the last digits.
             grid.splat(*p, |index, w| counts[index].re += w);
         }
         transform(&mut counts, CELLS, FftDirection::Forward);
@@ -97,6 +100,7 @@ impl Indicator {
             .map(|index| {
                 let k = wave(index, CELLS);
                 let k2 = dot(k, k);
+                // The mean of χ is arbitrary, because its level is the median at the points.
                 if k2 == 0.0 {
                     return Complex::new(0.0, 0.0);
                 }
@@ -118,6 +122,7 @@ impl Indicator {
     /// The indicator blurred by a Gaussian of the given σ (a length), on a grid just fine enough for it.
     pub(super) fn blurred(&self, sigma: f64) -> BlurredIndicator {
         let mut grid = self.grid;
+        // Grid sides stay even, since wave numbers are split at half a side.
         while grid.cells.is_multiple_of(4) && sigma >= AMPLE_BLUR_CELLS * 2.0 * grid.cell {
             grid.cells /= 2;
             grid.cell *= 2.0;
@@ -170,6 +175,7 @@ impl BlurredIndicator {
     /// The value deep inside: the 99.5th percentile over the grid.
     pub(super) fn inside(&self) -> f64 {
         let mut values = self.values.clone();
+        // A percentile instead of the maximum, which a dense cluster of points could raise alone.
         let high = values.len() - values.len() / 200;
         *values.select_nth_unstable_by(high, f64::total_cmp).1
     }
@@ -195,6 +201,8 @@ impl Grid {
         (c * self.cells + b) * self.cells + a
     }
 
+    /// Distributes a unit over the eight grid points around `p`: the transpose of the interpolation in
+    /// [`BlurredIndicator::sample`].
     fn splat(self, p: [f64; 3], mut add: impl FnMut(usize, f64)) {
         let (corner, t) = self.locate(p);
         for c in 0..2 {
@@ -222,11 +230,13 @@ fn wave(index: usize, n: usize) -> [f64; 3] {
     })
 }
 
+/// Spectral index of the opposite wave vector.
 fn mirrored(index: usize) -> usize {
     let m = split(index, CELLS).map(|m| (CELLS - m) % CELLS);
     (m[2] * CELLS + m[1]) * CELLS + m[0]
 }
 
+/// Multiplies a spectrum by that of a Gaussian, whose σ is in grid cells.
 fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
     // A Gaussian is the product of Gaussians along the axes.
     let along: Vec<f64> = (0..n).map(|m| (-0.5 * (sigma_cells * wave(m, n)[0]).powi(2)).exp()).collect();
@@ -241,9 +251,11 @@ fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
 /// The transform along all three axes, not normalised.
 fn transform(grid: &mut Vec<Complex<f64>>, n: usize, direction: FftDirection) {
     let plan = FftPlanner::new().plan_fft(n, direction);
+    // Three passes with a turn after each, so that every pass transforms rows that are contiguous in
+    // memory.
     for _ in 0..3 {
         grid.par_chunks_mut(n * n).for_each(|slab| plan.process(slab));
-        // Turn the axes: what was contiguous becomes the slowest.
+        // Rotate the axes: the contiguous one becomes the slowest.
         let turned: Vec<Complex<f64>> = {
             let source = &*grid;
             let mut out = vec![Complex::new(0.0, 0.0); source.len()];

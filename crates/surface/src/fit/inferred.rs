@@ -43,6 +43,7 @@ pub(super) fn share_errors(
         if let (Some(variance), Some(weight)) = (inferred(i), weight) {
             let around = density.get(&foot.leaf).copied().unwrap_or(0.0);
             let spread = 64.0 * around * weight * variance.shared.powi(2);
+            // Where copies are too sparse to be averaged, each still has the shared error.
             foot.variance = variance.own + variance.shared.max(spread);
         }
     }

@@ -35,22 +35,23 @@ use std::sync::Arc;
 
 use readings::{Evaluation, Reading, Readings, TASK};
 
-/// Most rounds of weighing and gating.
+/// Maximum number of rounds of weighing and gating.
 const MAX_ROUNDS: u32 = 20;
 /// Relative change of a sensor's variance below which it has converged.
-const VARIANCE_AT_REST: f64 = 0.01;
+const CONVERGED_VARIANCE: f64 = 0.01;
 /// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGINAL`] σ
 /// beyond it. Such readings would otherwise alternate without end.
-const GATE_AT_REST: f64 = 1e-4;
+const CONVERGED_GATE: f64 = 1e-4;
 const MARGINAL: f64 = 1.0;
-/// Most rounds with softened readings, and the relative change of a variance that asks for another one.
+/// Maximum number of rounds with softened readings, and the relative change of a variance that asks for
+/// another one.
 const BOUNDED_ROUNDS: u32 = 8;
 const FOUND_VARIANCE: f64 = 0.1;
 /// Largest number of cells. The covariance takes about 20 KB for each, so more would exceed the memory of
 /// most machines.
 const MAX_CELLS: usize = 1 << 18;
 /// Information of an exact coordinate over that of the others: firm, but far from the limits of rounding.
-const EXACT: f64 = 1e6;
+const EXACT_INFORMATION_RATIO: f64 = 1e6;
 
 /// Fits a uniform grid of `cells` to readings with known parameters.
 ///
@@ -87,6 +88,8 @@ pub(super) fn fit_known_parameters(
     let mut variances = vec![1.0; set.sensors.len()];
     let mut earlier: Option<Smoothing> = None;
     let mut bounded: Option<Vec<f64>> = None;
+    // A round solves, and then updates the variances of sensors and the rejected readings. The rounds end
+    // when neither changes noticeably.
     for round in 1.. {
         progress.check("smoothing", 0.25 + 0.02 * f64::from(round))?;
         let total = Totals::new(&sums, &variances, &system)?;
@@ -126,8 +129,8 @@ pub(super) fn fit_known_parameters(
             continue;
         }
         // A single sensor needs no weighing: a common factor cancels in the restricted likelihood.
-        let same_noise = variances.len() == 1 || !far_apart(&now, &variances, VARIANCE_AT_REST);
-        let is_marginal = changed as f64 <= GATE_AT_REST * total.sums.count() as f64
+        let same_noise = variances.len() == 1 || !far_apart(&now, &variances, CONVERGED_VARIANCE);
+        let is_marginal = changed as f64 <= CONVERGED_GATE * total.sums.count() as f64
             && examined.farthest_new <= options.gate + MARGINAL;
         let converged = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
         if converged || round == MAX_ROUNDS {
@@ -259,9 +262,10 @@ impl Solved {
         Ok(Self { variances, smoothing, surface, evaluation, residuals, ..self })
     }
 
-    /// σ² of the readings: their residuals over what is left of their number.
+    /// σ² of the readings: their weighted squares over their redundancy.
     fn noise_scale(&self, readings: &Readings<'_>, degrees: f64, has_redundancy: bool) -> Result<NoiseScale> {
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
+        // The residuals are those of a truncated normal only if the gate has removed any.
         let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
         let weighted: f64 = self.residuals.iter().zip(&self.variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (self.coordinates() * self.count() as f64 - degrees).max(1.0);
@@ -308,6 +312,7 @@ impl Solved {
         let Self { total, smoothing, surface, .. } = self;
         let measured = smoothing.measured;
         let observed = with_neighbours(surface.space(), &total.sums.observed());
+        // Prior and data are known up to one common factor on all variances, so both are divided by it.
         let weight = smoothing.found.weight / noise.used;
         let information = VertexInformation {
             prior: over_coordinates(&smoothing.energy, weight, measured, [0.0; 3])?,
@@ -338,6 +343,7 @@ impl Solved {
         let held_out = readings.judge(&self.evaluation, &posterior, &scales, noise.is_gated)?;
         let unresolved_share = readings.unresolved_share(&self.evaluation, &scales);
         let sigma = posterior.sigma_summary(&model.observed)?;
+        // All cells have the same sides, so shares of the area need only the area element at their middles.
         let areas: Vec<f64> = (0..model.observed.len())
             .map(|leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).area_element())
             .collect();
@@ -487,7 +493,7 @@ fn over_coordinates(
     origin: [f64; 3],
 ) -> Result<BlockInformation> {
     let mut out = BlockInformation::zeros(Arc::clone(information.pattern()), 3, 1)?;
-    let weights = measured.map(|m| if m { factor } else { EXACT * factor });
+    let weights = measured.map(|m| if m { factor } else { EXACT_INFORMATION_RATIO * factor });
     (out.values_mut().par_chunks_exact_mut(9).zip(information.values())).with_min_len(TASK).for_each(
         |(block, value)| {
             for d in 0..3 {
@@ -495,6 +501,7 @@ fn over_coordinates(
             }
         },
     );
+    // With η = Λ x, a shift of the origin by o adds Λ o, whose entries are row sums times o.
     let mut row_sums = vec![0.0; information.dimension()];
     if origin != [0.0; 3] {
         information.multiply(&vec![1.0; information.dimension()], &mut row_sums)?;

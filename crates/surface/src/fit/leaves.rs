@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 /// A leaf and those around it, each once.
 pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+    // Points half a leaf beyond each side and corner lie in a neighbour, whatever its level.
     let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
         .into_iter()
         .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))

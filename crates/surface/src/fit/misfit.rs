@@ -1,6 +1,7 @@
 //! Leaves whose residuals contain more than noise.
 //!
-//! Input: a surface at rest on its readings. Output: the leaves that cannot follow them, worst first.
+//! Input: a surface that has converged on its readings. Output: the leaves that cannot follow them, worst
+//! first.
 //!
 //! Residuals are averaged over bins of each leaf. Only products of residuals of *different* readings are
 //! counted: their mean is zero under independent noise of any size, so the noise need not be known exactly.
@@ -14,25 +15,32 @@ use crate::subdivision::Cause;
 use planish_spline::{Hierarchy, Surface};
 
 /// Bins along each side of a leaf in which residuals are averaged to find shape that the leaf cannot follow.
+///
+/// Only products of readings in one bin count. Smaller bins show finer shape, but hold fewer pairs of
+/// readings. See decision 0005.
 pub(super) const BINS: usize = 4;
 /// Shape worth a division explains at least this share of the variance of a leaf's readings. Less would
 /// spend coefficients on shape far below the noise.
-const WORTHWHILE: f64 = 0.02;
+const MIN_EXPLAINED_SHARE: f64 = 0.02;
 /// Shape of a single leaf counts if it is this many standard deviations of noise.
 ///
-/// A lower bound divides leaves by chance; [`chance_misfits`] allows for 2 % of them.
-const SIGNIFICANT: f64 = 2.5;
+/// A lower bound divides leaves by chance; [`chance_misfits`] allows for 2 % of them. Of a normal variable
+/// 0.6 % would exceed 2.5, but a sum of few products is skewed.
+const MIN_SIGNIFICANCE: f64 = 2.5;
 /// The same for the quarters of a leaf and its neighbours together.
 ///
 /// Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with it at 2 they cover
-/// 94.8 %, sheets 95.5 % and balls 95.0 %.
-const POOLED_SIGNIFICANT: f64 = 2.0;
+/// 94.8 %, sheets 95.5 % and balls 95.0 %. See decision 0005.
+const MIN_POOLED_SIGNIFICANCE: f64 = 2.0;
 /// Readings beyond the gate are gross errors while they are fewer than this share of a leaf; more of them
-/// are shape.
+/// are shape. See decision 0005.
 pub(super) const MAX_GROSS: f64 = 0.25;
 /// Residuals beyond this many σ are weighed down to it, so that one wild reading cannot divide a leaf.
 const HUBER_BOUND: f64 = 3.0;
 /// The share of `pairs` up to which the degrees of freedom that the fit used are added back.
+///
+/// The degrees are an average over leaves. A leaf with few readings cannot have lost more than its own
+/// residuals.
 const MAX_RESTORED: f64 = 0.8;
 
 /// The bin of a place on a leaf, row by row.
@@ -237,7 +245,10 @@ pub(super) fn misfit(
             severity: shape / spread.max(1.0),
             corner: own.worst_corner(),
         };
-        let significant = shape > (SIGNIFICANT * spread).max(WORTHWHILE * f64::from(own.count));
+        // With many readings, shape far below the noise becomes significant. The second bound keeps it from
+        // asking for cells.
+        let significant = shape > (MIN_SIGNIFICANCE * spread).max(MIN_EXPLAINED_SHARE * f64::from(own.count));
+        // Shape below a tolerance need not be resolved, so weak misfits are not searched for.
         if let Some(tolerance) = options.tolerance {
             if significant && own.largest_mean() > tolerance {
                 strong.push(found());
@@ -252,7 +263,7 @@ pub(super) fn misfit(
                 spread += 2.0 * quarters[other].1;
                 count += f64::from(residuals[other].count);
             }
-            if excess > (POOLED_SIGNIFICANT * f64::sqrt(spread)).max(WORTHWHILE * count) {
+            if excess > (MIN_POOLED_SIGNIFICANCE * f64::sqrt(spread)).max(MIN_EXPLAINED_SHARE * count) {
                 weak.push(found());
             }
         }

@@ -41,7 +41,8 @@ use planish_exchange::ScanSet;
 use planish_spline::Shape;
 use tracker::RigidTracker;
 
-/// A part of the surface faces away if its normal has a smaller cosine with the mean normal.
+/// A part of the surface faces away if its normal has a smaller cosine with the mean normal: 66° (decision
+/// 0019).
 const AWAY_COSINE: f64 = 0.4;
 /// Largest share of the area of a sheet that faces away. More of it is the side of a solid object.
 const MAX_AWAY: f64 = 0.03;
@@ -58,6 +59,7 @@ pub(super) fn fit_moving(
 ) -> Result<Fit> {
     let order = scans_in_time(set)?;
     let mut still = options.with_global(global.clone());
+    // The first scan alone is fitted without completion: symmetry and gaps are those of all scans together.
     let GlobalOptions { ground, align, .. } = *global;
     let mut plain = options.with_global(GlobalOptions { ground, align, ..GlobalOptions::default() });
     let mut first = fit(&scans_of(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.0, 0.15))?;
@@ -72,6 +74,7 @@ pub(super) fn fit_moving(
         progress.items(k - 1, "scans");
         let readings = observe(
             &scans_of(set, &[scan]),
+            // Tracking judges nothing; the fit of all scans holds readings out.
             &ObservationOptions { held_out_share: 0.0, ..observation_options(set, &plain) },
         )?;
         tracker.follow(scan, &readings)?;
@@ -108,6 +111,7 @@ fn curves_away(fitted: &Fit) -> bool {
         })
         .collect();
     let Some(towards) = unit(areas.iter().fold([0.0; 3], |sum, a| add(sum, *a))) else {
+        // Normals that cancel each other are those of a closed object.
         return true;
     };
     let all: f64 = areas.iter().map(|a| norm(*a)).sum();

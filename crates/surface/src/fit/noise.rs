@@ -9,15 +9,18 @@ use planish_estimate::{Result, TruncatedNormal, gated_scale};
 /// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
 ///
 /// Instruments are rarely specified more sharply. A smaller tolerance reports correct sensors as wrong; a
-/// larger one misses wrong ones.
+/// larger one misses wrong ones. See decision 0009.
 pub(super) const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
 /// Redundant readings needed to contradict a stated σ. The standard error of an estimate from 20 is 16 %.
 pub(super) const ENOUGH_TO_CONTRADICT: f64 = 20.0;
 /// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
-/// readings and their residuals carry no information about σ.
+/// readings and their residuals carry no information about σ. See decision 0009.
 pub(super) const MIN_REDUNDANCY: f64 = 0.2;
-/// Fewest components from which a channel's scale is estimated on its own.
+/// Minimum number of components from which the scale of a channel is estimated on its own.
+///
+/// The standard error of σ from 8 components is 25 %; below that, the scale of all readings of the quantity
+/// is safer.
 const MIN_FOR_SCALE: usize = 8;
 
 /// Variance of rounding, over the stated variance, for quantities that are not lengths.
@@ -45,7 +48,7 @@ pub(super) struct SensorNoise {
 }
 
 /// Factor on the variance of points about the planes of their neighbours, for an upper bound of their noise.
-/// It allows for errors that neighbours share, which those planes do not show.
+/// It allows for errors that neighbours share, which those planes do not show. See decision 0009.
 const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {
@@ -119,11 +122,12 @@ impl SensorNoise {
             if observations.channels[channel].inferred {
                 continue;
             }
-            let least = match observations.channels[channel].quantity {
+            let min_variance = match observations.channels[channel].quantity {
                 Quantity::Position => observations.min_variance,
                 // These have other units than lengths.
                 Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
+            // Residuals in stated σ, so that readings of one sensor may have different σ.
             let normalised: Vec<f64> = subset
                 .iter()
                 .zip(feet)
@@ -142,7 +146,8 @@ impl SensorNoise {
                         .filter(|f| f.state == FootState::Good && f.quantity == quantity)
                         .flat_map(|f| f.residuals().iter().copied())
                         .collect();
-                    noise.variance_factors[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
+                    noise.variance_factors[channel] =
+                        gated_scale(&all, gate)?.sigma.powi(2).max(min_variance);
                     noise.estimated_factors[channel] = noise.variance_factors[channel];
                 }
                 if observations.channels[channel].stated {
@@ -151,12 +156,15 @@ impl SensorNoise {
                 continue;
             }
             let scale = gated_scale(&normalised, gate)?;
+            // Residuals are smaller than the errors of the readings, by the degrees of freedom that these
+            // determine.
             let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
             noise.estimated_factors[channel] =
-                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(least);
+                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(min_variance);
             let ratio = noise.estimated_factors[channel].sqrt();
+            // An estimated σ of n redundant readings has the relative standard error 1/√(2n).
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             // The surface follows errors that neighbours share, so small residuals do not prove small errors.
             let may_be_smaller = !observations.channels[channel].correlated_errors;

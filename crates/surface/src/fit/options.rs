@@ -28,7 +28,7 @@ use serde::Serialize;
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
-    /// How the readings are turned into a surface (default: all at once, the object at rest).
+    /// How the readings are turned into a surface (default: all at once, the object does not move).
     pub strategy: Strategy,
     /// Topology; if none is given, it is chosen from the cloud. A sheet that bends has only one choice.
     pub shape: Option<Shape>,

@@ -33,8 +33,10 @@ use planish_spline::{
 };
 use std::sync::Arc;
 
-/// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number. More of them cost
-/// memory and time; fewer may miss the shape.
+/// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number.
+///
+/// More of them cost memory and time. A first fit that misses shape takes it for noise, which made σ twice
+/// too large on the bunny (decision 0025).
 const FIRST_SHARE: usize = 4;
 const MIN_FIRST: usize = 500;
 const MAX_FIRST: usize = 20_000;
@@ -43,9 +45,12 @@ const MAX_GROWTH: u8 = 2;
 /// Default levels of subdivision beyond the base grid.
 const USUAL_DEPTH: u8 = 3;
 /// Length of the weak hold that makes the prior proper, in extents of the surface.
+///
+/// An affine motion costs no thin-plate energy, so a prior without a hold has no covariance. Twice the size
+/// of the object is too long to change its shape.
 const HOLD_LENGTH: f64 = 2.0;
 /// Smallest relative reduction of a variance that is passed on to neighbouring patches. Smaller gains cost
-/// updates without a visible effect on σ.
+/// updates without a visible effect on σ (decision 0025).
 const MIN_GAIN: f64 = 1e-2;
 /// Readings between two checks for an interruption by the user.
 const READINGS_PER_CHECK: usize = 4096;
@@ -121,8 +126,11 @@ pub(crate) fn first_fit_of(
     let growth = options.max_depth.map_or(MAX_GROWTH, |depth| depth.min(MAX_GROWTH));
     let found = FitOptions { max_depth: Some(growth), ..options.clone() };
     let surface = first_surface(observations, &found, PATCH_CELLS, &ProgressPart::new(progress, 0.0, 0.3))?;
+    // Counted in patches, because the filter divides these.
     let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
+    // Patches divide a uniform base grid, so the levels that a ball has grown become that grid.
     let (metric, base_level) = rebased(surface)?;
+    // Levels that a ball has grown count towards the depth that the user allows.
     let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
     // limit.
@@ -139,6 +147,8 @@ pub(crate) fn first_fit_of(
         &ProgressPart::new(progress, 0.3, 0.8),
     )?;
     let reached_tolerance = converged.reached_tolerance;
+    // Patches are divided as a whole. The second fit gives the joint posterior over exactly their cells, so
+    // that neighbouring patches start in agreement.
     let space = patch_hierarchy(converged.surface.space())?;
     if space.levels() > 1 {
         log_cover(&mut log, base_level, converged.surface.space(), &space, options);
@@ -168,6 +178,8 @@ pub(crate) fn first_fit_of(
             }
         }
     })?;
+    // The prior has the metric of the base surface, which the filter keeps for patches that are divided
+    // later.
     let of_prior = prior.information(system, &metric)?.expanded(3)?;
     information.add_scaled(&system.contract(&of_prior, &up)?, 1.0)?;
     let filter = PatchFilter::from_first_fit(
@@ -184,6 +196,7 @@ pub(crate) fn first_fit_of(
     )?;
     let mut core = StreamingFilter::new(filter, base_level, rules(options))?;
     core.log = log;
+    // The first readings are part of the filter's state, so their places count as measured.
     for (foot, _) in feet.iter().zip(&used).filter(|(_, w)| **w > 0.0) {
         core.mark(surface.space().parameters(foot.leaf as usize, foot.local));
     }
@@ -283,10 +296,10 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<Finding> {
 }
 
 /// Largest variance of the surface, as a share of a reading's, at which residuals show noise rather than
-/// unknown shape.
+/// unknown shape. The estimated σ is then at most 5 % too large.
 const MAX_SURFACE_SHARE: f64 = 0.1;
 /// Readings on the measured surface from which the noise of a later session is estimated; with fewer, all
-/// readings are used.
+/// readings are used. The standard error of σ from 200 is 5 %.
 const ENOUGH_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
@@ -347,9 +360,11 @@ pub(super) fn update_patches(
     let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
     let stated = SensorNoise::stated(&observations.channels);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
+    // The surface of the model did not follow these readings, so they determine none of its degrees of
+    // freedom.
     let degrees = vec![0.0; observations.channels.len()];
     // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
-    // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
+    // Later sessions may extend beyond the measured part, where residuals carry no information about noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
     let (start, order) = by_leaf(&feet, surface.space().leaves().len());
     let (mut on_known, mut known_feet) = (Vec::new(), Vec::new());
@@ -406,6 +421,7 @@ pub(super) fn update_patches(
 
 /// The readings in a random order.
 pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
+    // A number that no scan has: otherwise the order would repeat the choice of held-out readings.
     let mut keyed: Vec<(f64, u32)> = all.iter().map(|&i| (hash01(seed, 1 << 20, u64::from(i)), i)).collect();
     keyed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     keyed.into_iter().map(|(_, i)| i).collect()
@@ -468,8 +484,10 @@ pub(super) fn stream(
         refused.push(outcome);
     }
     let surface = core.reconcile()?;
+    // The order of `refused`: first readings, then those of the stream.
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
+    // Each reading was filtered on the surface of its time. The report needs residuals from the final one.
     let search = FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?;
     let mut feet =
         project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);
@@ -485,9 +503,9 @@ pub(super) fn stream(
     let held_back = core.held_back();
     let deepest = core.base_level + usize::from(core.filter.options().maximum_depth);
     let mut refined = core.log;
-    let most = options.max_coefficients;
+    let max_coefficients = options.max_coefficients;
     // A division adds three patches; with less room than that the limit stops it.
-    let full = core.filter.patches().len() + 3 > most / crate::patch_stream::VERTICES_PER_PATCH;
+    let full = core.filter.patches().len() + 3 > max_coefficients / crate::patch_stream::VERTICES_PER_PATCH;
     Ok(ConvergedFit {
         prior: system.nothing()?,
         system,

@@ -75,6 +75,7 @@ pub(super) fn converge_with_propagation(
     if readings.is_empty() {
         return Ok((converged, Some(report)));
     }
+    // The surface without inferred readings is near the final one, so the second refinement starts from it.
     observations.add_inferred(&readings);
     let subset = observations.fitted();
     let rest = ProgressPart::new(progress, 0.6, 0.9);

@@ -4,7 +4,8 @@
 //! smoothness weight. The information and its inverse are made from it once, by [`super::finish`].
 //!
 //! A round iterates the surface over one hierarchy. Early rounds use a sample of the readings and end with
-//! the division of leaves that cannot follow them. The last round uses all readings and iterates to rest.
+//! the division of leaves that cannot follow them. The last round uses all readings and iterates until the
+//! surface has converged.
 
 use super::FitOptions;
 use super::bending_energy::BendingEnergy;
@@ -33,37 +34,46 @@ const FINDING_ITERATIONS: usize = 2;
 const MAX_FINDING_ITERATIONS: usize = 8;
 /// An early round ends once the mean square step is below this many variances of the surface. The next
 /// round changes the surface by more than that, so further iterations would be wasted.
-const FOUND: f64 = 30.0;
-/// Most iterations of the last round, without and with unknown poses of scans.
+const FOUND_STEP: f64 = 30.0;
+/// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
-/// The surface is at rest when the mean square step that readings see is this share of its variance.
-/// Smaller values cost iterations for changes well within σ.
-const AT_REST: f64 = 0.1;
-/// The same bound where only the prior holds the surface, which has a longer way to go there.
-const UNSEEN_AT_REST: f64 = 4.0;
+/// The surface has converged when the mean square step that readings see is this share of its variance.
+/// Smaller values cost iterations for changes well within σ. See decision 0004.
+const CONVERGED_STEP: f64 = 0.1;
+/// The same bound where only the prior holds the surface, which has a longer way to go there. Waiting for
+/// these parts as well took twice as many rounds and changed no reading (decision 0004).
+const CONVERGED_UNSEEN_STEP: f64 = 4.0;
 /// The same bound for poses and biases of scans. Scans slide along the surface with the feet of their
 /// readings and come nearer by about half in each iteration, so the bound is tighter.
-const SCAN_ERRORS_AT_REST: f64 = 0.02;
+const CONVERGED_SCAN_ERRORS: f64 = 0.02;
 /// Relative change of the smoothness weight below which it has converged.
-const WEIGHT_AT_REST: f64 = 0.02;
-/// Readings of each leaf that an early round uses, on average, and fewest in all.
+const CONVERGED_WEIGHT: f64 = 0.02;
+/// Readings of each leaf that an early round uses, on average, and their minimum in all.
+///
+/// A leaf needs [`super::division::MIN_READINGS`] readings to be tested, so a smaller sample would hide
+/// misfits. A larger one projects more readings in rounds whose surface is refined anyway.
 const SAMPLE_PER_LEAF: usize = 12;
 const MIN_SAMPLE: usize = 40_000;
 /// Shortest length over which the prior smooths at the start, in leaves.
 ///
-/// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere.
+/// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere. See
+/// decision 0003.
 const FIRST_SMOOTHING: f64 = 0.15;
 /// Longest length over which the prior smooths, in square roots of the surface's area. A stiffer plate would
-/// be no flatter, but the information of the readings about its place would be lost in rounding.
+/// be no flatter, but the information of the readings about its place would be lost in rounding. See
+/// decision 0003.
 const STIFFEST: f64 = 2.0;
-/// Largest change of the smoothness weight in one iteration.
+/// Largest factor by which the smoothness weight rises in one iteration; it falls by at most the same factor.
+///
+/// The update holds at a converged surface. Far from it, an unbounded change would flatten the surface, or
+/// let it follow its noise, in a single step.
 const MAX_WEIGHT_CHANGE: f64 = 5.0;
 /// σ of tangential motion, as a share of a leaf's size. It names points of the surface without a measurable
-/// effect on its shape.
+/// effect on its shape. See decision 0002.
 const TANGENTIAL_HOLD: f64 = 0.5;
 
-/// A surface at rest on its observations.
+/// A surface that has converged on its observations.
 pub(super) struct ConvergedFit {
     pub surface: Surface,
     pub system: SurfaceSystem,
@@ -159,10 +169,12 @@ pub(super) fn refine_to_noise(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
+    // A ball has grown before this stage, so the log starts with its levels.
     let mut refined = growth_log(surface.space(), 1);
     let (mut reached_limit, mut reached_tolerance) = (false, false);
     let mut is_last = false;
     let mut state = Refinement {
+        // NaN marks readings that were not searched for: samples of different rounds overlap only in part.
         at: vec![[f64::NAN; 2]; observations.len()],
         noise: SensorNoise::stated(&observations.channels),
         observations,
@@ -177,6 +189,7 @@ pub(super) fn refine_to_noise(
     };
     for number in 0.. {
         let round = Round { number, is_last };
+        // One pattern and one elimination order serve all steps of a round.
         let system = SurfaceSystem::new(state.surface.space())?;
         let sample = state.sample(round);
         state.find_parameters(&sample, round)?;
@@ -188,6 +201,8 @@ pub(super) fn refine_to_noise(
         let verdict = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
         let space = state.surface.space();
         reached_tolerance |= options.tolerance.is_some() && verdict.by_residuals == 0;
+        // Some leaves are significant by chance. Dividing them would create new ones of the same kind,
+        // without end.
         if verdict.misfits.len() < chance_misfits(space) {
             is_last = true;
             continue;
@@ -214,6 +229,7 @@ impl Refinement<'_> {
     /// The readings of a round. An early round needs a few dozen for each leaf only.
     fn sample(&mut self, round: Round) -> Vec<u32> {
         if round.is_last {
+            // The last round uses more readings, so its rate is counted anew.
             self.projected = 0;
             return self.subset.clone();
         }
@@ -241,6 +257,7 @@ impl Refinement<'_> {
     fn project(&mut self, readings: &[u32]) -> Vec<Foot> {
         let factors = &self.noise.variance_factors;
         let mut feet = project(&self.surface, self.observations, readings, &mut self.at, None, factors);
+        // The variance of inferred readings depends on the present weight of the plate.
         share_errors(self.observations, readings, &mut feet, &self.surface, self.weight);
         feet
     }
@@ -260,18 +277,21 @@ impl Refinement<'_> {
         } else {
             MAX_FINDING_ITERATIONS
         };
-        // The metric stays that of the surface at the start of the round.
+        // The metric stays that of the surface at the start of the round, so the energy is quadratic and each
+        // step solves linear equations.
         let energy = BendingEnergy::new(system, &self.surface)?;
         let mut equations = RoundEquations { system, energy, factor: None };
         for iteration in 0..iterations {
             let rounds = round.number as f64 + iteration as f64 / iterations as f64;
+            // The number of rounds is not known, so the progress approaches its end geometrically.
             let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(rounds));
             progress.check(if round.is_last { "settling" } else { "refining" }, share)?;
             progress.items(self.projected, "readings");
             self.projected += sample.len();
             let rest = self.step(&mut equations, sample, round, progress)?;
-            let is_found = !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND;
-            if rest.is_at_rest || is_found {
+            let is_found =
+                !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND_STEP;
+            if rest.has_converged || is_found {
                 break;
             }
         }
@@ -291,6 +311,7 @@ impl Refinement<'_> {
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
         let channels = FootChannels::new(self.observations, sample);
+        // The noise needs degrees of freedom, and these need a solution. A rough guess starts the cycle.
         let degrees = self.degrees.get_or_insert_with(|| first_degrees(&self.surface, &channels));
         self.noise = SensorNoise::estimate(readings, gate, degrees, round.is_last)?;
         let information = weights(readings, &self.noise, gate, !round.is_last);
@@ -321,16 +342,18 @@ impl Refinement<'_> {
         self.surface = step.surface;
         energy.measure(&self.surface);
         // Generalised Fellner–Schall (Wood & Fasiolo 2017): w ← (degrees that the data determine) / xᵀKx.
+        // One null mode for every shape: a flat sheet has three, which matters with a handful of readings
+        // only (decision 0003).
         let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
         let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
         let next = next.clamp(0.2 * weight, MAX_WEIGHT_CHANGE * weight).min(stiffest);
         self.weight = Some(next);
         self.degrees = Some(step.degrees);
         Ok(StepOutcome {
-            is_at_rest: step.seen < AT_REST
-                && step.scan_error_decrement < SCAN_ERRORS_AT_REST
-                && step.decrement < UNSEEN_AT_REST
-                && (next / weight - 1.0).abs() < WEIGHT_AT_REST,
+            has_converged: step.seen < CONVERGED_STEP
+                && step.scan_error_decrement < CONVERGED_SCAN_ERRORS
+                && step.decrement < CONVERGED_UNSEEN_STEP
+                && (next / weight - 1.0).abs() < CONVERGED_WEIGHT,
             decrement: step.decrement,
         })
     }
@@ -343,6 +366,7 @@ impl Refinement<'_> {
         factor: Option<&CholeskyFactor>,
     ) -> Result<Verdict> {
         let options = self.options;
+        // The last step has moved the surface since its feet were found.
         let feet = self.project(sample);
         let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
         let kept = weights(readings, &self.noise, options.gate, false);
@@ -391,6 +415,8 @@ impl Refinement<'_> {
         // The prior of the model is that of its own metric.
         let energy = BendingEnergy::new(&system, &self.surface)?;
         let weight = self.weight.unwrap_or(0.0);
+        // Readings do not determine motion along the surface. The hold makes the stored matrix regular
+        // (decision 0002).
         let mut prior = system.tangential_hold(&self.surface, TANGENTIAL_HOLD)?;
         prior.add_scaled(&energy.matrix.expanded(3)?, weight)?;
         Ok(ConvergedFit {
@@ -412,7 +438,7 @@ impl Refinement<'_> {
 
 /// How far one iteration moved the surface.
 struct StepOutcome {
-    is_at_rest: bool,
+    has_converged: bool,
     /// Mean square of the step in variances of the surface.
     decrement: f64,
 }

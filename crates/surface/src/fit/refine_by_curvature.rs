@@ -1,14 +1,14 @@
 //! Subdivision by curvature, for the global filter: leaves around which Gaussian curvature varies.
 //!
-//! Input: a surface at rest on its readings, with the factor of its information. Output: the leaves with
-//! `sd(K)/max(|K̄|, σ_K) > 0.5`, where K is taken at the middles of the leaf and its neighbours. The part of
-//! `sd(K)²` that σ_K explains is subtracted first.
+//! Input: a surface that has converged on its readings, with the factor of its information. Output: the
+//! leaves with `sd(K)/max(|K̄|, σ_K) > 0.5`, where K is taken at the middles of the leaf and its neighbours.
+//! The part of `sd(K)²` that σ_K explains is subtracted first.
 //!
 //! Not guaranteed: that more cells reduce the error. A surface may follow its readings to within the noise
 //! and still be curved unevenly.
 //!
 //! # References
-//! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
+//! Wang, Wang 1994, eq. 11–13, with the correction in decision 0023.
 
 use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
 use super::leaves::{leaf_areas, neighbourhood};
@@ -22,7 +22,8 @@ use planish_spline::{Surface, SurfaceSystem, curvature_variation};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Largest variation of a leaf that is not divided (Wang & Wang 1994, eq. 13, made free of units).
+/// Largest variation of a leaf that is not divided (Wang & Wang 1994, eq. 13, made free of units). See
+/// decision 0006.
 const MAX_VARIATION: f64 = 0.5;
 
 /// Leaves around which curvature varies, most variable first. Leaves at the deepest level are excluded, and
@@ -38,6 +39,8 @@ pub(super) fn leaves_of_varying_curvature(
     let feet = readings.feet;
     let space = surface.space();
     let leaves = space.leaves().len();
+    // The factor of the last step is at hand and is near the posterior; a new one would cost a
+    // factorisation.
     let motion = VertexMotion::Along(system.node_normals(surface));
     let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
     let posterior = Posterior::new(surface, covariance);
@@ -56,6 +59,7 @@ pub(super) fn leaves_of_varying_curvature(
             .map(|k| noise.variance(readings, k))
             .collect();
         let mean = variances.iter().sum::<f64>() / variances.len().max(1) as f64;
+        // The same limits as for misfits: on a leaf with few readings, curvature is that of the prior.
         if own.len() < MIN_READINGS as usize || areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * mean {
             continue;
         }

@@ -16,11 +16,12 @@ use planish_spline::Surface;
 ///
 /// For surfaces drawn from a thin plate over much finer cells, 95 % intervals of positions cover 81 % without
 /// this rule and 95 % with it. For surfaces without such detail they cover 99 %, so the rule is optional.
-const WIDEST: f64 = 3.0;
+/// See decision 0007.
+const MAX_WIDTH: f64 = 3.0;
 /// Fewest readings of a leaf that is divided: one for each quarter.
 const MIN_READINGS: usize = 4;
 
-/// All corners of the leaves wider than [`WIDEST`] smoothing lengths, widest first.
+/// All corners of the leaves wider than [`MAX_WIDTH`] smoothing lengths, widest first.
 pub(super) fn leaves_coarser_than_smoothing(
     surface: &Surface,
     feet: &[Foot],
@@ -34,7 +35,9 @@ pub(super) fn leaves_coarser_than_smoothing(
     for (foot, &w) in feet.iter().zip(information) {
         if foot.state == FootState::Good && w > 0.0 {
             let leaf = foot.leaf as usize;
-            let length = areas[leaf].sqrt() / WIDEST;
+            // Instead of ℓ = (w/ρ)^{1/4}, the test compares ρ (side/3)⁴ with w: the information then adds
+            // over quantities of different units.
+            let length = areas[leaf].sqrt() / MAX_WIDTH;
             sums[leaf].0 += smoothing_information(foot.quantity, w, length) / areas[leaf];
             sums[leaf].1 += 1;
         }

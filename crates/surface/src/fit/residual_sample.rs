@@ -81,6 +81,7 @@ impl ResidualSample {
                 feet[k].quantity == Quantity::Position && !channel.inferred
             })
             .collect();
+        // Every Nth reading, so that each scan keeps its share of the sample.
         let step = positions.len().div_ceil(MAX_SAMPLE).max(1);
         for (n, &k) in positions.iter().enumerate() {
             let (i, foot) = (subset[k] as usize, &feet[k]);

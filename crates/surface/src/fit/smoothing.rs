@@ -16,9 +16,12 @@ use std::sync::Arc;
 /// Tolerance of `log w`. Its standard error is rarely below 0.1, so a finer search would fit noise.
 const TOLERANCE: f64 = 0.03;
 /// First steps of `log w`: from a weight found before, from one of a coarser grid, and from a guess.
-const NEAR: f64 = 0.5;
-const ABOUT: f64 = 1.0;
-const FAR: f64 = 2.0;
+///
+/// Each evaluation is a factorisation. A small step needs many of them to reach the maximum from afar; a
+/// large one leaves the neighbourhood of a good start.
+const STEP_FROM_EARLIER: f64 = 0.5;
+const STEP_FROM_COARSER: f64 = 1.0;
+const STEP_FROM_GUESS: f64 = 2.0;
 /// Shortest length over which the plate smooths, in cells, and longest, in sides of the surface. Beyond these
 /// the equations are lost in rounding.
 const SOFTEST: f64 = 1e-3;
@@ -27,6 +30,8 @@ const STIFFEST: f64 = 10.0;
 const FEW_CELLS: usize = 100;
 /// A coordinate counts as an affine function of the parameters if its variance about one is less than this
 /// share of its own.
+///
+/// Rounding leaves far less. Noise of more than a millionth of the spread of a coordinate counts as measured.
 const EXACT_SHARE: f64 = 1e-12;
 
 /// Sums of the readings of all sensors, with their equations.
@@ -100,7 +105,7 @@ impl Smoothing {
         let cell = area / leaves as f64;
         let start = of_length2(cell);
         let bounds = (of_length2(SOFTEST * SOFTEST * cell), of_length2(STIFFEST * STIFFEST * area));
-        let step = if known.is_some() { ABOUT } else { FAR };
+        let step = if known.is_some() { STEP_FROM_COARSER } else { STEP_FROM_GUESS };
         let start = known.unwrap_or(start);
         let start = SearchStart { weight: start, step, dispersion: Dispersion::Estimated, memory: None };
         Self::search(system, energy, bounds, total, start)
@@ -114,6 +119,7 @@ impl Smoothing {
         if space.shape() != Shape::Sheet || space.leaves().len() <= FEW_CELLS {
             return Ok(None);
         }
+        // Sums over coarse cells follow from those over fine ones, so no reading is visited again.
         let coarse = sums.coarsened()?.coarsened()?;
         let start = Self::first_weight(&coarse)?;
         let system = SurfaceSystem::new(coarse.space())?;
@@ -127,7 +133,7 @@ impl Smoothing {
     pub(super) fn again(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
         let start = SearchStart {
             weight: self.found.weight,
-            step: NEAR,
+            step: STEP_FROM_EARLIER,
             dispersion: Dispersion::Estimated,
             memory: Some(self.factor),
         };
@@ -138,7 +144,7 @@ impl Smoothing {
     pub(super) fn with_stated_noise(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
         let start = SearchStart {
             weight: self.found.weight,
-            step: FAR,
+            step: STEP_FROM_GUESS,
             dispersion: Dispersion::Known(1.0),
             memory: Some(self.factor),
         };
@@ -157,6 +163,8 @@ impl Smoothing {
         }
         let measured = measured_coordinates(total);
         let coordinates = measured.iter().filter(|m| **m).count();
+        // Functions without energy: affine ones over a plane, the constant and the height along a tube, and
+        // the constant alone over a closed shape.
         let null = match system.space().shape() {
             Shape::Sheet => 3,
             Shape::Tube => 2,
@@ -167,6 +175,7 @@ impl Smoothing {
             rank: coordinates * (nodes - null),
             unknowns: coordinates * nodes,
             equations: coordinates * total.sums.count(),
+            // That of K does not depend on the weight, so it does not move the maximum.
             log_pseudo_determinant: 0.0,
             dispersion,
         };
@@ -177,6 +186,7 @@ impl Smoothing {
             ..SmoothnessSearch::from_start(start.clamp(bounds.0, bounds.1))
         };
         let vector = total.information.vector();
+        // Exact coordinates would make the residual too small for their number.
         let noisy: Vec<f64> = (vector.chunks_exact(3))
             .flat_map(|eta| (0..3).filter(|&d| measured[d]).map(|d| eta[d]))
             .collect();
@@ -184,6 +194,7 @@ impl Smoothing {
         let mut factor = memory;
         let mut factored_at = None;
         let mut matrix = total.information.clone();
+        // The values are overwritten in place: the pattern stays, and with it the symbolic factorisation.
         let mut factorize = |weight: f64, factor: &mut Option<CholeskyFactor>| -> Result<()> {
             matrix.values_mut().copy_from_slice(total.information.values());
             matrix.add_scaled(&energy, weight)?;
@@ -197,16 +208,20 @@ impl Smoothing {
             let Some(made) = &factor else { unreachable!("a factor was made") };
             factored_at = Some(weight);
             // zᵀWz − ηᵀA⁻¹η is the residual and w times the roughness together.
+            // The likelihood needs a forward substitution only, not the solution (decision 0012).
             whitened.clone_from(&noisy);
             made.solve_lower_in_place(&mut whitened)?;
             let explained: f64 = whitened.iter().map(|x| x * x).sum();
             Ok(SmoothnessEvaluation {
                 log_determinant: coordinates as f64 * made.log_determinant(),
+                // Exact data cancel to zero, or by rounding to less; the logarithm needs a positive number.
                 residual: (squares - explained).max(f64::MIN_POSITIVE),
                 roughness: 0.0,
                 trace: None,
             })
         })?;
+        // The search may return another weight than it evaluated last; the solution must belong to the
+        // result.
         if factored_at != Some(found.weight) {
             factorize(found.weight, &mut factor)?;
         }
@@ -235,6 +250,8 @@ fn measured_coordinates(total: &Totals) -> [bool; 3] {
         Some(affine) => affine.unexplained_share.map(|share| share > EXACT_SHARE),
         None => [true; 3],
     };
+    // If every coordinate is affine, the readings lie on a plane without noise. The search still needs one
+    // coordinate to weigh.
     if measured == [false; 3] { [true; 3] } else { measured }
 }
 
@@ -269,6 +286,8 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
         }
         Shape::Torus => {
             let tube = nv / TAU;
+            // A ring narrower than its tube would pass through itself, and its metric would be singular at
+            // the axis.
             let ring = (nu / TAU).max(1.5 * tube);
             Box::new(move |u, v| {
                 let (a, b) = (TAU * u / nu, TAU * v / nv);

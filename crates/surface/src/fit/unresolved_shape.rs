@@ -28,7 +28,7 @@ use serde::Serialize;
 
 /// Significance in standard deviations of noise: of a single leaf, and of a leaf with its neighbours. Lower
 /// values enlarge σ by chance on some of the thousands of leaves; higher ones miss shape that makes σ too
-/// small.
+/// small. See decision 0008.
 const SIGNIFICANT_ALONE: f64 = 4.0;
 const SIGNIFICANT_TOGETHER: f64 = 3.0;
 
@@ -108,6 +108,7 @@ pub(super) fn unresolved_shape(
         for k in near() {
             *(if information[k] > 0.0 { &mut inside } else { &mut outside }) += 1;
         }
+        // Many readings beyond the gate are shape that the gate mistook for gross errors.
         let is_shape = outside as f64 > MAX_GROSS * (inside + outside) as f64;
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
         let mut bins = [[0.0; 5]; BINS * BINS];
@@ -138,6 +139,7 @@ pub(super) fn unresolved_shape(
         }
         Ok(shared)
     };
+    // The sums of a leaf enter up to nine neighbourhoods, so they are made once.
     let sums: Vec<Shared> =
         (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect::<Result<_>>()?;
     Ok((0..leaves)
@@ -148,6 +150,8 @@ pub(super) fn unresolved_shape(
             for other in neighbourhood(surface.space(), leaf) {
                 together.add(&sums[other]);
             }
+            // The leaf alone comes first: the mean over its neighbours would make strong local shape too
+            // small.
             (sums[leaf].mean_square(SIGNIFICANT_ALONE))
                 .or_else(|| together.mean_square(SIGNIFICANT_TOGETHER))
                 .unwrap_or(0.0)

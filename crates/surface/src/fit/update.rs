@@ -75,6 +75,7 @@ pub(super) fn add_to_model(
         feet,
         noise,
         weight: model.smoothness_weight,
+        // Sessions add their data to one prior; a second prior would count smoothness twice.
         prior: information.prior.clone(),
         at,
         reached_limit: false,

@@ -57,6 +57,8 @@ pub(super) fn weights_with_surface_variance(
                 return 0.0;
             }
             let variance = noise.variance(readings, k);
+            // The largest component decides: a mean over the components would let a correct one hide a
+            // gross error.
             let r = foot.extremes().0 / (variance + surface_variance(k)).sqrt();
             if finding {
                 let above = readings.observations.intake.ground

@@ -24,6 +24,7 @@ impl VertexInformation {
     pub(super) fn translate(&mut self, by: [f64; 3]) -> Result<()> {
         for information in [&mut self.prior, &mut self.data] {
             let repeated: Vec<f64> = (0..information.vector().len()).map(|k| by[k % 3]).collect();
+            // The matrix does not depend on the origin; the vector becomes η + Λ o (decision 0010).
             information.translate(&repeated)?;
         }
         Ok(())

@@ -13,7 +13,7 @@ use std::sync::Arc;
 ///
 /// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of
 /// position determine. Motion along the surface only changes the parameters of its points, so it is held; see
-/// `DESIGN.md`. If parameters were known, every coordinate moves.
+/// decision 0002. If parameters were known, every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
@@ -68,6 +68,7 @@ pub struct LeafCovariance<'a> {
 const IDENTITY_WEIGHTS: [[f64; 16]; 16] = {
     let mut weights = [[0.0; 16]; 16];
     let mut k = 0;
+    // Constants cannot be made by `for` loops.
     while k < 16 {
         weights[k][k] = 1.0;
         k += 1;
@@ -193,6 +194,7 @@ impl<'a> Posterior<'a> {
             }
         };
         let (nodes, weights) = self.surface.space().extraction(leaf);
+        // Nodes of a leaf are coupled in the pattern, so the selected inverse has all of their entries.
         let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
         if let Some(shared) = shared.as_ref().filter(|_| !self.given_scan_errors) {
             shared.add_to(&mut covariance, nodes);
@@ -249,6 +251,7 @@ impl<'a> Posterior<'a> {
                 Ok((sigma, jet.area_element() * side * side))
             })
             .collect::<Result<_>>()?;
+        // Collapsed leaves have neither area nor σ.
         by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
         by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
         let Some(&(max, _)) = by_area.last() else {

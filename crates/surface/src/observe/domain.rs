@@ -10,14 +10,14 @@ use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 
 /// Largest length whose fourth power is finite; the fourth power of its inverse is not zero.
-const LARGEST: f64 = 1e70;
+const MAX_LENGTH: f64 = 1e70;
 /// Largest ratio of σ and the object's size, or the inverse.
 const SIGMA_RANGE: f64 = 1e12;
 /// Largest distance of an object from the origin, in sizes. Of sixteen digits, squares and their sums leave
 /// about half.
-const FARTHEST: f64 = 1e7;
+const MAX_DISTANCE: f64 = 1e7;
 /// Distance from the origin, in sizes, at which the last digits of a good scanner are lost.
-const FAR: f64 = 1e6;
+const FAR_DISTANCE: f64 = 1e6;
 
 /// Checks coordinates and stated σ; returns findings. `inputs` is the name of all scans together in messages.
 ///
@@ -43,9 +43,13 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     let mut corners = Vec::new();
     let mut boxes = Vec::new();
     for posed in &set.scans {
-        if let Some(at) = posed.scan.points.iter().position(|p| p.iter().any(|c| c.abs() > LARGEST)) {
+        if let Some(at) = posed.scan.points.iter().position(|p| p.iter().any(|c| c.abs() > MAX_LENGTH)) {
             let point = posed.scan.points[at];
-            return Err(wrong(posed, at, format!("needed coordinates within ±{LARGEST:e}, found {point:?}")));
+            return Err(wrong(
+                posed,
+                at,
+                format!("needed coordinates within ±{MAX_LENGTH:e}, found {point:?}"),
+            ));
         }
         let pose = &posed.scan.world_from_scanner;
         let bounds = BoundingBox::around(posed.scan.points.iter().map(|p| pose.apply(*p)));
@@ -60,24 +64,25 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
         // All points coincide: the fit reports that.
         return Ok(Vec::new());
     }
-    if size < 1.0 / LARGEST {
+    if size < 1.0 / MAX_LENGTH {
         return Err(Error::input(format!(
             "{inputs}: needed a cloud larger than {:e}, found {size:e}",
-            1.0 / LARGEST
+            1.0 / MAX_LENGTH
         )));
     }
     for posed in &set.scans {
+        // The size of the cloud is the only scale by which a σ can be judged.
         check_sigma(posed, set, size, inputs)?;
     }
     let away = bounds.min.iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
-    if away > FARTHEST * size {
+    if away > MAX_DISTANCE * size {
         return Err(Error::input(format!(
             "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are \
              left: subtract an offset from its coordinates first"
         )));
     }
     let mut findings: Vec<Finding> = apart(boxes).into_iter().collect();
-    if away > FAR * size {
+    if away > FAR_DISTANCE * size {
         findings.push(Finding::new(
             FindingCode::FarFromOrigin,
             format!(
@@ -148,6 +153,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
         }
     }
     let sensor = &set.sensors[posed.sensor];
+    // The σ of a sensor is not used for a scan that states its own.
     match sensor.noise.map(|noise| noise.sigma()) {
         Some(sigma) if scan.sigma.is_none() && scan.covariance.is_none() && out_of_range(sigma) => {
             Err(Error::input(format!("{inputs}: sensor \"{}\": {}", sensor.name, message(sigma))))
@@ -181,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_out_of_range_are_named() {
+    fn numbers_out_of_range_are_rejected_with_their_place() {
         type Change = fn(&mut Scan, &mut Sensor);
         let cases: [(Change, &str); 6] = [
             (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
@@ -212,9 +218,12 @@ mod tests {
             next.scan.points.iter_mut().for_each(|p| p[0] += along);
             three.scans.push(next);
         }
-        let said = check_domain(&three, "job.toml").unwrap();
-        assert!(said.len() == 1 && said[0].text.contains("a.ply and 2.ply lie farther apart"), "{said:?}");
-        // What lies between joins them.
+        let findings = check_domain(&three, "job.toml").unwrap();
+        assert!(
+            findings.len() == 1 && findings[0].text.contains("a.ply and 2.ply lie farther apart"),
+            "{findings:?}"
+        );
+        // A scan between them connects them.
         let mut between = three.scans[0].clone();
         between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
         three.scans.push(between);

@@ -153,6 +153,7 @@ pub(crate) fn project(
             // A foot is followed from its last parameters; a search is only needed for new readings.
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
+            // A scan normal is a unit vector, or zero if the side is unknown.
             let has_normal = dot(scan_normal, scan_normal) > 0.5;
             let state = if has_normal && dot(scan_normal, foot.normal) < MIN_COSINE {
                 FootState::NormalMismatch
@@ -236,6 +237,8 @@ pub(crate) fn accumulate(
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             if w > 0.0 {
                 foot.rows(surface, |r, row| {
+                    // The equation is one for the vertices, not for a step: information of different
+                    // surfaces then adds.
                     let on_surface = along_normal(surface, foot, row);
                     cell.add_scalar(row, foot.normal, on_surface + foot.residuals[r], w);
                 });

@@ -26,5 +26,6 @@ impl Hasher for BitsHasher {
 
 /// A repeatable number in [0, 1) for a point of a scan, uniform over points.
 pub(crate) fn hash01(seed: u64, scan: u64, point: u64) -> f64 {
+    // 40 bits for the point leave 24 for the scan.
     unit_interval(mix64(mix64(seed.wrapping_mul(GOLDEN_GAMMA) ^ (scan << 40) ^ point)))
 }

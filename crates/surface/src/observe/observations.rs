@@ -34,7 +34,7 @@ const MAX_LISTED_DUPLICATES: usize = 5;
 
 /// Points farther from the origin than this many times their size are moved there for the fit.
 ///
-/// Below it, products of coordinates lose at most two digits.
+/// Below it, products of coordinates lose at most two digits. See decision 0010.
 const FAR_FROM_ORIGIN: f64 = 8.0;
 
 /// Variance of an inferred reading along its normal.
@@ -105,6 +105,7 @@ impl Observations {
             self.channels.push(Channel { inferred: true, ..Channel::new(usize::MAX, Quantity::Position) });
             self.channels.len() - 1
         });
+        // A scan of its own, which belongs to no measured one.
         let scan = self.scans.channel.len() as u32;
         self.scans.channel.push(channel);
         self.scans.base.push(scan);

@@ -1,8 +1,8 @@
 //! Errors common to all readings of a scan: its pose, and a bias of its ranges.
 //!
 //! Input: scans whose pose or bias has a σ. Output: up to seven unknowns for each of them, `τ` and `ω` of a
-//! motion and a bias `b`, which are part of the state beside the control vertices; their coupling with these;
-//! and their covariance. The residual of a reading changes with them by
+//! motion and a bias `b`, which are part of the state in addition to the control vertices; their coupling
+//! with these; and their covariance. The residual of a reading changes with them by
 //!
 //! ```text
 //! position    ∂r/∂τ = n      ∂r/∂ω = (z − c) × n      ∂r/∂b = −n·d
@@ -34,12 +34,13 @@ const UNKNOWNS: usize = 7;
 const ROTATION: usize = 3;
 const BIAS: usize = 6;
 /// σ of the rotation of a scan whose pose is free, in radians. σ of its position is the cloud's size, so the
-/// prior is negligible beside any reading.
+/// prior is negligible compared with any reading.
 const FREE_ROTATION: f64 = 1.0;
 /// Largest motion of a scan in one iteration: as a share of the cloud's size, and in radians. Larger steps
 /// leave the range of the linearisation.
-const LONGEST_STEP: f64 = 0.1;
+const MAX_STEP: f64 = 0.1;
 /// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
+/// See decision 0014.
 const DETERMINED: f64 = 0.05;
 /// Step of central differences by rotation, in radians: their error is about its square, and rounding about
 /// 1e-16 over it.
@@ -154,6 +155,7 @@ impl ScanError {
     /// 1/σ² of each unknown; 0 for exact ones, which do not move.
     fn stated_information(&self) -> [f64; UNKNOWNS] {
         std::array::from_fn(|k| {
+            // Unknowns 0 to 2 are the translation, 3 to 5 the rotation, and 6 is the bias.
             let sigma = self.sigmas[(k / 3).min(2)];
             if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 }
         })
@@ -265,6 +267,8 @@ impl ScanErrors {
             made.of_scan[s] = Some(made.errors.len());
             made.errors.push(ScanError {
                 scan: s,
+                // About the centroid of its readings, rotation and translation of a scan are nearly
+                // independent.
                 center: if sigmas[0] > 0.0 {
                     sum.map(|c| c / count as f64)
                 } else {
@@ -313,6 +317,7 @@ impl ScanErrors {
             return 0.0;
         };
         let error = &self.errors[error];
+        // Most scans have no bias, and the ray of a point takes a square root.
         if error.bias == 0.0 {
             return 0.0;
         }
@@ -343,12 +348,13 @@ impl ScanErrors {
                 if length > longest { v.map(|c| c * longest / length) } else { v }
             };
             // A limited step keeps its direction, so the iteration still goes downhill.
-            let translation = limited([by[0], by[1], by[2]], LONGEST_STEP * self.size);
-            let rotation = limited([by[3], by[4], by[5]], LONGEST_STEP);
+            let translation = limited([by[0], by[1], by[2]], MAX_STEP * self.size);
+            let rotation = limited([by[3], by[4], by[5]], MAX_STEP);
             let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);
             // About the centre: z ↦ R (z − c) + c + τ.
             let motion =
                 Pose { translation: add(translation, sub(error.center, turn.rotate(error.center))), ..turn };
+            // The caller moves the readings by the same motion, so that poses and readings agree.
             error.now = motion.after(&error.now);
             error.viewing = moved_viewing(error.viewing, &motion);
             *moved = Some(motion);

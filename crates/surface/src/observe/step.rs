@@ -110,6 +110,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
         degrees_by_channel(input, &factor, &directions)?
     };
     let total: f64 = degrees.iter().sum();
+    // Λ δ is the gradient, so δᵀ Λ δ needs no product with the matrix.
     let decrement = step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
     let mut data_step = vec![0.0; step.len()];
     readings.multiply(&step, &mut data_step)?;
@@ -165,6 +166,7 @@ fn solve(
     for (s, pull) in step.iter_mut().zip(&equations.pull) {
         *s += pull;
     }
+    // Vertices and scans are solved together: alternating between them creeps (decision 0014).
     let bordered = Bordered::new(factor, &equations.coupling, &equations.corner)?;
     let mut of_scans = equations.gradient.clone();
     bordered.solve_in_place(factor, &equations.coupling, &mut step, &mut of_scans)?;
@@ -209,6 +211,7 @@ fn degrees_by_channel(
     directions: &[[f64; 3]],
 ) -> Result<Vec<f64>> {
     let StepInput { surface, feet, information, channels, .. } = *input;
+    // A fixed seed: σ follows from these degrees, and must be the same in every run.
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut degrees = vec![0.0; channels.count];
     for _ in 0..PROBES {
@@ -244,6 +247,7 @@ fn degrees_by_channel(
         }
     }
     for d in &mut degrees {
+        // Random probes of a channel with few readings may give a small negative trace.
         *d = d.max(0.0);
     }
     Ok(degrees)

@@ -16,6 +16,7 @@ const CELLS: usize = 16;
 /// Metadata of a filter.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Notes {
+    // The field names are keys of the file format, so they stay.
     layout: String,
     weight: f64,
     hold: f64,
@@ -121,6 +122,7 @@ impl Notes {
         let innovations = tensors.f64("patch_innovations", &[CELLS, 3])?;
         let count = cells.len() / 3;
         let square = VERTICES * VERTICES;
+        // The tensors are compared before they are cut up: a damaged file must give an error, not a panic.
         for (name, found) in [
             ("patch_means", means.len() / (VERTICES * columns)),
             ("patch_covariances", covariances.len() / square),
@@ -151,6 +153,8 @@ impl Notes {
                         mean,
                         covariances[p * square..][..square].to_vec(),
                     )?,
+                    // Messages between patches are not saved: a filter is written after reconciliation
+                    // only.
                     before: None,
                     prior_covariance: priors[p * square..][..square].to_vec(),
                     innovations: std::array::from_fn(of_cell),

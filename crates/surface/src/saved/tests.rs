@@ -41,7 +41,7 @@ fn a_loaded_model_has_the_same_covariance() {
     assert_eq!(variance(&model).to_bits(), variance(&loaded).to_bits());
 }
 
-/// What loading says of a file after a change.
+/// The message of loading a file after a change.
 fn complaint(change: impl FnOnce(&mut ModelFile)) -> String {
     let mut file = to_file(&small_model(Shape::Ball), &[session()]).unwrap();
     change(&mut file);
@@ -51,7 +51,7 @@ fn complaint(change: impl FnOnce(&mut ModelFile)) -> String {
 }
 
 #[test]
-fn every_kind_of_damage_is_named() {
+fn every_kind_of_damage_is_reported() {
     fn f64s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<f64> {
         match &mut file.tensors.get_mut(name).unwrap().data {
             TensorData::F64(values) => values,

@@ -56,7 +56,7 @@ fn a_resumed_stream_continues_to_the_last_bit() {
     assert_eq!(a.known.filter().unwrap().state(), b.known.filter().unwrap().state());
 }
 
-/// What is stated must be true, and memory must not depend on how much was read.
+/// The reported σ must be correct, and memory must not depend on the number of readings.
 #[test]
 fn sigma_is_calibrated_and_memory_constant() {
     let all = readings(20_000, 2);
@@ -106,7 +106,7 @@ fn gross_errors_are_rejected_and_wrong_files_refused() {
     assert!(e.to_string().contains("global filter"), "{e}");
 }
 
-/// A normal and a curvature add to what positions have told.
+/// A normal and a curvature add information to that of positions.
 #[test]
 fn normals_and_curvatures_lower_sigma() {
     let all = readings(800, 4);

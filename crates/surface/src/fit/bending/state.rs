@@ -20,16 +20,22 @@ use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 
 /// Relative σ of lengths in the first iteration, and iterations until it has its final value.
+///
+/// A flat sheet that is stiff from the start cannot leave its plane: to first order a normal displacement
+/// changes no length, to second order all (decision 0020).
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
-/// Largest number of iterations, and mean square step at rest, in variances of a vertex.
+/// Largest number of iterations, and mean square step of a converged state, in variances of a vertex.
 const MAX_ITERATIONS: usize = 40;
-const AT_REST: f64 = 1e-3;
+const CONVERGED_STEP: f64 = 1e-3;
 /// Length over which displacements are smoothed at the start, and at most, in square roots of the sheet's
 /// area.
 const FIRST_SMOOTHING: f64 = 0.1;
 const STIFFEST: f64 = 2.0;
 /// σ of sliding along the sheet, in leaves.
+///
+/// Range readings do not determine sliding, so some hold is needed. A tighter one would resist the bending
+/// itself.
 const SLIDING: f64 = 5.0;
 /// Readings beyond the border belong to the sheet if they are nearer to it than this share of its extent.
 /// Their pull is bounded beyond [`BOUNDED`] spacings of the readings.
@@ -83,7 +89,7 @@ impl Sheet<'_> {
         let unknown = vec![0.0; observations.channels.len()];
         let mut surface = previous.clone();
         let mut weight = None;
-        let mut resting = false;
+        let mut has_converged = false;
         let gate = self.options.gate;
         for iteration in 0..MAX_ITERATIONS {
             progress.check("bending", iteration as f64 / MAX_ITERATIONS as f64)?;
@@ -132,8 +138,8 @@ impl Sheet<'_> {
                     .min(smoothing(STIFFEST));
             }
             weight = Some(next);
-            resting = annealed && decrement < AT_REST && (next / now - 1.0).abs() < 0.05;
-            if resting {
+            has_converged = annealed && decrement < CONVERGED_STEP && (next / now - 1.0).abs() < 0.05;
+            if has_converged {
                 break;
             }
         }
@@ -159,7 +165,7 @@ impl Sheet<'_> {
             weight,
             prior,
             at,
-            reached_limit: !resting,
+            reached_limit: !has_converged,
             reached_tolerance: false,
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,
@@ -185,6 +191,7 @@ impl Sheet<'_> {
         weight: f64,
         iteration: usize,
     ) -> Result<BlockInformation> {
+        // Geometric from the first to the final σ: every iteration stiffens the sheet by the same factor.
         let left = 1.0 - (iteration as f64 / ANNEALING as f64).min(1.0);
         let softness = 2.0 * (SIGMA_STRETCH * (FIRST_STRETCH / SIGMA_STRETCH).powf(left));
         let softness = if left > 0.0 { softness } else { 0.0 };
@@ -233,6 +240,7 @@ fn beyond_by(surface: &Surface, readings: &ReadingColumns, reading: u32, foot: &
     }
     let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
     let off = sub(readings.points[reading as usize], from);
+    // Along the sheet only: the component along the normal is noise or bending.
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 

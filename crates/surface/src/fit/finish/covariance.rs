@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// Draws of the surface's noise.
 ///
 /// Each scan sums its share of a draw over thousands of readings, so a dozen draws average well. The cost is
-/// one solution of the equations for each draw.
+/// one solution of the equations for each draw. See decision 0014.
 const NOISE_DRAWS: u64 = 12;
 
 impl Finishing<'_> {
@@ -46,6 +46,7 @@ impl Finishing<'_> {
         let mut stated = Vec::new();
         if let (false, Some(slot)) = (errors.is_empty(), model.known.scan_errors_mut()) {
             let equations = errors.equations(&here);
+            // Removing spurious information must not go below what the user has stated.
             stated = equations.prior.clone();
             *slot = Some(equations.into_information(parts));
         }
@@ -86,6 +87,7 @@ fn noise_of_surface(
     let (start, order) = by_leaf(feet, space.leaves().len());
     (0..NOISE_DRAWS)
         .map(|draw| {
+            // Each draw has its own seed, so the draws depend neither on their order nor on the threads.
             let mut rng = ChaCha8Rng::seed_from_u64(draw);
             let drawn: Vec<[f64; 3]> =
                 (0..feet.len()).map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng))).collect();
@@ -94,6 +96,7 @@ fn noise_of_surface(
                     let (foot, w) = (&feet[k as usize], information[k as usize]);
                     if w > 0.0 {
                         foot.rows(surface, |r, row| {
+                            // Times the weight w, this is √(parts w) ε: the score of all readings.
                             add(row, foot.normal, drawn[k as usize][r] * (parts / w).sqrt(), w)
                         });
                     }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 pub(in crate::fit) fn variances_of_surface(posterior: &Posterior<'_>, feet: &[Foot]) -> Result<Vec<f64>> {
     let leaves = posterior.surface().space().leaves().len();
     let (start, order) = by_leaf(feet, leaves);
+    // By leaf, because the covariance of a leaf costs more than the variances of its readings.
     let parts: Vec<Vec<(u32, f64)>> = (0..leaves)
         .into_par_iter()
         .map(|leaf| {
@@ -45,6 +46,7 @@ pub(super) fn degrees_of_channels(
 ) -> Result<Vec<f64>> {
     let leaves = posterior.surface().space().leaves().len();
     let (start, order) = by_leaf(feet, leaves);
+    // Chunks of fixed size: partial sums are added in the same order at any number of threads.
     let parts: Vec<Vec<f64>> = (0..leaves.div_ceil(64))
         .into_par_iter()
         .map(|chunk| {

@@ -143,6 +143,8 @@ pub(in crate::fit) fn common_findings(
         );
         findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }
+    // Points of unwanted classes are no readings of this surface: they count neither as rejected nor in the
+    // total.
     let gated = rejected_readings(rejected);
     let total = total - (rejected.values().sum::<usize>() - gated);
     if gated * 10 > total {

@@ -22,6 +22,7 @@ pub(super) fn judge_held_out(
     if held.is_empty() {
         return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
     }
+    // Held-out readings took no part in the iterations, so they have no foot to follow.
     let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
     let feet = project(surface, observations, &held, at, Some(&search), &noise.variance_factors);
     let normalised: Vec<Option<f64>> = held
@@ -46,5 +47,7 @@ pub(super) fn judge_held_out(
     let kept: Vec<f64> = normalised.into_iter().flatten().collect();
     let n = kept.len();
     let mean_square = kept.iter().map(|r| r * r).sum::<f64>() / n.max(1) as f64;
+    // The gate cuts the tails of normal residuals, so their mean square is below 1 even if every σ is
+    // right.
     Ok(HeldOut { n, rms_normalised: (mean_square / kept_variance(gate)?).sqrt() })
 }

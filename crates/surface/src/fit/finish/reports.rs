@@ -49,6 +49,7 @@ pub(super) fn sensor_reports(
             let n = count.max(1) as f64;
             // Where σ differs from point to point, its root mean square along the normals stands for it.
             let typical = (stated / n).sqrt();
+            // Reports state σ of normals in degrees, as files do.
             let in_unit = match channel.quantity {
                 Quantity::Normal => 1.0_f64.to_degrees(),
                 Quantity::Position | Quantity::Curvature => 1.0,

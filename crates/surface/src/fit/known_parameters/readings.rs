@@ -19,11 +19,11 @@ use std::sync::Arc;
 
 /// Readings of one parallel task.
 pub(super) const TASK: usize = 1 << 13;
-/// Held-out readings that are enough to judge a fit.
+/// Held-out readings that are enough to judge a fit: their normalised rms has a standard error of 1.3 %.
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
-/// Residuals that are enough to estimate the scale of a sensor.
+/// Residuals that are enough to estimate the scale of a sensor: its standard error is 0.3 %.
 const ENOUGH_FOR_SCALE: usize = 50_000;
-/// Fewest readings of a fit.
+/// Minimum number of readings of a fit.
 const MIN_READINGS: usize = 10;
 /// Readings farther than this many σ are softened while gross errors are searched for.
 const BOUNDED: f64 = 2.5;
@@ -205,6 +205,7 @@ impl<'a> Readings<'a> {
         let repeated = repeated(set);
         let mut held_out = held_out(set, options, total);
         for (held_out, repeated) in held_out.iter_mut().zip(&repeated) {
+            // A copy of a fitted reading cannot judge the fit.
             held_out.retain(|k| repeated.binary_search(k).is_err());
         }
         let marks = || -> Vec<Marks> {
@@ -280,6 +281,7 @@ impl<'a> Readings<'a> {
                 (0..size).step_by(TASK).map(move |k| (s, k..size.min(k + TASK)))
             })
             .collect();
+        // Results are collected in the order of the tasks, so sums over them do not depend on the threads.
         tasks.into_par_iter().map(|(s, range)| work(s, range)).collect()
     }
 
@@ -470,6 +472,8 @@ impl Evaluation {
     pub(super) fn new(surface: &Surface, measured: [bool; 3]) -> Self {
         let coordinates: Vec<usize> = (0..3).filter(|&d| measured[d]).collect();
         let coefficients = surface.space().leaf_coefficients(surface.vertices());
+        // The sum over sixteen products of weights is one polynomial for each leaf, which Horner's rule
+        // evaluates with fifteen multiplications.
         let polynomials = (coefficients.iter())
             .flat_map(|c| {
                 coordinates.iter().map(|&d| {
@@ -508,7 +512,7 @@ impl Evaluation {
 }
 
 /// Numbers of the held-out readings of each scan: one at random from each stratum of `1/share` readings, and
-/// no more than are needed.
+/// at most as many as are needed.
 pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
     let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
     (set.scans.iter().enumerate())

@@ -246,7 +246,7 @@ fn unsupported_input_with_known_parameters_is_refused() {
     }
 }
 
-/// Whatever one gross error says, it is found out, and every reading is accounted for.
+/// A gross error of any value is rejected, and every reading is accounted for.
 #[test]
 fn one_gross_error_of_any_size_is_rejected() {
     for size in [0.5, 30.0, 1e4] {

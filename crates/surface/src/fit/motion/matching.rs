@@ -58,7 +58,7 @@ impl RigidTracker<'_> {
             .1
     }
 
-    /// Information that makes the equations regular and is negligible beside that of any reading.
+    /// Information that makes the equations regular and is negligible compared with that of any reading.
     pub(super) fn damping(&self) -> Matrix6<f64> {
         let shift = self.size.powi(-2);
         Matrix6::from_diagonal(&Vector6::from([1.0, 1.0, 1.0, shift, shift, shift]))
@@ -98,6 +98,7 @@ impl RigidTracker<'_> {
             sums.gradient += row * (height / variance);
             sums.matched += 1;
             sums.normalised.push(height / variance.sqrt());
+            // A truncated parabola: readings beyond the gate neither help nor harm a start.
             sums.score += 1.0 - (height / gate.max(f64::MIN_POSITIVE)).powi(2).min(1.0);
         }
         sums
@@ -120,6 +121,8 @@ impl RigidTracker<'_> {
             let foot = self.surface.project(place, start, &ProjectionOptions::default());
             let n = foot.normal;
             let leaf = foot.leaf as usize;
+            // Beyond the part that the first scan measured, or on the other side of the object, there is
+            // nothing to match.
             if foot.at_border || !self.observed[leaf].is_measured() || dot(n, facing) < MIN_COSINE {
                 return None;
             }

@@ -11,7 +11,8 @@ use serde::Serialize;
 
 /// Factor by which σ of the tracked poses is enlarged as a prior of the fit of all scans.
 ///
-/// The readings of a scan count in both steps. With a weak prior they count little more than once.
+/// The readings of a scan count in both steps. With a weak prior they count little more than once. See
+/// decision 0019.
 const PRIOR_SIGMA_FACTOR: f64 = 4.0;
 
 /// The motion of an object during scanning.
@@ -97,6 +98,7 @@ impl RigidTracker<'_> {
         let start = self.times[0];
         let (mut information, mut pull) = (Matrix6::zeros(), Vector6::zeros());
         let (mut roots, mut found) = (Matrix6::zeros(), 0);
+        // The first scan defines the frame, so its pose has no error.
         for (tracked, &time) in self.tracked.iter_mut().zip(&self.times).skip(1) {
             let report = &poses[tracked.scan];
             let Some((covariance, object_from_scanner)) =
@@ -126,6 +128,7 @@ impl RigidTracker<'_> {
                 .ok_or_else(|| Error::undetermined(format!("{}: its pose has no covariance", report.scan)))?
                 .inverse();
             let eigen = symmetric.symmetric_eigen();
+            // Common errors add linearly, so the roots of the covariances are summed, not the covariances.
             let root = eigen.eigenvectors
                 * Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()))
                 * eigen.eigenvectors.transpose();
@@ -159,6 +162,7 @@ impl RigidTracker<'_> {
             [size, variance.max(0.0).sqrt()]
         };
         let rate = length(6, turn);
+        // Without a significant turn the axis would lie anywhere.
         let is_turning = rate[0] > 3.0 * rate[1];
         Ok(MotionReport {
             kind: "rigid".to_owned(),

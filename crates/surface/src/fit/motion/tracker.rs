@@ -106,11 +106,13 @@ impl<'a> RigidTracker<'a> {
             Error::undetermined("the first scan made no surface that the others could be laid on")
         })?;
         let times: Vec<f64> = order.iter().map(|&k| set.scans[k].scan.time_s.unwrap_or_default()).collect();
+        // Scans of the same time bound no velocity.
         let gap =
             (times.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 0.0)).fold(f64::INFINITY, f64::min);
         let size = bounds.diagonal();
         let system = SurfaceSystem::new(surface.space())?;
         let directions = system.node_normals(surface);
+        // The covariance of a pose contains the error of the surface: its factor is kept for all scans.
         let known = first.model.information_along(&system, &directions)?;
         let posterior = first.posterior();
         let variances = (0..surface.space().leaves().len())

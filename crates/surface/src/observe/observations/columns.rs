@@ -1,4 +1,4 @@
-//! The columns of [`Observations`](super::Observations), apart by what they have an entry for.
+//! The columns of [`Observations`](super::Observations), grouped by what they have one entry for.
 
 use super::InferredVariance;
 use crate::observe::RejectionCause;
@@ -11,7 +11,9 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct ReadingColumns {
     /// Positions in the world frame.
     pub points: Vec<[f64; 3]>,
-    /// Unit normals of the scans, in the world frame; zero if unknown.
+    /// Unit normals of the scans, in the world frame; zero if unknown. They select a side, for which single
+    /// precision is enough. Normals that were measured are kept with the noise of their scan, in double
+    /// precision.
     pub normals: Vec<[f32; 3]>,
     /// Index of the scan of each reading.
     pub scan: Vec<u32>,

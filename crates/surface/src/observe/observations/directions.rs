@@ -125,7 +125,9 @@ impl Observations {
                 *self.intake.rejected.entry(RejectionCause::NoDirection).or_insert(0) += silent;
             }
         }
+        // Only this function needs the source, which takes four bytes for each reading.
         self.readings.source = Vec::new();
+        // Sensors of normals or curvatures have positions only as places of these.
         let gone: Vec<bool> = (0..self.len())
             .map(|k| {
                 k < placed

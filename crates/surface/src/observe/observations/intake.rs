@@ -91,12 +91,14 @@ impl Observations {
             sensors,
             options,
             keep_source: (0..scans.len()).any(wanted),
+            // By sensor, because two sensors may measure the same place (decision 0030).
             seen: vec![SeenPoints::default(); sensors.len()],
         };
         for (s, geometry) in geometries.iter().enumerate() {
             made.add_positions(&mut intake, s, geometry.as_ref());
         }
         made.refuse_too_few()?;
+        // The ground comes first: normals and roughness from neighbours are then those of the ground alone.
         if let Some(ground) = &options.ground {
             made.keep_ground(scans, ground)?;
         }
@@ -142,6 +144,7 @@ impl Observations {
                 point: world,
                 normal: scan.world_from_scanner.rotate(normal).map(|c| c as f32),
                 scan: s as u32,
+                // By a hash of the point number, so that the choice depends on no other point.
                 held_out: may_be_held_out
                     && hash01(options.seed, s as u64, i as u64) < options.held_out_share,
                 index: kept,
@@ -177,6 +180,8 @@ impl Observations {
         checks: &PointChecks<'_>,
     ) -> Option<RejectionCause> {
         let scan = intake.scans[s];
+        // Classes come first, so that a point of an unwanted class is not remembered as the original of
+        // another.
         if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
             && (NOISE_CLASSES.contains(&class) || checks.ground_only && !GROUND_CLASSES.contains(&class))
         {

@@ -29,6 +29,7 @@ impl Observations {
         let unknown =
             |made: &Self, i: usize| !made.readings.oriented[i] && made.readings.normals[i] == [0.0; 3];
         if (0..self.len()).any(|i| unknown(self, i)) {
+            // Among all scans: a point that is alone in its own scan may have neighbours in another.
             let cloud = cloud_geometry(&self.readings.points, neighbours)?;
             let touch = |i: usize| touched(self.channels[self.channel(i)].sensor);
             let mut gone: Vec<bool> =
@@ -54,6 +55,7 @@ impl Observations {
         if !orient {
             return Ok(());
         }
+        // Normals of known side keep it, and pass it on to their neighbours.
         let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
         orient_normals(&self.readings.points, &mut normals, &self.readings.oriented, neighbours)?;
         self.readings.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
@@ -77,6 +79,7 @@ impl Observations {
                 found.len()
             )));
         }
+        // Two passes, so that each cause has its own count.
         let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
         self.reject(&below, RejectionCause::BelowGround);
         found.retain(|&what| what != Ground::Below);
@@ -112,6 +115,7 @@ impl Observations {
         self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
         let roughness: Vec<Option<f64>> = (0..sensors)
             .map(|sensor| {
+                // One scan, because errors of poses between scans would count as roughness.
                 let largest = (0..scans.len())
                     .filter(|&s| self.scans.channel[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;

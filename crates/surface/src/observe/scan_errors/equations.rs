@@ -57,6 +57,7 @@ impl ScanErrorEquations {
     pub(crate) fn into_information(mut self, factor: f64) -> ScanErrorInformation {
         self.coupling.iter_mut().for_each(|c| *c *= factor);
         for (p, prior) in self.corner.iter_mut().zip(&self.prior) {
+            // More readings add information, but what was stated counts once.
             *p = factor * (*p - prior) + prior;
         }
         ScanErrorInformation { coupling: self.coupling, corner: self.corner }
@@ -137,6 +138,8 @@ impl ScanErrors {
                 row[..m].copy_from_slice(part);
             }
             put_block(&mut made.corner, width, 0, &earlier.information.corner, m);
+            // What earlier sessions know counts as stated: the spurious part was removed from it at their
+            // end.
             put_block(&mut made.prior, width, 0, &earlier.information.corner, m);
             let (of_shared, of_vertices) = earlier.products(at.surface, at.directions);
             for (g, product) in made.gradient.iter_mut().zip(of_shared) {

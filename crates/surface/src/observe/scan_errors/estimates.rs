@@ -27,6 +27,8 @@ impl ScanErrorEstimate {
     /// Fills in the report of the scan; `origin` is the world position of the origin of the estimate.
     pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: [f64; 3], readings: &ReadingColumns) {
         if let Some(covariance) = &self.covariance {
+            // The motion is reported at the readings: the translation of a pose depends on where the
+            // scanner has its origin.
             let back = self.stated.after(&self.pose.inverse());
             let own = (readings.points.iter().zip(&readings.scan)).filter(|(_, s)| **s as usize == self.scan);
             let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
