@@ -64,7 +64,7 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
             }
             _ => "`planish info FILE` and `planish view FILE` show the contents of a file".to_owned(),
         }),
-        ErrorKind::Unsupported => Some(format!("`planish {command} --help` says what this version can do")),
+        ErrorKind::Unsupported => Some(format!("`planish {command} --help` lists what this version can do")),
         ErrorKind::Io => Some("check the path, and that it may be read or written".to_owned()),
         // The user pressed Ctrl-C and knows why.
         ErrorKind::Interrupted => None,

@@ -9,7 +9,7 @@ const MAX_CORNERS: usize = 40;
 /// Value of `--kind`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum KindChoice {
-    /// The best of all kinds.
+    /// The kind with the best BIC.
     Auto,
     /// One kind of contour in the plane.
     Plane(ContourKind),
@@ -19,7 +19,7 @@ pub enum KindChoice {
     Space(PrimitiveKind),
 }
 
-/// A kind of contour by its name.
+/// Parses a value of `--kind`.
 pub fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "auto" {
         return Ok(KindChoice::Auto);
@@ -39,7 +39,7 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     })
 }
 
-/// Two numbers.
+/// Parses two numbers, such as `0.05,20`.
 pub fn pair(text: &str) -> Result<[f64; 2], String> {
     numbers(text, "0.05,20")
 }

@@ -1,6 +1,6 @@
 //! The task that the options of `planish fit` describe.
 //!
-//! The library has no value for options that exclude each other, so they are refused here, under the names
+//! The library's types cannot represent conflicting options, so they are refused here, under the names
 //! that the user typed. The argument parser refuses pairs that conflict whatever their values.
 
 use super::args::{Completion, FilterName, FitArgs, MotionName};

@@ -36,7 +36,7 @@ poses.toml:
   seconds = 1.5
   weights = { \"shoulders up\" = 1 }
 
-A .glb file has the mesh at rest with its texture, a morph target for each pose, and an animation if there \
+A .glb file has the undeformed mesh with its texture, a morph target for each pose, and an animation if there \
 are keyframes. Other formats have the first pose. Controls that are not moved stay fixed. A rigid part \
 follows the controls around it with the nearest rigid motion.";
 

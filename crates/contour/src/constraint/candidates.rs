@@ -52,7 +52,7 @@ pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
         for &b in &bars[i + 1..] {
             add(Constraint::Parallel { a, b }, PI);
             add(Constraint::Perpendicular { a, b }, PI);
-            // The ends of an axis are arbitrary: its length means nothing.
+            // The ends of an axis are arbitrary: its length is meaningless.
             if !drawing.is_axis(a) && !drawing.is_axis(b) {
                 add(Constraint::EqualLength { a, b }, length.max(drawing.length(b)));
             }

@@ -77,7 +77,8 @@ impl Incidence {
     pub fn matching(&self) -> Vec<(usize, usize)> {
         let mut matched = vec![None; self.equations()];
         let count = self.parameters.len();
-        // An augmenting path keeps every matched node matched, so the second phase only adds pairs.
+        // An augmenting path keeps every matched node matched, so matched nodes stay matched, although the
+        // second phase may change their partners.
         augment(&self.select(|entry| !entry.vanishes), count, &mut matched);
         augment(&self.parameters_of_equations(), count, &mut matched);
         let mut pairs: Vec<(usize, usize)> = matched
@@ -174,8 +175,8 @@ fn layers(
 
 /// Applies one augmenting path along the layers from a free left node.
 ///
-/// It is iterative, because a path can be as long as the graph is large. `next` remembers the edges tried in
-/// this phase, which bounds its cost by the number of edges.
+/// It is iterative, because recursion could overflow the stack: a path may contain every node. `next`
+/// remembers the edges tried in this phase, which bounds its cost by the number of edges.
 fn extend(
     root: usize,
     neighbours: &[Vec<usize>],

@@ -1,4 +1,4 @@
-//! Reads readings in space from CSV files.
+//! Reads 3D readings from CSV files.
 
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
@@ -25,7 +25,8 @@ pub const RAY_COLUMNS: [&str; 13] = [
 ];
 
 /// Reads a CSV file with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points
-/// `x,y,z` with `sigma`. It may be compressed by gzip. The default σ of a heading applies to both angles.
+/// `x,y,z` with `sigma`. The file may be gzip-compressed. The default σ of a heading applies to azimuth and
+/// elevation.
 ///
 /// # Errors
 /// `Io` when the file cannot be read; `Input` with the line for a word that is not a number, a σ that is not

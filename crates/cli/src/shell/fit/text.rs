@@ -116,7 +116,7 @@ fn frames(lines: &mut Lines, report: &ShellFitReport) {
             (&rms_points, Align::Right),
             ("rms outlines px", Align::Right),
             ("IoU", Align::Right),
-            ("surprise/σ", Align::Right),
+            ("deviation/σ", Align::Right),
             (&sigma, Align::Right),
         ],
         &rows,

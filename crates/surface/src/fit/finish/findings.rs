@@ -110,7 +110,8 @@ pub(in crate::fit) fn common_findings(
     for sensor in sensors {
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
             let text = format!(
-                "sensor {:?} states σ = {stated:.3e}, but its residuals indicate {:.3e}: the estimate was used",
+                "sensor {:?} states σ = {stated:.3e}, but its residuals indicate {:.3e}: the estimate is \
+                 used",
                 sensor.name, sensor.sigma_estimated
             );
             findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
