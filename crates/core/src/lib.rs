@@ -7,7 +7,8 @@
 //! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
-//! | [`vector3`], [`matrix3`] | arithmetic of `[f64; 3]` and `[[f64; 3]; 3]` |
+//! | [`DVec3`] | points, normals and directions, with operators; from the crate `glam` |
+//! | [`vector3`], [`matrix3`] | what `DVec3` lacks, and arithmetic of 3 × 3 matrices |
 //! | [`SymmetricMatrix3`] | covariances and curvature tensors |
 //! | [`Pose`] | rigid motions between two frames |
 //! | [`Pinhole`] | cameras and projectors |
@@ -15,21 +16,21 @@
 //! | [`DisjointSets`] | union-find |
 //! | [`random`] | repeatable random bits and hashes |
 //!
-//! Coordinates are `[f64; 3]` in the unit of the model. Frames are named in variables: `world_from_scanner`
+//! Coordinates are [`DVec3`] in the unit of the model. Files and messages hold them as `[f64; 3]`. Frames are named in variables: `world_from_scanner`
 //! maps points of the scanner's frame into the world.
 //!
 //! # Examples
 //! The size of a scan in the world's frame, and the uncertainty of its points along the vertical:
 //! ```
-//! use planish_core::{BoundingBox, Pose, SymmetricMatrix3, Unit};
-//! let world_from_scanner = Pose { translation: [0.0, 0.0, 5.0], ..Pose::identity() };
-//! let points = [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]].map(|p| world_from_scanner.apply(p));
+//! use planish_core::{BoundingBox, DVec3, Pose, SymmetricMatrix3, Unit};
+//! let world_from_scanner = Pose { translation: DVec3::new(0.0, 0.0, 5.0), ..Pose::identity() };
+//! let points = [DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0)].map(|p| world_from_scanner.apply(p));
 //! let bounds = BoundingBox::from_points(&points).expect("two points");
-//! assert_eq!((bounds.center(), bounds.diagonal()), ([1.5, 2.0, 5.0], 5.0));
+//! assert_eq!((bounds.center(), bounds.diagonal()), (DVec3::new(1.5, 2.0, 5.0), 5.0));
 //! assert_eq!(bounds.diagonal() * Unit::Inch.millimetres(), 127.0);
 //!
 //! let covariance = SymmetricMatrix3::isotropic(0.5 * 0.5).rotated(&world_from_scanner.rotation);
-//! assert_eq!(covariance.along([0.0, 0.0, 1.0]).sqrt(), 0.5);
+//! assert_eq!(covariance.along(DVec3::Z).sqrt(), 0.5);
 //! ```
 
 pub mod error;
@@ -47,10 +48,11 @@ mod pose;
 mod symmetric_matrix3;
 mod unit;
 
-pub use bounding_box::BoundingBox;
+pub use bounding_box::{BoundingBox, Coordinates};
 pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
 pub use finding::{Finding, FindingCode, FindingLevel};
+pub use glam::DVec3;
 pub use pinhole::Pinhole;
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};

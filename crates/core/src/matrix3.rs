@@ -3,7 +3,7 @@
 //! Rotations and the intrinsics of cameras are stored this way. For symmetric matrices, see
 //! [`SymmetricMatrix3`](crate::SymmetricMatrix3).
 
-use crate::vector3::{cross, dot, norm};
+use glam::DVec3;
 
 /// The identity.
 pub const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -12,29 +12,29 @@ pub const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0
 ///
 /// # Examples
 /// ```
-/// use planish_core::matrix3::times;
+/// use planish_core::{DVec3, matrix3::times};
 /// let quarter_turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
-/// assert_eq!(times(&quarter_turn, [2.0, 0.0, 5.0]), [0.0, 2.0, 5.0]);
+/// assert_eq!(times(&quarter_turn, DVec3::new(2.0, 0.0, 5.0)), DVec3::new(0.0, 2.0, 5.0));
 /// ```
 #[inline]
 #[must_use]
-pub fn times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    m.map(|row| dot(row, v))
+pub fn times(m: &[[f64; 3]; 3], v: DVec3) -> DVec3 {
+    DVec3::from_array(m.map(|row| DVec3::from_array(row).dot(v)))
 }
 
 /// `Mᵀ v`: for a rotation, the inverse rotation of `v`.
 ///
 /// # Examples
 /// ```
-/// use planish_core::matrix3::{times, transposed_times};
+/// use planish_core::{DVec3, matrix3::{times, transposed_times}};
 /// let quarter_turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
-/// let v = [2.0, 3.0, 5.0];
+/// let v = DVec3::new(2.0, 3.0, 5.0);
 /// assert_eq!(transposed_times(&quarter_turn, times(&quarter_turn, v)), v);
 /// ```
 #[inline]
 #[must_use]
-pub fn transposed_times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|j| (0..3).map(|i| m[i][j] * v[i]).sum())
+pub fn transposed_times(m: &[[f64; 3]; 3], v: DVec3) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|j| (0..3).map(|i| m[i][j] * v[i]).sum()))
 }
 
 /// The inverse; `None` for a (nearly) singular matrix.
@@ -51,9 +51,10 @@ pub fn transposed_times(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
 /// ```
 #[must_use]
 pub fn inverse(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
-    let determinant = dot(m[0], columns[0]);
-    let size = norm(m[0]) * norm(m[1]) * norm(m[2]);
+    let [a, b, c] = m.map(DVec3::from_array);
+    let columns = [b.cross(c), c.cross(a), a.cross(b)];
+    let determinant = a.dot(columns[0]);
+    let size = a.length() * b.length() * c.length();
     (determinant.abs() > 1e-12 * size && size > 0.0)
         .then(|| [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i] / determinant)))
 }

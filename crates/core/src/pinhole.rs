@@ -13,19 +13,19 @@
 
 use crate::Pose;
 use crate::matrix3::{inverse, times, transposed_times};
-use crate::vector3::cross;
+use glam::DVec3;
 
 /// A pinhole camera or projector: `x ~ K (R X + t)`.
 ///
 /// # Examples
 /// ```
-/// use planish_core::{Pinhole, Pose};
+/// use planish_core::{DVec3, Pinhole, Pose};
 /// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]];
-/// let world_from_camera = Pose { translation: [0.0, 0.0, -2.0], ..Pose::identity() };
+/// let world_from_camera = Pose { translation: DVec3::new(0.0, 0.0, -2.0), ..Pose::identity() };
 /// let camera = Pinhole::new(k, &world_from_camera);
-/// assert_eq!(camera.center(), [0.0, 0.0, -2.0]);
-/// assert_eq!(camera.project([0.1, 0.0, 0.0]), Some([345.0, 240.0]));
-/// assert_eq!(camera.project([0.0, 0.0, -3.0]), None);
+/// assert_eq!(camera.center(), DVec3::new(0.0, 0.0, -2.0));
+/// assert_eq!(camera.project(DVec3::new(0.1, 0.0, 0.0)), Some([345.0, 240.0]));
+/// assert_eq!(camera.project(DVec3::new(0.0, 0.0, -3.0)), None);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pinhole {
@@ -34,7 +34,7 @@ pub struct Pinhole {
     /// Rotation from the world, row by row.
     pub r: [[f64; 3]; 3],
     /// Translation from the world.
-    pub t: [f64; 3],
+    pub t: DVec3,
 }
 
 impl Pinhole {
@@ -47,8 +47,8 @@ impl Pinhole {
 
     /// The centre in the world, `−Rᵀ t`.
     #[must_use]
-    pub fn center(&self) -> [f64; 3] {
-        transposed_times(&self.r, self.t).map(|c| -c)
+    pub fn center(&self) -> DVec3 {
+        -transposed_times(&self.r, self.t)
     }
 
     /// The geometric mean of the two focal lengths, in pixels: an object of size s at depth z covers about
@@ -61,15 +61,14 @@ impl Pinhole {
     /// A world point in the camera's frame, `R X + t`.
     #[inline]
     #[must_use]
-    pub fn in_camera(&self, point: [f64; 3]) -> [f64; 3] {
-        let rotated = times(&self.r, point);
-        std::array::from_fn(|i| rotated[i] + self.t[i])
+    pub fn in_camera(&self, point: DVec3) -> DVec3 {
+        times(&self.r, point) + self.t
     }
 
     /// The pixel of a point in the camera's frame; `None` at or behind the camera.
     #[inline]
     #[must_use]
-    pub fn pixel(&self, in_camera: [f64; 3]) -> Option<[f64; 2]> {
+    pub fn pixel(&self, in_camera: DVec3) -> Option<[f64; 2]> {
         let seen = times(&self.k, in_camera);
         (seen[2] > 0.0).then(|| [seen[0] / seen[2], seen[1] / seen[2]])
     }
@@ -77,7 +76,7 @@ impl Pinhole {
     /// The pixel of a world point; `None` at or behind the camera.
     #[inline]
     #[must_use]
-    pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
+    pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
         self.pixel(self.in_camera(point))
     }
 
@@ -85,38 +84,38 @@ impl Pinhole {
     ///
     /// # Examples
     /// ```
-    /// use planish_core::{Pinhole, Pose};
+    /// use planish_core::{DVec3, Pinhole, Pose};
     /// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]];
     /// let camera = Pinhole::new(k, &Pose::identity());
-    /// assert_eq!(camera.ray_in_camera([345.0, 240.0]), [0.05, 0.0, 1.0]);
+    /// assert_eq!(camera.ray_in_camera([345.0, 240.0]), DVec3::new(0.05, 0.0, 1.0));
     /// ```
     #[inline]
     #[must_use]
-    pub fn ray_in_camera(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+    pub fn ray_in_camera(&self, [x, y]: [f64; 2]) -> DVec3 {
         let [first, second, _] = self.k;
         let y = (y - second[2]) / second[1];
-        [(x - first[2] - first[1] * y) / first[0], y, 1.0]
+        DVec3::new((x - first[2] - first[1] * y) / first[0], y, 1.0)
     }
 
     /// The direction of a pixel's line of sight in the world, `Rᵀ K⁻¹ (x, y, 1)`; `None` if K is singular.
     ///
     /// # Examples
     /// ```
-    /// use planish_core::{Pinhole, Pose};
+    /// use planish_core::{DVec3, Pinhole, Pose};
     /// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]];
     /// let camera = Pinhole::new(k, &Pose::identity());
     /// let direction = camera.direction([345.0, 240.0]).expect("K has an inverse");
     /// assert!((direction[0] / direction[2] - 0.05).abs() < 1e-15);
     /// ```
     #[must_use]
-    pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        Some(transposed_times(&self.r, times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0])))
+    pub fn direction(&self, pixel: [f64; 2]) -> Option<DVec3> {
+        Some(transposed_times(&self.r, times(&inverse(&self.k)?, DVec3::new(pixel[0], pixel[1], 1.0))))
     }
 
     /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
     #[must_use]
-    pub fn plane_of_line(&self, at: [f64; 2], direction: [f64; 2]) -> [f64; 3] {
-        let line = cross([at[0], at[1], 1.0], [direction[0], direction[1], 0.0]);
+    pub fn plane_of_line(&self, at: [f64; 2], direction: [f64; 2]) -> DVec3 {
+        let line = DVec3::new(at[0], at[1], 1.0).cross(DVec3::new(direction[0], direction[1], 0.0));
         transposed_times(&self.r, transposed_times(&self.k, line))
     }
 }
@@ -124,33 +123,32 @@ impl Pinhole {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vector3::{add_scaled, distance, dot, sub};
 
     fn camera() -> Pinhole {
         let k = [[900.0, 3.0, 320.0], [0.0, 950.0, 240.0], [0.0, 0.0, 1.0]];
-        Pinhole::new(k, &Pose::from_rotation_vector([0.3, -0.2, 0.1], [0.2, -0.1, -6.0]))
+        Pinhole::new(k, &Pose::from_rotation_vector(DVec3::new(0.3, -0.2, 0.1), DVec3::new(0.2, -0.1, -6.0)))
     }
 
     #[test]
     fn lines_of_sight_pass_through_projected_points() {
         let camera = camera();
-        let point = [0.3, -0.4, 0.5];
+        let point = DVec3::new(0.3, -0.4, 0.5);
         let pixel = camera.project(point).unwrap();
         let direction = camera.direction(pixel).unwrap();
         // In the camera's frame the ray has depth 1, so the depth of the point is its parameter.
         let depth = camera.in_camera(point)[2];
-        assert!(distance(add_scaled(camera.center(), depth, direction), point) < 1e-12);
-        assert!(distance(camera.ray_in_camera(pixel), times(&camera.r, direction)) < 1e-14);
+        assert!((camera.center() + depth * direction).distance(point) < 1e-12);
+        assert!(camera.ray_in_camera(pixel).distance(times(&camera.r, direction)) < 1e-14);
     }
 
     #[test]
     fn planes_of_image_lines_contain_what_projects_to_them() {
         let camera = camera();
-        let [a, b] = [[0.3, -0.4, 0.5], [-0.2, 0.1, 0.9]];
+        let [a, b] = [DVec3::new(0.3, -0.4, 0.5), DVec3::new(-0.2, 0.1, 0.9)];
         let [p, q] = [a, b].map(|x| camera.project(x).unwrap());
         let normal = camera.plane_of_line(p, [q[0] - p[0], q[1] - p[1]]);
         for x in [a, b] {
-            assert!(dot(normal, sub(x, camera.center())).abs() < 1e-6 * dot(normal, normal).sqrt());
+            assert!(normal.dot(x - camera.center()).abs() < 1e-6 * normal.length());
         }
     }
 }

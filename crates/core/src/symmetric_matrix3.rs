@@ -5,7 +5,7 @@
 //! Not guaranteed: that a covariance is positive semidefinite. Readers of files check this.
 
 use crate::matrix3::{self, IDENTITY};
-use crate::vector3::{dot, scale};
+use glam::DVec3;
 
 /// A symmetric 3 × 3 matrix, such as the covariance of a point.
 ///
@@ -14,13 +14,13 @@ use crate::vector3::{dot, scale};
 /// # Examples
 /// A scanner with σ = 0.3 along its ray and 0.1 across it:
 /// ```
-/// use planish_core::{Pose, SymmetricMatrix3};
+/// use planish_core::{DVec3, Pose, SymmetricMatrix3};
 /// let mut covariance = SymmetricMatrix3::isotropic(0.1 * 0.1);
-/// covariance.add_outer(0.3 * 0.3 - 0.1 * 0.1, [0.0, 0.0, 1.0]);
-/// assert!((covariance.along([0.0, 0.0, 1.0]).sqrt() - 0.3).abs() < 1e-15);
+/// covariance.add_outer(0.3 * 0.3 - 0.1 * 0.1, DVec3::Z);
+/// assert!((covariance.along(DVec3::Z).sqrt() - 0.3).abs() < 1e-15);
 ///
 /// // A quarter turn about x moves the uncertain direction from z to −y.
-/// let world_from_scanner = Pose::from_rotation_vector([std::f64::consts::FRAC_PI_2, 0.0, 0.0], [0.0; 3]);
+/// let world_from_scanner = Pose::from_rotation_vector(std::f64::consts::FRAC_PI_2 * DVec3::X, DVec3::ZERO);
 /// let in_world = covariance.rotated(&world_from_scanner.rotation);
 /// assert!((in_world.yy.sqrt() - 0.3).abs() < 1e-15);
 /// ```
@@ -89,7 +89,7 @@ impl SymmetricMatrix3 {
     /// `C v`.
     #[inline]
     #[must_use]
-    pub fn times(&self, v: [f64; 3]) -> [f64; 3] {
+    pub fn times(&self, v: DVec3) -> DVec3 {
         matrix3::times(&self.rows(), v)
     }
 
@@ -97,22 +97,23 @@ impl SymmetricMatrix3 {
     ///
     /// # Examples
     /// ```
-    /// use planish_core::SymmetricMatrix3;
+    /// use planish_core::{DVec3, SymmetricMatrix3};
     /// let covariance = SymmetricMatrix3::from_array([4.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
-    /// assert_eq!(covariance.along([1.0, 0.0, 0.0]), 4.0);
+    /// assert_eq!(covariance.along(DVec3::X), 4.0);
     /// ```
     #[inline]
     #[must_use]
-    pub fn along(&self, n: [f64; 3]) -> f64 {
-        dot(n, self.times(n))
+    pub fn along(&self, n: DVec3) -> f64 {
+        n.dot(self.times(n))
     }
 
     /// The matrix in a rotated frame: `R C Rᵀ` for a rotation matrix `R`, row by row.
     #[must_use]
     pub fn rotated(&self, rotation: &[[f64; 3]; 3]) -> Self {
         // By rows of R: entry (i, j) is r_iᵀ C r_j, so the result is symmetric without averaging.
-        let products = rotation.map(|row| self.times(row));
-        Self::from_entries(|i, j| dot(rotation[i], products[j]))
+        let rows = rotation.map(DVec3::from_array);
+        let products = rows.map(|row| self.times(row));
+        Self::from_entries(|i, j| rows[i].dot(products[j]))
     }
 
     /// `factor · C`.
@@ -126,20 +127,19 @@ impl SymmetricMatrix3 {
     ///
     /// # Examples
     /// ```
-    /// use planish_core::SymmetricMatrix3;
+    /// use planish_core::{DVec3, SymmetricMatrix3};
     /// let mut sum = SymmetricMatrix3::ZERO;
-    /// sum.add_outer(2.0, [1.0, 0.0, 3.0]);
+    /// sum.add_outer(2.0, DVec3::new(1.0, 0.0, 3.0));
     /// assert_eq!(sum.to_array(), [2.0, 0.0, 6.0, 0.0, 0.0, 18.0]);
     /// ```
     #[inline]
-    pub fn add_outer(&mut self, weight: f64, v: [f64; 3]) {
-        let products = v.map(|c| scale(c, v));
-        self.xx += weight * products[0][0];
-        self.xy += weight * products[0][1];
-        self.xz += weight * products[0][2];
-        self.yy += weight * products[1][1];
-        self.yz += weight * products[1][2];
-        self.zz += weight * products[2][2];
+    pub fn add_outer(&mut self, weight: f64, v: DVec3) {
+        self.xx += weight * (v.x * v.x);
+        self.xy += weight * (v.x * v.y);
+        self.xz += weight * (v.x * v.z);
+        self.yy += weight * (v.y * v.y);
+        self.yz += weight * (v.y * v.z);
+        self.zz += weight * (v.z * v.z);
     }
 
     /// `xx + yy + zz`.
@@ -157,13 +157,13 @@ impl SymmetricMatrix3 {
     /// # Examples
     /// The semi-axes of an error ellipsoid:
     /// ```
-    /// use planish_core::SymmetricMatrix3;
+    /// use planish_core::{DVec3, SymmetricMatrix3};
     /// let (vectors, values) = SymmetricMatrix3::from_array([1.0, 0.0, 0.0, 9.0, 0.0, 4.0]).eigen();
     /// assert_eq!(values.map(f64::sqrt), [3.0, 2.0, 1.0]);
-    /// assert_eq!(vectors[0], [0.0, 1.0, 0.0]);
+    /// assert_eq!(vectors[0], DVec3::Y);
     /// ```
     #[must_use]
-    pub fn eigen(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+    pub fn eigen(&self) -> ([DVec3; 3], [f64; 3]) {
         // The roots of the characteristic polynomial would be faster, but lose half of the digits where two
         // eigenvalues are close, as they are for isotropic noise.
         let mut a = self.rows();
@@ -206,7 +206,7 @@ impl SymmetricMatrix3 {
             // Of components of nearly the same size the first decides, so that rounding does not flip axes.
             let largest =
                 e.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
-            scale(if largest < 0.0 { -1.0 } else { 1.0 }, e)
+            (if largest < 0.0 { -1.0 } else { 1.0 }) * DVec3::from_array(e)
         });
         (axes, order.map(|i| a[i][i]))
     }
@@ -226,9 +226,9 @@ mod tests {
     #[test]
     fn rotation_keeps_the_variance_along_rotated_directions() {
         let covariance = SymmetricMatrix3::from_array([2.0, 0.3, -0.4, 1.0, 0.2, 0.5]);
-        let pose = Pose::from_rotation_vector([0.4, -1.1, 0.3], [0.0; 3]);
+        let pose = Pose::from_rotation_vector(DVec3::new(0.4, -1.1, 0.3), DVec3::ZERO);
         let rotated = covariance.rotated(&pose.rotation);
-        for n in [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8], [-0.48, 0.6, 0.64]] {
+        for n in [DVec3::X, DVec3::new(0.6, 0.0, 0.8), DVec3::new(-0.48, 0.6, 0.64)] {
             assert!((rotated.along(pose.rotate(n)) - covariance.along(n)).abs() < 1e-14);
         }
         assert!((rotated.trace() - covariance.trace()).abs() < 1e-14);
@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     fn weighted_outer_products_sum_to_the_expected_entries() {
-        let v = [0.5, -2.0, 3.0];
+        let v = DVec3::new(0.5, -2.0, 3.0);
         let mut sum = SymmetricMatrix3::isotropic(1.0);
         sum.add_outer(0.25, v);
         let expected =

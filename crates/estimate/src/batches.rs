@@ -10,8 +10,7 @@
 //! pairs have similar distances from it by selection. Use the foot points on the surface instead: they do not
 //! depend on the distance.
 
-use planish_core::BoundingBox;
-use planish_core::vector3::dot;
+use planish_core::{BoundingBox, DVec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -22,9 +21,10 @@ const SERIAL_POINTS: usize = 20_000;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_estimate::NestedBatches;
 ///
-/// let points: Vec<[f64; 3]> = (0..16).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+/// let points: Vec<DVec3> = (0..16).map(|i| f64::from(i) * DVec3::X).collect();
 /// let batches = NestedBatches::new(&points);
 /// // The values change sign half way: only neighbours agree.
 /// let values: Vec<f64> = (0..16).map(|i| if i < 8 { 1.0 } else { -1.0 }).collect();
@@ -66,12 +66,13 @@ impl PairProducts {
 impl NestedBatches {
     /// Builds the batches. The same points give the same batches. Cost: `n log n`.
     #[must_use]
-    pub fn new(places: &[[f64; 3]]) -> Self {
+    pub fn new(places: &[DVec3]) -> Self {
         // Indices of four bytes: the order of millions of points then fits the cache twice as well as with
         // eight.
         let mut order: Vec<u32> = (0..places.len() as u32).collect();
         let axes = oblique();
-        let turned: Vec<[f64; 3]> = places.iter().map(|p| axes.map(|axis| dot(axis, *p))).collect();
+        let turned: Vec<DVec3> =
+            places.iter().map(|p| DVec3::from_array(axes.map(|axis| axis.dot(*p)))).collect();
         halve(&turned, &mut order, 0..places.len(), (0, 0));
         Self { order }
     }
@@ -123,12 +124,12 @@ impl NestedBatches {
 ///
 /// If a row of a grid were halved lengthwise, noise would decide on which side a point lies. Points of one
 /// side would then be correlated by selection.
-fn oblique() -> [[f64; 3]; 3] {
+fn oblique() -> [DVec3; 3] {
     let (s, c) = 1.0_f64.sin_cos();
     [
-        [c * c - s * s * c, s * c + s * c * c, s * s],
-        [-c * s - s * c * c, -s * s + c * c * c, c * s],
-        [s * s, -c * s, c],
+        DVec3::new(c * c - s * s * c, s * c + s * c * c, s * s),
+        DVec3::new(-c * s - s * c * c, -s * s + c * c * c, c * s),
+        DVec3::new(s * s, -c * s, c),
     ]
 }
 
@@ -140,7 +141,7 @@ fn bound(count: usize, k: usize, depth: u32) -> usize {
 }
 
 /// Sorts the points of batch `k` of a level into its two halves, and so on recursively.
-fn halve(places: &[[f64; 3]], order: &mut [u32], all: Range<usize>, (k, depth): (usize, u32)) {
+fn halve(places: &[DVec3], order: &mut [u32], all: Range<usize>, (k, depth): (usize, u32)) {
     if order.len() < 4 {
         return;
     }
@@ -177,9 +178,9 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    fn places(count: usize) -> Vec<[f64; 3]> {
+    fn places(count: usize) -> Vec<DVec3> {
         let mut random = ChaCha8Rng::seed_from_u64(2);
-        (0..count).map(|_| [random.random(), random.random(), 0.0]).collect()
+        (0..count).map(|_| DVec3::new(random.random(), random.random(), 0.0)).collect()
     }
 
     /// Every point is in one batch of every level, batches are halves of those above, and small ones are

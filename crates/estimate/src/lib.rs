@@ -42,7 +42,6 @@
 
 pub mod implicit;
 pub mod sparse;
-pub use planish_core::vector3;
 
 mod batches;
 mod belief;
