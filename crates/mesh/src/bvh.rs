@@ -4,7 +4,7 @@
 //! depends only on the triangles, not on the number of threads. Not guaranteed: balance, but the depth stays
 //! below [`MAX_DEPTH`].
 
-use planish_core::BoundingBox;
+use planish_core::{BoundingBox, DVec3};
 
 /// Maximum number of triangles of a leaf.
 ///
@@ -26,8 +26,8 @@ pub(crate) const MAX_DEPTH: usize = 64;
 /// A box with its triangles or its children.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
-    pub min: [f64; 3],
-    pub max: [f64; 3],
+    pub min: DVec3,
+    pub max: DVec3,
     /// First triangle of a leaf, or the left child; the right child follows the left.
     pub first: u32,
     /// Number of triangles of a leaf; 0 for an inner node.
@@ -39,7 +39,7 @@ pub(crate) struct Node {
 pub(crate) struct Bvh {
     pub nodes: Vec<Node>,
     /// Corners of the triangles in leaf order. The copy saves two indirections in every visit of a leaf.
-    pub corners: Vec<[[f64; 3]; 3]>,
+    pub corners: Vec<[DVec3; 3]>,
     /// For each position in leaf order, the index of the triangle.
     pub triangles: Vec<u32>,
 }
@@ -60,7 +60,7 @@ impl Item {
 
 impl Bvh {
     /// Builds the tree over at least one triangle.
-    pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
+    pub fn new(count: usize, corners: impl Fn(usize) -> [DVec3; 3]) -> Self {
         let mut items: Vec<Item> = (0..count)
             .map(|t| {
                 let [a, b, c] = corners(t);
@@ -142,7 +142,8 @@ fn node_of(items: &[Item], first: usize) -> Node {
 ///
 /// Reference: Wald, *On fast Construction of SAH-based Bounding Volume Hierarchies*, 2007.
 fn split(items: &mut [Item], depth: usize) -> usize {
-    let centers: BoundingBox = items.iter().map(|item| [0, 1, 2].map(|k| item.center2(k))).collect();
+    let centers: BoundingBox =
+        (items.iter().map(|item| DVec3::from_array([0, 1, 2].map(|k| item.center2(k))))).collect();
     let spread = centers.extent();
     let axis = (1..3).fold(0, |best, k| if spread[k] > spread[best] { k } else { best });
     let per_unit = BINS as f64 / spread[axis];
@@ -203,13 +204,13 @@ fn half_area(bounds: &BoundingBox) -> f64 {
     if bounds.min[0] > bounds.max[0] {
         return 0.0;
     }
-    let [x, y, z] = bounds.extent();
+    let DVec3 { x, y, z } = bounds.extent();
     x * y + y * z + z * x
 }
 
 /// Squared distance from a point to a box, zero inside. NaN counts as inside.
 #[inline(always)]
-pub(crate) fn squared_distance_to_box(p: [f64; 3], node: &Node) -> f64 {
+pub(crate) fn squared_distance_to_box(p: DVec3, node: &Node) -> f64 {
     let mut sum = 0.0;
     for k in 0..3 {
         let d = greater(greater(node.min[k] - p[k], p[k] - node.max[k]), 0.0);
@@ -237,7 +238,7 @@ mod tests {
     fn check(bvh: &Bvh, at: usize, depth: usize, seen: &mut [bool]) {
         assert!(depth < MAX_DEPTH);
         let node = bvh.nodes[at];
-        let inside = |p: [f64; 3]| (0..3).all(|k| node.min[k] <= p[k] && p[k] <= node.max[k]);
+        let inside = |p: DVec3| (0..3).all(|k| node.min[k] <= p[k] && p[k] <= node.max[k]);
         if node.count > 0 {
             assert!(node.count as usize <= LEAF);
             for slot in node.first as usize..(node.first + node.count) as usize {
@@ -252,7 +253,7 @@ mod tests {
         }
     }
 
-    fn check_all(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) {
+    fn check_all(count: usize, corners: impl Fn(usize) -> [DVec3; 3]) {
         let bvh = Bvh::new(count, &corners);
         let mut seen = vec![false; count];
         check(&bvh, 0, 0, &mut seen);
@@ -267,8 +268,8 @@ mod tests {
         // More triangles than the parallel limit, at hashed positions.
         let hashed = |t: usize| {
             let x = (t as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            let p = [(x >> 40) as f64, ((x >> 20) & 0xF_FFFF) as f64, (x & 0xF_FFFF) as f64];
-            [p, [p[0] + 1.0, p[1], p[2]], [p[0], p[1] + 1.0, p[2]]]
+            let p = DVec3::new((x >> 40) as f64, ((x >> 20) & 0xF_FFFF) as f64, (x & 0xF_FFFF) as f64);
+            [p, p + DVec3::X, p + DVec3::Y]
         };
         check_all(50_000, hashed);
         check_all(1, hashed);
@@ -276,7 +277,7 @@ mod tests {
 
     #[test]
     fn coincident_and_geometrically_spaced_triangles_do_not_deepen_the_tree() {
-        check_all(20_000, |_| [[1.0; 3]; 3]);
-        check_all(2_000, |t| [[2.0_f64.powi(t as i32 % 1000 - 500); 3]; 3]);
+        check_all(20_000, |_| [DVec3::ONE; 3]);
+        check_all(2_000, |t| [DVec3::splat(2.0_f64.powi(t as i32 % 1000 - 500)); 3]);
     }
 }

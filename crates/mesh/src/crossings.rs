@@ -6,7 +6,7 @@
 
 use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
-use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
+use planish_core::DVec3;
 use rayon::prelude::*;
 
 /// Minimum distance of the ends of an edge from the plane of a triangle that it pierces, relative to its
@@ -29,7 +29,7 @@ pub struct SelfCrossings {
     /// The pair with the lowest indices, the lower first; zeros without intersections.
     pub first: [u32; 2],
     /// A point where an edge of one triangle of this pair pierces the other.
-    pub place: [f64; 3],
+    pub place: DVec3,
 }
 
 impl SelfCrossings {
@@ -79,7 +79,7 @@ impl MeshSearch {
     fn crossings_of(&self, leaf: &Node) -> SelfCrossings {
         let Bvh { nodes, corners, .. } = &self.bvh;
         let mine = leaf.first..leaf.first + leaf.count;
-        let of_mine: Vec<[[f64; 3]; 2]> = mine.clone().map(|slot| box_of(&corners[slot as usize])).collect();
+        let of_mine: Vec<[DVec3; 2]> = mine.clone().map(|slot| box_of(&corners[slot as usize])).collect();
         let mut found = SelfCrossings::default();
         let mut stack = [0_u32; MAX_DEPTH + 1];
         let mut height = 1;
@@ -130,20 +130,22 @@ impl MeshSearch {
 }
 
 /// True if two boxes, given by their minimum and maximum coordinates, intersect.
-fn meet(a: &[[f64; 3]; 2], b: &[[f64; 3]; 2]) -> bool {
+fn meet(a: &[DVec3; 2], b: &[DVec3; 2]) -> bool {
     (0..3).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
 }
 
 /// The bounding box of a triangle.
-fn box_of(t: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
-    let extreme = |pick: fn(f64, f64) -> f64| std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k]));
+fn box_of(t: &[DVec3; 3]) -> [DVec3; 2] {
+    let extreme = |pick: fn(f64, f64) -> f64| {
+        DVec3::from_array(std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k])))
+    };
     [extreme(lesser), extreme(greater)]
 }
 
 /// A point where an edge of one triangle pierces the other.
-fn crossing(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
-    let normal = |t: &[[f64; 3]; 3]| cross(sub(t[1], t[0]), sub(t[2], t[0]));
-    let heights = |t: &[[f64; 3]; 3], n: [f64; 3], of: &[[f64; 3]; 3]| of.map(|p| dot(n, sub(p, t[0])));
+fn crossing(a: &[DVec3; 3], b: &[DVec3; 3]) -> Option<DVec3> {
+    let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
+    let heights = |t: &[DVec3; 3], n: DVec3, of: &[DVec3; 3]| of.map(|p| n.dot(p - t[0]));
     let one_side = |h: [f64; 3]| h.iter().all(|x| *x >= 0.0) || h.iter().all(|x| *x <= 0.0);
     let (of_b, of_a) = (normal(b), normal(a));
     let over_b = heights(b, of_b, a);
@@ -161,24 +163,19 @@ fn crossing(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
 /// A point where an edge of the triangle `edges` pierces the triangle `through`.
 ///
 /// `heights` are those of the corners over the plane of `through`, times the length of its `normal`.
-fn pierced(
-    edges: &[[f64; 3]; 3],
-    heights: [f64; 3],
-    through: &[[f64; 3]; 3],
-    normal: [f64; 3],
-) -> Option<[f64; 3]> {
-    let doubled = norm(normal);
+fn pierced(edges: &[DVec3; 3], heights: [f64; 3], through: &[DVec3; 3], normal: DVec3) -> Option<DVec3> {
+    let doubled = normal.length();
     (0..3).find_map(|k| {
         let (p, q) = (edges[k], edges[(k + 1) % 3]);
         let (hp, hq) = (heights[k], heights[(k + 1) % 3]);
-        let minimum = MIN_PIERCING * distance(p, q) * doubled;
+        let minimum = MIN_PIERCING * p.distance(q) * doubled;
         if hp * hq >= 0.0 || hp.abs() < minimum || hq.abs() < minimum {
             return None;
         }
-        let place = add(p, scale(hp / (hp - hq), sub(q, p)));
+        let place = p + hp / (hp - hq) * (q - p);
         let inside = (0..3).all(|k| {
             let (s, t) = (through[k], through[(k + 1) % 3]);
-            let turn = dot(normal, cross(sub(t, s), sub(place, s)));
+            let turn = normal.dot((t - s).cross(place - s));
             turn > MIN_PIERCING * doubled * doubled
         });
         inside.then_some(place)
@@ -208,8 +205,9 @@ mod tests {
         let mut mesh = grid_sheet(4.0, 4.0, 21, 21);
         let upright = grid_sheet(2.03, 2.07, 14, 15);
         let from = mesh.positions.len() as u32;
-        mesh.positions
-            .extend(upright.positions.iter().map(|[x, y, z]| [x + 0.013, *z + 0.011 + 0.1 * x, *y + 0.017]));
+        mesh.positions.extend(
+            upright.positions.iter().map(|p| DVec3::new(p.x + 0.013, p.z + 0.011 + 0.1 * p.x, p.y + 0.017)),
+        );
         (mesh.triangles).extend(upright.triangles.iter().map(|t| t.map(|v| v + from)));
         let found = crossings(&mesh);
         let mut all = Vec::new();
@@ -231,8 +229,9 @@ mod tests {
         let mut mesh = grid_sheet(2.0, 2.0, 3, 3);
         let from = mesh.positions.len() as u32;
         // A triangle with a corner on a face, and one with an edge on it.
-        mesh.positions.extend([[0.3, 0.2, 0.0], [0.3, 0.4, 1.0], [0.4, 0.2, 1.0]]);
-        mesh.positions.extend([[0.3, 0.7, 0.0], [0.4, 0.75, 0.0], [0.4, 0.7, 1.0]]);
+        let on_face = [[0.3, 0.2, 0.0], [0.3, 0.4, 1.0], [0.4, 0.2, 1.0]];
+        let with_edge = [[0.3, 0.7, 0.0], [0.4, 0.75, 0.0], [0.4, 0.7, 1.0]];
+        mesh.positions.extend(on_face.into_iter().chain(with_edge).map(DVec3::from_array));
         mesh.triangles.extend([[from, from + 1, from + 2], [from + 3, from + 4, from + 5]]);
         assert_eq!(crossings(&mesh), SelfCrossings::default());
     }

@@ -18,7 +18,7 @@ use crate::half_edges::{NONE, next_in_triangle, opposites};
 use crate::mesh::TriangleMesh;
 use crate::neighbours::Neighbours;
 use nalgebra::{SMatrix, SVector};
-use planish_estimate::vector3::{distance, dot, sub, tangents, unit};
+use planish_core::{DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -65,7 +65,7 @@ pub struct VertexCurvature {
 /// assert!((curvature.mean[0] + 0.5).abs() < 1e-2 && (curvature.gaussian[0] - 0.25).abs() < 1e-2);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
-pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]) -> Result<VertexCurvature> {
+pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[DVec3], sigma: &[f64]) -> Result<VertexCurvature> {
     mesh.sanity_check()?;
     let count = mesh.positions.len();
     if normals.len() != count || sigma.len() != count {
@@ -85,7 +85,7 @@ pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]
             gather(v as u32, &neighbours, around);
             let found = quadric(v, around, mesh, normals[v], sigma);
             [*h, *k, *s] = found.unwrap_or_else(|| {
-                let to = |w: &u32| distance(mesh.positions[v], mesh.positions[*w as usize]);
+                let to = |w: &u32| mesh.positions[v].distance(mesh.positions[*w as usize]);
                 let edge = around.iter().skip(1).map(to).fold(0.0, f64::max);
                 [0.0, 0.0, if edge > 0.0 { 1.0 / edge } else { f64::MAX }]
             });
@@ -126,26 +126,26 @@ fn quadric(
     vertex: usize,
     around: &[u32],
     mesh: &TriangleMesh,
-    normal: [f64; 3],
+    normal: DVec3,
     sigma: &[f64],
 ) -> Option<[f64; 3]> {
     if around.len() < UNKNOWNS {
         return None;
     }
-    let normal = unit(normal)?;
+    let normal = normal.try_normalize()?;
     let (e1, e2) = tangents(normal);
     let at = mesh.positions[vertex];
     // All lengths are divided by the size of the neighbourhood: the normal matrix would otherwise mix powers
     // of the unit up to the fourth.
-    let size = around.iter().map(|w| distance(at, mesh.positions[*w as usize])).fold(0.0, f64::max);
+    let size = around.iter().map(|w| at.distance(mesh.positions[*w as usize])).fold(0.0, f64::max);
     if size <= 0.0 {
         return None;
     }
     let row = |w: u32| {
-        let way = sub(mesh.positions[w as usize], at);
-        let (u, v) = (dot(way, e1) / size, dot(way, e2) / size);
+        let way = mesh.positions[w as usize] - at;
+        let (u, v) = (way.dot(e1) / size, way.dot(e2) / size);
         let terms = SVector::<f64, UNKNOWNS>::from([1.0, u, v, 0.5 * u * u, u * v, 0.5 * v * v]);
-        (terms, dot(way, normal) / size, (sigma[w as usize] / size).powi(-2))
+        (terms, way.dot(normal) / size, (sigma[w as usize] / size).powi(-2))
     };
     let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
     let mut vector = SVector::<f64, UNKNOWNS>::zeros();
@@ -189,7 +189,6 @@ fn quadric(
 mod tests {
     use super::*;
     use crate::primitives::{cylinder, grid_sheet, icosphere};
-    use planish_estimate::vector3::scale;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -228,7 +227,7 @@ mod tests {
         let normals = ball.vertex_normals();
         for p in &mut ball.positions {
             let off = SIGMA * 12_f64.sqrt() * (rng.random::<f64>() - 0.5);
-            *p = scale(1.0 + off, *p);
+            *p = (1.0 + off) * *p;
         }
         let sigma = vec![SIGMA; ball.positions.len()];
         let found = vertex_curvature(&ball, &normals, &sigma).unwrap();

@@ -10,6 +10,7 @@
 
 use crate::bvh::{Bvh, MAX_DEPTH, Node, lesser, squared_distance_to_box};
 use crate::packet::{Feet, LANES, Packet, PointPacket, TrianglePacket};
+use planish_core::DVec3;
 use pulp::{Simd, WithSimd};
 
 /// Relative slack of squared distances, so that facets at the same distance within rounding are all visited.
@@ -23,7 +24,7 @@ pub struct NearFacet {
     /// Distance of the facet.
     pub distance: f64,
     /// Nearest point of the facet.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Barycentric coordinates of this point.
     pub barycentric: [f64; 3],
 }
@@ -58,7 +59,7 @@ enum Packets {
 impl FacetTree {
     /// Builds a tree over `count` facets, at least one, with finite corners. Cost O(n log n).
     #[must_use]
-    pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
+    pub fn new(count: usize, corners: impl Fn(usize) -> [DVec3; 3]) -> Self {
         let are_points = (0..count).all(|t| {
             let [a, b, c] = corners(t);
             a == b && b == c
@@ -77,8 +78,8 @@ impl FacetTree {
     /// A few more facets may be visited: nearer boxes are entered first, but the nearest facet is known only
     /// after its leaf. Nothing is visited for a point that is not finite.
     #[inline]
-    pub fn visit_near(&self, at: [f64; 3], slack: f64, visit: impl FnMut(&NearFacet)) {
-        if !at.iter().all(|x| x.is_finite()) {
+    pub fn visit_near(&self, at: DVec3, slack: f64, visit: impl FnMut(&NearFacet)) {
+        if !at.is_finite() {
             return;
         }
         let nodes = &self.nodes;
@@ -90,7 +91,7 @@ impl FacetTree {
 }
 
 /// Builds a packet for each leaf and stores its index in the leaf.
-fn build_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], triangles: &[u32]) -> Vec<P> {
+fn build_packets<P: Packet>(nodes: &mut [Node], corners: &[[DVec3; 3]], triangles: &[u32]) -> Vec<P> {
     let mut packets = Vec::new();
     for leaf in nodes.iter_mut().filter(|node| node.count > 0) {
         let own = leaf.first as usize..(leaf.first + leaf.count) as usize;
@@ -105,7 +106,7 @@ fn build_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], trian
 struct Visit<'a, P, F> {
     nodes: &'a [Node],
     packets: &'a [P],
-    at: [f64; 3],
+    at: DVec3,
     slack: f64,
     visit: F,
 }
@@ -149,7 +150,11 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
                             visit(&NearFacet {
                                 facet: packet.facet(lane),
                                 distance: feet.squared_distance[lane].sqrt(),
-                                point: [feet.point[0][lane], feet.point[1][lane], feet.point[2][lane]],
+                                point: DVec3::new(
+                                    feet.point[0][lane],
+                                    feet.point[1][lane],
+                                    feet.point[2][lane],
+                                ),
                                 barycentric: [
                                     feet.barycentric[0][lane],
                                     feet.barycentric[1][lane],
@@ -198,6 +203,7 @@ mod tests {
             };
             let tree = FacetTree::new(ball.triangles.len(), corners);
             for at in [[0.1, 0.2, 0.3], [1.5, 0.0, -0.2], [0.0, 0.6, 0.8], [30.0, 40.0, 0.0]] {
+                let at = DVec3::from_array(at);
                 let all: Vec<f64> = (0..ball.triangles.len())
                     .map(|t| {
                         closest_on_triangle(at, &corners(t), f64::INFINITY).unwrap().squared_distance.sqrt()
@@ -220,7 +226,7 @@ mod tests {
                 }
             }
             let mut any = false;
-            tree.visit_near([f64::NAN, 0.0, 0.0], 1.0, |_| any = true);
+            tree.visit_near(DVec3::new(f64::NAN, 0.0, 0.0), 1.0, |_| any = true);
             assert!(!any);
         }
     }

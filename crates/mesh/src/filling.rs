@@ -20,7 +20,7 @@ use crate::mesh::TriangleMesh;
 use cover::{Surroundings, least_cover};
 use fairing::{Goal, fair};
 use loops::border_loops;
-use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use refinement::Lid;
 use std::collections::{HashMap, HashSet};
@@ -158,11 +158,11 @@ impl HoleNeighbourhood {
     }
 
     /// Mean length of the edges at a vertex.
-    fn length_at(&self, v: u32, positions: &[[f64; 3]]) -> f64 {
+    fn length_at(&self, v: u32, positions: &[DVec3]) -> f64 {
         let (mut sum, mut count) = (0.0, 0);
         for t in self.triangles.get(&v).into_iter().flatten() {
             for w in t.iter().filter(|w| **w != v) {
-                sum += distance(positions[v as usize], positions[*w as usize]);
+                sum += positions[v as usize].distance(positions[*w as usize]);
                 count += 1;
             }
         }
@@ -174,7 +174,7 @@ impl HoleNeighbourhood {
 fn fill(
     filled: &mut Filled,
     hole: &[u32],
-    normals: &[[f64; 3]],
+    normals: &[DVec3],
     neighbourhood: &mut HoleNeighbourhood,
 ) -> Result<bool> {
     let positions = &filled.mesh.positions;
@@ -243,7 +243,7 @@ fn smooth(
     lid: &mut Lid,
     rim: usize,
     others: &[u32],
-    positions: &[[f64; 3]],
+    positions: &[DVec3],
     around: &[[u32; 3]],
     mean_curvature: f64,
 ) -> Result<()> {
@@ -252,7 +252,7 @@ fn smooth(
     // The first step only needs even triangles: cotangent weights of the slivers of a flat cover are useless.
     let curved = std::iter::repeat_n(Goal::MeanCurvature(mean_curvature), FAIRING_STEPS);
     for (step, goal) in std::iter::once(Goal::Even).chain(curved).enumerate() {
-        let mut all: Vec<[f64; 3]> = others.iter().map(|v| positions[*v as usize]).collect();
+        let mut all: Vec<DVec3> = others.iter().map(|v| positions[*v as usize]).collect();
         all.extend_from_slice(&lid.positions[rim..]);
         let shifted = |v: u32| {
             if (v as usize) < rim { v } else { v + (first - rim) as u32 }
@@ -271,25 +271,22 @@ fn smooth(
 
 /// Returns true if a border is the outer border of a sheet: it is counter-clockwise, seen against the normals
 /// along it.
-fn is_outer_border(border: &[u32], positions: &[[f64; 3]], normals: &[[f64; 3]]) -> bool {
+fn is_outer_border(border: &[u32], positions: &[DVec3], normals: &[DVec3]) -> bool {
     let at = |k: usize| positions[border[k % border.len()] as usize];
-    let middle = scale(
-        1.0 / border.len() as f64,
-        border.iter().fold([0.0; 3], |sum, v| add(sum, positions[*v as usize])),
-    );
-    let (mut area, mut normal, mut length) = ([0.0; 3], [0.0; 3], 0.0);
+    let middle = 1.0 / border.len() as f64 * border.iter().map(|v| positions[*v as usize]).sum::<DVec3>();
+    let (mut area, mut normal, mut length) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for k in 0..border.len() {
-        area = add(area, cross(sub(at(k), middle), sub(at(k + 1), middle)));
-        let long = distance(at(k), at(k + 1));
-        normal = add_scaled(normal, long, normals[border[k] as usize]);
+        area += (at(k) - middle).cross(at(k + 1) - middle);
+        let long = at(k).distance(at(k + 1));
+        normal += long * normals[border[k] as usize];
         length += long;
     }
-    dot(area, normal) > OUTWARDS * norm(area) * length
+    area.dot(normal) > OUTWARDS * area.length() * length
 }
 
 /// Parameters of the estimated σ and curvature of a cover.
 struct Extrapolation {
-    border: Vec<[f64; 3]>,
+    border: Vec<DVec3>,
     sigma: f64,
     /// Mean edge length of the border.
     edge: f64,
@@ -300,7 +297,7 @@ struct Extrapolation {
 }
 
 impl Extrapolation {
-    fn new(hole: &[u32], filled: &Filled, normals: &[[f64; 3]]) -> Self {
+    fn new(hole: &[u32], filled: &Filled, normals: &[DVec3]) -> Self {
         let n = hole.len();
         let at = |k: usize| filled.mesh.positions[hole[k % n] as usize];
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);
@@ -309,19 +306,18 @@ impl Extrapolation {
             // the hole.
             for across in [hole[(k + n / 2) % n], hole[(k + n / 4) % n]] {
                 let (i, j) = (hole[k] as usize, across as usize);
-                let apart = distance(filled.mesh.positions[i], filled.mesh.positions[j]);
+                let apart = filled.mesh.positions[i].distance(filled.mesh.positions[j]);
                 if apart > 0.0 {
-                    let turned = sub(normals[i], normals[j]);
-                    squares += (norm(turned) / apart).powi(2);
-                    sum -= dot(turned, sub(filled.mesh.positions[i], filled.mesh.positions[j]))
-                        / (apart * apart);
+                    let turned = normals[i] - normals[j];
+                    squares += (turned.length() / apart).powi(2);
+                    sum -= turned.dot(filled.mesh.positions[i] - filled.mesh.positions[j]) / (apart * apart);
                     count += 1;
                 }
             }
         }
         Self {
             border: (0..n).map(at).collect(),
-            edge: (0..n).map(|k| distance(at(k), at(k + 1))).sum::<f64>() / n as f64,
+            edge: (0..n).map(|k| at(k).distance(at(k + 1))).sum::<f64>() / n as f64,
             mean_curvature: sum / f64::from(count.max(1)),
             sigma: hole.iter().map(|v| filled.sigma[*v as usize]).sum::<f64>() / n as f64,
             curvature: (squares / f64::from(count.max(1))).sqrt(),
@@ -329,8 +325,8 @@ impl Extrapolation {
     }
 
     /// Estimated σ at a point of the cover; see [`fill_holes`].
-    fn sigma(&self, p: [f64; 3]) -> f64 {
-        let far = self.border.iter().map(|q| distance(p, *q)).fold(f64::INFINITY, f64::min);
+    fn sigma(&self, p: DVec3) -> f64 {
+        let far = self.border.iter().map(|q| p.distance(*q)).fold(f64::INFINITY, f64::min);
         let tangent = far * self.sigma / self.edge.max(f64::MIN_POSITIVE);
         let bend = 0.5 * self.curvature * far * (far + self.edge);
         self.sigma.hypot(tangent).hypot(bend)

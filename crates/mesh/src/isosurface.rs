@@ -18,7 +18,7 @@
 //! Transactions 1991.
 
 use crate::mesh::TriangleMesh;
-use planish_core::BoundingBox;
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -44,14 +44,14 @@ const PAIRS: [[usize; 4]; 6] =
 
 /// A grid of cubes in a box.
 struct Grid {
-    low: [f64; 3],
+    low: DVec3,
     cell: f64,
 }
 
 impl Grid {
     /// The position of a corner.
-    fn place(&self, corner: [u32; 3]) -> [f64; 3] {
-        std::array::from_fn(|k| self.low[k] + self.cell * f64::from(corner[k]))
+    fn place(&self, corner: [u32; 3]) -> DVec3 {
+        DVec3::from_array(std::array::from_fn(|k| self.low[k] + self.cell * f64::from(corner[k])))
     }
 }
 
@@ -80,7 +80,7 @@ fn corner_of(key: u64) -> [u32; 3] {
 /// ```
 /// use planish_mesh::{BoundingBox, isosurface};
 /// let bounds = BoundingBox { min: [-1.2; 3], max: [1.2; 3] };
-/// let radius = |p: [f64; 3]| p.iter().map(|x| x * x).sum::<f64>().sqrt();
+/// let radius = |p: DVec3| p.iter().map(|x| x * x).sum::<f64>().sqrt();
 /// let ball = isosurface(&bounds, 0.1, |p| radius(p) - 1.0, |p, reach| (radius(p) - 1.0).abs() <= reach)?;
 /// assert!(ball.check().watertight && ball.check().euler_characteristic == 2);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -88,8 +88,8 @@ fn corner_of(key: u64) -> [u32; 3] {
 pub fn isosurface(
     bounds: &BoundingBox,
     cell: f64,
-    value: impl Fn([f64; 3]) -> f64 + Sync,
-    may_pass: impl Fn([f64; 3], f64) -> bool + Sync,
+    value: impl Fn(DVec3) -> f64 + Sync,
+    may_pass: impl Fn(DVec3, f64) -> bool + Sync,
 ) -> Result<TriangleMesh> {
     let extent = bounds.longest_side();
     if !(cell > 0.0 && cell.is_finite() && extent >= 0.0 && extent.is_finite()) {
@@ -115,7 +115,12 @@ pub fn isosurface(
         cubes = (cubes.into_par_iter())
             .filter(within)
             .filter(|cube| {
-                may_pass(std::array::from_fn(|k| grid.low[k] + side * (f64::from(cube[k]) + 0.5)), reach)
+                may_pass(
+                    DVec3::from_array(std::array::from_fn(|k| {
+                        grid.low[k] + side * (f64::from(cube[k]) + 0.5)
+                    })),
+                    reach,
+                )
             })
             .flat_map_iter(|cube| {
                 let children = if level > 0 { 0..8_u32 } else { 0..1 };
@@ -159,7 +164,7 @@ pub fn isosurface(
     let mut edges: Vec<[u32; 2]> = triangles.par_iter().flat_map_iter(|t| t.iter().copied()).collect();
     edges.par_sort_unstable();
     edges.dedup();
-    let positions: Vec<[f64; 3]> = (edges.par_iter())
+    let positions: Vec<DVec3> = (edges.par_iter())
         .map(|edge| {
             let ends = edge.map(|c| (grid.place(corner_of(corners[c as usize])), values[c as usize]));
             zero_between(ends, &value)
@@ -201,8 +206,8 @@ fn triangles_of(corners: [u32; 4], inside: &[bool], mirrored: bool, made: &mut V
 ///
 /// The Illinois method (M. Dowell, P. Jarratt 1971): secants, with the value of an end that stays halved.
 /// Plain secants would approach the zero of a curved function from one side only, which is slow.
-fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
-    let at = |share: f64| [0, 1, 2].map(|k| inside.0[k] + share * (outside.0[k] - inside.0[k]));
+fn zero_between([inside, outside]: [(DVec3, f64); 2], value: impl Fn(DVec3) -> f64) -> DVec3 {
+    let at = |share: f64| inside.0 + share * (outside.0 - inside.0);
     let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [inside.1, outside.1]);
     let small = ACCURACY * (above - below);
     let mut share = 0.5;
@@ -233,27 +238,26 @@ fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::norm;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
     fn unit_box(half: f64) -> BoundingBox {
-        BoundingBox { min: [-half; 3], max: [half; 3] }
+        BoundingBox { min: DVec3::splat(-half), max: DVec3::splat(half) }
     }
 
     /// The vertices of a ball lie on it, its volume is right within the chord error, and excluding cells
     /// changes nothing.
     #[test]
     fn a_ball_is_exact_at_vertices_with_and_without_culling() {
-        let ball = |p: [f64; 3]| norm(p) - 1.0;
+        let ball = |p: DVec3| p.length() - 1.0;
         let whole = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
         let culled =
-            isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (norm(at) - 1.0).abs() <= reach).unwrap();
+            isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (at.length() - 1.0).abs() <= reach).unwrap();
         assert_eq!(whole, culled);
         let check = whole.check();
         assert!(check.watertight && check.manifold && check.oriented);
         assert_eq!(check.euler_characteristic, 2);
-        assert!(whole.positions.iter().all(|p| (norm(*p) - 1.0).abs() < 1e-6));
+        assert!(whole.positions.iter().all(|p| (p.length() - 1.0).abs() < 1e-6));
         let volume = whole.signed_volume().unwrap();
         assert!((volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{volume}");
     }
@@ -262,11 +266,12 @@ mod tests {
     #[test]
     fn noise_has_a_manifold_surface() {
         for seed in 0..5 {
-            let noise = |p: [f64; 3]| {
-                if p.iter().any(|x| x.abs() > 0.9) {
+            let noise = |p: DVec3| {
+                if p.abs().max_element() > 0.9 {
                     return 1.0;
                 }
                 let bits = p
+                    .to_array()
                     .map(f64::to_bits)
                     .iter()
                     .fold(seed, |h: u64, x| (h ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (h >> 29));
@@ -286,7 +291,7 @@ mod tests {
 
     #[test]
     fn invalid_cell_sizes_are_rejected() {
-        let value = |p: [f64; 3]| norm(p) - 1.0;
+        let value = |p: DVec3| p.length() - 1.0;
         for cell in [0.0, -1.0, f64::NAN, 1e-9] {
             assert!(isosurface(&unit_box(2.0), cell, value, |_, _| true).is_err());
         }

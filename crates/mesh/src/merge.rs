@@ -28,8 +28,7 @@ use crate::filling::close_loops;
 use crate::mesh::TriangleMesh;
 use front::{SeamInput, stitch};
 use manifold::{manifold, one_fan_each};
-use planish_core::DisjointSets;
-use planish_estimate::vector3::{add_scaled, distance};
+use planish_core::{DVec3, DisjointSets};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -122,7 +121,7 @@ impl MergePatch {
 #[derive(Debug, Clone, Default)]
 pub struct FusedVertices {
     /// New position of each vertex.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// σ of each vertex along its normal.
     pub sigma: Vec<f64>,
 }
@@ -210,7 +209,7 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
                     squares += t * w;
                     sum += w * foot.height;
                 }
-                let position = add_scaled(patch.mesh.positions[v], sum / weight, mine.normals[v]);
+                let position = patch.mesh.positions[v] + sum / weight * mine.normals[v];
                 (position, squares.sqrt() / weight)
             };
             let (positions, sigma) = (0..patch.mesh.positions.len()).into_par_iter().map(at).unzip();
@@ -267,7 +266,7 @@ pub fn stitch_patches(
         drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(MAX_FRAGMENT));
     let left = renumber(&mut triangles, again.len());
     let of_old: Vec<u32> = left.into_iter().map(|v| again[v as usize]).collect();
-    let positions: Vec<[f64; 3]> = of_old.iter().map(|v| positions[*v as usize]).collect();
+    let positions: Vec<DVec3> = of_old.iter().map(|v| positions[*v as usize]).collect();
     let source: Vec<(u32, u32)> = of_old.iter().map(|v| source[*v as usize]).collect();
     let mut stitched = vec![false; positions.len()];
     for t in &triangles[kept..] {
@@ -309,8 +308,8 @@ struct CutPatches {
     triangles: Vec<[u32; 3]>,
     /// For each vertex, its patch and its index there.
     source: Vec<(u32, u32)>,
-    positions: Vec<[f64; 3]>,
-    normals: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
+    normals: Vec<DVec3>,
     /// Maximum length of the new edges at a vertex.
     reach: Vec<f64>,
     /// True for vertices that were on the border of their patch before the cut.
@@ -376,8 +375,7 @@ impl CutPatches {
             let cut = hole.iter().any(|v| !was_border[*v as usize])
                 || rest.iter().any(|v| source[*v as usize].0 != source[*first as usize].0);
             let edges = (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
-            let length: f64 =
-                edges.map(|[a, b]| distance(positions[a as usize], positions[b as usize])).sum();
+            let length: f64 = edges.map(|[a, b]| positions[a as usize].distance(positions[b as usize])).sum();
             let longest_reach = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
             // A hole that could have been stitched across has a circumference of at most four reaches. A
             // longer one is a gap between the patches.

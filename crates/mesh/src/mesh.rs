@@ -5,8 +5,7 @@
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-use planish_core::BoundingBox;
-use planish_estimate::vector3::{add_scaled, cross, distance, dot, sub};
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 
 mod check;
@@ -46,16 +45,16 @@ pub struct Distortion {
 /// # Examples
 /// ```
 /// use planish_mesh::TriangleMesh;
-/// let corners = vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let corners = vec![DVec3::ZERO, 2.0 * DVec3::X, DVec3::Y];
 /// let mesh = TriangleMesh::try_new(corners.clone(), vec![[0, 1, 2]])?;
-/// assert_eq!((mesh.area(), mesh.face_normals()[0]), (1.0, [0.0, 0.0, 1.0]));
+/// assert_eq!((mesh.area(), mesh.face_normals()[0]), (1.0, DVec3::Z));
 /// assert!(TriangleMesh::try_new(corners, vec![[0, 1, 3]]).is_err());
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
     /// Vertex positions in the unit of the model.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// Three vertex indices for each triangle.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -66,7 +65,7 @@ impl TriangleMesh {
     /// # Errors
     /// `Input` for a position that is not finite, an index beyond the vertices, or too many vertices or
     /// triangles for 32-bit indices (each triangle needs three half-edges).
-    pub fn try_new(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self> {
+    pub fn try_new(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         let mesh = Self { positions, triangles };
         mesh.sanity_check()?;
         Ok(mesh)
@@ -86,7 +85,7 @@ impl TriangleMesh {
                 self.triangles.len()
             )));
         }
-        if let Some(at) = self.positions.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
+        if let Some(at) = self.positions.iter().position(|p| !p.is_finite()) {
             let p = self.positions[at];
             return Err(Error::input(format!("vertex {at} is not finite: ({}, {}, {})", p[0], p[1], p[2])));
         }
@@ -107,7 +106,7 @@ impl TriangleMesh {
     /// If there is no such triangle.
     #[inline]
     #[must_use]
-    pub fn corners(&self, index: usize) -> [[f64; 3]; 3] {
+    pub fn corners(&self, index: usize) -> [DVec3; 3] {
         self.triangles[index].map(|i| self.positions[i as usize])
     }
 
@@ -116,7 +115,7 @@ impl TriangleMesh {
     /// # Panics
     /// If there is no such triangle.
     #[must_use]
-    pub fn point_at(&self, index: usize, barycentric: [f64; 3]) -> [f64; 3] {
+    pub fn point_at(&self, index: usize, barycentric: [f64; 3]) -> DVec3 {
         triangle::point_at(&self.corners(index), barycentric)
     }
 
@@ -126,12 +125,13 @@ impl TriangleMesh {
     /// If there is no such triangle, or fewer values than vertices.
     #[must_use]
     pub fn interpolate(&self, values: &[f64], index: usize, barycentric: [f64; 3]) -> f64 {
-        dot(self.triangles[index].map(|i| values[i as usize]), barycentric)
+        let values = self.triangles[index].map(|i| values[i as usize]);
+        (0..3).map(|k| values[k] * barycentric[k]).sum()
     }
 
     /// The unit normal of each triangle; zero if it has no area.
     #[must_use]
-    pub fn face_normals(&self) -> Vec<[f64; 3]> {
+    pub fn face_normals(&self) -> Vec<DVec3> {
         (0..self.triangles.len()).map(|t| triangle::unit_normal(&self.corners(t))).collect()
     }
 
@@ -143,10 +143,10 @@ impl TriangleMesh {
     /// Thürmer and Wüthrich, *Computing vertex normals from polygonal facets*, Journal of Graphics Tools
     /// 1998.
     #[must_use]
-    pub fn vertex_normals(&self) -> Vec<[f64; 3]> {
+    pub fn vertex_normals(&self) -> Vec<DVec3> {
         // Angles are the expensive part and computed in parallel. The sums have a fixed order, so that
         // results do not depend on the number of threads.
-        let of_triangles: Vec<([f64; 3], [f64; 3])> = (0..self.triangles.len())
+        let of_triangles: Vec<(DVec3, [f64; 3])> = (0..self.triangles.len())
             .into_par_iter()
             .with_min_len(1024)
             .map(|t| {
@@ -154,11 +154,11 @@ impl TriangleMesh {
                 (triangle::unit_normal(&position), triangle::angles(&position))
             })
             .collect();
-        let mut normals = vec![[0.0; 3]; self.positions.len()];
+        let mut normals = vec![DVec3::ZERO; self.positions.len()];
         for (corners, (normal, angles)) in self.triangles.iter().zip(of_triangles) {
             for k in 0..3 {
                 let sum = &mut normals[corners[k] as usize];
-                *sum = add_scaled(*sum, angles[k], normal);
+                *sum += angles[k] * normal;
             }
         }
         normals.into_iter().map(triangle::unit_or_zero).collect()
@@ -181,8 +181,8 @@ impl TriangleMesh {
         // Relative to the centre of the box: a far origin would lose digits by cancellation.
         let origin = self.bounding_box()?.center();
         let six_volumes = (0..self.triangles.len()).map(|t| {
-            let [a, b, c] = self.corners(t).map(|p| sub(p, origin));
-            dot(a, cross(b, c))
+            let [a, b, c] = self.corners(t).map(|p| p - origin);
+            a.dot(b.cross(c))
         });
         Some(six_volumes.sum::<f64>() / 6.0)
     }
@@ -207,7 +207,7 @@ impl TriangleMesh {
         let mut known = HashSet::with_capacity(self.triangles.len());
         let key = |t: &[u32; 3]| {
             // Adding zero turns −0 into 0, so that both have the same key.
-            let mut corners = t.map(|v| self.positions[v as usize].map(|x| (x + 0.0).to_bits()));
+            let mut corners = t.map(|v| self.positions[v as usize].to_array().map(|x| (x + 0.0).to_bits()));
             corners.sort_unstable();
             corners
         };
@@ -220,19 +220,19 @@ impl TriangleMesh {
     /// # Panics
     /// If `now` has fewer positions than the mesh has vertices.
     #[must_use]
-    pub fn distortion(&self, now: &[[f64; 3]]) -> Distortion {
+    pub fn distortion(&self, now: &[DVec3]) -> Distortion {
         let normal =
-            |t: usize, at: &[[f64; 3]]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
+            |t: usize, at: &[DVec3]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
         let table = EdgeTable::new(&self.triangles);
         let folded = |edge: usize| {
             let [a, b] = *table.half_edges(edge) else {
                 return false;
             };
             let [a, b] = [a, b].map(|half| half as usize / 3);
-            let cosine = |at: &[[f64; 3]]| dot(normal(a, at), normal(b, at));
+            let cosine = |at: &[DVec3]| normal(a, at).dot(normal(b, at));
             cosine(&self.positions) > 0.0 && cosine(now) < FOLDED_COSINE
         };
-        let length = |at: &[[f64; 3]], [a, b]: [u32; 2]| distance(at[a as usize], at[b as usize]);
+        let length = |at: &[DVec3], [a, b]: [u32; 2]| at[a as usize].distance(at[b as usize]);
         let mut stretches: Vec<f64> = (table.ends.iter())
             .map(|ends| length(now, *ends) / length(&self.positions, *ends))
             .filter(|stretch| stretch.is_finite())
@@ -263,7 +263,7 @@ impl TriangleMesh {
             .iter()
             .map(|&p| {
                 // Adding zero turns −0 into 0, so that both have the same key.
-                *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
+                *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
                     positions.push(p);
                     (positions.len() - 1) as u32
                 })
@@ -279,12 +279,11 @@ mod tests {
     use super::*;
     use crate::primitives::{cylinder, grid_sheet, icosphere};
     use planish_estimate::ErrorKind;
-    use planish_estimate::vector3::{add, scale};
     use std::f64::consts::PI;
 
     #[test]
     fn invalid_indices_and_coordinates_are_rejected() {
-        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         let beyond = TriangleMesh::try_new(positions.clone(), vec![[0, 1, 2], [0, 1, 3]]).unwrap_err();
         assert_eq!(beyond.kind(), ErrorKind::Input);
         assert!(beyond.to_string().contains("triangle 1"), "{beyond}");
@@ -304,7 +303,7 @@ mod tests {
         assert!((sheet.area() - 6.0).abs() < 1e-12);
         assert_eq!(sheet.signed_volume(), None);
         let b = sheet.bounding_box().unwrap();
-        assert_eq!((b.min, b.max), ([-1.0, -1.5, 0.0], [1.0, 1.5, 0.0]));
+        assert_eq!((b.min, b.max), (DVec3::new(-1.0, -1.5, 0.0), DVec3::new(1.0, 1.5, 0.0)));
     }
 
     #[test]
@@ -312,7 +311,7 @@ mod tests {
         let mut ball = icosphere(1.0, 3);
         let near = ball.signed_volume().unwrap();
         for p in &mut ball.positions {
-            *p = add(*p, [1e6, -1e6, 1e6]);
+            *p += DVec3::new(1e6, -1e6, 1e6);
         }
         assert!((ball.signed_volume().unwrap() - near).abs() < 1e-8);
     }
@@ -321,23 +320,21 @@ mod tests {
     fn vertex_normals_do_not_depend_on_the_triangulation_of_flat_faces() {
         // A corner of a cube with one side cut into two triangles: with angle weights, all three sides still
         // count equally.
-        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]];
+        let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, 1.0, 0.0)];
         let mesh =
             TriangleMesh::try_new(positions, vec![[0, 4, 1], [0, 2, 4], [0, 1, 3], [0, 3, 2]]).unwrap();
         let expected = -1.0 / 3.0_f64.sqrt();
-        for x in mesh.vertex_normals()[0] {
-            assert!((x - expected).abs() < 1e-12);
-        }
+        assert!(mesh.vertex_normals()[0].abs_diff_eq(DVec3::splat(expected), 1e-12));
     }
 
     #[test]
     fn vertex_normals_of_a_ball_point_outwards() {
         let ball = icosphere(3.0, 4);
         for (p, n) in ball.positions.iter().zip(ball.vertex_normals()) {
-            assert!(dot(*p, n) / 3.0 > 0.9999);
+            assert!(p.dot(n) / 3.0 > 0.9999);
         }
         for (t, n) in ball.face_normals().iter().enumerate() {
-            assert!(dot(ball.corners(t)[0], *n) > 0.0);
+            assert!(ball.corners(t)[0].dot(*n) > 0.0);
         }
     }
 
@@ -364,20 +361,20 @@ mod tests {
         double.positions.extend_from_slice(&ball.positions);
         double.triangles.extend(ball.triangles.iter().map(|[a, b, c]| [a + count, c + count, b + count]));
         double.triangles.extend_from_slice(&ball.triangles);
-        double.positions.push([500.0; 3]);
+        double.positions.push(DVec3::splat(500.0));
         assert_eq!(double.triangles_once(), ball.triangles);
         assert_eq!(double.surface_bounds(), ball.bounding_box());
         let none = Distortion { folds: 0, stretched: 0 };
         assert_eq!(ball.distortion(&ball.positions), none);
-        let larger: Vec<[f64; 3]> = ball.positions.iter().map(|p| scale(9.0, *p)).collect();
+        let larger: Vec<DVec3> = ball.positions.iter().map(|p| 9.0 * *p).collect();
         assert_eq!(ball.distortion(&larger), none);
         let mut spiked = ball.positions.clone();
-        spiked[0] = scale(3.0, spiked[0]);
+        spiked[0] = 3.0 * spiked[0];
         assert_eq!(ball.distortion(&spiked).stretched, 5);
         let sheet = crate::primitives::grid_sheet(1.0, 1.0, 5, 5);
         let mut folded = sheet.positions.clone();
         for p in folded.iter_mut().filter(|p| p[0] > 0.1) {
-            *p = [-p[0], p[1], 0.05];
+            *p = DVec3::new(-p[0], p[1], 0.05);
         }
         assert!(sheet.distortion(&folded).folds >= 4);
     }

@@ -11,7 +11,7 @@
 
 use crate::bvh::LEAF;
 use crate::triangle::area_vector;
-use planish_estimate::vector3::{cross, dot, scale, sub};
+use planish_core::DVec3;
 use pulp::Simd;
 
 /// Number of facets of a packet: a leaf fills it.
@@ -31,13 +31,13 @@ pub(crate) struct Feet {
 /// Facets that are processed together.
 pub(crate) trait Packet {
     /// Creates a packet of one to [`LANES`] facets with these indices.
-    fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self;
+    fn new(corners: &[[DVec3; 3]], facets: &[u32]) -> Self;
 
     /// The index of the facet in a lane.
     fn facet(&self, lane: usize) -> u32;
 
     /// Computes the nearest point of each facet to a point.
-    fn feet<S: Simd>(&self, simd: S, at: [f64; 3], feet: &mut Feet);
+    fn feet<S: Simd>(&self, simd: S, at: DVec3, feet: &mut Feet);
 }
 
 /// Triangles that are processed together.
@@ -59,7 +59,7 @@ pub(crate) struct TrianglePacket {
 }
 
 impl Packet for TrianglePacket {
-    fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
+    fn new(corners: &[[DVec3; 3]], facets: &[u32]) -> Self {
         let mut made = Self {
             a: [[0.0; LANES]; 3],
             ab: [[0.0; LANES]; 3],
@@ -73,23 +73,23 @@ impl Packet for TrianglePacket {
         for lane in 0..LANES {
             let source = if lane < corners.len() { lane } else { 0 };
             let t = &corners[source];
-            let (ab, ac) = (sub(t[1], t[0]), sub(t[2], t[0]));
+            let (ab, ac) = (t[1] - t[0], t[2] - t[0]);
             let m = area_vector(t);
-            let mm = dot(m, m);
+            let mm = m.length_squared();
             let per_area = if mm > 0.0 { 1.0 / mm } else { 0.0 };
             let columns = [
                 (&mut made.a, t[0]),
                 (&mut made.ab, ab),
                 (&mut made.ac, ac),
-                (&mut made.normal, scale(per_area.sqrt(), m)),
-                (&mut made.to_b, scale(per_area, cross(ac, m))),
-                (&mut made.to_c, scale(per_area, cross(m, ab))),
+                (&mut made.normal, per_area.sqrt() * m),
+                (&mut made.to_b, per_area * ac.cross(m)),
+                (&mut made.to_c, per_area * m.cross(ab)),
                 (
                     &mut made.per_length,
-                    [ab, sub(ac, ab), ac].map(|side| {
-                        let length = dot(side, side);
+                    DVec3::from_array([ab, ac - ab, ac].map(|side| {
+                        let length = side.length_squared();
                         if length > 0.0 { 1.0 / length } else { 0.0 }
-                    }),
+                    })),
                 ),
             ];
             for (column, values) in columns {
@@ -107,7 +107,7 @@ impl Packet for TrianglePacket {
     }
 
     #[inline(always)]
-    fn feet<S: Simd>(&self, simd: S, at: [f64; 3], feet: &mut Feet) {
+    fn feet<S: Simd>(&self, simd: S, at: DVec3, feet: &mut Feet) {
         let m = Vectors { simd };
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let place = [simd.splat_f64s(at[0]), simd.splat_f64s(at[1]), simd.splat_f64s(at[2])];
@@ -229,7 +229,7 @@ pub(crate) struct PointPacket {
 }
 
 impl Packet for PointPacket {
-    fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
+    fn new(corners: &[[DVec3; 3]], facets: &[u32]) -> Self {
         let source = |lane: usize| if lane < corners.len() { lane } else { 0 };
         Self {
             at: std::array::from_fn(|k| std::array::from_fn(|lane| corners[source(lane)][0][k])),
@@ -242,7 +242,7 @@ impl Packet for PointPacket {
     }
 
     #[inline(always)]
-    fn feet<S: Simd>(&self, _: S, at: [f64; 3], feet: &mut Feet) {
+    fn feet<S: Simd>(&self, _: S, at: DVec3, feet: &mut Feet) {
         for lane in 0..LANES {
             let off = [at[0] - self.at[0][lane], at[1] - self.at[1][lane], at[2] - self.at[2][lane]];
             feet.squared_distance[lane] = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
@@ -263,7 +263,7 @@ mod tests {
 
     struct OfPacket<'a> {
         packet: &'a TrianglePacket,
-        at: [f64; 3],
+        at: DVec3,
         feet: &'a mut Feet,
     }
 
@@ -283,14 +283,15 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(11);
         for round in 0..2000 {
             let count = 1 + round % LANES;
-            let corners: Vec<[[f64; 3]; 3]> = (0..count)
+            let corners: Vec<[DVec3; 3]> = (0..count)
                 .map(|k| {
-                    let [a, b, mut c]: [[f64; 3]; 3] =
-                        std::array::from_fn(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+                    let [a, b, mut c]: [DVec3; 3] = std::array::from_fn(|_| {
+                        DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)))
+                    });
                     match k % 4 {
                         0 => return [a; 3],
-                        1 => c = [0, 1, 2].map(|k| 0.3 * a[k] + 0.7 * b[k]),
-                        2 => c = [0, 1, 2].map(|k| 0.3 * a[k] + 0.7 * b[k] + 1e-4 * c[k]),
+                        1 => c = 0.3 * a + 0.7 * b,
+                        2 => c = 0.3 * a + 0.7 * b + 1e-4 * c,
                         _ => {}
                     }
                     [a, b, c]
@@ -298,9 +299,9 @@ mod tests {
                 .collect();
             let facets: Vec<u32> = (0..count as u32).map(|k| k + 5).collect();
             let packet = TrianglePacket::new(&corners, &facets);
-            let at: [f64; 3] = match round % 3 {
+            let at: DVec3 = match round % 3 {
                 0 => corners[count - 1][1],
-                _ => std::array::from_fn(|_| random.random_range(-2.0..2.0)),
+                _ => DVec3::from_array(std::array::from_fn(|_| random.random_range(-2.0..2.0))),
             };
             let mut feet = Feet::default();
             pulp::Arch::new().dispatch(OfPacket { packet: &packet, at, feet: &mut feet });
@@ -310,9 +311,9 @@ mod tests {
                 let (made, wanted) = (feet.squared_distance[lane].sqrt(), plain.squared_distance.sqrt());
                 assert!((made - wanted).abs() < 1e-9, "{t:?} {at:?}: {made} {wanted}");
                 let by_weights = crate::triangle::point_at(t, feet.barycentric.map(|w| w[lane]));
-                let point = feet.point.map(|x| x[lane]);
+                let point = DVec3::from_array(feet.point.map(|x| x[lane]));
                 for other in [by_weights, plain.point] {
-                    assert!(planish_estimate::vector3::distance(point, other) < 1e-7, "{t:?} {at:?}");
+                    assert!(point.distance(other) < 1e-7, "{t:?} {at:?}");
                 }
             }
         }

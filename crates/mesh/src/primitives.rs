@@ -4,10 +4,9 @@
 //! (sheets face +z). Not guaranteed: a faceted ball or cylinder has a smaller area and volume than the smooth
 //! one.
 
+use planish_core::DVec3;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
-
-use planish_estimate::vector3::{add, add_scaled, scale};
 
 use crate::mesh::TriangleMesh;
 use crate::triangle::unit_or_zero;
@@ -25,7 +24,7 @@ use crate::triangle::unit_or_zero;
 #[must_use]
 pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
     let g = (1.0 + 5.0_f64.sqrt()) / 2.0;
-    let mut positions: Vec<[f64; 3]> = [
+    let mut positions: Vec<DVec3> = [
         [-1.0, g, 0.0],
         [1.0, g, 0.0],
         [-1.0, -g, 0.0],
@@ -39,7 +38,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
         [-g, 0.0, -1.0],
         [-g, 0.0, 1.0],
     ]
-    .map(unit_or_zero)
+    .map(|p| unit_or_zero(DVec3::from_array(p)))
     .to_vec();
     let mut triangles: Vec<[u32; 3]> = [
         [0, 11, 5],
@@ -70,7 +69,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
         for [a, b, c] in triangles {
             let mut middle = |i: u32, j: u32| {
                 *middles.entry((i.min(j), i.max(j))).or_insert_with(|| {
-                    positions.push(unit_or_zero(add(positions[i as usize], positions[j as usize])));
+                    positions.push(unit_or_zero(positions[i as usize] + positions[j as usize]));
                     (positions.len() - 1) as u32
                 })
             };
@@ -79,7 +78,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
         }
         triangles = finer;
     }
-    TriangleMesh { positions: positions.into_iter().map(|p| scale(radius, p)).collect(), triangles }
+    TriangleMesh { positions: positions.into_iter().map(|p| radius * p).collect(), triangles }
 }
 
 /// A flat sheet in the plane z = 0 with `columns × rows` rectangles of two triangles each.
@@ -98,7 +97,8 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
     let positions = (0..=rows)
         .flat_map(|j| {
             (0..=columns).map(move |i| {
-                [width * (i as f64 / columns as f64 - 0.5), height * (j as f64 / rows as f64 - 0.5), 0.0]
+                let (x, y) = (i as f64 / columns as f64 - 0.5, j as f64 / rows as f64 - 0.5);
+                DVec3::new(width * x, height * y, 0.0)
             })
         })
         .collect();
@@ -119,16 +119,16 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
 ///
 /// # Examples
 /// ```
-/// let edges = [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
-/// let block = planish_mesh::parallelepiped([0.0; 3], edges);
+/// let edges = [DVec3::X, [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
+/// let block = planish_mesh::parallelepiped(DVec3::ZERO, edges);
 /// assert_eq!(block.signed_volume(), Some(6.0));
 /// ```
 #[must_use]
-pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
+pub fn parallelepiped(center: DVec3, edges: [DVec3; 3]) -> TriangleMesh {
     let corner = |k: u32| {
         (0..3).fold(center, |p, d| {
             let half = if k >> d & 1 == 1 { 0.5 } else { -0.5 };
-            add_scaled(p, half, edges[d])
+            p + half * edges[d]
         })
     };
     TriangleMesh {
@@ -164,11 +164,11 @@ pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
 #[must_use]
 pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped: bool) -> TriangleMesh {
     let (segments, rings) = (segments.max(3), rings.max(1));
-    let mut positions: Vec<[f64; 3]> = (0..=rings)
+    let mut positions: Vec<DVec3> = (0..=rings)
         .flat_map(|j| {
             (0..segments).map(move |i| {
                 let (sin, cos) = (TAU * i as f64 / segments as f64).sin_cos();
-                [radius * cos, radius * sin, height * (j as f64 / rings as f64 - 0.5)]
+                DVec3::new(radius * cos, radius * sin, height * (j as f64 / rings as f64 - 0.5))
             })
         })
         .collect();
@@ -182,7 +182,7 @@ pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped:
     }
     if capped {
         let bottom = positions.len() as u32;
-        positions.extend([[0.0, 0.0, -0.5 * height], [0.0, 0.0, 0.5 * height]]);
+        positions.extend([-0.5 * height * DVec3::Z, 0.5 * height * DVec3::Z]);
         for i in 0..segments {
             triangles.push([bottom, at(i + 1, 0), at(i, 0)]);
             triangles.push([bottom + 1, at(i, rings), at(i + 1, rings)]);

@@ -7,11 +7,10 @@
 //! Reference: Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, Journal of Computer Graphics
 //! Techniques 2013.
 
-use planish_estimate::vector3::{distance, scale, sub, unit};
-
 use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use crate::triangle::{point_at, unit_normal};
+use planish_core::DVec3;
 
 /// Factor on the far side of boxes that covers the rounding errors of the slab test.
 ///
@@ -25,13 +24,13 @@ pub struct RayHit {
     /// Distance from the origin in the unit of the model, for a direction of any length.
     pub distance: f64,
     /// The point on the triangle.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Index of the triangle.
     pub triangle: u32,
     /// Barycentric coordinates in the triangle.
     pub barycentric: [f64; 3],
     /// Unit normal of the triangle; it points along the ray if the back was hit.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
 }
 
 impl MeshSearch {
@@ -43,13 +42,13 @@ impl MeshSearch {
     /// ```
     /// use planish_mesh::{MeshSearch, icosphere};
     /// let search = MeshSearch::try_new(&icosphere(1.0, 4))?;
-    /// let hit = search.first_hit([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]).expect("the ball is below");
+    /// let hit = search.first_hit(5.0 * DVec3::Z, DVec3::NEG_Z).expect("the ball is below");
     /// assert!((hit.distance - 4.0).abs() < 0.01 && hit.normal[2] > 0.9);
-    /// assert!(search.first_hit([0.0, 0.0, 5.0], [0.0, 0.0, 1.0]).is_none());
+    /// assert!(search.first_hit(5.0 * DVec3::Z, DVec3::Z).is_none());
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
     #[must_use]
-    pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
+    pub fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<RayHit> {
         self.first_hit_between(origin, direction, 0.0, f64::INFINITY)
     }
 
@@ -58,13 +57,7 @@ impl MeshSearch {
     /// A ray that starts on the surface, such as a shadow ray, needs a `near` well above rounding errors, or
     /// it hits the triangle where it starts.
     #[must_use]
-    pub fn first_hit_between(
-        &self,
-        origin: [f64; 3],
-        direction: [f64; 3],
-        near: f64,
-        far: f64,
-    ) -> Option<RayHit> {
+    pub fn first_hit_between(&self, origin: DVec3, direction: DVec3, near: f64, far: f64) -> Option<RayHit> {
         let ray = Ray::new(origin, direction)?;
         let Bvh { nodes, corners, triangles } = &self.bvh;
         let mut best = far;
@@ -135,16 +128,16 @@ impl MeshSearch {
 
     /// True if the straight line between two points meets no triangle, except within `clearance` of its ends.
     #[must_use]
-    pub fn sees(&self, from: [f64; 3], to: [f64; 3], clearance: f64) -> bool {
-        let length = distance(from, to);
-        self.first_hit_between(from, sub(to, from), clearance, length - clearance).is_none()
+    pub fn sees(&self, from: DVec3, to: DVec3, clearance: f64) -> bool {
+        let length = from.distance(to);
+        self.first_hit_between(from, to - from, clearance, length - clearance).is_none()
     }
 }
 
 /// A ray with the precomputed values of the tests for boxes and triangles.
 struct Ray {
-    origin: [f64; 3],
-    inverse: [f64; 3],
+    origin: DVec3,
+    inverse: DVec3,
     /// Permutation of the axes; the direction is largest along the last. Dividing by its component is safe.
     axes: [usize; 3],
     /// Shear of the first two axes and scale of the last, which turn the ray into the unit vector of that
@@ -153,15 +146,15 @@ struct Ray {
 }
 
 impl Ray {
-    fn new(origin: [f64; 3], direction: [f64; 3]) -> Option<Self> {
-        let finite = origin.iter().chain(&direction).all(|x| x.is_finite());
+    fn new(origin: DVec3, direction: DVec3) -> Option<Self> {
+        let finite = origin.is_finite() && direction.is_finite();
         // Scaled first, so that the square of a very short or long direction neither underflows nor
         // overflows.
-        let size = direction.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
+        let size = direction.to_array().iter().fold(0.0_f64, |size, x| size.max(x.abs()));
         if !finite || size == 0.0 {
             return None;
         }
-        let d = unit(direction.map(|x| x / size))?;
+        let d = (direction / size).try_normalize()?;
         let z = (1..3).fold(0, |z, k| if d[k].abs() > d[z].abs() { k } else { z });
         let (x, y) = ((z + 1) % 3, (z + 2) % 3);
         Some(Self {
@@ -191,10 +184,10 @@ impl Ray {
     /// Distance and barycentric coordinates of the hit of a triangle from either side, also behind the
     /// origin.
     #[inline]
-    fn hit(&self, corners: &[[f64; 3]; 3]) -> Option<(f64, [f64; 3])> {
+    fn hit(&self, corners: &[DVec3; 3]) -> Option<(f64, [f64; 3])> {
         let [x, y, z] = self.axes;
         let local = corners.map(|c| {
-            let c = sub(c, self.origin);
+            let c = c - self.origin;
             [c[x] - self.shear[0] * c[z], c[y] - self.shear[1] * c[z], self.shear[2] * c[z]]
         });
         let [a, b, c] = local;
@@ -210,7 +203,7 @@ impl Ray {
         if sum == 0.0 {
             return None;
         }
-        let barycentric = scale(1.0 / sum, [u, v, w]);
+        let barycentric = [u, v, w].map(|area| 1.0 / sum * area);
         let t = barycentric[0] * a[2] + barycentric[1] * b[2] + barycentric[2] * c[2];
         t.is_finite().then_some((t, barycentric))
     }
@@ -221,7 +214,6 @@ mod tests {
     use super::*;
     use crate::mesh::TriangleMesh;
     use crate::primitives::{grid_sheet, icosphere};
-    use planish_estimate::vector3::{add_scaled, dot, norm};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -235,20 +227,20 @@ mod tests {
         let search = search(&ball);
         let mut random = ChaCha8Rng::seed_from_u64(5);
         for _ in 0..2000 {
-            let mut any = || std::array::from_fn(|_| random.random::<f64>() - 0.5);
-            let (toward, direction): ([f64; 3], [f64; 3]) = (any(), any());
-            let d = unit(direction).unwrap();
-            let origin = add_scaled(toward, -3.0, d);
+            let mut any = || DVec3::from_array(std::array::from_fn(|_| random.random::<f64>() - 0.5));
+            let (toward, direction) = (any(), any());
+            let d = direction.try_normalize().unwrap();
+            let origin = toward - 3.0 * d;
             let hit = search.first_hit(origin, direction).unwrap();
             // The answer for the smooth sphere, within the chord error, which a slanted ray magnifies.
-            let b = dot(origin, d);
-            let smooth = -b - (b * b - dot(origin, origin) + 1.0).sqrt();
+            let b = origin.dot(d);
+            let smooth = -b - (b * b - origin.length_squared() + 1.0).sqrt();
             assert!((hit.distance - smooth).abs() < 2e-3, "{} {smooth}", hit.distance);
-            assert!(distance(hit.point, add_scaled(origin, hit.distance, d)) < 1e-14);
-            assert!(dot(hit.normal, d) < 0.0);
-            let out = search.first_hit([0.0; 3], direction).unwrap();
-            assert!((out.distance - 1.0).abs() < 1e-3 && dot(out.normal, d) > 0.0);
-            let away = search.first_hit(origin, scale(-1.0, direction));
+            assert!(hit.point.distance(origin + hit.distance * d) < 1e-14);
+            assert!(hit.normal.dot(d) < 0.0);
+            let out = search.first_hit(DVec3::ZERO, direction).unwrap();
+            assert!((out.distance - 1.0).abs() < 1e-3 && out.normal.dot(d) > 0.0);
+            let away = search.first_hit(origin, -direction);
             assert_eq!(away, None);
         }
     }
@@ -256,11 +248,11 @@ mod tests {
     #[test]
     fn first_hit_agrees_with_all_triangles() {
         let mut random = ChaCha8Rng::seed_from_u64(6);
-        let mut any = || std::array::from_fn::<f64, 3, _>(|_| random.random::<f64>() * 2.0 - 1.0);
-        let corners: Vec<[[f64; 3]; 3]> = (0..300)
+        let mut any = || DVec3::from_array(std::array::from_fn(|_| random.random::<f64>() * 2.0 - 1.0));
+        let corners: Vec<[DVec3; 3]> = (0..300)
             .map(|_| {
                 let middle = any();
-                std::array::from_fn(|_| add_scaled(middle, 0.15, any()))
+                std::array::from_fn(|_| middle + 0.15 * any())
             })
             .collect();
         let mesh = TriangleMesh::try_new(
@@ -286,8 +278,8 @@ mod tests {
             assert_eq!(hit.map(|h| (h.distance, h.triangle)), expected);
             if let Some(hit) = hit {
                 hits += 1;
-                let off = sub(hit.point, add_scaled(origin, hit.distance / norm(direction), direction));
-                assert!(norm(off) < 1e-13);
+                let off = hit.point - (origin + hit.distance / direction.length() * direction);
+                assert!(off.length() < 1e-13);
             }
         }
         assert!(hits > 300, "{hits}");
@@ -303,31 +295,33 @@ mod tests {
                 // slanted.
                 let (x, y) = (f64::from(i) / 32.0 - 0.5, f64::from(j) / 32.0 - 0.5);
                 for slant in [0.0, 0.25, -1.0] {
-                    let hit = search.first_hit([x - slant, y, 1.0], [slant, 0.0, -1.0]).unwrap();
-                    assert!(distance(hit.point, [x, y, 0.0]) < 1e-15);
+                    let hit = search
+                        .first_hit(DVec3::new(x - slant, y, 1.0), DVec3::new(slant, 0.0, -1.0))
+                        .unwrap();
+                    assert!(hit.point.distance(DVec3::new(x, y, 0.0)) < 1e-15);
                 }
             }
         }
         let ball = icosphere(1.0, 3);
         let around = MeshSearch::try_new(&ball).unwrap();
         for p in &ball.positions {
-            assert!((around.first_hit([0.0; 3], *p).unwrap().distance - 1.0).abs() < 1e-12);
+            assert!((around.first_hit(DVec3::ZERO, *p).unwrap().distance - 1.0).abs() < 1e-12);
         }
     }
 
     #[test]
     fn limits_are_respected_and_invalid_rays_hit_nothing() {
         let sheet = search(&grid_sheet(1.0, 1.0, 1, 1));
-        let (origin, down) = ([0.1, 0.2, 1.0], [0.0, 0.0, -7.0]);
+        let (origin, down) = (DVec3::new(0.1, 0.2, 1.0), -7.0 * DVec3::Z);
         let at_one = |d| (sheet.first_hit(origin, d).unwrap().distance - 1.0).abs() < 1e-15;
         assert!(at_one(down));
         assert!(sheet.first_hit_between(origin, down, 0.0, 0.99).is_none());
         assert!(sheet.first_hit_between(origin, down, 1.01, 9.0).is_none());
-        assert!(sheet.first_hit(origin, [0.0; 3]).is_none());
-        assert!(sheet.first_hit(origin, [f64::NAN, 0.0, 1.0]).is_none());
-        assert!(sheet.first_hit(origin, [1.0, 0.0, 0.0]).is_none());
-        assert!(at_one([0.0, 0.0, -1e-300]) && at_one([0.0, 0.0, -1e300]));
-        assert!(!sheet.sees(origin, [0.1, 0.2, -1.0], 1e-9));
-        assert!(sheet.sees(origin, [0.1, 0.2, 0.0], 1e-9));
+        assert!(sheet.first_hit(origin, DVec3::ZERO).is_none());
+        assert!(sheet.first_hit(origin, DVec3::new(f64::NAN, 0.0, 1.0)).is_none());
+        assert!(sheet.first_hit(origin, DVec3::X).is_none());
+        assert!(at_one(DVec3::new(0.0, 0.0, -1e-300)) && at_one(DVec3::new(0.0, 0.0, -1e300)));
+        assert!(!sheet.sees(origin, DVec3::new(0.1, 0.2, -1.0), 1e-9));
+        assert!(sheet.sees(origin, DVec3::new(0.1, 0.2, 0.0), 1e-9));
     }
 }

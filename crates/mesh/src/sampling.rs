@@ -3,6 +3,7 @@
 //! In: a mesh, and uniform random numbers in [0, 1) from the caller, who controls the seed. Out: points with
 //! uniform density per area. Not guaranteed: spacing; points are independent and may lie close together.
 
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 use crate::mesh::TriangleMesh;
@@ -12,9 +13,9 @@ use crate::triangle::{area, point_at, unit_normal};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
     /// Position.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// Unit normal of the triangle.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Index of the triangle.
     pub triangle: u32,
     /// Barycentric coordinates in the triangle.
@@ -29,7 +30,7 @@ pub struct SurfacePoint {
 /// let sheet = grid_sheet(2.0, 2.0, 3, 3);
 /// let sampler = SurfaceSampler::try_new(&sheet)?;
 /// let point = sampler.sample(&mut || 0.5);
-/// assert_eq!((point.position[2], point.normal), (0.0, [0.0, 0.0, 1.0]));
+/// assert_eq!((point.position[2], point.normal), (0.0, DVec3::Z));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -121,7 +122,6 @@ mod tests {
     use super::*;
     use crate::primitives::{grid_sheet, icosphere};
     use planish_estimate::ErrorKind;
-    use planish_estimate::vector3::distance;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -155,14 +155,14 @@ mod tests {
         let points = draw();
         assert_eq!(points, draw());
         for p in points {
-            assert!(distance(ball.point_at(p.triangle as usize, p.barycentric), p.position) < 1e-15);
+            assert!(ball.point_at(p.triangle as usize, p.barycentric).distance(p.position) < 1e-15);
             assert!(p.barycentric.iter().all(|&b| (0.0..=1.0).contains(&b)));
         }
     }
 
     #[test]
     fn triangles_without_area_are_never_drawn() {
-        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]];
+        let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(2.0, 0.0, 0.0)];
         let mesh = TriangleMesh::try_new(positions, vec![[0, 1, 3], [0, 1, 2], [0, 0, 1]]).unwrap();
         let sampler = SurfaceSampler::try_new(&mesh).unwrap();
         for u in [0.0, 0.5, 1.0 - f64::EPSILON / 2.0, 1.0] {

@@ -7,9 +7,9 @@
 //! equal distances, the lowest index is reported); the sign at features whose triangles all lack area (it is
 //! positive).
 
+use planish_core::DVec3;
 use rayon::prelude::*;
 
-use planish_estimate::vector3::{add, dot, norm, sub, unit};
 use planish_estimate::{Error, Result};
 
 use crate::bvh::{Bvh, MAX_DEPTH, squared_distance_to_box};
@@ -33,7 +33,7 @@ pub struct ClosestPoint {
     /// Distance, positive on the side of the normal.
     pub signed_distance: f64,
     /// The closest point.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Index of its triangle.
     pub triangle: u32,
     /// Barycentric coordinates in the triangle.
@@ -42,7 +42,7 @@ pub struct ClosestPoint {
     pub feature: Feature,
     /// Unit pseudo-normal of the feature: the normal of a face, the sum of both at an edge, or the
     /// angle-weighted sum at a vertex. Zero if no adjacent face has an area.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// True if the feature is on an open border of the mesh, as for points beyond the border.
     pub on_boundary: bool,
 }
@@ -70,8 +70,8 @@ pub struct MeshSearch {
     /// Vertices of each triangle; vertices at equal positions have the same number.
     pub(crate) vertices: Vec<[u32; 3]>,
     edges: Vec<[u32; 3]>,
-    vertex_normals: Vec<[f64; 3]>,
-    edge_normals: Vec<[f64; 3]>,
+    vertex_normals: Vec<DVec3>,
+    edge_normals: Vec<DVec3>,
     boundary_vertices: Vec<bool>,
     boundary_edges: Vec<bool>,
 }
@@ -99,12 +99,12 @@ impl MeshSearch {
         let welded = mesh.welded();
         let table = EdgeTable::new(&welded.triangles);
         let face_normals = welded.face_normals();
-        let mut edge_normals = vec![[0.0; 3]; table.len()];
+        let mut edge_normals = vec![DVec3::ZERO; table.len()];
         let mut boundary_edges = vec![false; table.len()];
         let mut boundary_vertices = vec![false; welded.positions.len()];
         for edge in 0..table.len() {
             let around = table.half_edges(edge);
-            let sum = around.iter().fold([0.0; 3], |sum, &half| add(sum, face_normals[half as usize / 3]));
+            let sum = around.iter().fold(DVec3::ZERO, |sum, &half| sum + face_normals[half as usize / 3]);
             edge_normals[edge] = unit_or_zero(sum);
             if around.len() == 1 {
                 boundary_edges[edge] = true;
@@ -133,13 +133,13 @@ impl MeshSearch {
 
     /// The closest point of the mesh; `None` only if `point` is not finite.
     #[must_use]
-    pub fn closest(&self, point: [f64; 3]) -> Option<ClosestPoint> {
+    pub fn closest(&self, point: DVec3) -> Option<ClosestPoint> {
         self.closest_within(point, f64::INFINITY)
     }
 
     /// The closest point within `max_distance`. A smaller distance takes less time.
     #[must_use]
-    pub fn closest_within(&self, point: [f64; 3], max_distance: f64) -> Option<ClosestPoint> {
+    pub fn closest_within(&self, point: DVec3, max_distance: f64) -> Option<ClosestPoint> {
         let slot = self.nearest_slot(point, squared_bound(max_distance), None, |_| true)?;
         self.describe(point, slot)
     }
@@ -149,7 +149,7 @@ impl MeshSearch {
     /// The answer does not depend on the hint, and an invalid one is ignored. It saves at most a fifth of the
     /// time where it was measured, because the tree finds a near triangle early in any case.
     #[must_use]
-    pub fn closest_hinted(&self, point: [f64; 3], hint: u32) -> Option<ClosestPoint> {
+    pub fn closest_hinted(&self, point: DVec3, hint: u32) -> Option<ClosestPoint> {
         let slot =
             self.nearest_slot(point, f64::INFINITY, self.slots.get(hint as usize).copied(), |_| true)?;
         self.describe(point, slot)
@@ -162,8 +162,8 @@ impl MeshSearch {
     #[must_use]
     pub fn closest_compatible(
         &self,
-        point: [f64; 3],
-        normal: [f64; 3],
+        point: DVec3,
+        normal: DVec3,
         max_angle_rad: f64,
     ) -> Option<ClosestPoint> {
         self.closest_compatible_within(point, normal, max_angle_rad, f64::INFINITY)
@@ -173,16 +173,16 @@ impl MeshSearch {
     #[must_use]
     pub fn closest_compatible_within(
         &self,
-        point: [f64; 3],
-        normal: [f64; 3],
+        point: DVec3,
+        normal: DVec3,
         max_angle_rad: f64,
         max_distance: f64,
     ) -> Option<ClosestPoint> {
-        let normal = unit(normal)?;
+        let normal = normal.try_normalize()?;
         let min_cosine = max_angle_rad.clamp(0.0, std::f64::consts::PI).cos();
-        let agrees = |corners: &[[f64; 3]; 3]| {
+        let agrees = |corners: &[DVec3; 3]| {
             let n = area_vector(corners);
-            n != [0.0; 3] && dot(n, normal) >= min_cosine * norm(n)
+            n != DVec3::ZERO && n.dot(normal) >= min_cosine * n.length()
         };
         let slot = self.nearest_slot(point, squared_bound(max_distance), None, agrees)?;
         self.describe(point, slot)
@@ -192,14 +192,14 @@ impl MeshSearch {
     ///
     /// Points are found faster if each is near the previous one.
     #[must_use]
-    pub fn closest_all(&self, points: &[[f64; 3]]) -> Vec<Option<ClosestPoint>> {
+    pub fn closest_all(&self, points: &[DVec3]) -> Vec<Option<ClosestPoint>> {
         self.closest_all_within(points, f64::INFINITY)
     }
 
     /// [`MeshSearch::closest_within`] for many points, in parallel, with the same answers for any number of
     /// threads.
     #[must_use]
-    pub fn closest_all_within(&self, points: &[[f64; 3]], max_distance: f64) -> Vec<Option<ClosestPoint>> {
+    pub fn closest_all_within(&self, points: &[DVec3], max_distance: f64) -> Vec<Option<ClosestPoint>> {
         let bound = squared_bound(max_distance);
         let mut feet = vec![None; points.len()];
         feet.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(feet, points)| {
@@ -216,12 +216,12 @@ impl MeshSearch {
     /// The position in leaf order of the nearest accepted triangle within the bound.
     fn nearest_slot(
         &self,
-        p: [f64; 3],
+        p: DVec3,
         squared_bound: f64,
         hint: Option<u32>,
-        accept: impl Fn(&[[f64; 3]; 3]) -> bool,
+        accept: impl Fn(&[DVec3; 3]) -> bool,
     ) -> Option<u32> {
-        if !p.iter().all(|x| x.is_finite()) {
+        if !p.is_finite() {
             return None;
         }
         let Bvh { nodes, corners, triangles } = &self.bvh;
@@ -286,7 +286,7 @@ impl MeshSearch {
     }
 
     /// The closest point on the triangle at a position in leaf order, with its feature and sign.
-    fn describe(&self, p: [f64; 3], slot: u32) -> Option<ClosestPoint> {
+    fn describe(&self, p: DVec3, slot: u32) -> Option<ClosestPoint> {
         let corners = &self.bvh.corners[slot as usize];
         let Foot { squared_distance, point, barycentric, feature } =
             closest_on_triangle(p, corners, f64::INFINITY)?;
@@ -303,7 +303,7 @@ impl MeshSearch {
             }
         };
         let distance = squared_distance.sqrt();
-        let behind = dot(sub(p, point), normal) < 0.0;
+        let behind = (p - point).dot(normal) < 0.0;
         let signed_distance = if behind { -distance } else { distance };
         Some(ClosestPoint {
             distance,

@@ -8,8 +8,8 @@
 //! - Loop, *Smooth subdivision surfaces based on triangles*, 1987; borders as in Hoppe et al., *Piecewise
 //!   smooth surface reconstruction*, 1994.
 
+use planish_core::DVec3;
 use planish_estimate::Result;
-use planish_estimate::vector3::{add, add_scaled, scale};
 
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::mesh::TriangleMesh;
@@ -39,29 +39,29 @@ impl TriangleMesh {
         let table = EdgeTable::new(&triangles);
         let old = &welded.positions;
         let inner = |edge: usize| table.half_edges(edge).len() == 2;
-        let mut around: Vec<(usize, [f64; 3])> = vec![(0, [0.0; 3]); old.len()];
-        let mut border: Vec<(usize, [f64; 3])> = around.clone();
+        let mut around: Vec<(usize, DVec3)> = vec![(0, DVec3::ZERO); old.len()];
+        let mut border: Vec<(usize, DVec3)> = around.clone();
         for (edge, ends) in table.ends.iter().enumerate() {
             for (own, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
                 let lists = if inner(edge) { vec![&mut around] } else { vec![&mut around, &mut border] };
                 for list in lists {
                     let (count, sum) = &mut list[own as usize];
                     *count += 1;
-                    *sum = add(*sum, old[other as usize]);
+                    *sum += old[other as usize];
                 }
             }
         }
-        let mut positions: Vec<[f64; 3]> = (old.iter().zip(&around).zip(&border))
+        let mut positions: Vec<DVec3> = (old.iter().zip(&around).zip(&border))
             .map(|((p, (n, sum)), (on_border, neighbours))| match (n, on_border) {
                 (0, _) => *p,
-                (_, 2) => add_scaled(scale(0.75, *p), 0.125, *neighbours),
+                (_, 2) => 0.75 * *p + 0.125 * *neighbours,
                 // Several borders meet here, and no curve passes through: the vertex is a corner and stays.
                 (_, 1 | 3..) => *p,
                 (n, _) => {
                     let n = *n as f64;
                     let share = 0.375 + 0.25 * (std::f64::consts::TAU / n).cos();
                     let beta = (0.625 - share * share) / n;
-                    add_scaled(scale(1.0 - n * beta, *p), beta, *sum)
+                    (1.0 - n * beta) * *p + beta * *sum
                 }
             })
             .collect();
@@ -73,9 +73,9 @@ impl TriangleMesh {
                     // Half-edges are numbered 3 t + k, so the opposite corner is that after the next.
                     let apex =
                         |half: u32| old[triangles[half as usize / 3][(half as usize % 3 + 2) % 3] as usize];
-                    add_scaled(scale(0.375, add(a, b)), 0.125, add(apex(*s), apex(*t)))
+                    0.375 * (a + b) + 0.125 * (apex(*s) + apex(*t))
                 }
-                _ => scale(0.5, add(a, b)),
+                _ => 0.5 * (a + b),
             };
             positions.push(middle);
         }
@@ -99,7 +99,7 @@ mod tests {
         let fine = coarse.subdivided().unwrap().subdivided().unwrap();
         assert_eq!(fine.triangles.len(), 16 * coarse.triangles.len());
         assert!(fine.check().watertight);
-        let radii: Vec<f64> = fine.positions.iter().map(|p| planish_estimate::vector3::norm(*p)).collect();
+        let radii: Vec<f64> = fine.positions.iter().map(|p| p.length()).collect();
         let (smallest, largest) = radii.iter().fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
         // Facets of the coarse ball are 6 % nearer to the centre than its corners. The limit surface of few
         // facets is not exactly a sphere.

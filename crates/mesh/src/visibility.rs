@@ -162,14 +162,14 @@ fn draw_triangle(
 mod tests {
     use super::*;
     use crate::{MeshSearch, icosphere};
-    use planish_estimate::vector3::{add_scaled, norm, sub};
+    use planish_core::DVec3;
 
     /// The buffer shows the triangles that rays hit, at the same depth.
     #[test]
     fn visible_points_match_ray_hits() {
         let ball = icosphere(1.0, 3);
         let search = MeshSearch::try_new(&ball).unwrap();
-        let (eye, focal, size) = ([0.1, -0.2, 3.0], 60.0, 101_usize);
+        let (eye, focal, size) = (DVec3::new(0.1, -0.2, 3.0), 60.0, 101_usize);
         let middle = 0.5 * size as f64;
         // The camera looks down; rows increase with y.
         let corners: Vec<Projected> = (ball.positions.iter())
@@ -184,7 +184,7 @@ mod tests {
         for row in 0..size {
             for column in 0..size {
                 let [x, y] = [column, row].map(|k| (k as f64 + 0.5 - middle) / focal);
-                let hit = search.first_hit(eye, [x, y, -1.0]);
+                let hit = search.first_hit(eye, DVec3::new(x, y, -1.0));
                 if (40..60).contains(&row) {
                     assert_eq!(part.at(column, row), buffer.at(column, row));
                 }
@@ -194,8 +194,8 @@ mod tests {
                         let corners =
                             ball.triangles[seen.triangle as usize].map(|c| ball.positions[c as usize]);
                         let place = (corners.iter().zip(seen.barycentric))
-                            .fold([0.0; 3], |sum, (corner, w)| add_scaled(sum, w, *corner));
-                        assert!(norm(sub(place, hit.point)) < 1e-6, "{place:?} {hit:?}");
+                            .fold(DVec3::ZERO, |sum, (corner, w)| sum + w * *corner);
+                        assert!((place - hit.point).length() < 1e-6, "{place:?} {hit:?}");
                         assert!((eye[2] - place[2] - seen.depth).abs() < 1e-6);
                     }
                     (None, None) => {}

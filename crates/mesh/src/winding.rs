@@ -15,7 +15,7 @@
 
 use crate::bvh::{Bvh, MAX_DEPTH};
 use crate::mesh::TriangleMesh;
-use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
+use planish_core::DVec3;
 use std::f64::consts::PI;
 
 /// Distance, in radii of a part, from which it is approximated by a dipole.
@@ -41,8 +41,8 @@ pub struct WindingNumbers {
 /// The part of a mesh in one box, as seen from afar.
 #[derive(Debug, Clone, Copy)]
 struct Dipole {
-    middle: [f64; 3],
-    area: [f64; 3],
+    middle: DVec3,
+    area: DVec3,
     radius: f64,
 }
 
@@ -54,44 +54,43 @@ impl WindingNumbers {
             return Self { bvh: None, dipoles: Vec::new() };
         }
         let bvh = Bvh::new(mesh.triangles.len(), |t| mesh.corners(t));
-        let empty = Dipole { middle: [0.0; 3], area: [0.0; 3], radius: 0.0 };
+        let empty = Dipole { middle: DVec3::ZERO, area: DVec3::ZERO, radius: 0.0 };
         let mut dipoles = vec![empty; bvh.nodes.len()];
         let mut weights = vec![0.0; bvh.nodes.len()];
         // Children follow their parents in the array, so the reverse order sums from the leaves upwards.
         for at in (0..bvh.nodes.len()).rev() {
             let node = bvh.nodes[at];
-            let (mut middle, mut area, mut weight) = ([0.0; 3], [0.0; 3], 0.0);
+            let (mut middle, mut area, mut weight) = (DVec3::ZERO, DVec3::ZERO, 0.0);
             if node.count > 0 {
                 for t in &bvh.corners[node.first as usize..(node.first + node.count) as usize] {
-                    let m = scale(0.5, cross(sub(t[1], t[0]), sub(t[2], t[0])));
-                    let size = norm(m);
-                    area = add(area, m);
-                    middle = add_scaled(middle, size / 3.0, add(add(t[0], t[1]), t[2]));
+                    let m = 0.5 * (t[1] - t[0]).cross(t[2] - t[0]);
+                    let size = m.length();
+                    area += m;
+                    middle += size / 3.0 * (t[0] + t[1] + t[2]);
                     weight += size;
                 }
             } else {
                 for child in [node.first as usize, node.first as usize + 1] {
-                    area = add(area, dipoles[child].area);
-                    middle = add_scaled(middle, weights[child], dipoles[child].middle);
+                    area += dipoles[child].area;
+                    middle += weights[child] * dipoles[child].middle;
                     weight += weights[child];
                 }
             }
             // The area-weighted centre, as in Barill et al.
-            middle =
-                if weight > 0.0 { scale(1.0 / weight, middle) } else { scale(0.5, add(node.min, node.max)) };
-            let corner = std::array::from_fn(|k| {
+            middle = if weight > 0.0 { 1.0 / weight * middle } else { 0.5 * (node.min + node.max) };
+            let corner = DVec3::from_array(std::array::from_fn(|k| {
                 let (low, high) = (node.min[k], node.max[k]);
                 if middle[k] - low > high - middle[k] { low } else { high }
-            });
+            }));
             weights[at] = weight;
-            dipoles[at] = Dipole { middle, area, radius: distance(middle, corner) };
+            dipoles[at] = Dipole { middle, area, radius: middle.distance(corner) };
         }
         Self { bvh: Some(bvh), dipoles }
     }
 
     /// The winding number around a point; NaN if the point is not finite.
     #[must_use]
-    pub fn at(&self, at: [f64; 3]) -> f64 {
+    pub fn at(&self, at: DVec3) -> f64 {
         let Some(bvh) = &self.bvh else { return 0.0 };
         let mut sum = 0.0;
         let mut stack = [0_u32; MAX_DEPTH + 1];
@@ -100,10 +99,10 @@ impl WindingNumbers {
             height -= 1;
             let here = stack[height] as usize;
             let (node, dipole) = (&bvh.nodes[here], &self.dipoles[here]);
-            let off = sub(dipole.middle, at);
-            let far = norm(off);
+            let off = dipole.middle - at;
+            let far = off.length();
             if far > FAR * dipole.radius {
-                sum += dot(dipole.area, off) / (far * far * far);
+                sum += dipole.area.dot(off) / (far * far * far);
             } else if node.count > 0 {
                 let own = node.first as usize..(node.first + node.count) as usize;
                 sum += bvh.corners[own].iter().map(|t| solid_angle(at, t)).sum::<f64>();
@@ -118,11 +117,11 @@ impl WindingNumbers {
 }
 
 /// Solid angle of a triangle: `tan(Ω/2) = a·(b × c) / (|a||b||c| + (a·b)|c| + (b·c)|a| + (c·a)|b|)`.
-fn solid_angle(at: [f64; 3], t: &[[f64; 3]; 3]) -> f64 {
-    let [a, b, c] = [sub(t[0], at), sub(t[1], at), sub(t[2], at)];
-    let [la, lb, lc] = [norm(a), norm(b), norm(c)];
-    let below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb;
-    2.0 * dot(a, cross(b, c)).atan2(below)
+fn solid_angle(at: DVec3, t: &[DVec3; 3]) -> f64 {
+    let [a, b, c] = [t[0] - at, t[1] - at, t[2] - at];
+    let [la, lb, lc] = [a.length(), b.length(), c.length()];
+    let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    2.0 * a.dot(b.cross(c)).atan2(below)
 }
 
 #[cfg(test)]
@@ -140,20 +139,20 @@ mod tests {
         let mut two = icosphere(1.0, 3);
         let first = two.positions.len() as u32;
         let other = icosphere(1.0, 3);
-        two.positions.extend(other.positions.iter().map(|p| [p[0] + 0.9, p[1], p[2]]));
+        two.positions.extend(other.positions.iter().map(|p| DVec3::new(p.x + 0.9, p.y, p.z)));
         two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let winding = WindingNumbers::new(&two);
         for _ in 0..2000 {
-            let at: [f64; 3] = std::array::from_fn(|_| random.random_range(-2.0..3.0));
+            let at: DVec3 = DVec3::from_array(std::array::from_fn(|_| random.random_range(-2.0..3.0)));
             let exact: f64 =
                 (0..two.triangles.len()).map(|t| solid_angle(at, &two.corners(t))).sum::<f64>() / (4.0 * PI);
             let found = winding.at(at);
             assert!((found - exact).abs() < 0.02, "{at:?}: {found} {exact}");
         }
-        assert!((winding.at([0.45, 0.0, 0.0]) - 2.0).abs() < 0.02);
+        assert!((winding.at(DVec3::new(0.45, 0.0, 0.0)) - 2.0).abs() < 0.02);
         let mut turned = icosphere(1.0, 2);
         turned.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-        assert!((WindingNumbers::new(&turned).at([0.0; 3]) + 1.0).abs() < 0.02);
-        assert_eq!(WindingNumbers::new(&TriangleMesh::default()).at([0.0; 3]), 0.0);
+        assert!((WindingNumbers::new(&turned).at(DVec3::ZERO) + 1.0).abs() < 0.02);
+        assert_eq!(WindingNumbers::new(&TriangleMesh::default()).at(DVec3::ZERO), 0.0);
     }
 }

@@ -6,7 +6,7 @@
 //! the triangles do not intersect anything; minimum area for long loops.
 
 use crate::edges::edge;
-use planish_estimate::vector3::{cross, distance, dot, norm, sub};
+use planish_core::DVec3;
 use std::collections::HashSet;
 
 /// Factor on the area of triangles that face against the normals of their corners, so that folds are avoided.
@@ -20,8 +20,8 @@ const MAX_CHORD_ENDS: usize = 2000;
 
 /// The mesh around a loop.
 pub(super) struct Surroundings<'a> {
-    pub positions: &'a [[f64; 3]],
-    pub normals: &'a [[f64; 3]],
+    pub positions: &'a [DVec3],
+    pub normals: &'a [DVec3],
     /// Existing edges between vertices of loops.
     pub edges: &'a HashSet<[u32; 2]>,
 }
@@ -55,7 +55,7 @@ fn best_chord(around: &Surroundings<'_>, vertices: &[u32]) -> Option<[usize; 2]>
     });
     chords
         .filter(|[from, to]| !around.edges.contains(&edge(vertices[*from], vertices[*to])))
-        .map(|[from, to]| (distance(at(from), at(to)), [from, to]))
+        .map(|[from, to]| (at(from).distance(at(to)), [from, to]))
         .filter(|(length, _)| *length > 0.0)
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, chord)| chord)
@@ -70,9 +70,9 @@ fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u3
     let at = |k: usize| around.positions[vertices[k] as usize];
     let cost = |i: usize, j: usize, k: usize| {
         // The triangle is k, j, i: against the loop.
-        let up = cross(sub(at(j), at(k)), sub(at(i), at(k)));
-        let facing: f64 = [i, j, k].iter().map(|v| dot(around.normals[vertices[*v] as usize], up)).sum();
-        norm(up) * if facing > 0.0 { 1.0 } else { FOLDED }
+        let up = (at(j) - at(k)).cross(at(i) - at(k));
+        let facing: f64 = [i, j, k].iter().map(|v| around.normals[vertices[*v] as usize].dot(up)).sum();
+        up.length() * if facing > 0.0 { 1.0 } else { FOLDED }
     };
     // Split fans have vertices at equal positions: an edge between them would have no length.
     let free = |i: usize, j: usize| at(i) != at(j) && !around.edges.contains(&edge(vertices[i], vertices[j]));

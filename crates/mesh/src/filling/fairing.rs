@@ -13,11 +13,11 @@
 //!
 //! Not guaranteed: that the cover does not intersect anything.
 
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor,
 };
-use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -42,13 +42,13 @@ struct Row {
     neighbours: BTreeMap<u32, f64>,
     area: f64,
     /// The sum of the area vectors of its triangles.
-    up: [f64; 3],
+    up: DVec3,
 }
 
 /// Moves the vertices from `first` on; `triangles` are those of the cover and all that meet a vertex of its
 /// loop, over `positions`, and `rim` the vertices of the loop.
 pub(super) fn fair(
-    positions: &mut [[f64; 3]],
+    positions: &mut [DVec3],
     triangles: &[[u32; 3]],
     rim: &[u32],
     first: usize,
@@ -78,19 +78,17 @@ pub(super) fn fair(
         let nodes = nodes(element);
         let ours: Vec<f64> = element.iter().filter(|(v, _)| inner(*v).is_some()).map(|e| e.1).collect();
         let (mut known, area) = match goal {
-            Goal::Even => ([0.0; 3], 1.0),
+            Goal::Even => (DVec3::ZERO, 1.0),
             Goal::MeanCurvature(h) => {
-                let normal = unit(row.up).unwrap_or_default();
-                (scale(-2.0 * h * row.area, normal), row.area)
+                let normal = row.up.normalize_or_zero();
+                (-2.0 * h * row.area * normal, row.area)
             }
         };
         for (v, w) in element.iter().filter(|(v, _)| inner(*v).is_none()) {
-            for (sum, x) in known.iter_mut().zip(positions[*v as usize]) {
-                *sum += w * x;
-            }
+            known += *w * positions[*v as usize];
         }
         let matrix: Vec<f64> = ours.iter().flat_map(|a| ours.iter().map(move |b| a * b / area)).collect();
-        let vector: Vec<f64> = ours.iter().flat_map(|a| known.map(|x| -a * x / area)).collect();
+        let vector: Vec<f64> = ours.iter().flat_map(|a| (-a * known / area).to_array()).collect();
         information.add_element(&nodes, &matrix, &vector)?;
     }
     // One matrix for all three coordinates.
@@ -104,25 +102,25 @@ pub(super) fn fair(
         })
         .collect::<Result<_>>()?;
     for (v, p) in positions[first..].iter_mut().enumerate() {
-        *p = std::array::from_fn(|k| solved[k][v]);
+        *p = DVec3::from_array(std::array::from_fn(|k| solved[k][v]));
     }
     Ok(())
 }
 
 /// The rows of all vertices with a closed ring of triangles: the inner ones, and border vertices that touch
 /// no other hole.
-fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usize, goal: Goal) -> Vec<Row> {
+fn rows(positions: &[DVec3], triangles: &[[u32; 3]], rim: &[u32], first: usize, goal: Goal) -> Vec<Row> {
     let mut at = vec![usize::MAX; positions.len()];
     let mut rows: Vec<Row> = Vec::new();
     for v in rim.iter().copied().chain(first as u32..positions.len() as u32) {
         at[v as usize] = rows.len();
-        rows.push(Row { vertex: v, neighbours: BTreeMap::new(), area: 0.0, up: [0.0; 3] });
+        rows.push(Row { vertex: v, neighbours: BTreeMap::new(), area: 0.0, up: DVec3::ZERO });
     }
     let mut around = vec![0; rows.len()];
     for t in triangles {
         let corner = t.map(|v| positions[v as usize]);
-        let up = cross(sub(corner[1], corner[0]), sub(corner[2], corner[0]));
-        let doubled = norm(up);
+        let up = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
+        let doubled = up.length();
         for k in 0..3 {
             let (v, next, previous) = (t[k], t[(k + 1) % 3], t[(k + 2) % 3]);
             let Some(row) = rows.get_mut(at[v as usize]) else {
@@ -130,15 +128,14 @@ fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usiz
             };
             around[at[v as usize]] += 1;
             row.area += crate::triangle::mixed_area(&corner, k);
-            row.up = add(row.up, up);
+            row.up += up;
             // The edge to one neighbour is opposite to the other neighbour.
             for (to, across) in [(next, (k + 2) % 3), (previous, (k + 1) % 3)] {
                 let weight = match goal {
                     Goal::Even => 0.5,
                     Goal::MeanCurvature(_) => {
-                        let sides =
-                            [(across + 1) % 3, (across + 2) % 3].map(|s| sub(corner[s], corner[across]));
-                        let cotangent = dot(sides[0], sides[1]) / doubled.max(f64::MIN_POSITIVE);
+                        let sides = [(across + 1) % 3, (across + 2) % 3].map(|s| corner[s] - corner[across]);
+                        let cotangent = sides[0].dot(sides[1]) / doubled.max(f64::MIN_POSITIVE);
                         0.5 * cotangent.clamp(MIN_COTANGENT, MAX_COTANGENT)
                     }
                 };

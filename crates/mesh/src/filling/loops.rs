@@ -6,6 +6,7 @@
 use super::cover::{Surroundings, least_cover};
 use crate::edges::edge;
 use crate::half_edges::{NONE, next_in_triangle, opposites};
+use planish_core::DVec3;
 use std::collections::HashSet;
 
 /// The loops of the border, as vertices in the direction of the adjacent triangles. No loop contains a vertex
@@ -61,8 +62,8 @@ fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
 
 /// Closes loops of at most `longest` edges for which `may_close` is true; returns their number.
 pub(crate) fn close_loops(
-    positions: &[[f64; 3]],
-    normals: &[[f64; 3]],
+    positions: &[DVec3],
+    normals: &[DVec3],
     triangles: &mut Vec<[u32; 3]>,
     longest: usize,
     may_close: impl Fn(&[u32]) -> bool,

@@ -9,7 +9,7 @@
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, flip, opposites, split_triangle};
 use crate::triangle::{area_vector, smallest_angle};
-use planish_estimate::vector3::{add, add_scaled, distance, dot, scale, sub, unit};
+use planish_core::DVec3;
 use std::collections::HashSet;
 
 /// Growth of the edge length per distance from the border. Larger values need fewer triangles but are
@@ -30,7 +30,7 @@ pub(super) struct Lid {
     /// Triangles of the vertices below.
     pub triangles: Vec<[u32; 3]>,
     /// Vertex positions, those of the border first.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// For each half-edge, its opposite.
     opposite: Vec<u32>,
     /// Edges of the cover, and existing edges between border vertices.
@@ -40,7 +40,7 @@ pub(super) struct Lid {
 impl Lid {
     /// Creates a cover with vertices numbered along the border; `existing` are the edges of the mesh between
     /// them.
-    pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<[f64; 3]>, existing: HashSet<[u32; 2]>) -> Self {
+    pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<DVec3>, existing: HashSet<[u32; 2]>) -> Self {
         let mut edges = existing;
         for t in &triangles {
             edges.extend([edge(t[0], t[1]), edge(t[1], t[2]), edge(t[2], t[0])]);
@@ -58,8 +58,8 @@ impl Lid {
             for t in 0..before {
                 let corners = self.triangles[t];
                 let at = corners.map(|v| self.positions[v as usize]);
-                let middle = scale(1.0 / 3.0, add(at[0], add(at[1], at[2])));
-                let away = at.map(|p| distance(p, middle));
+                let middle = 1.0 / 3.0 * (at[0] + (at[1] + at[2]));
+                let away = at.map(|p| p.distance(middle));
                 let graded = |k: usize| lengths[corners[k] as usize] + GRADE * away[k];
                 let length = graded(0).min(graded(1)).min(graded(2));
                 let large = |k: usize| away[k] > SPLIT_DISTANCE * length.max(lengths[corners[k] as usize]);
@@ -97,23 +97,24 @@ impl Lid {
     pub fn spread(&mut self, rim: usize) {
         for _ in 0..SMOOTHING_STEPS {
             let n = self.positions.len();
-            let (mut sums, mut counts, mut normals) = (vec![[0.0; 3]; n], vec![0.0; n], vec![[0.0; 3]; n]);
+            let (mut sums, mut counts, mut normals) =
+                (vec![DVec3::ZERO; n], vec![0.0; n], vec![DVec3::ZERO; n]);
             for t in &self.triangles {
                 let corners = t.map(|v| self.positions[v as usize]);
                 let up = area_vector(&corners);
                 for k in 0..3 {
                     let v = t[k] as usize;
-                    sums[v] = add(sums[v], add(corners[(k + 1) % 3], corners[(k + 2) % 3]));
+                    sums[v] += corners[(k + 1) % 3] + corners[(k + 2) % 3];
                     counts[v] += 2.0;
-                    normals[v] = add(normals[v], up);
+                    normals[v] += up;
                 }
             }
             for v in rim..n {
-                let Some(normal) = unit(normals[v]) else { continue };
+                let Some(normal) = normals[v].try_normalize() else { continue };
                 // Only the tangential part moves the vertex. The whole step would shrink a curved cover.
-                let way = sub(scale(1.0 / counts[v], sums[v]), self.positions[v]);
-                let along = add_scaled(way, -dot(way, normal), normal);
-                self.positions[v] = add_scaled(self.positions[v], 0.5, along);
+                let way = 1.0 / counts[v] * sums[v] - self.positions[v];
+                let along = way - way.dot(normal) * normal;
+                self.positions[v] += 0.5 * along;
             }
         }
     }
@@ -129,14 +130,14 @@ impl Lid {
         }
         let corners = |t: [u32; 3]| t.map(|v| self.positions[v as usize]);
         let (old, new) = ([[a, b, c], [b, a, d]].map(corners), [[c, d, b], [d, c, a]].map(corners));
-        let worst = |both: &[[[f64; 3]; 3]; 2]| smallest_angle(&both[0]).min(smallest_angle(&both[1]));
+        let worst = |both: &[[DVec3; 3]; 2]| smallest_angle(&both[0]).min(smallest_angle(&both[1]));
         if worst(&new) <= (1.0 + MIN_GAIN) * worst(&old) {
             return false;
         }
         // Larger angles alone could fold the cover: the new triangles must face the mean normal of the old
         // ones.
         let (up, turned) = (old.each_ref().map(area_vector), new.each_ref().map(area_vector));
-        let mean = add(up[0], up[1]);
-        dot(turned[0], turned[1]) > 0.0 && turned.iter().all(|n| dot(*n, mean) > 0.0)
+        let mean = up[0] + up[1];
+        turned[0].dot(turned[1]) > 0.0 && turned.iter().all(|n| n.dot(mean) > 0.0)
     }
 }

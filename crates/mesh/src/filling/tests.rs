@@ -34,7 +34,7 @@ fn the_cover_of_a_ball_continues_its_curvature() {
         assert_eq!(&done.mesh.positions[..n], &ball.positions[..]);
         let (mut worst, mut over) = (0.0_f64, 0.0_f64);
         for (p, s) in done.mesh.positions.iter().zip(&done.sigma).skip(n) {
-            let off = (norm(*p) - 1.0).abs();
+            let off = (p.length() - 1.0).abs();
             worst = worst.max(off);
             over = over.max(off / s);
         }
@@ -67,11 +67,11 @@ fn sigma_of_a_cover_includes_noise_at_its_border() {
         for p in &mut ball.positions {
             // Uniform, with this standard deviation.
             let off = sigma * 12_f64.sqrt() * (rng.random::<f64>() - 0.5);
-            *p = scale(1.0 + off, *p);
+            *p = (1.0 + off) * *p;
         }
         let done = fill_holes(&ball, &vec![sigma; n], 10_000, &mut |_| Ok(())).unwrap();
         let over: Vec<f64> = (done.mesh.positions.iter().zip(&done.sigma).skip(n))
-            .map(|(p, s)| (norm(*p) - 1.0).abs() / s)
+            .map(|(p, s)| (p.length() - 1.0).abs() / s)
             .collect();
         println!("{sigma}: {:.2} σ at most", over.iter().copied().fold(0.0, f64::max));
         outside += over.iter().filter(|o| **o > 1.96).count();
@@ -85,7 +85,7 @@ fn sigma_of_a_cover_includes_noise_at_its_border() {
 #[test]
 fn outer_rims_stay_open() {
     let mut sheet = grid_sheet(2.0, 2.0, 41, 41);
-    sheet.triangles.retain(|t| t.iter().any(|v| norm(sheet.positions[*v as usize]) > 0.5));
+    sheet.triangles.retain(|t| t.iter().any(|v| sheet.positions[*v as usize].length() > 0.5));
     let sheet = crate::MergePatch::make_manifold(&sheet, &[]).unwrap().patch.mesh;
     let done = filled(&sheet, 10_000);
     assert_eq!((done.holes, done.rims), (1, 1));
@@ -93,7 +93,7 @@ fn outer_rims_stay_open() {
     assert!((done.mesh.area() - 4.0).abs() < 1e-9);
     let dome = open_ball(-0.5);
     let turned = TriangleMesh::try_new(
-        dome.positions.iter().map(|p| [p[0], -p[1], -p[2]]).collect(),
+        dome.positions.iter().map(|p| DVec3::new(p.x, -p.y, -p.z)).collect(),
         dome.triangles.clone(),
     );
     assert_eq!(filled(&turned.unwrap(), 10_000).rims, 1);
@@ -101,8 +101,7 @@ fn outer_rims_stay_open() {
     assert!(tube.mesh.check().watertight && tube.holes == 2);
     assert_eq!(filled(&cylinder(1.0, 3.0, 40, 20, false), 39).larger, 2);
     // The border of a single triangle is not a hole.
-    let lone =
-        TriangleMesh::try_new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+    let lone = TriangleMesh::try_new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap();
     assert_eq!((filled(&lone, 10).holes, filled(&lone, 10).rims), (0, 1));
 }
 

@@ -3,7 +3,6 @@
 use crate::half_edges::{NONE, opposites};
 use crate::mesh::TriangleMesh;
 use crate::neighbours::Neighbours;
-use planish_estimate::vector3::distance;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -37,7 +36,7 @@ pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
             continue;
         }
         for &to in neighbours.of_vertex(v) {
-            let there = here + distance(mesh.positions[v as usize], mesh.positions[to as usize]);
+            let there = here + mesh.positions[v as usize].distance(mesh.positions[to as usize]);
             if there < far[to as usize] && there < limit {
                 far[to as usize] = there;
                 queue.push(Reverse((there.to_bits(), to)));

@@ -14,7 +14,7 @@
 //! intersect.
 
 use crate::half_edges::{NONE, next_in_triangle, opposites};
-use planish_estimate::vector3::{add, cross, distance, dot, scale, sub, unit};
+use planish_core::DVec3;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 
@@ -25,9 +25,9 @@ const MIN_NORMAL_COSINE: f64 = 0.35;
 
 /// Vertices to be stitched, and which of them may be joined.
 pub(super) struct SeamInput<'a> {
-    pub positions: &'a [[f64; 3]],
+    pub positions: &'a [DVec3],
     /// Unit normals.
-    pub normals: &'a [[f64; 3]],
+    pub normals: &'a [DVec3],
     /// Maximum distance from each vertex to those that it is joined with.
     pub reach: &'a [f64],
     /// Returns true if three border vertices may form a triangle.
@@ -215,15 +215,15 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     let (a, b) = (border.from[e], border.to[e]);
     let at = |v: u32| seam.positions[v as usize];
     let normal_at = |v: u32| seam.normals[v as usize];
-    let up = unit(add(normal_at(a), normal_at(b)))?;
-    let along = unit(sub(at(b), at(a)))?;
-    let outwards = unit(cross(along, up))?;
-    let middle = scale(0.5, add(at(a), at(b)));
-    let length = distance(at(a), at(b));
+    let up = (normal_at(a) + normal_at(b)).try_normalize()?;
+    let along = (at(b) - at(a)).try_normalize()?;
+    let outwards = along.cross(up).try_normalize()?;
+    let middle = 0.5 * (at(a) + at(b));
+    let length = at(a).distance(at(b));
     // Coordinates in the plane of the edge: along it and outwards.
-    let flat = |p: [f64; 3]| {
-        let d = sub(p, middle);
-        [dot(d, along), dot(d, outwards)]
+    let flat = |p: DVec3| {
+        let d = p - middle;
+        [d.dot(along), d.dot(outwards)]
     };
     let (flat_a, flat_b) = ([-0.5 * length, 0.0], [0.5 * length, 0.0]);
     let before = border.from[border.previous[e] as usize];
@@ -232,7 +232,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     // Border vertices in reach, on the same side of the surface.
     let mut near: Vec<(u32, [f64; 2])> = Vec::new();
     grid.visit(middle, grid.reach + 0.5 * length, |v| {
-        if dot(normal_at(v), up) > 0.0 && !border.leaving[&v].is_empty() {
+        if normal_at(v).dot(up) > 0.0 && !border.leaving[&v].is_empty() {
             near.push((v, flat(at(v))));
         }
     });
@@ -243,22 +243,22 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
         if c == a || c == b || place[1] < 1e-3 * length {
             continue;
         }
-        let (to_a, to_b) = (distance(at(a), at(c)), distance(at(b), at(c)));
+        let (to_a, to_b) = (at(a).distance(at(c)), at(b).distance(at(c)));
         // The coarsest of the three decides: beside a fine patch, a coarse one still reaches across.
         let reach = seam.reach[c as usize].max(seam.reach[a as usize]).max(seam.reach[b as usize]);
         if to_a > reach || to_b > reach {
             continue;
         }
-        let Some(normal) = unit(cross(sub(at(a), at(b)), sub(at(c), at(b)))) else {
+        let Some(normal) = (at(a) - at(b)).cross(at(c) - at(b)).try_normalize() else {
             continue;
         };
-        if [a, b, c].iter().any(|v| dot(normal_at(*v), normal) < MIN_NORMAL_COSINE) {
+        if [a, b, c].iter().any(|v| normal_at(*v).dot(normal) < MIN_NORMAL_COSINE) {
             continue;
         }
         if !(seam.may_join)([a, b, c]) {
             continue;
         }
-        let cosine = dot(sub(at(a), at(c)), sub(at(b), at(c))) / (to_a * to_b);
+        let cosine = (at(a) - at(c)).dot(at(b) - at(c)) / (to_a * to_b);
         seen.push((cosine, c));
     }
     // The largest angle (smallest cosine) whose triangle fits between the borders wins.
@@ -283,7 +283,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
             let crosses = near.iter().any(|&(v, _)| {
                 border.leaving[&v].iter().any(|&other| {
                     let w = border.to[other as usize];
-                    if other == edge || dot(normal_at(w), up) <= 0.0 {
+                    if other == edge || normal_at(w).dot(up) <= 0.0 {
                         return false;
                     }
                     let (s, t) = (flat(at(v)), flat(at(w)));
@@ -306,14 +306,14 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
 /// normal. The first two may coincide, and the last two.
 fn within(seam: &SeamInput<'_>, vertex: u32, order: [u32; 4]) -> bool {
     let (at, normal) = (seam.positions[vertex as usize], seam.normals[vertex as usize]);
-    let direction = |v: u32| sub(seam.positions[v as usize], at);
+    let direction = |v: u32| seam.positions[v as usize] - at;
     let first = direction(order[0]);
-    let x = sub(first, scale(dot(first, normal), normal));
-    let Some(x) = unit(x) else { return false };
-    let y = cross(normal, x);
+    let x = first - first.dot(normal) * normal;
+    let Some(x) = x.try_normalize() else { return false };
+    let y = normal.cross(x);
     let turn = |v: u32| {
         let d = direction(v);
-        let angle = dot(d, y).atan2(dot(d, x));
+        let angle = d.dot(y).atan2(d.dot(x));
         if angle < 0.0 { angle + std::f64::consts::TAU } else { angle }
     };
     let second = if order[1] == order[0] { 0.0 } else { turn(order[1]) };
@@ -334,7 +334,7 @@ fn cross_in_plane(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
 ///
 /// Stitching adds no vertices, so the grid is built once. Vertices that leave the border stay in it.
 struct Grid {
-    cubes: HashMap<[i64; 3], Vec<(u32, [f64; 3])>>,
+    cubes: HashMap<[i64; 3], Vec<(u32, DVec3)>>,
     size: f64,
     /// Maximum reach of a vertex.
     reach: f64,
@@ -355,18 +355,18 @@ impl Grid {
         grid
     }
 
-    fn cube(&self, p: [f64; 3]) -> [i64; 3] {
-        p.map(|x| (x / self.size).floor() as i64)
+    fn cube(&self, p: DVec3) -> [i64; 3] {
+        (p / self.size).floor().to_array().map(|x| x as i64)
     }
 
-    fn visit(&self, middle: [f64; 3], radius: f64, mut found: impl FnMut(u32)) {
-        let low = self.cube(middle.map(|x| x - radius));
-        let high = self.cube(middle.map(|x| x + radius));
+    fn visit(&self, middle: DVec3, radius: f64, mut found: impl FnMut(u32)) {
+        let low = self.cube(middle - radius);
+        let high = self.cube(middle + radius);
         for i in low[0]..=high[0] {
             for j in low[1]..=high[1] {
                 for k in low[2]..=high[2] {
                     for &(v, place) in self.cubes.get(&[i, j, k]).into_iter().flatten() {
-                        if distance(place, middle) <= radius {
+                        if place.distance(middle) <= radius {
                             found(v);
                         }
                     }

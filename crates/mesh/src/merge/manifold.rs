@@ -100,6 +100,7 @@ fn split_fans(mut triangles: Vec<[u32; 3]>, opposite: &[u32], vertices: usize) -
 mod tests {
     use super::*;
     use crate::primitives::{grid_sheet, icosphere};
+    use planish_core::DVec3;
 
     #[test]
     fn manifold_meshes_stay_unchanged() {
@@ -112,7 +113,8 @@ mod tests {
 
     #[test]
     fn fins_are_removed_and_fans_at_a_vertex_are_split() {
-        let positions = (0..8).map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)]).collect();
+        let positions =
+            (0..8).map(|i| DVec3::new(f64::from(i), f64::from(i * i), f64::from(i * i * i))).collect();
         let mesh =
             TriangleMesh::try_new(positions, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [2, 5, 6], [6, 6, 7]])
                 .unwrap();

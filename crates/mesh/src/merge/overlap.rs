@@ -11,9 +11,8 @@
 use super::MergePatch;
 use super::border::distance_to_border;
 use crate::search::MeshSearch;
-use planish_core::BoundingBox;
 use planish_core::DisjointSets;
-use planish_estimate::vector3::{cross, distance, dot, norm, sub};
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -66,7 +65,7 @@ pub struct OverlapFoot {
 #[derive(Debug, Clone)]
 pub struct PatchOverlap {
     /// Unit normals of the vertices.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// σ of the vertices.
     pub sigma: Vec<f64>,
     /// Distance of the vertices to the border of the patch, limited to ten edges; infinite without a border.
@@ -181,7 +180,7 @@ impl Overlap {
         for t in &mesh.triangles {
             for k in 0..3 {
                 let (a, b) = (t[k] as usize, t[(k + 1) % 3] as usize);
-                let length = distance(mesh.positions[a], mesh.positions[b]);
+                let length = mesh.positions[a].distance(mesh.positions[b]);
                 for v in [a, b] {
                     sum[v] += length;
                     count[v] += 1;
@@ -274,14 +273,14 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
                     if foot.on_boundary {
                         return None;
                     }
-                    let height = dot(sub(foot.point, p), mine.normals[v]).abs();
+                    let height = (foot.point - p).dot(mine.normals[v]).abs();
                     let corners = patches[j].mesh.triangles[foot.triangle as usize];
                     let squares = foot.barycentric.map(|b| b * b);
                     Some(match patches[j].sigma.is_empty() {
                         true => [height, 1.0 + squares.iter().sum::<f64>(), 0.0],
                         false => {
                             let there = corners.map(|c| patches[j].sigma[c as usize].powi(2));
-                            [height, 1.0, dot(squares, there)]
+                            [height, 1.0, (0..3).map(|k| squares[k] * there[k]).sum()]
                         }
                     })
                 })
@@ -352,9 +351,9 @@ fn feet_of(
             let sigma_there =
                 patches[j].mesh.interpolate(&known[j].sigma, foot.triangle as usize, foot.barycentric);
             let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(sigma_there));
-            let to = sub(foot.point, p);
-            let height = dot(to, n);
-            let aside = norm(cross(to, n));
+            let to = foot.point - p;
+            let height = to.dot(n);
+            let aside = to.cross(n).length();
             // At a border, the distance has a part along the surface, which says nothing about the fit of
             // both surfaces: height and lateral distance have limits of their own.
             let found = if foot.on_boundary {

@@ -16,8 +16,8 @@
 //! assumed to. Errors common to all patches are not detected.
 
 use super::{MergePatch, Overlap};
+use planish_core::DVec3;
 use planish_estimate::NestedBatches;
-use planish_estimate::vector3::add_scaled;
 use rayon::prelude::*;
 
 /// Maximum number of vertices in a batch.
@@ -48,7 +48,7 @@ struct Sums {
 
 /// The difference of two patches at a vertex of the first.
 struct Difference {
-    at: [f64; 3],
+    at: DVec3,
     /// Height of the foot point over the vertex, divided by the σ of the difference.
     height: f64,
     /// Corners of the triangle of the foot point, each with its share of the noise.
@@ -127,7 +127,7 @@ fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) ->
             Some(Difference {
                 // The position of the weighted mean: its error is independent of the difference, so that
                 // forming batches by position does not select differences.
-                at: add_scaled(mesh.positions[v], foot.height * own / variance, mine.normals[v]),
+                at: mesh.positions[v] + foot.height * own / variance * mine.normals[v],
                 height: foot.height / both,
                 corners: std::array::from_fn(|k| {
                     let corner = triangle[k];
@@ -140,7 +140,7 @@ fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) ->
 
 /// Adds the products of all pairs within each batch to the sums of its size.
 fn add(differences: &[Difference], sums: &mut [Sums; SIZES]) {
-    let places: Vec<[f64; 3]> = differences.iter().map(|d| d.at).collect();
+    let places: Vec<DVec3> = differences.iter().map(|d| d.at).collect();
     let batches = NestedBatches::new(&places);
     let top = (differences.len() / MAX_BATCH).max(1).ilog2();
     let step = differences.len().div_ceil(MAX_SAMPLES).max(1);

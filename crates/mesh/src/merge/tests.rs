@@ -1,22 +1,19 @@
 use super::*;
 use crate::primitives::{grid_sheet, icosphere};
 use crate::search::MeshSearch;
-use planish_estimate::vector3::{norm, unit};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// The part of a rotated ball on one side of a plane.
-fn cap(turn: f64, axis: [f64; 3], min_height: f64, subdivisions: u32) -> TriangleMesh {
+fn cap(turn: f64, axis: DVec3, min_height: f64, subdivisions: u32) -> TriangleMesh {
     let mut ball = icosphere(10.0, subdivisions);
     let (s, c) = turn.sin_cos();
     for p in &mut ball.positions {
-        *p = [c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]];
-        let [x, y, z] = *p;
-        *p = [x, c * y - s * z, s * y + c * z];
+        *p = DVec3::new(c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]);
+        let DVec3 { x, y, z } = *p;
+        *p = DVec3::new(x, c * y - s * z, s * y + c * z);
     }
-    ball.triangles.retain(|t| {
-        t.iter().all(|v| planish_estimate::vector3::dot(ball.positions[*v as usize], axis) >= min_height)
-    });
+    ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= min_height));
     ball
 }
 
@@ -33,14 +30,14 @@ fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Over
 
 #[test]
 fn two_caps_of_a_ball_give_a_watertight_ball() {
-    let meshes = [cap(0.3, [0.0, 0.0, 1.0], -2.0, 5), cap(1.1, [0.0, 0.0, -1.0], -2.0, 5)];
+    let meshes = [cap(0.3, DVec3::Z, -2.0, 5), cap(1.1, DVec3::new(0.0, 0.0, -1.0), -2.0, 5)];
     let (overlap, zipped) = merge(&meshes, 0.02, &OverlapOptions::default());
     let check = zipped.mesh.check();
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
     assert_eq!(check.euler_characteristic, 2);
     assert_eq!(overlap.regions.len(), 1);
     for p in &zipped.mesh.positions {
-        assert!((norm(*p) - 10.0).abs() < 0.02, "{p:?}");
+        assert!((p.length() - 10.0).abs() < 0.02, "{p:?}");
     }
     assert!(zipped.valence.iter().skip(8).sum::<usize>() == 0, "{:?}", zipped.valence);
 }
@@ -50,19 +47,19 @@ fn six_noisy_patches_give_a_watertight_ball_with_calibrated_sigma() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let sigma = 0.03;
     let axes = [
-        [1.0, 0.0, 0.0],
-        [-1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, -1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [0.0, 0.0, -1.0],
+        DVec3::X,
+        DVec3::new(-1.0, 0.0, 0.0),
+        DVec3::Y,
+        DVec3::new(0.0, -1.0, 0.0),
+        DVec3::Z,
+        DVec3::new(0.0, 0.0, -1.0),
     ];
     let mut meshes: Vec<TriangleMesh> =
         axes.iter().enumerate().map(|(k, axis)| cap(0.2 + 0.37 * k as f64, *axis, 4.0, 5)).collect();
     for mesh in &mut meshes {
         for p in &mut mesh.positions {
             let noise: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
-            *p = add_scaled(*p, sigma * noise, unit(*p).unwrap());
+            *p += sigma * noise * p.try_normalize().unwrap();
         }
     }
     let (_, zipped) = merge(&meshes, sigma, &OverlapOptions::default());
@@ -73,7 +70,7 @@ fn six_noisy_patches_give_a_watertight_ball_with_calibrated_sigma() {
         .positions
         .iter()
         .zip(&zipped.sigma)
-        .map(|(p, s)| ((norm(*p) - 10.0) / s).powi(2))
+        .map(|(p, s)| ((p.length() - 10.0) / s).powi(2))
         .sum::<f64>()
         / zipped.mesh.positions.len() as f64;
     assert!((0.7..1.3).contains(&squares), "{squares}");
@@ -133,7 +130,7 @@ fn an_unstated_sigma_is_estimated_from_differences() {
         let mut mesh = grid_sheet(60.0, 60.0, 60, 60);
         for p in &mut mesh.positions {
             let noise = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
-            *p = [p[0] + shift, p[1] + 0.7 * shift, sigma * noise];
+            *p = DVec3::new(p[0] + shift, p[1] + 0.7 * shift, sigma * noise);
         }
         mesh
     };
@@ -152,9 +149,9 @@ fn an_unstated_sigma_is_estimated_from_differences() {
     }
 }
 
-fn moved(mut mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
+fn moved(mut mesh: TriangleMesh, by: DVec3) -> TriangleMesh {
     for p in &mut mesh.positions {
-        *p = std::array::from_fn(|k| p[k] + by[k]);
+        *p = DVec3::from_array(std::array::from_fn(|k| p[k] + by[k]));
     }
     mesh
 }
@@ -165,7 +162,7 @@ fn moved(mut mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
 fn seams_do_not_depend_on_rounding() {
     for scale in [1.0, 0.7, 0.01, 0.001] {
         let sheet = grid_sheet(400.0 * scale, 80.0 * scale, 400, 80);
-        let other = moved(sheet.clone(), [200.6 * scale, 0.14 * scale, 0.0]);
+        let other = moved(sheet.clone(), DVec3::new(200.6 * scale, 0.14 * scale, 0.0));
         let (_, zipped) = merge(&[sheet, other], 0.01 * scale, &OverlapOptions::default());
         let check = zipped.mesh.check();
         assert!(check.boundary_loops == 1 && check.manifold, "{scale}: {check:?}");
@@ -223,7 +220,7 @@ fn a_fine_patch_keeps_its_detail_within_a_coarse_one() {
 #[test]
 fn a_patch_on_one_triangle_overlaps() {
     let plate = grid_sheet(100.0, 100.0, 4, 4);
-    let fine = moved(grid_sheet(4.0, 3.0, 40, 28), [8.0, 4.0, 0.01]);
+    let fine = moved(grid_sheet(4.0, 3.0, 40, 28), DVec3::new(8.0, 4.0, 0.01));
     let (overlap, _) = merge(&[plate, fine.clone()], 0.05, &OverlapOptions::default());
     assert_eq!(overlap.regions.len(), 1);
     assert_eq!(overlap.regions[0].points, fine.positions.len());

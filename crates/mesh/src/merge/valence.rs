@@ -7,7 +7,7 @@
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, flip, next_in_triangle, opposites, previous_in_triangle};
 use crate::triangle::smallest_angle;
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use planish_core::DVec3;
 use std::collections::{HashMap, HashSet};
 
 /// Limits on the change of the surface by flips.
@@ -56,7 +56,7 @@ fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u3
 /// Flips edges up to `steps` edges away from the `wanted` vertices. These get at most six edges, the others
 /// as close to six as possible. Returns the number of flips and the valence of every vertex.
 pub(super) fn even_out(
-    positions: &[[f64; 3]],
+    positions: &[DVec3],
     triangles: &mut [[u32; 3]],
     wanted: &[bool],
     steps: usize,
@@ -110,7 +110,7 @@ pub(super) fn even_out(
 
 /// Triangles with their adjacency and valences.
 struct Net<'a> {
-    positions: &'a [[f64; 3]],
+    positions: &'a [DVec3],
     triangles: &'a mut [[u32; 3]],
     wanted: &'a [bool],
     /// For each vertex, true if edges around it may be flipped.
@@ -132,12 +132,7 @@ struct Net<'a> {
 }
 
 impl<'a> Net<'a> {
-    fn new(
-        positions: &'a [[f64; 3]],
-        triangles: &'a mut [[u32; 3]],
-        wanted: &'a [bool],
-        steps: usize,
-    ) -> Self {
+    fn new(positions: &'a [DVec3], triangles: &'a mut [[u32; 3]], wanted: &'a [bool], steps: usize) -> Self {
         let mut free = wanted.to_vec();
         for _ in 0..steps {
             let before = free.clone();
@@ -229,8 +224,8 @@ impl<'a> Net<'a> {
     /// Returns true if the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
     fn stays_flat(&self, [a, b, c, d]: [u32; 4]) -> bool {
         let at = |v: u32| self.positions[v as usize];
-        let normal = |t: [u32; 3]| cross(sub(at(t[1]), at(t[0])), sub(at(t[2]), at(t[0])));
-        let flat = |m: [f64; 3], n: [f64; 3]| dot(m, n) > self.limits.flat * norm(m) * norm(n);
+        let normal = |t: [u32; 3]| (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0]));
+        let flat = |m: DVec3, n: DVec3| m.dot(n) > self.limits.flat * m.length() * n.length();
         let (old, new) = ([[a, b, c], [b, a, d]], [[c, d, b], [d, c, a]]);
         let ([o0, o1], [n0, n1]) = (old.map(normal), new.map(normal));
         if !(flat(o0, o1) && flat(n0, n1) && flat(o0, n0) && flat(o0, n1)) {

@@ -8,7 +8,7 @@
 use super::TriangleMesh;
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::triangle::area_vector;
-use planish_core::DisjointSets;
+use planish_core::{DVec3, DisjointSets};
 
 /// Counts that describe a mesh; see [`TriangleMesh::check`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,7 +94,7 @@ impl MeshCheck {
         let mut degenerate_triangles = 0;
         let mut faces = 0_usize;
         for (t, corners) in mesh.triangles.iter().enumerate() {
-            degenerate_triangles += usize::from(area_vector(&mesh.corners(t)) == [0.0; 3]);
+            degenerate_triangles += usize::from(area_vector(&mesh.corners(t)) == DVec3::ZERO);
             if is_collapsed(*corners) {
                 continue;
             }
@@ -171,7 +171,8 @@ mod tests {
 
     fn mesh(count: usize, triangles: &[[u32; 3]]) -> TriangleMesh {
         // Points on the moment curve, of which no three are collinear.
-        let positions = (0..count).map(|i| [i as f64, (i * i) as f64, (i * i * i) as f64]).collect();
+        let positions =
+            (0..count).map(|i| DVec3::new(i as f64, (i * i) as f64, (i * i * i) as f64)).collect();
         TriangleMesh::try_new(positions, triangles.to_vec()).unwrap()
     }
 

@@ -1,13 +1,12 @@
 use super::*;
 use crate::primitives::{cylinder, grid_sheet, icosphere};
 use planish_estimate::ErrorKind;
-use planish_estimate::vector3::{add_scaled, cross, distance, scale};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-fn any(random: &mut ChaCha8Rng) -> [f64; 3] {
-    std::array::from_fn(|_| random.random::<f64>() * 2.0 - 1.0)
+fn any(random: &mut ChaCha8Rng) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|_| random.random::<f64>() * 2.0 - 1.0))
 }
 
 /// Random triangles, one in three without area.
@@ -16,13 +15,13 @@ fn rubble(count: u32, seed: u64) -> TriangleMesh {
     let mut positions = Vec::new();
     for t in 0..count {
         let a = any(&mut random);
-        let b = add_scaled(a, 0.2, any(&mut random));
-        let c = add_scaled(a, 0.2, any(&mut random));
+        let b = a + 0.2 * any(&mut random);
+        let c = a + 0.2 * any(&mut random);
         positions.extend(match t % 12 {
             0 => [a, a, a],
             1 => [a, a, b],
-            2 => [a, b, add_scaled(scale(0.3, a), 0.7, b)],
-            3 => [a, b, add_scaled(add_scaled(scale(0.3, a), 0.7, b), 1e-15, c)],
+            2 => [a, b, 0.3 * a + 0.7 * b],
+            3 => [a, b, 0.3 * a + 0.7 * b + 1e-15 * c],
             _ => [a, b, c],
         });
     }
@@ -31,24 +30,28 @@ fn rubble(count: u32, seed: u64) -> TriangleMesh {
 
 /// The distance from one triangle by another method: Voronoi regions (Ericson, Real-Time Collision Detection
 /// 2005, 5.1.5), and segments for triangles without area.
-fn reference_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
-    let segment = |a: [f64; 3], b: [f64; 3]| {
-        let ab = sub(b, a);
-        let s = if dot(ab, ab) > 0.0 { (dot(sub(p, a), ab) / dot(ab, ab)).clamp(0.0, 1.0) } else { 0.0 };
-        distance(p, add_scaled(a, s, ab))
+fn reference_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let segment = |a: DVec3, b: DVec3| {
+        let ab = b - a;
+        let s = if ab.length_squared() > 0.0 {
+            ((p - a).dot(ab) / ab.length_squared()).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        p.distance(a + s * ab)
     };
     let edges = segment(a, b).min(segment(b, c)).min(segment(c, a));
-    let (ab, ac) = (sub(b, a), sub(c, a));
-    if norm(cross(ab, ac)) < 1e-10 * norm(ab) * norm(ac) {
+    let (ab, ac) = (b - a, c - a);
+    if ab.cross(ac).length() < 1e-10 * ab.length() * ac.length() {
         return edges;
     }
-    let (ap, bp, cp) = (sub(p, a), sub(p, b), sub(p, c));
-    let (d1, d2, d3, d4) = (dot(ab, ap), dot(ac, ap), dot(ab, bp), dot(ac, bp));
-    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    let (ap, bp, cp) = (p - a, p - b, p - c);
+    let (d1, d2, d3, d4) = (ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp));
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
     let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
     if va > 0.0 && vb > 0.0 && vc > 0.0 {
         let sum = va + vb + vc;
-        distance(p, add_scaled(add_scaled(a, vb / sum, ab), vc / sum, ac))
+        p.distance(a + vb / sum * ab + vc / sum * ac)
     } else {
         edges
     }
@@ -63,15 +66,15 @@ fn closest_agrees_with_all_triangles() {
         // Near, inside, far; every fourth exactly on a vertex.
         let p = match round % 4 {
             0 => mesh.positions[random.random_range(0..mesh.positions.len())],
-            1 => scale(10.0, any(&mut random)),
+            1 => 10.0 * any(&mut random),
             _ => any(&mut random),
         };
         let expected = (0..600).map(|t| reference_distance(p, mesh.corners(t))).fold(f64::INFINITY, f64::min);
         let foot = search.closest(p).unwrap();
         assert!((foot.distance - expected).abs() < 1e-13, "{} {expected}", foot.distance);
         let t = foot.triangle as usize;
-        assert!((distance(p, foot.point) - foot.distance).abs() < 1e-13);
-        assert!(distance(mesh.point_at(t, foot.barycentric), foot.point) < 1e-13);
+        assert!((p.distance(foot.point) - foot.distance).abs() < 1e-13);
+        assert!(mesh.point_at(t, foot.barycentric).distance(foot.point) < 1e-13);
         assert!(foot.barycentric.iter().all(|&b| (0.0..=1.0).contains(&b)));
         assert!((foot.barycentric.iter().sum::<f64>() - 1.0).abs() < 1e-14);
         let zeros = foot.barycentric.iter().filter(|&&b| b == 0.0).count();
@@ -89,8 +92,8 @@ fn hints_bounds_and_batches_do_not_change_the_answer() {
     let mesh = rubble(900, 3);
     let search = MeshSearch::try_new(&mesh).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(4);
-    let mut points: Vec<[f64; 3]> = (0..2000).map(|_| any(&mut random)).collect();
-    points[17] = [f64::NAN, 0.0, 0.0];
+    let mut points: Vec<DVec3> = (0..2000).map(|_| any(&mut random)).collect();
+    points[17] = DVec3::new(f64::NAN, 0.0, 0.0);
     let all = search.closest_all(&points);
     let within = search.closest_all_within(&points, 0.1);
     for (i, &p) in points.iter().enumerate() {
@@ -113,11 +116,11 @@ fn hints_bounds_and_batches_do_not_change_the_answer() {
 
 /// The winding number of a closed mesh: the solid angle of its triangles over 4π (van Oosterom and Strackee
 /// 1983). It is 1 inside and 0 outside for any shape.
-fn winding(mesh: &TriangleMesh, p: [f64; 3]) -> f64 {
+fn winding(mesh: &TriangleMesh, p: DVec3) -> f64 {
     let half_angles = (0..mesh.triangles.len()).map(|t| {
-        let [a, b, c] = mesh.corners(t).map(|q| sub(q, p));
-        let (la, lb, lc) = (norm(a), norm(b), norm(c));
-        dot(a, cross(b, c)).atan2(la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb)
+        let [a, b, c] = mesh.corners(t).map(|q| q - p);
+        let (la, lb, lc) = (a.length(), b.length(), c.length());
+        a.dot(b.cross(c)).atan2(la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb)
     });
     half_angles.sum::<f64>() / TAU
 }
@@ -128,7 +131,7 @@ fn signs_match_winding_numbers_at_spikes_and_creases() {
     // nearest face alone gives the wrong side.
     let mut spiky = icosphere(1.0, 2);
     for (i, p) in spiky.positions.iter_mut().enumerate() {
-        *p = scale(if i % 2 == 0 { 0.4 } else { 1.6 }, *p);
+        *p = (if i % 2 == 0 { 0.4 } else { 1.6 }) * *p;
     }
     let can = cylinder(0.7, 0.2, 7, 1, true);
     let mut random = ChaCha8Rng::seed_from_u64(8);
@@ -136,7 +139,7 @@ fn signs_match_winding_numbers_at_spikes_and_creases() {
         let search = MeshSearch::try_new(&mesh).unwrap();
         let mut features = [0; 3];
         for _ in 0..4000 {
-            let p = scale(1.8, any(&mut random));
+            let p = 1.8 * any(&mut random);
             let foot = search.closest(p).unwrap();
             assert_eq!(foot.signed_distance < 0.0, winding(&mesh, p) > 0.5, "{p:?} {foot:?}");
             assert!(!foot.on_boundary);
@@ -171,16 +174,16 @@ fn distances_from_a_faceted_ball_match_the_sphere() {
     let search = MeshSearch::try_new(&ball).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(12);
     // The facets lie inside the sphere by at most their sagitta.
-    let sagitta =
-        2.0 - (0..ball.triangles.len()).map(|t| norm(ball.point_at(t, [1.0 / 3.0; 3]))).fold(2.0, f64::min);
+    let sagitta = 2.0
+        - (0..ball.triangles.len()).map(|t| ball.point_at(t, [1.0 / 3.0; 3]).length()).fold(2.0, f64::min);
     assert!(sagitta < 2.0 * 0.3 / 4096.0, "{sagitta}");
     for _ in 0..2000 {
-        let p = scale(4.0, any(&mut random));
+        let p = 4.0 * any(&mut random);
         let foot = search.closest(p).unwrap();
-        let smooth = norm(p) - 2.0;
+        let smooth = p.length() - 2.0;
         assert!(foot.signed_distance > smooth - 1e-12 && foot.signed_distance < smooth + 1.1 * sagitta);
-        if norm(p) > 0.5 {
-            assert!(dot(foot.normal, p) / norm(p) > 0.99);
+        if p.length() > 0.5 {
+            assert!(foot.normal.dot(p) / p.length() > 0.99);
         }
     }
 }
@@ -189,11 +192,11 @@ fn distances_from_a_faceted_ball_match_the_sphere() {
 fn feet_on_an_open_border_are_marked() {
     let sheet = grid_sheet(2.0, 2.0, 4, 4);
     let search = MeshSearch::try_new(&sheet).unwrap();
-    let beyond = search.closest([1.3, 0.1, -0.4]).unwrap();
+    let beyond = search.closest(DVec3::new(1.3, 0.1, -0.4)).unwrap();
     assert!(beyond.on_boundary && (beyond.signed_distance + 0.5).abs() < 1e-15);
-    let corner = search.closest([2.0, 2.0, 0.0]).unwrap();
+    let corner = search.closest(DVec3::new(2.0, 2.0, 0.0)).unwrap();
     assert!(corner.on_boundary && matches!(corner.feature, Feature::Vertex(_)));
-    let above = search.closest([0.5, 0.5, 0.25]).unwrap();
+    let above = search.closest(DVec3::new(0.5, 0.5, 0.25)).unwrap();
     assert!(!above.on_boundary && above.signed_distance == 0.25);
 }
 
@@ -202,26 +205,26 @@ fn incompatible_triangles_are_ignored() {
     // Two sheets back to back, 0.1 apart; a point nearer to the lower one, which faces down.
     let mut mesh = grid_sheet(1.0, 1.0, 3, 3);
     let count = mesh.positions.len() as u32;
-    let lower: Vec<[f64; 3]> = mesh.positions.iter().map(|p| [p[0], p[1], -0.1]).collect();
+    let lower: Vec<DVec3> = mesh.positions.iter().map(|p| DVec3::new(p.x, p.y, -0.1)).collect();
     mesh.positions.extend(lower);
     let turned: Vec<[u32; 3]> =
         mesh.triangles.iter().map(|t| [t[1] + count, t[0] + count, t[2] + count]).collect();
     mesh.triangles.extend(turned);
     let search = MeshSearch::try_new(&mesh).unwrap();
-    let p = [0.07, 0.03, -0.08];
+    let p = DVec3::new(0.07, 0.03, -0.08);
     assert!((search.closest(p).unwrap().signed_distance + 0.02).abs() < 1e-15);
-    let up = search.closest_compatible(p, [0.3, 0.0, 2.0], FRAC_PI_2).unwrap();
+    let up = search.closest_compatible(p, DVec3::new(0.3, 0.0, 2.0), FRAC_PI_2).unwrap();
     assert!((up.signed_distance + 0.08).abs() < 1e-15 && up.triangle < 18);
-    assert!(search.closest_compatible(p, [1.0, 0.0, 0.1], 0.5).is_none());
-    assert!(search.closest_compatible(p, [0.0; 3], 3.0).is_none());
-    assert!(search.closest_within(p, -1.0).is_none() && search.closest_within([0.0; 3], -1.0).is_none());
-    assert!(search.closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.05).is_none());
-    assert!(search.closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.09).is_some());
+    assert!(search.closest_compatible(p, DVec3::new(1.0, 0.0, 0.1), 0.5).is_none());
+    assert!(search.closest_compatible(p, DVec3::ZERO, 3.0).is_none());
+    assert!(search.closest_within(p, -1.0).is_none() && search.closest_within(DVec3::ZERO, -1.0).is_none());
+    assert!(search.closest_compatible_within(p, DVec3::Z, 0.1, 0.05).is_none());
+    assert!(search.closest_compatible_within(p, DVec3::Z, 0.1, 0.09).is_some());
 }
 
 #[test]
 fn meshes_without_triangles_are_rejected() {
-    let none = TriangleMesh::try_new(vec![[0.0; 3]], vec![]).unwrap();
+    let none = TriangleMesh::try_new(vec![DVec3::ZERO], vec![]).unwrap();
     assert_eq!(MeshSearch::try_new(&none).unwrap_err().kind(), ErrorKind::Undetermined);
     let broken = TriangleMesh { positions: vec![], triangles: vec![[0, 1, 2]] };
     assert_eq!(MeshSearch::try_new(&broken).unwrap_err().kind(), ErrorKind::Input);
