@@ -6,6 +6,7 @@
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first error")]
 
+use planish_core::DVec3;
 use planish_spline::{CellInformation, Hierarchy, PositionSums, Shape, leaf_weights};
 use rand::{RngExt, SeedableRng};
 use std::hint::black_box;
@@ -42,7 +43,7 @@ fn main() {
         let side = across as f64;
         let at: Vec<[f64; 2]> =
             (0..POSITIONS).map(|_| [side * random.random::<f64>(), side * random.random::<f64>()]).collect();
-        let z: Vec<[f64; 3]> = at.iter().map(|&[u, v]| [u, v, (u * v).sin()]).collect();
+        let z: Vec<DVec3> = at.iter().map(|&[u, v]| DVec3::new(u, v, (u * v).sin())).collect();
         let w = vec![2.0; POSITIONS];
         let (moments, weighted) = pool.install(|| {
             let mut sums = PositionSums::new(&space);

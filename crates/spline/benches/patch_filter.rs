@@ -5,6 +5,7 @@
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first error")]
 
+use planish_core::DVec3;
 use planish_spline::{
     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading,
     parameter_plane,
@@ -31,7 +32,7 @@ fn main() {
             let [u, v] = [16.0 * random.random::<f64>(), 16.0 * random.random::<f64>()];
             SurfaceReading::Position {
                 parameters: [u, v],
-                point: [u, v, (0.5 * u).sin() + 0.01 * random.random::<f64>()],
+                point: DVec3::new(u, v, (0.5 * u).sin() + 0.01 * random.random::<f64>()),
                 variance: 1e-4,
             }
         };

@@ -8,8 +8,8 @@
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::Surface;
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -20,9 +20,9 @@ pub struct BaseShape {
     /// The topology.
     pub shape: Shape,
     /// Centre of the plane or sphere, midpoint of the axis.
-    pub centre: [f64; 3],
+    pub centre: DVec3,
     /// Right-handed orthonormal frame. Sheet: u, v and normal; others: the third is the axis.
-    pub frame: [[f64; 3]; 3],
+    pub frame: [DVec3; 3],
     /// Half extents along the frame: sheet `[half u, half v, 0]`; tube `[radius, radius, half length]`; ball
     /// `[radii]`; torus `[ring radius, ring radius, tube radius]`.
     pub size: [f64; 3],
@@ -31,28 +31,28 @@ pub struct BaseShape {
 impl BaseShape {
     /// A rectangle with the given centre, unit directions of u and v, and half sides.
     #[must_use]
-    pub fn plane(centre: [f64; 3], directions: [[f64; 3]; 2], half: [f64; 2]) -> Self {
-        let frame = [directions[0], directions[1], cross(directions[0], directions[1])];
+    pub fn plane(centre: DVec3, directions: [DVec3; 2], half: [f64; 2]) -> Self {
+        let frame = [directions[0], directions[1], directions[0].cross(directions[1])];
         Self { shape: Shape::Sheet, centre, frame, size: [half[0], half[1], 0.0] }
     }
 
     /// A sphere with its poles on the axis.
     #[must_use]
-    pub fn sphere(centre: [f64; 3], radius: f64, axis: [f64; 3]) -> Self {
+    pub fn sphere(centre: DVec3, radius: f64, axis: DVec3) -> Self {
         let (e1, e2) = tangents(axis);
         Self { shape: Shape::Ball, centre, frame: [e1, e2, axis], size: [radius; 3] }
     }
 
     /// A cylinder about an axis.
     #[must_use]
-    pub fn cylinder(centre: [f64; 3], axis: [f64; 3], radius: f64, half_length: f64) -> Self {
+    pub fn cylinder(centre: DVec3, axis: DVec3, radius: f64, half_length: f64) -> Self {
         let (e1, e2) = tangents(axis);
         Self { shape: Shape::Tube, centre, frame: [e1, e2, axis], size: [radius, radius, half_length] }
     }
 
     /// A torus about an axis.
     #[must_use]
-    pub fn torus(centre: [f64; 3], axis: [f64; 3], ring_radius: f64, tube_radius: f64) -> Self {
+    pub fn torus(centre: DVec3, axis: DVec3, ring_radius: f64, tube_radius: f64) -> Self {
         let (e1, e2) = tangents(axis);
         Self {
             shape: Shape::Torus,
@@ -64,7 +64,7 @@ impl BaseShape {
 
     /// The point at `(u, v)` in `[0, 1]²`.
     #[must_use]
-    pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+    pub fn point(&self, u: f64, v: f64) -> DVec3 {
         let [e1, e2, e3] = self.frame;
         let (sin, cos) = (TAU * u).sin_cos();
         // All four shapes in their own frame; the frame is applied once below.
@@ -83,7 +83,7 @@ impl BaseShape {
         };
         let mut p = self.centre;
         for (e, x) in [e1, e2, e3].into_iter().zip(local) {
-            p = add_scaled(p, x, e);
+            p += x * e;
         }
         p
     }
@@ -94,14 +94,14 @@ impl BaseShape {
     /// ```
     /// use planish_spline::BaseShape;
     ///
-    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]);
+    /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z);
     /// let [_, v] = ball.parameters([0.0, 0.0, 5.0]);
     /// assert_eq!(v, 1.0); // above the north pole
     /// ```
     #[must_use]
-    pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
-        let d = sub(p, self.centre);
-        let [x, y, z] = self.frame.map(|e| dot(e, d));
+    pub fn parameters(&self, p: DVec3) -> [f64; 2] {
+        let d = p - self.centre;
+        let [x, y, z] = self.frame.map(|e| e.dot(d));
         let around = (y / self.size[1]).atan2(x / self.size[0]).rem_euclid(TAU) / TAU;
         match self.shape {
             Shape::Sheet => [0.5 + 0.5 * x / self.size[0], 0.5 + 0.5 * y / self.size[1]],
@@ -146,7 +146,7 @@ impl BaseShape {
     /// ```
     /// use planish_spline::BaseShape;
     ///
-    /// let shape = BaseShape::cylinder([0.0; 3], [0.0, 0.0, 1.0], 1.0, 2.0);
+    /// let shape = BaseShape::cylinder(DVec3::ZERO, DVec3::Z, 1.0, 2.0);
     /// let tube = shape.surface(shape.grid(200))?;
     /// let p = tube.point(3.0, 2.0);
     /// assert!((p[0].hypot(p[1]) - 1.0).abs() < 1e-3);
@@ -180,16 +180,16 @@ impl BaseShape {
 /// assert!((surface.point(1.5, 2.5)[2] - 3.75).abs() < 1e-9);
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
-pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) -> Result<Surface> {
+pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> DVec3) -> Result<Surface> {
     if space.shape() == Shape::Ball {
         // The three anchors of a pole are one point, so collocation on the ball itself is singular.
         let tube = fit_function(&Arc::new(Hierarchy::uniform(Shape::Tube, space.base())?), f)?;
-        let vertices = space.vertices_from(|cell| tube.cell_coefficients(cell).unwrap_or([[0.0; 3]; 16]));
+        let vertices = space.vertices_from(|cell| tube.cell_coefficients(cell).unwrap_or([DVec3::ZERO; 16]));
         return Surface::new(Arc::clone(space), vertices);
     }
     let anchors = space.node_anchors();
-    let target: Vec<[f64; 3]> = anchors.iter().map(|a| f(a[0], a[1])).collect();
-    if target.iter().flatten().any(|c| !c.is_finite()) {
+    let target: Vec<DVec3> = anchors.iter().map(|a| f(a[0], a[1])).collect();
+    if target.iter().any(|p| !p.is_finite()) {
         return Err(Error::undetermined("the function to fit is not finite everywhere"));
     }
     let mut surface = Surface::new(Arc::clone(space), target.clone())?;
@@ -197,14 +197,14 @@ pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) ->
         let mut largest = 0.0_f64;
         let vertices = (0..anchors.len())
             .map(|n| {
-                let correction = sub(target[n], extrapolate(&surface, anchors[n]));
-                largest = largest.max(norm(correction));
-                add(surface.vertices()[n], correction)
+                let correction = target[n] - extrapolate(&surface, anchors[n]);
+                largest = largest.max(correction.length());
+                surface.vertices()[n] + correction
             })
             .collect();
         surface = Surface::new(Arc::clone(space), vertices)?;
         // Corrections at the level of rounding cannot get smaller.
-        if largest < 1e-15 * norm(target[0]).max(1e-300) {
+        if largest < 1e-15 * target[0].length().max(1e-300) {
             break;
         }
     }
@@ -212,7 +212,7 @@ pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) ->
 }
 
 /// The surface at any parameters, continued beyond an open border by its polynomial.
-fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
+fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
     let space = surface.space();
     let [u0, v0] = space.wrap(u, v);
     let (leaf, [s, t]) = space.locate(u0, v0);
@@ -238,17 +238,13 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
 /// ```
 /// use planish_spline::{Shape, choose_base_shape};
 ///
-/// let points: Vec<[f64; 3]> =
+/// let points: Vec<DVec3> =
 ///     (0..100).map(|k| [f64::from(k % 10), f64::from(k / 10), 0.01 * f64::from(k % 3)]).collect();
 /// let base = choose_base_shape(&points, &[], None)?;
 /// assert_eq!(base.shape, Shape::Sheet);
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
-pub fn choose_base_shape(
-    points: &[[f64; 3]],
-    normals: &[[f64; 3]],
-    wanted: Option<Shape>,
-) -> Result<BaseShape> {
+pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Shape>) -> Result<BaseShape> {
     if points.len() < 4 {
         return Err(Error::undetermined(format!(
             "{} points do not determine a surface: at least 4 are needed",
@@ -263,8 +259,8 @@ pub fn choose_base_shape(
     if variances[1] <= 1e-12 * variances[0] {
         return Err(Error::undetermined("all points lie on one line: they do not determine a surface"));
     }
-    let known: Vec<[f64; 3]> = normals.iter().copied().filter(|n| dot(*n, *n) > 0.5).collect();
-    let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
+    let known: Vec<DVec3> = normals.iter().copied().filter(|n| n.length_squared() > 0.5).collect();
+    let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances.to_array()));
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
             "all points lie in one plane: they determine a sheet but not a {}",
@@ -279,12 +275,12 @@ pub fn choose_base_shape(
             let centre2 = circle_centre(points, e1, e2);
             let (lo, hi) = bounds(points, [axis, e1]);
             let along = 0.5 * (lo[0] + hi[0]);
-            let centre = add(scale(along, axis), add(scale(centre2[0], e1), scale(centre2[1], e2)));
+            let centre = along * axis + (centre2[0] * e1 + centre2[1] * e2);
             let radius = points
                 .iter()
                 .map(|p| {
-                    let d = sub(*p, centre);
-                    dot(d, e1).hypot(dot(d, e2))
+                    let d = *p - centre;
+                    d.dot(e1).hypot(d.dot(e2))
                 })
                 .sum::<f64>()
                 / points.len() as f64;
@@ -292,10 +288,10 @@ pub fn choose_base_shape(
         }
         Shape::Ball => {
             let (lo, hi) = bounds3(points, axes);
-            let centre = (0..3).fold([0.0; 3], |c, d| add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]));
+            let centre = (0..3).fold(DVec3::ZERO, |c, d| c + 0.5 * (lo[d] + hi[d]) * axes[d]);
             // Place poles in the flattest direction, because features (ears, handles) tend to lie along the
             // longer ones.
-            let frame = [axes[0], axes[1], cross(axes[0], axes[1])];
+            let frame = [axes[0], axes[1], axes[0].cross(axes[1])];
             let size = [0, 1, 2].map(|d| 0.5 * (hi[d] - lo[d]));
             let largest = size[0].max(size[1]).max(size[2]);
             // A flatter ball would have two sides so close that foot points confuse them.
@@ -303,13 +299,13 @@ pub fn choose_base_shape(
         }
         Shape::Torus => {
             let axis = axes[2];
-            let centre = (0..3).fold([0.0; 3], |c, d| {
+            let centre = (0..3).fold(DVec3::ZERO, |c, d| {
                 let (lo, hi) = bounds3(points, axes);
-                add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d])
+                c + 0.5 * (lo[d] + hi[d]) * axes[d]
             });
-            let from_axis = |p: &[f64; 3]| {
-                let d = sub(*p, centre);
-                norm(add_scaled(d, -dot(d, axis), axis))
+            let from_axis = |p: &DVec3| {
+                let d = *p - centre;
+                (d - d.dot(axis) * axis).length()
             };
             let (near, far) =
                 points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
@@ -321,63 +317,59 @@ pub fn choose_base_shape(
 /// The smallest rectangle around points, perpendicular to the mean of the known normals or to the direction
 /// of least variance. `spread` is the standard deviation of the cloud along its longest axis.
 fn rectangle_around(
-    points: &[[f64; 3]],
-    known: &[[f64; 3]],
-    mean: [f64; 3],
-    axes: [[f64; 3]; 3],
+    points: &[DVec3],
+    known: &[DVec3],
+    mean: DVec3,
+    axes: [DVec3; 3],
     spread: f64,
 ) -> BaseShape {
     let mut normal = axes[2];
-    let sum = known.iter().fold([0.0; 3], |s, n| add(s, *n));
-    if let Some(direction) = unit(sum)
-        && norm(sum) > 0.5 * known.len() as f64
+    let sum = known.iter().sum::<DVec3>();
+    if let Some(direction) = sum.try_normalize()
+        && sum.length() > 0.5 * known.len() as f64
     {
         // Use the mean normal: a folded sheet overlaps less along it than along the direction of
         // least variance.
         normal = direction;
     }
     // The principal axis is perpendicular to the third axis but not to the mean normal.
-    let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
+    let u = (axes[0] - axes[0].dot(normal) * normal).try_normalize().unwrap_or(tangents(normal).0);
     // Rotate the frame so that the sides of the sheet are those of the smallest box around the
     // points.
-    let (u, v) = smallest_box(points, u, cross(normal, u));
+    let (u, v) = smallest_box(points, u, normal.cross(u));
     let (lo, hi) = bounds(points, [u, v]);
-    let centre = add(
-        add_scaled(
-            add_scaled(mean, 0.5 * (lo[0] + hi[0]) - dot(mean, u), u),
-            0.5 * (lo[1] + hi[1]) - dot(mean, v),
-            v,
-        ),
-        [0.0; 3],
-    );
+    let centre = mean
+        + (0.5 * (lo[0] + hi[0]) - mean.dot(u)) * u
+        + (0.5 * (lo[1] + hi[1]) - mean.dot(v)) * v
+        + DVec3::ZERO;
     // A margin of 0.5 % keeps the outermost points inside.
     BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * spread)))
 }
 
 /// Sheet, tube or ball from the distribution of normals.
-fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
+fn shape_from_normals(normals: &[DVec3], variances: [f64; 3]) -> Shape {
     if normals.is_empty() {
         // Without normals, flat clouds are sheets.
         return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
     }
     let count = normals.len() as f64;
-    let mean = scale(1.0 / count, normals.iter().fold([0.0; 3], |s, n| add(s, *n)));
-    if let Some(direction) = unit(mean) {
+    let mean = 1.0 / count * normals.iter().sum::<DVec3>();
+    if let Some(direction) = mean.try_normalize() {
         // A few normals may face away: outliers, and noise at the edges of a scan.
-        let behind = normals.iter().filter(|n| dot(**n, direction) < 0.1).count() as f64;
-        if norm(mean) > 0.5 && behind < 0.03 * count {
+        let behind = normals.iter().filter(|n| n.dot(direction) < 0.1).count() as f64;
+        if mean.length() > 0.5 && behind < 0.03 * count {
             return Shape::Sheet;
         }
     }
     if let Some(axis) = perpendicular_axis(normals) {
-        let along = normals.iter().map(|n| dot(*n, axis).powi(2)).sum::<f64>() / count;
+        let along = normals.iter().map(|n| n.dot(axis).powi(2)).sum::<f64>() / count;
         // Normals along the axis are caps; a capped cylinder is closed and therefore a ball.
-        let caps = normals.iter().filter(|n| dot(**n, axis).abs() > 0.8).count() as f64;
+        let caps = normals.iter().filter(|n| n.dot(axis).abs() > 0.8).count() as f64;
         let (e1, e2) = tangents(axis);
         // Part of a cylinder is a curved sheet, so a tube needs normals in every sector.
         let mut sectors = [0_usize; 12];
         for n in normals {
-            let angle = dot(*n, e2).atan2(dot(*n, e1)).rem_euclid(TAU);
+            let angle = n.dot(e2).atan2(n.dot(e1)).rem_euclid(TAU);
             sectors[((angle / TAU * 12.0) as usize).min(11)] += 1;
         }
         let around = sectors.iter().all(|&s| s as f64 > 0.1 * count / 12.0);
@@ -389,7 +381,7 @@ fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
 }
 
 /// The unit vector most nearly perpendicular to all normals.
-fn perpendicular_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
+fn perpendicular_axis(normals: &[DVec3]) -> Option<DVec3> {
     if normals.len() < 3 {
         return None;
     }
@@ -404,42 +396,45 @@ fn perpendicular_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
 
 /// Mean, principal axes (right-handed, largest variance first) and variances of a cloud.
 #[must_use]
-pub fn principal_axes(points: &[[f64; 3]]) -> ([f64; 3], [[f64; 3]; 3], [f64; 3]) {
+pub fn principal_axes(points: &[DVec3]) -> (DVec3, [DVec3; 3], DVec3) {
     let count = points.len() as f64;
-    let mean = scale(1.0 / count, points.iter().fold([0.0; 3], |s, p| add(s, *p)));
+    let mean = 1.0 / count * points.iter().sum::<DVec3>();
     let mut moments = SymmetricMatrix3::ZERO;
     for p in points {
-        moments.add_outer(1.0, sub(*p, mean));
+        moments.add_outer(1.0, *p - mean);
     }
     let covariance = SymmetricMatrix3::from_array(moments.to_array().map(|x| x / count));
     // The signs of eigenvectors are arbitrary and could give a left-handed frame.
     let (mut axes, values) = covariance.eigen();
-    axes[2] = cross(axes[0], axes[1]);
-    (mean, axes, values)
+    axes[2] = axes[0].cross(axes[1]);
+    (mean, axes, DVec3::from(values))
 }
 
-fn bounds(points: &[[f64; 3]], directions: [[f64; 3]; 2]) -> ([f64; 2], [f64; 2]) {
+fn bounds(points: &[DVec3], directions: [DVec3; 2]) -> ([f64; 2], [f64; 2]) {
     points.iter().fold(([f64::MAX; 2], [f64::MIN; 2]), |(lo, hi), p| {
-        let x = directions.map(|e| dot(e, *p));
+        let x = directions.map(|e| e.dot(*p));
         ([0, 1].map(|d| lo[d].min(x[d])), [0, 1].map(|d| hi[d].max(x[d])))
     })
 }
 
-fn bounds3(points: &[[f64; 3]], directions: [[f64; 3]; 3]) -> ([f64; 3], [f64; 3]) {
-    points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-        let x = directions.map(|e| dot(e, *p));
-        ([0, 1, 2].map(|d| lo[d].min(x[d])), [0, 1, 2].map(|d| hi[d].max(x[d])))
+fn bounds3(points: &[DVec3], directions: [DVec3; 3]) -> (DVec3, DVec3) {
+    points.iter().fold((DVec3::splat(f64::MAX), DVec3::splat(f64::MIN)), |(lo, hi), p| {
+        let x = directions.map(|e| e.dot(*p));
+        (
+            DVec3::from_array([0, 1, 2].map(|d| lo[d].min(x[d]))),
+            DVec3::from_array([0, 1, 2].map(|d| hi[d].max(x[d]))),
+        )
     })
 }
 
 /// Rotates u and v within their plane to the box of minimum area, in steps of 3°.
-fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+fn smallest_box(points: &[DVec3], u: DVec3, v: DVec3) -> (DVec3, DVec3) {
     // A sample is enough for a frame in steps of 3°.
     let stride = points.len().div_ceil(4000);
-    let some: Vec<[f64; 3]> = points.iter().copied().step_by(stride).collect();
+    let some: Vec<DVec3> = points.iter().copied().step_by(stride).collect();
     let turned = |degrees: f64| {
         let (s, c) = degrees.to_radians().sin_cos();
-        (add(scale(c, u), scale(s, v)), add(scale(-s, u), scale(c, v)))
+        (c * u + s * v, -s * u + c * v)
     };
     let area = |degrees: f64| {
         let (a, b) = turned(degrees);
@@ -452,13 +447,13 @@ fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f6
 }
 
 /// Centre of the circle fitted to the projected points (Kåsa's linear fit), in coordinates of e1 and e2.
-fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
+fn circle_centre(points: &[DVec3], e1: DVec3, e2: DVec3) -> [f64; 2] {
     let count = points.len() as f64;
     // About the mean: third powers of large coordinates would cancel.
-    let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]);
+    let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + p.dot(e1) / count, m[1] + p.dot(e2) / count]);
     let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points {
-        let (x, y) = (dot(*p, e1) - mean[0], dot(*p, e2) - mean[1]);
+        let (x, y) = (p.dot(e1) - mean[0], p.dot(e2) - mean[1]);
         let r = x * x + y * y;
         xx += x * x;
         xy += x * y;

@@ -9,6 +9,7 @@
 //! to the SIMD group of four that contains the diagonal.
 
 use crate::hierarchy::Hierarchy;
+use planish_core::DVec3;
 
 /// A symmetric matrix over the sixteen coefficients with the lower triangle filled in groups of four.
 type Triangle = [[f64; 16]; 16];
@@ -54,7 +55,7 @@ impl CellInformation {
     /// For the normal component of a position, `c` are the B-spline weights and `a` is the normal. For a
     /// measured normal, `c` are derivative weights. Cost: about 1,000 multiply-adds in SIMD groups of four.
     #[inline]
-    pub fn add_scalar(&mut self, c: &[f64; 16], a: [f64; 3], value: f64, information: f64) {
+    pub fn add_scalar(&mut self, c: &[f64; 16], a: DVec3, value: f64, information: f64) {
         // The block `w a aᵀ` is the same for all pairs of coefficients, up to the factor `c_k c_l`.
         let w = information;
         let outer = [
@@ -76,10 +77,10 @@ impl CellInformation {
 
     /// Adds the vector measurement `Σ_k c_k P_k = value` with information matrix `xx xy xz yy yz zz`.
     #[inline]
-    pub fn add_vector(&mut self, c: &[f64; 16], value: [f64; 3], information: &[f64; 6]) {
+    pub fn add_vector(&mut self, c: &[f64; 16], value: DVec3, information: &[f64; 6]) {
         self.add_block(c, information);
         let [xx, xy, xz, yy, yz, zz] = *information;
-        let [x, y, z] = value;
+        let DVec3 { x, y, z } = value;
         // Once per reading, not once per coefficient.
         let weighted = [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z];
         for k in 0..16 {
@@ -232,7 +233,7 @@ pub fn variance_along(
     leaf: usize,
     covariance: &[f64],
     c: &[f64; 16],
-    direction: [f64; 3],
+    direction: DVec3,
 ) -> f64 {
     let (nodes, weights) = space.extraction(leaf);
     let n = nodes.len();
@@ -304,7 +305,7 @@ impl CellCovariance {
 
     /// Variance of `a · Σ_k c_k P_k`.
     #[must_use]
-    pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
+    pub fn variance_along(&self, c: &[f64; 16], a: DVec3) -> f64 {
         let mut variance = 0.0;
         for k in 0..16 {
             let mut row = 0.0;
@@ -336,7 +337,7 @@ mod tests {
         let space = uniform.refine(&block);
         for (leaf, _) in space.leaves().iter().enumerate().step_by(3) {
             let c = leaf_weights(0.3, 0.8);
-            let (a, value, information) = ([0.6, -0.48, 0.64], 1.7, 4.0);
+            let (a, value, information) = (DVec3::new(0.6, -0.48, 0.64), 1.7, 4.0);
             let mut cell = CellInformation::default();
             cell.add_scalar(&c, a, value, information);
             let (mut matrix, mut vector) = (Vec::new(), Vec::new());
@@ -347,7 +348,7 @@ mod tests {
                 .iter()
                 .flat_map(|w| {
                     let s: f64 = (0..16).map(|k| w[k] * c[k]).sum();
-                    a.map(|x| s * x)
+                    (s * a).to_array()
                 })
                 .collect();
             for i in 0..n {

@@ -9,6 +9,7 @@ use crate::cell_information::CellInformation;
 use crate::hierarchy::Hierarchy;
 use crate::moments::{matrix_of_moments, vector_of_moments};
 use crate::system::SurfaceSystem;
+use planish_core::DVec3;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
@@ -34,13 +35,13 @@ impl DirectedMoments {
     /// Adds the reading `a · Σ_k b_k P_k = value` at local coordinates in `[0, 1]²`, with information `w`
     /// (1/variance).
     #[inline]
-    pub fn add(&mut self, local: [f64; 2], a: [f64; 3], value: f64, information: f64) {
+    pub fn add(&mut self, local: [f64; 2], a: DVec3, value: f64, information: f64) {
         // On [−1, 1] the map from moments to information is well conditioned; on [0, 1] all powers are alike.
         let [s, t] = local.map(|x| 2.0 * x - 1.0);
         let (s2, w) = (s * s, information);
         let s4 = s2 * s2;
         let powers = [1.0, s, s2, s2 * s, s4, s4 * s, s4 * s2, 0.0];
-        let [x, y, z] = a.map(|c| w * c);
+        let DVec3 { x, y, z } = w * a;
         // The six products of a symmetric `a aᵀ`.
         let products = [x * a[0], x * a[1], x * a[2], y * a[1], y * a[2], z * a[2]];
         let mut row_power = 1.0;
@@ -78,13 +79,13 @@ impl DirectedMoments {
 /// let mut sums = DirectedSums::new(&space);
 /// sums.add(|leaf, moments| {
 ///     if leaf == 5 {
-///         moments.add([0.5, 0.5], [0.0, 0.0, 1.0], 2.0, 4.0);
+///         moments.add([0.5, 0.5], DVec3::Z, 2.0, 4.0);
 ///     }
 /// });
 /// let information = sums.information(&SurfaceSystem::new(&space)?)?;
 /// // A shift along z is measured, one along x is not.
-/// let up = [0.0, 0.0, 1.0].repeat(space.node_count());
-/// let aside = [1.0, 0.0, 0.0].repeat(space.node_count());
+/// let up = DVec3::Z.repeat(space.node_count());
+/// let aside = DVec3::X.repeat(space.node_count());
 /// assert!((information.quadratic_form(&up)? - 4.0).abs() < 1e-12);
 /// assert_eq!(information.quadratic_form(&aside)?, 0.0);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -145,7 +146,7 @@ mod tests {
             (0..7 * usize::from(!leaf.is_multiple_of(4))).map(move |k| {
                 let x = (leaf * 7 + k) as f64;
                 let (a, b) = (x * 0.618_034, x * 0.754_878);
-                let direction = [a.cos() * b.sin(), a.sin() * b.sin(), b.cos()];
+                let direction = DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos());
                 ([a.fract(), b.fract()], direction, 3.0 * a.sin(), 1.0 + b.fract())
             })
         };

@@ -17,7 +17,7 @@ use crate::basis::cubic;
 use crate::cell_information::add_to_triangle;
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Jet, Surface};
-use planish_estimate::vector3::dot;
+use planish_core::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
@@ -43,11 +43,11 @@ impl LeafEnergy {
     /// The energy of the sixteen coefficients of a leaf, summed over the three coordinates: `∫ κ1² + κ2² dA`
     /// to leading order.
     #[must_use]
-    pub fn energy(&self, coefficients: &[[f64; 3]; 16]) -> f64 {
+    pub fn energy(&self, coefficients: &[DVec3; 16]) -> f64 {
         let mut sum = 0.0;
         for k in 0..16 {
             for l in 0..16 {
-                sum += self.thin_plate[k][l] * dot(coefficients[k], coefficients[l]);
+                sum += self.thin_plate[k][l] * coefficients[k].dot(coefficients[l]);
             }
         }
         sum
@@ -79,7 +79,7 @@ impl Surface {
     /// ```
     /// use planish_spline::BaseShape;
     ///
-    /// let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, 1.0]).surface([4,
+    /// let sheet = BaseShape::plane(DVec3::ZERO, [DVec3::X, DVec3::Y], [2.0, 1.0]).surface([4,
     /// 4])?; assert!((sheet.leaf_area(0) - 8.0 / 16.0).abs() < 1e-12);
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
@@ -102,7 +102,7 @@ impl Surface {
     /// use planish_spline::BaseShape;
     ///
     /// // A sphere of radius r has the bending energy ∫ κ1² + κ2² dA = 8π for any r.
-    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([32, 16])?;
+    /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([32, 16])?;
     /// let forms = ball.thin_plate(ball.space());
     /// let energy: f64 = (forms.iter().enumerate())
     ///     .map(|(leaf, form)| form.energy(ball.leaf_coefficients(leaf)))
@@ -185,8 +185,8 @@ impl PointBasis {
             return None;
         }
         // Christoffel symbols Γ^c_ab = g^{cd} S_ab · S_d.
-        let christoffel = |second: [f64; 3]| {
-            let (a, b) = (dot(second, jet.du), dot(second, jet.dv));
+        let christoffel = |second: DVec3| {
+            let (a, b) = (second.dot(jet.du), second.dot(jet.dv));
             [(g * a - f * b) / area2, (e * b - f * a) / area2]
         };
         let gamma = [christoffel(jet.duu), christoffel(jet.duv), christoffel(jet.dvv)];
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn area_and_bending_energy_of_a_sphere_are_analytic() {
         let r = 2.0;
-        let sphere = BaseShape::sphere([0.0; 3], r, [0.0, 0.0, 1.0]).surface([48, 24]).unwrap();
+        let sphere = BaseShape::sphere(DVec3::ZERO, r, DVec3::Z).surface([48, 24]).unwrap();
         let area: f64 = sphere.thin_plate(sphere.space()).iter().map(|leaf| leaf.area).sum();
         assert!((area / (4.0 * std::f64::consts::PI * r * r) - 1.0).abs() < 1e-4, "area {area}");
         // Σ over coordinates of |∇∇x|² = κ1² + κ2² = 2/r²: total 8π.
@@ -258,21 +258,21 @@ mod tests {
     fn energy_does_not_depend_on_the_parametrisation() {
         // The same quadratic function over the unit square, on a straight and on a curved chart of the plane.
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [24, 24]).unwrap());
-        let straight = fit_function(&space, |u, v| [u / 24.0, v / 24.0, 0.0]).unwrap();
+        let straight = fit_function(&space, |u, v| DVec3::new(u / 24.0, v / 24.0, 0.0)).unwrap();
         let warp = |u: f64, v: f64| {
             let (a, b) = (u / 24.0, v / 24.0);
             (a + 0.1 * a * (1.0 - a) * b, b + 0.15 * b * (1.0 - b) * (1.0 - a))
         };
         let bent = fit_function(&space, |u, v| {
             let (x, y) = warp(u, v);
-            [x, y, 0.0]
+            DVec3::new(x, y, 0.0)
         })
         .unwrap();
         let height = |x: f64, y: f64| 1.5 * x * x - 0.8 * x * y + 0.3 * y * y;
-        let plain = fit_function(&space, |u, v| [height(u / 24.0, v / 24.0), 0.0, 0.0]).unwrap();
+        let plain = fit_function(&space, |u, v| DVec3::new(height(u / 24.0, v / 24.0), 0.0, 0.0)).unwrap();
         let bent_height = fit_function(&space, |u, v| {
             let (x, y) = warp(u, v);
-            [height(x, y), 0.0, 0.0]
+            DVec3::new(height(x, y), 0.0, 0.0)
         })
         .unwrap();
         let exact = 3.0 * 3.0 + 2.0 * 0.8 * 0.8 + 0.6 * 0.6;
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn refinement_keeps_the_energy() {
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([16, 8]).unwrap();
+        let sphere = BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z).surface([16, 8]).unwrap();
         let fine_space = Arc::new(sphere.space().refine(&[40, 41, 56, 57]));
         let fine = sphere.refined(Arc::clone(&fine_space)).unwrap();
         // Quadrature differs on split cells, so the energies differ in the last digits.

@@ -7,6 +7,7 @@
 use crate::basis::cubic;
 use crate::surface::{Surface, coordinates_in_fours};
 use crate::system::SurfaceSystem;
+use planish_core::DVec3;
 use rayon::prelude::*;
 
 /// The 2 × 2 Gauss points of a leaf: exact for fields that are cubic in u and in v.
@@ -42,7 +43,7 @@ impl FieldPoints {
     /// Point and tangents `S, S_u, S_v` at the four points of a leaf with these coefficients and this side.
     #[inline]
     #[must_use]
-    pub fn frames(&self, coefficients: &[[f64; 3]; 16], side: f64) -> [[[f64; 3]; 3]; Self::COUNT] {
+    pub fn frames(&self, coefficients: &[DVec3; 16], side: f64) -> [[DVec3; 3]; Self::COUNT] {
         // Rows first, then columns: the sums along a row are shared by two points.
         let mut sums = [[[0.0; 4]; 3]; Self::COUNT];
         for r in 0..4 {
@@ -68,23 +69,21 @@ impl FieldPoints {
         let h = 1.0 / side;
         sums.map(|[point, du, dv]| {
             [
-                [point[0], point[1], point[2]],
-                [h * du[0], h * du[1], h * du[2]],
-                [h * dv[0], h * dv[1], h * dv[2]],
+                DVec3::new(point[0], point[1], point[2]),
+                DVec3::new(h * du[0], h * du[1], h * du[2]),
+                DVec3::new(h * dv[0], h * dv[1], h * dv[2]),
             ]
         })
     }
 
     /// `Σ_n B_k(point n) f_n` for the sixteen coefficients of a leaf.
     #[inline]
-    fn spread(&self, field: &[[f64; 3]; Self::COUNT]) -> [[f64; 3]; 16] {
+    fn spread(&self, field: &[DVec3; Self::COUNT]) -> [DVec3; 16] {
         std::array::from_fn(|k| {
-            let mut sum = [0.0; 3];
+            let mut sum = DVec3::ZERO;
             for (n, value) in field.iter().enumerate() {
                 let weight = self.value[n / 2][k / 4] * self.value[n % 2][k % 4];
-                for d in 0..3 {
-                    sum[d] += weight * value[d];
-                }
+                sum += weight * value;
             }
             sum
         })
@@ -116,9 +115,9 @@ impl SurfaceSystem {
         &self,
         points: &FieldPoints,
         weights: &[[f64; FieldPoints::COUNT]],
-        field: impl Fn(usize) -> [[f64; 3]; FieldPoints::COUNT] + Sync,
+        field: impl Fn(usize) -> [DVec3; FieldPoints::COUNT] + Sync,
     ) -> Vec<f64> {
-        let of_leaves: Vec<[[f64; 3]; 16]> = (0..self.space().leaves().len())
+        let of_leaves: Vec<[DVec3; 16]> = (0..self.space().leaves().len())
             .into_par_iter()
             .with_min_len(32)
             .map(|leaf| {
@@ -142,7 +141,7 @@ mod tests {
     /// Frames of a growing ball agree with its jets.
     #[test]
     fn frames_are_the_jets_of_the_surface_and_projections_integrate_it() {
-        let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([12, 8]).unwrap();
+        let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([12, 8]).unwrap();
         let points = FieldPoints::default();
         let system = SurfaceSystem::new(ball.space()).unwrap();
         let weights = system.field_weights(&points, &ball);
@@ -160,8 +159,10 @@ mod tests {
             }
         }
         // The functions of the nodes sum to one, so right-hand sides of a constant sum to the area, 16 π.
-        let sums = system.project_field(&points, &weights, |_| [[1.0, 0.0, -2.0]; FieldPoints::COUNT]);
-        let total = sums.chunks_exact(3).fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
+        let sums =
+            system.project_field(&points, &weights, |_| [DVec3::new(1.0, 0.0, -2.0); FieldPoints::COUNT]);
+        let total =
+            sums.chunks_exact(3).fold(DVec3::ZERO, |t, s| DVec3::new(t[0] + s[0], t[1] + s[1], t[2] + s[2]));
         let area = 16.0 * std::f64::consts::PI;
         assert!((total[0] / area - 1.0).abs() < 2e-3, "{total:?} of {area}");
         assert!(total[1] == 0.0 && (total[2] + 2.0 * total[0]).abs() < 1e-9);

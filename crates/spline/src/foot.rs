@@ -9,7 +9,8 @@
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Jet, Surface};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use planish_estimate::vector3::{add, dot, norm, scale, sub, tangents};
+use planish_core::vector3::as_arrays;
+use planish_core::{DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
 
 /// The foot point of a measured point.
@@ -22,7 +23,7 @@ pub struct FootPoint {
     /// Point and derivatives at the foot point.
     pub jet: Jet,
     /// Unit normal at the foot point (zero if the surface is degenerate).
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Signed distance of the measured point along the normal.
     pub height: f64,
     /// Distance of the measured point from the normal line: zero up to the tolerance unless the foot point is
@@ -63,14 +64,14 @@ impl Surface {
     /// ```
     /// use planish_spline::{BaseShape, ProjectionOptions};
     ///
-    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+    /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([16, 8])?;
     /// let foot = ball.project([3.0, 0.0, 0.0], [0.5, 4.5], &ProjectionOptions::default());
     /// assert!(foot.converged);
     /// assert!((foot.height - 1.0).abs() < 0.01); // 1 outside a radius of 2
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
     #[must_use]
-    pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
+    pub fn project(&self, z: DVec3, start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
         project_onto(self.space(), |leaf, [s, t]| self.leaf_jet(leaf, s, t), z, start, options)
     }
 }
@@ -79,7 +80,7 @@ impl Surface {
 pub(crate) fn project_onto(
     space: &Hierarchy,
     jet_at: impl Fn(usize, [f64; 2]) -> Jet,
-    z: [f64; 3],
+    z: DVec3,
     [u, v]: [f64; 2],
     options: &ProjectionOptions,
 ) -> FootPoint {
@@ -89,13 +90,13 @@ pub(crate) fn project_onto(
     let mut at = space.wrap(u, v);
     let (mut leaf, mut local) = space.locate(at[0], at[1]);
     let mut jet = jet_at(leaf, local);
-    let mut distance2 = squared(sub(jet.point, z));
+    let mut distance2 = squared(jet.point - z);
     let mut converged = false;
     let mut held = [false; 2];
     for _ in 0..options.max_steps {
         let side = space.leaves()[leaf].side();
-        let r = sub(jet.point, z);
-        let gradient = [dot(jet.du, r), dot(jet.dv, r)];
+        let r = jet.point - z;
+        let gradient = [jet.du.dot(r), jet.dv.dot(r)];
         for d in 0..2 {
             // A bound is active only while the point pulls outwards. Otherwise the foot could never leave the
             // border.
@@ -136,7 +137,7 @@ pub(crate) fn project_onto(
                 space.locate(next[0], next[1])
             };
             let next_jet = jet_at(next_leaf, next_local);
-            let next2 = squared(sub(next_jet.point, z));
+            let next2 = squared(next_jet.point - z);
             // Near the foot point, the distance changes by less than its rounding.
             if next2 <= distance2 * (1.0 + 1e-12) {
                 (at, leaf, local, jet, distance2) = (next, next_leaf, next_local, next_jet, next2);
@@ -152,33 +153,33 @@ pub(crate) fn project_onto(
             break;
         }
     }
-    let normal = jet.normal().unwrap_or([0.0; 3]);
-    let offset = sub(z, jet.point);
-    let height = dot(offset, normal);
+    let normal = jet.normal().unwrap_or_default();
+    let offset = z - jet.point;
+    let height = offset.dot(normal);
     FootPoint {
         leaf: leaf as u32,
         local,
         jet,
         normal,
         height,
-        slip: norm(sub(offset, scale(height, normal))),
+        slip: (offset - height * normal).length(),
         at_border: held[0] || held[1],
         converged,
     }
 }
 
 #[inline(always)]
-fn squared(a: [f64; 3]) -> f64 {
-    dot(a, a)
+fn squared(a: DVec3) -> f64 {
+    a.length_squared()
 }
 
 /// The step `−H⁻¹ g` without the constrained directions.
 #[inline(always)]
-fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2] {
+fn newton_step(jet: &Jet, r: DVec3, g: [f64; 2], held: [bool; 2]) -> [f64; 2] {
     let [e, f, gg] = jet.first_form();
     // Beyond the centre of curvature the Hessian is indefinite and Newton's method climbs to a maximum. Close
     // to it, its steps are very long. Gauss–Newton always descends.
-    let full = [e + dot(jet.duu, r), f + dot(jet.duv, r), gg + dot(jet.dvv, r)];
+    let full = [e + jet.duu.dot(r), f + jet.duv.dot(r), gg + jet.dvv.dot(r)];
     let one = |a: f64, a_full: f64, g: f64| {
         let a = if a_full > 0.1 * a { a_full } else { a };
         if a > 0.0 { -g / a } else { 0.0 }
@@ -228,29 +229,29 @@ const MIN_LAYER_COSINE: f64 = 0.5;
 
 /// For each cell of a raster in a plane, the sample nearest to its centre.
 struct Raster {
-    origin: [f64; 3],
+    origin: DVec3,
     /// Two directions in the plane, divided by the size of a cell.
-    axes: [[f64; 3]; 2],
+    axes: [DVec3; 2],
     size: [usize; 2],
     sample: Vec<u32>,
 }
 
 impl Raster {
     /// A raster over the mean plane of samples with unit normals; `None` if they are not a single layer.
-    fn from_layer(samples: &[[f64; 3]], normals: &[[f64; 3]]) -> Option<Self> {
-        let mut mean = [0.0; 3];
+    fn from_layer(samples: &[DVec3], normals: &[DVec3]) -> Option<Self> {
+        let mut mean = DVec3::ZERO;
         for normal in normals {
-            mean = add(mean, *normal);
+            mean += *normal;
         }
-        let up = scale(1.0 / norm(mean), mean);
-        let is_layer = normals.iter().all(|normal| dot(*normal, up) > MIN_LAYER_COSINE);
+        let up = 1.0 / mean.length() * mean;
+        let is_layer = normals.iter().all(|normal| normal.dot(up) > MIN_LAYER_COSINE);
         if !is_layer {
             return None;
         }
         let (along, across) = tangents(up);
         let axes = [along, across];
         let origin = samples[0];
-        let in_plane = |p: &[f64; 3]| axes.map(|axis| dot(axis, sub(*p, origin)));
+        let in_plane = |p: &DVec3| axes.map(|axis| axis.dot(*p - origin));
         let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for p in samples {
             for (range, x) in bounds.iter_mut().zip(in_plane(p)) {
@@ -265,10 +266,10 @@ impl Raster {
             return None;
         }
         let size = sides.map(|side| (side / cell) as usize + 1);
-        let origin = add(origin, add(scale(bounds[0][0], axes[0]), scale(bounds[1][0], axes[1])));
+        let origin = origin + (bounds[0][0] * axes[0] + bounds[1][0] * axes[1]);
         let mut raster = Self {
             origin,
-            axes: axes.map(|axis| scale(1.0 / cell, axis)),
+            axes: axes.map(|axis| 1.0 / cell * axis),
             size,
             sample: vec![NO_SAMPLE; size[0] * size[1]],
         };
@@ -277,7 +278,7 @@ impl Raster {
     }
 
     /// Enters every sample in its cell. Each empty cell then gets the nearest sample of its neighbours.
-    fn fill(&mut self, samples: &[[f64; 3]]) {
+    fn fill(&mut self, samples: &[DVec3]) {
         let places: Vec<[f64; 2]> = samples.iter().map(|p| self.place(*p)).collect();
         let [columns, rows] = self.size;
         let distance = |sample: u32, cell: usize| {
@@ -327,13 +328,13 @@ impl Raster {
 
     /// Coordinates in the plane, in cells.
     #[inline]
-    fn place(&self, p: [f64; 3]) -> [f64; 2] {
-        self.axes.map(|axis| dot(axis, sub(p, self.origin)))
+    fn place(&self, p: DVec3) -> [f64; 2] {
+        self.axes.map(|axis| axis.dot(p - self.origin))
     }
 
     /// The cell of a point, or the nearest cell for points outside.
     #[inline]
-    fn cell(&self, p: [f64; 3]) -> usize {
+    fn cell(&self, p: DVec3) -> usize {
         let [x, y] = self.place(p);
         // The cast saturates: negative numbers become zero.
         (y as usize).min(self.size[1] - 1) * self.size[0] + (x as usize).min(self.size[0] - 1)
@@ -355,10 +356,10 @@ impl FootPointSearch {
     /// ```
     /// use planish_spline::{BaseShape, FootPointSearch, ProjectionOptions};
     ///
-    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+    /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([16, 8])?;
     /// let search = FootPointSearch::new(&ball, 2, 0.0)?;
     /// let point = [0.0, -2.5, 0.1];
-    /// let foot = ball.project(point, search.nearest(point, [0.0; 3]), &ProjectionOptions::default());
+    /// let foot = ball.project(point, search.nearest(point, DVec3::ZERO), &ProjectionOptions::default());
     /// assert!(foot.converged && (foot.height - 0.5).abs() < 0.01);
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
@@ -372,8 +373,8 @@ impl FootPointSearch {
                 for a in 0..per_side {
                     let local = [a, b].map(|k| (k as f64 + 0.5) / per_side as f64);
                     let jet = surface.leaf_jet(leaf, local[0], local[1]);
-                    let normal = jet.normal().unwrap_or([0.0; 3]);
-                    if jet.point.iter().chain(&normal).all(|c| c.is_finite()) {
+                    let normal = jet.normal().unwrap_or_default();
+                    if jet.point.is_finite() && normal.is_finite() {
                         samples.push(jet.point);
                         normals.push(normal);
                         parameters.push(space.parameters(leaf, local));
@@ -388,7 +389,7 @@ impl FootPointSearch {
         let layer = || Raster::from_layer(&samples, &normals).filter(|_| space.shape() == Shape::Sheet);
         let tree = if normal_scale > 0.0 {
             let with_normals = samples.iter().zip(&normals).map(|(p, n)| {
-                let n = scale(normal_scale, *n);
+                let n = normal_scale * *n;
                 [p[0], p[1], p[2], n[0], n[1], n[2]]
             });
             let with_normals: Vec<[f64; 6]> = with_normals.collect();
@@ -396,7 +397,7 @@ impl FootPointSearch {
         } else if let Some(raster) = layer() {
             SampleTree::Raster(raster)
         } else {
-            SampleTree::Positions(ImmutableKdTree::new_from_slice(&samples).map_err(unusable)?)
+            SampleTree::Positions(ImmutableKdTree::new_from_slice(as_arrays(&samples)).map_err(unusable)?)
         };
         Ok(Self { tree, parameters, normal_scale })
     }
@@ -404,14 +405,14 @@ impl FootPointSearch {
     /// Parameters of the sample nearest to a point with this normal (zero if unknown). For a sheet of one
     /// layer, of the nearest sample along the mean normal, without regard to the normal.
     #[must_use]
-    pub fn nearest(&self, z: [f64; 3], normal: [f64; 3]) -> [f64; 2] {
+    pub fn nearest(&self, z: DVec3, normal: DVec3) -> [f64; 2] {
         let item = match &self.tree {
             SampleTree::Raster(raster) => return self.parameters[raster.sample[raster.cell(z)] as usize],
             SampleTree::Positions(tree) => {
-                tree.query(&z).nearest_one::<SquaredEuclidean<f64>>().execute().item
+                tree.query(&z.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute().item
             }
             SampleTree::WithNormals(tree) => {
-                let n = scale(self.normal_scale, normal);
+                let n = self.normal_scale * normal;
                 let query = [z[0], z[1], z[2], n[0], n[1], n[2]];
                 tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute().item
             }
@@ -431,15 +432,14 @@ mod tests {
 
     #[test]
     fn projections_onto_a_sphere_point_to_its_centre_poles_included() {
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
+        let sphere = BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z).surface([32, 16]).unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.5).unwrap();
         for n in 0..500 {
             let z = 1.0 - 2.0 * (n as f64 + 0.5) / 500.0;
             let a = n as f64 * 2.399_963;
             let r = 1.0_f64 - z * z;
-            let p = scale(1.1, [r.sqrt() * a.cos(), r.sqrt() * a.sin(), z]);
-            let foot =
-                sphere.project(p, search.nearest(p, scale(1.0 / 1.1, p)), &ProjectionOptions::default());
+            let p = 1.1 * DVec3::new(r.sqrt() * a.cos(), r.sqrt() * a.sin(), z);
+            let foot = sphere.project(p, search.nearest(p, 1.0 / 1.1 * p), &ProjectionOptions::default());
             assert!(foot.converged && (foot.height - 0.1).abs() < 1e-4 && foot.slip < 1e-4, "{p:?} {foot:?}");
         }
     }
@@ -448,7 +448,7 @@ mod tests {
     #[test]
     fn tangential_noise_on_a_sphere_causes_no_bias_after_correction() {
         let sigma = 0.05;
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
+        let sphere = BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z).surface([32, 16]).unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.0).unwrap();
         let options = ProjectionOptions::default();
         let covariance = SymmetricMatrix3::isotropic(sigma * sigma);
@@ -458,9 +458,9 @@ mod tests {
         for n in 0..count {
             let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / f64::from(count);
             let (r, a) = (f64::sqrt(1.0 - z * z), f64::from(n) * 2.399_963);
-            let p = [r * a.cos(), r * a.sin(), z]
+            let p = DVec3::new(r * a.cos(), r * a.sin(), z)
                 .map(|x| x + sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng));
-            let foot = sphere.project(p, search.nearest(p, [0.0; 3]), &options);
+            let foot = sphere.project(p, search.nearest(p, DVec3::ZERO), &options);
             naive += foot.height / f64::from(count);
             corrected += (foot.height + foot.jet.tangential_bias(&covariance).unwrap()) / f64::from(count);
         }
@@ -476,10 +476,11 @@ mod tests {
     fn the_raster_of_a_single_layer_finds_samples_as_near_as_a_tree() {
         // Waves on a tilted plane, whose corners do not fill the raster: some cells have no sample of their
         // own.
-        let along = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0]];
-        let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0]).surface([16, 8]).unwrap();
+        let along = [DVec3::new(0.8, 0.0, 0.6), DVec3::Y];
+        let plane =
+            BaseShape::plane(DVec3::new(100.0, -50.0, 7.0), along, [2.0, 1.0]).surface([16, 8]).unwrap();
         let vertices = (plane.vertices().iter())
-            .map(|p| [p[0], p[1] + 0.3 * p[0], p[2] + 0.02 * (5.0 * p[1]).sin()])
+            .map(|p| DVec3::new(p.x, p.y + 0.3 * p.x, p.z + 0.02 * (5.0 * p.y).sin()))
             .collect();
         let sheet = Surface::new(std::sync::Arc::clone(plane.space()), vertices).unwrap();
         let search = FootPointSearch::new(&sheet, 2, 0.0).unwrap();
@@ -490,16 +491,16 @@ mod tests {
             let jet = sheet.jet(u, v);
             let normal = jet.normal().unwrap();
             let height = 0.05 * f64::from(n % 7 - 3);
-            let p = add(jet.point, scale(height, normal));
-            let start = search.nearest(p, [0.0; 3]);
+            let p = jet.point + height * normal;
+            let start = search.nearest(p, DVec3::ZERO);
             assert!((start[0] - u).abs() < 2.0 && (start[1] - v).abs() < 2.0, "{start:?} {u} {v}");
             let foot = sheet.project(p, start, &ProjectionOptions::default());
             assert!(foot.converged && (foot.height - height).abs() < 1e-5, "{foot:?}");
         }
         // Far outside, the nearest cell is used.
         let foot = sheet.project(
-            [1e3, 1e3, 0.0],
-            search.nearest([1e3, 1e3, 0.0], [0.0; 3]),
+            DVec3::new(1e3, 1e3, 0.0),
+            search.nearest(DVec3::new(1e3, 1e3, 0.0), DVec3::ZERO),
             &ProjectionOptions::default(),
         );
         assert!(foot.at_border);
@@ -508,17 +509,17 @@ mod tests {
     #[test]
     fn a_rolled_up_sheet_is_not_a_single_layer() {
         let space = std::sync::Arc::new(crate::Hierarchy::uniform(Shape::Sheet, [16, 8]).unwrap());
-        let rolled = crate::base::fit_function(&space, |u, v| [(0.3 * u).cos(), (0.3 * u).sin(), v]).unwrap();
+        let rolled =
+            crate::base::fit_function(&space, |u, v| DVec3::new((0.3 * u).cos(), (0.3 * u).sin(), v))
+                .unwrap();
         let search = FootPointSearch::new(&rolled, 2, 0.0).unwrap();
         assert!(matches!(search.tree, SampleTree::Positions(_)));
     }
 
     #[test]
     fn foot_points_of_points_beyond_an_open_border_stay_on_it() {
-        let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 1.0])
-            .surface([4, 4])
-            .unwrap();
-        let foot = sheet.project([1.4, 0.3, 0.1], [2.0, 2.0], &ProjectionOptions::default());
+        let sheet = BaseShape::plane(DVec3::ZERO, [DVec3::X, DVec3::Y], [1.0, 1.0]).surface([4, 4]).unwrap();
+        let foot = sheet.project(DVec3::new(1.4, 0.3, 0.1), [2.0, 2.0], &ProjectionOptions::default());
         assert!(
             foot.at_border
                 && (foot.jet.point[0] - 1.0).abs() < 1e-9

@@ -11,18 +11,18 @@
 
 use crate::hierarchy::Shape;
 use crate::surface::{Jet, Surface};
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{cross, dot, norm, scale, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, SymmetricMatrix3};
 
 /// Curvature of a surface at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Curvature {
     /// Unit normal `S_u × S_v / |S_u × S_v|`.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Principal curvatures, `principal[0] ≥ principal[1]`.
     pub principal: [f64; 2],
     /// Unit principal directions in space, orthogonal to each other and to the normal.
-    pub directions: [[f64; 3]; 2],
+    pub directions: [DVec3; 2],
 }
 
 impl Curvature {
@@ -40,15 +40,15 @@ impl Curvature {
 
     /// Computes curvatures from the symmetric second fundamental form `[[a, b], [b, c]]` in an orthonormal
     /// tangent frame.
-    fn from_orthonormal(normal: [f64; 3], e1: [f64; 3], e2: [f64; 3], [a, b, c]: [f64; 3]) -> Self {
+    fn from_orthonormal(normal: DVec3, e1: DVec3, e2: DVec3, [a, b, c]: [f64; 3]) -> Self {
         // By the half difference: `√(H² − K)` of nearly equal curvatures would lose half of the digits.
         let mean = 0.5 * (a + c);
         let half = 0.5 * (a - c);
         let radius = half.hypot(b);
         let angle = 0.5 * b.atan2(half);
         let (s, co) = angle.sin_cos();
-        let first = [0, 1, 2].map(|d| co * e1[d] + s * e2[d]);
-        Self { normal, principal: [mean + radius, mean - radius], directions: [first, cross(normal, first)] }
+        let first = co * e1 + s * e2;
+        Self { normal, principal: [mean + radius, mean - radius], directions: [first, normal.cross(first)] }
     }
 }
 
@@ -70,7 +70,7 @@ impl Jet {
     /// First fundamental form `[E, F, G]`.
     #[must_use]
     pub fn first_form(&self) -> [f64; 3] {
-        [dot(self.du, self.du), dot(self.du, self.dv), dot(self.dv, self.dv)]
+        [self.du.length_squared(), self.du.dot(self.dv), self.dv.length_squared()]
     }
 
     /// Area element `√(EG − F²)`: area of the surface per area of the parameters.
@@ -82,14 +82,14 @@ impl Jet {
 
     /// Unit normal; `None` if `S_u` and `S_v` are parallel or zero.
     #[must_use]
-    pub fn normal(&self) -> Option<[f64; 3]> {
-        unit(cross(self.du, self.dv))
+    pub fn normal(&self) -> Option<DVec3> {
+        self.du.cross(self.dv).try_normalize()
     }
 
     /// Second fundamental form `[e, f, g]` along a unit normal.
     #[must_use]
-    pub fn second_form(&self, normal: [f64; 3]) -> [f64; 3] {
-        [dot(self.duu, normal), dot(self.duv, normal), dot(self.dvv, normal)]
+    pub fn second_form(&self, normal: DVec3) -> [f64; 3] {
+        [self.duu.dot(normal), self.duv.dot(normal), self.dvv.dot(normal)]
     }
 
     /// Unit normal, orthonormal tangents `e1`, `e2` and the second fundamental form in them:
@@ -98,10 +98,10 @@ impl Jet {
     fn orthonormal_form(&self) -> Option<OrthonormalForm> {
         let normal = self.normal()?;
         // e1 along S_u: S_u = l e1, S_v = m e1 + q e2.
-        let l = norm(self.du);
-        let e1 = scale(1.0 / l, self.du);
-        let e2 = cross(normal, e1);
-        let (m, q) = (dot(self.dv, e1), dot(self.dv, e2));
+        let l = self.du.length();
+        let e1 = 1.0 / l * self.du;
+        let e2 = normal.cross(e1);
+        let (m, q) = (self.dv.dot(e1), self.dv.dot(e2));
         let [e, f, g] = self.second_form(normal);
         let a = e / (l * l);
         let b = (f / l - m * a) / q;
@@ -133,21 +133,21 @@ impl Jet {
     pub fn tangential_bias(&self, covariance: &SymmetricMatrix3) -> Option<f64> {
         let OrthonormalForm { tangents: [e1, e2], form: [a, b, c], .. } = self.orthonormal_form()?;
         let (r1, r2) = (covariance.times(e1), covariance.times(e2));
-        Some(0.5 * (a * dot(e1, r1) + 2.0 * b * dot(e2, r1) + c * dot(e2, r2)))
+        Some(0.5 * (a * e1.dot(r1) + 2.0 * b * e2.dot(r1) + c * e2.dot(r2)))
     }
 }
 
 /// The second fundamental form in an orthonormal frame.
 struct OrthonormalForm {
-    normal: [f64; 3],
-    tangents: [[f64; 3]; 2],
+    normal: DVec3,
+    tangents: [DVec3; 2],
     form: [f64; 3],
 }
 
 impl Surface {
     /// Unit normal at `(u, v)`, including the poles of a ball; `None` if the surface is degenerate.
     #[must_use]
-    pub fn normal(&self, u: f64, v: f64) -> Option<[f64; 3]> {
+    pub fn normal(&self, u: f64, v: f64) -> Option<DVec3> {
         match self.pole_direction(v) {
             None => self.jet(u, v).normal(),
             Some(inward) => self.pole_normal(v, inward),
@@ -164,7 +164,7 @@ impl Surface {
     /// ```
     /// use planish_spline::BaseShape;
     ///
-    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([32, 16])?;
+    /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([32, 16])?;
     /// let curvature = ball.curvature(3.0, 8.0).expect("a regular point");
     /// assert!((curvature.gaussian() - 0.25).abs() < 0.01);
     /// assert!((curvature.mean() + 0.5).abs() < 0.01); // negative with outward normals
@@ -180,18 +180,18 @@ impl Surface {
         let extent = self.space().extent()[0];
         let count = 8 * self.space().base()[0];
         // Least squares for [a, b, c] in a x² + 2 b x y + c y² = κ over unit directions (x, y).
-        let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+        let (mut m, mut r) = ([DVec3::ZERO; 3], DVec3::ZERO);
         // A ball is only C¹ at a pole: curvatures differ from meridian to meridian, so many of them are
         // averaged.
         for n in 0..count {
             let jet = self.jet(extent * n as f64 / count as f64, v);
-            let speed = dot(jet.dv, jet.dv);
+            let speed = jet.dv.length_squared();
             if speed == 0.0 {
                 return None;
             }
-            let (x, y) = (dot(jet.dv, e1) / speed.sqrt(), dot(jet.dv, e2) / speed.sqrt());
+            let (x, y) = (jet.dv.dot(e1) / speed.sqrt(), jet.dv.dot(e2) / speed.sqrt());
             let row = [x * x, 2.0 * x * y, y * y];
-            let kappa = dot(jet.dvv, normal) / speed;
+            let kappa = jet.dvv.dot(normal) / speed;
             for i in 0..3 {
                 r[i] += row[i] * kappa;
                 for j in 0..3 {
@@ -200,13 +200,13 @@ impl Surface {
             }
         }
         // Cramer's rule: the matrix is well conditioned, because directions cover the whole circle.
-        let determinant = dot(m[0], cross(m[1], m[2]));
+        let determinant = m[0].dot(m[1].cross(m[2]));
         let solve = |k: usize| {
             let mut n = m;
             for i in 0..3 {
                 n[i][k] = r[i];
             }
-            dot(n[0], cross(n[1], n[2])) / determinant
+            n[0].dot(n[1].cross(n[2])) / determinant
         };
         Some(Curvature::from_orthonormal(normal, e1, e2, [solve(0), solve(1), solve(2)]))
     }
@@ -229,12 +229,12 @@ impl Surface {
 
     /// Normal at a pole from two meridians a quarter turn apart. `S_u ∝ ∂S_v/∂u · distance` determines its
     /// sign.
-    fn pole_normal(&self, v: f64, inward: f64) -> Option<[f64; 3]> {
+    fn pole_normal(&self, v: f64, inward: f64) -> Option<DVec3> {
         let quarter = self.space().extent()[0] / 4.0;
         let (a, b) = (self.jet(0.0, v).dv, self.jet(quarter, v).dv);
         // Near the bottom pole S_u ≈ v ∂_u S_v, so S_u × S_v ∥ b × a. Near the top pole the distance is n −
         // v, so the sign changes with the direction away from the pole.
-        unit(scale(inward, cross(b, a)))
+        (inward * b.cross(a)).try_normalize()
     }
 }
 
@@ -247,12 +247,12 @@ mod tests {
         // z = (p x² + q y²)/2 at the origin with x = u + 0.4 v, y = 2 v.
         let (p, q) = (1.5, -0.7);
         let jet = Jet {
-            point: [0.0; 3],
-            du: [1.0, 0.0, 0.0],
-            dv: [0.4, 2.0, 0.0],
-            duu: [0.0, 0.0, p],
-            duv: [0.0, 0.0, 0.4 * p],
-            dvv: [0.0, 0.0, 0.16 * p + 4.0 * q],
+            point: DVec3::ZERO,
+            du: DVec3::X,
+            dv: DVec3::new(0.4, 2.0, 0.0),
+            duu: DVec3::new(0.0, 0.0, p),
+            duv: DVec3::new(0.0, 0.0, 0.4 * p),
+            dvv: DVec3::new(0.0, 0.0, 0.16 * p + 4.0 * q),
         };
         let curvature = jet.curvature().unwrap();
         assert!((curvature.principal[0] - p).abs() < 1e-12 && (curvature.principal[1] - q).abs() < 1e-12);

@@ -119,7 +119,7 @@ impl HeightField {
                 readings[at]
             )));
         }
-        let bounds: BoundingBox<2> = readings.iter().map(|r| r.place).collect();
+        let bounds: BoundingBox<[f64; 2]> = readings.iter().map(|r| r.place).collect();
         let sides: [f64; 2] = std::array::from_fn(|k| (bounds.extent()[k] / cell).ceil().max(1.0));
         // In floating point: for a tiny cell the product does not fit an integer.
         if sides[0] * sides[1] > MAX_CELLS as f64 {

@@ -23,6 +23,7 @@ use crate::basis::cubic_half;
 use extraction::SparseExtraction;
 use grading::close;
 use layout::{FoundLeaves, Layout, Walk};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use poles::{POLE_ANGLES, PoleMap};
 use rayon::prelude::*;
@@ -385,7 +386,7 @@ impl Hierarchy {
 
     /// The sixteen coefficients of every leaf, from the control vertices.
     #[must_use]
-    pub fn leaf_coefficients(&self, vertices: &[[f64; 3]]) -> Vec<[[f64; 3]; 16]> {
+    pub fn leaf_coefficients(&self, vertices: &[DVec3]) -> Vec<[DVec3; 16]> {
         self.sparse_extraction().coefficients(vertices)
     }
 
@@ -400,9 +401,9 @@ impl Hierarchy {
     /// `coefficients(cell)` returns the coefficients on that cell; all must describe one surface in the span
     /// of this hierarchy. The coefficient of a truncated function equals that of the untruncated one on any
     /// leaf of its level (preservation of coefficients), so one leaf per function is sufficient.
-    pub fn vertices_from(&self, mut coefficients: impl FnMut(Cell) -> [[f64; 3]; 16]) -> Vec<[f64; 3]> {
+    pub fn vertices_from(&self, mut coefficients: impl FnMut(Cell) -> [DVec3; 16]) -> Vec<DVec3> {
         // Each function needs a single leaf of its level, so most leaves need no coefficients at all.
-        let mut of_function: Vec<Option<[f64; 3]>> = vec![None; self.functions.len()];
+        let mut of_function: Vec<Option<DVec3>> = vec![None; self.functions.len()];
         let index: HashMap<Cell, usize> = self.functions.iter().enumerate().map(|(n, &f)| (f, n)).collect();
         for &cell in &self.leaves {
             // Only leaves that are needed are evaluated, and each once.
@@ -418,22 +419,22 @@ impl Hierarchy {
                 }
             }
         }
-        let mut vertices = vec![[0.0; 3]; self.node_count()];
+        let mut vertices = vec![DVec3::ZERO; self.node_count()];
         for (n, value) in of_function.iter().enumerate() {
             if let (Some(node), Some(p)) = (self.node_of_function[n], value) {
                 vertices[node as usize] = *p;
             }
         }
         for pole in &self.poles {
-            let ring = |r: usize, i: usize| -> [f64; 3] {
+            let ring = |r: usize, i: usize| -> DVec3 {
                 let n = index[&self.ring_function(pole, r, i)];
-                of_function[n].unwrap_or([0.0; 3])
+                of_function[n].unwrap_or(DVec3::ZERO)
             };
             let columns = grid(self.base, pole.level)[0];
             // β1 = (c1 + c2/2)/1.5, then p, a and b by least squares over the ring. This is exact for a polar
             // surface.
             // The splines of cosine and sine are orthogonal around the ring, so the three unknowns separate.
-            let mut sums = [[0.0; 3]; 3];
+            let mut sums = [DVec3::ZERO; 3];
             let mut squares = [0.0; 2];
             for i in 0..columns {
                 let (c1, c2) = (ring(1, i), ring(2, i));
@@ -578,8 +579,8 @@ pub fn quarter(w: &[f64; 16], half_u: usize, half_v: usize) -> [f64; 16] {
 
 /// [`quarter`] for each of three coordinates.
 #[must_use]
-pub fn quarter3(c: &[[f64; 3]; 16], half_u: usize, half_v: usize) -> [[f64; 3]; 16] {
-    let mut out = [[0.0; 3]; 16];
+pub fn quarter3(c: &[DVec3; 16], half_u: usize, half_v: usize) -> [DVec3; 16] {
+    let mut out = [DVec3::ZERO; 16];
     for d in 0..3 {
         let q = quarter(&std::array::from_fn(|k| c[k][d]), half_u, half_v);
         for k in 0..16 {

@@ -25,8 +25,8 @@ use crate::basis::cubic;
 use crate::energy::{QuadraturePoint, quadrature};
 use crate::surface::{Jet, Surface};
 use crate::system::SurfaceSystem;
+use planish_core::DVec3;
 use planish_estimate::sparse::BlockInformation;
-use planish_estimate::vector3::{add_scaled, dot, scale};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -146,10 +146,10 @@ impl SurfaceSystem {
                 for [a, b] in gauges {
                     let row: [f64; 16] = std::array::from_fn(|k| (a * du[k] + b * dv[k]) / side);
                     let along = directional(&jet, a, b);
-                    let square = dot(along, along);
+                    let square = along.length_squared();
                     // The quadrature weights of a leaf sum to one, so all its gauges together have the stated
                     // σ.
-                    cell.add_scalar(&row, scale(2.0, along), 1.0 + square, q.weight / sigma[leaf].powi(2));
+                    cell.add_scalar(&row, 2.0 * along, 1.0 + square, q.weight / sigma[leaf].powi(2));
                 }
                 any = true;
             }
@@ -159,8 +159,8 @@ impl SurfaceSystem {
 }
 
 /// `a S_u + b S_v`.
-fn directional(jet: &Jet, a: f64, b: f64) -> [f64; 3] {
-    add_scaled(scale(a, jet.du), b, jet.dv)
+fn directional(jet: &Jet, a: f64, b: f64) -> DVec3 {
+    a * jet.du + b * jet.dv
 }
 
 /// Derivatives of the sixteen functions of a leaf with respect to local coordinates.
@@ -188,6 +188,7 @@ mod tests {
     use super::*;
     use crate::base::fit_function;
     use crate::hierarchy::{Hierarchy, Shape};
+    use planish_core::vector3::as_arrays;
     use std::sync::Arc;
 
     /// A skew 3 × 2 grid of the plane, and the same grid rolled onto a cylinder along a slanted line.
@@ -195,12 +196,12 @@ mod tests {
         let material = |u: f64, v: f64| [u / 4.0 + 0.1 * v / 4.0, v / 4.0];
         let flat = fit_function(space, |u, v| {
             let [x, y] = material(u, v);
-            [x, y, 0.0]
+            DVec3::new(x, y, 0.0)
         });
         let rolled = fit_function(space, |u, v| {
             let [x, y] = material(u, v);
             let (s, t) = (0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x);
-            [radius * (s / radius).sin(), t, radius * (1.0 - (s / radius).cos())]
+            DVec3::new(radius * (s / radius).sin(), t, radius * (1.0 - (s / radius).cos()))
         });
         [flat.unwrap(), rolled.unwrap()]
     }
@@ -216,7 +217,7 @@ mod tests {
         };
         // The error of a rolled spline is of third order in cell size over radius.
         assert!(worst(&rolled) < 2e-4, "{}", worst(&rolled));
-        let longer = flat.vertices().iter().map(|[x, y, z]| [1.02 * x, *y, *z]).collect();
+        let longer = flat.vertices().iter().map(|p| DVec3::new(1.02 * p.x, p.y, p.z)).collect();
         let longer = flat.with_vertices(longer).unwrap();
         assert!((worst(&longer) - (1.02_f64.powi(2) - 1.0)).abs() < 0.01);
     }
@@ -230,14 +231,14 @@ mod tests {
         let sigma = vec![1e-3; space.leaves().len()];
         let misfit = |surface: &Surface| {
             let information = system.isometry(surface, &metric, &sigma).unwrap();
-            let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
+            let x = as_arrays(surface.vertices()).as_flattened();
             let mut there = vec![0.0; x.len()];
-            information.multiply(&x, &mut there).unwrap();
+            information.multiply(x, &mut there).unwrap();
             let gradient: Vec<f64> = information.vector().iter().zip(&there).map(|(a, b)| a - b).collect();
             (information, gradient)
         };
         let size = |g: &[f64]| g.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let wider = rolled.vertices().iter().map(|p| p.map(|c| 1.01 * c)).collect();
+        let wider = rolled.vertices().iter().map(|p| 1.01 * p).collect();
         let wider = rolled.with_vertices(wider).unwrap();
         let (at_rest, stretched) = (misfit(&rolled).1, misfit(&wider).1);
         assert!(size(&at_rest) < 0.02 * size(&stretched), "{} {}", size(&at_rest), size(&stretched));
@@ -245,8 +246,8 @@ mod tests {
         let mut information = misfit(&wider).0;
         let hold = 1e-9 * information.diagonal().iter().sum::<f64>() / information.dimension() as f64;
         information.add_diagonal(hold);
-        let x: Vec<f64> = wider.vertices().iter().flatten().copied().collect();
-        for (v, c) in information.vector_mut().iter_mut().zip(&x) {
+        let x = as_arrays(wider.vertices()).as_flattened();
+        for (v, c) in information.vector_mut().iter_mut().zip(x) {
             *v += hold * c;
         }
         let mut solution = information.vector().to_vec();

@@ -10,6 +10,8 @@
 //!
 //! Not guaranteed: the same last digit on machines with other SIMD instructions.
 
+use planish_core::DVec3;
+
 mod position_sums;
 
 pub use position_sums::{AffineMap, PositionReading, PositionSums};
@@ -55,7 +57,7 @@ struct Reading {
     /// Local coordinates in `[−1, 1]²`.
     local: [f64; 2],
     /// Position relative to the origin of the sums.
-    position: [f64; 3],
+    position: DVec3,
     information: f64,
 }
 
@@ -74,7 +76,7 @@ impl Default for CellMoments {
 impl CellMoments {
     /// Adds the position `Σ_k b_k P_k = z` at cell-local coordinates in `[0, 1]²`, with information `w` about
     /// each coordinate.
-    pub fn add(&mut self, local: [f64; 2], position: [f64; 3], information: f64) {
+    pub fn add(&mut self, local: [f64; 2], position: DVec3, information: f64) {
         let local = local.map(|x| 2.0 * x - 1.0);
         self.add_run::<false>(&[Reading { local, position, information }]);
     }
@@ -157,7 +159,7 @@ impl CellMoments {
             let ([s, t], w) = (reading.local, reading.information);
             let s2 = s * s;
             let low = [w, w * s, w * s2, w * (s2 * s)];
-            let [x, y, z] = reading.position;
+            let DVec3 { x, y, z } = reading.position;
             let z = [x, y, z, 1.0];
             let powers = [1.0, t, t * t, t * t * t];
             for (d, sums) in values.iter_mut().enumerate() {
@@ -252,7 +254,7 @@ fn weight_products() -> [[[f64; 7]; 4]; 4] {
 
 impl CellMoments {
     /// The moments of the positions after a translation.
-    fn moved(&self, by: [f64; 3]) -> Self {
+    fn moved(&self, by: DVec3) -> Self {
         let mut moved = *self;
         for d in 0..3 {
             moved.squares[d] += by[d] * (2.0 * self.values[d][0][0] + by[d] * self.gram[0][0]);

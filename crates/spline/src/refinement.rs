@@ -14,6 +14,7 @@
 
 use crate::hierarchy::Hierarchy;
 use nalgebra::DMatrix;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// The dense two-scale matrix `α`: fine vertices = `α` · coarse vertices (one coordinate).
@@ -42,14 +43,14 @@ pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<
     let mut alpha = DMatrix::zeros(rows, columns);
     // Compute three columns at a time, as the three coordinates of a vertex.
     for first in (0..columns).step_by(3) {
-        let mut unit = vec![[0.0; 3]; columns];
+        let mut unit = vec![DVec3::ZERO; columns];
         for d in 0..3.min(columns - first) {
             unit[first + d][d] = 1.0;
         }
         let local = coarse.leaf_coefficients(&unit);
         let vertices = fine.vertices_from(|cell| {
             let Some(leaf) = coarse.leaf_over(cell) else {
-                return [[0.0; 3]; 16];
+                return [DVec3::ZERO; 16];
             };
             let mut c = local[leaf];
             for d in (0..cell.level - coarse.leaves()[leaf].level).rev() {
@@ -146,7 +147,7 @@ mod tests {
     use std::sync::Arc;
 
     fn dense_energy(space: &Arc<Hierarchy>) -> (DMatrix<f64>, DMatrix<f64>) {
-        let plane = fit_function(space, |u, v| [u, v, 0.0]).unwrap();
+        let plane = fit_function(space, |u, v| DVec3::new(u, v, 0.0)).unwrap();
         let n = space.node_count();
         let mut k = DMatrix::zeros(n, n);
         for (leaf, energy) in plane.thin_plate(space).iter().enumerate() {

@@ -7,6 +7,8 @@
 
 use crate::basis::cubic;
 use crate::hierarchy::{Cell, Hierarchy, quarter3};
+use planish_core::DVec3;
+use planish_core::vector3::as_arrays;
 use planish_estimate::{Error, Result};
 use std::sync::Arc;
 
@@ -14,30 +16,30 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Jet {
     /// `S`
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// `∂S/∂u`
-    pub du: [f64; 3],
+    pub du: DVec3,
     /// `∂S/∂v`
-    pub dv: [f64; 3],
+    pub dv: DVec3,
     /// `∂²S/∂u²`
-    pub duu: [f64; 3],
+    pub duu: DVec3,
     /// `∂²S/∂u∂v`
-    pub duv: [f64; 3],
+    pub duv: DVec3,
     /// `∂²S/∂v²`
-    pub dvv: [f64; 3],
+    pub dvv: DVec3,
 }
 
 /// The four third derivatives of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ThirdDerivatives {
     /// `∂³S/∂u³`
-    pub duuu: [f64; 3],
+    pub duuu: DVec3,
     /// `∂³S/∂u²∂v`
-    pub duuv: [f64; 3],
+    pub duuv: DVec3,
     /// `∂³S/∂u∂v²`
-    pub duvv: [f64; 3],
+    pub duvv: DVec3,
     /// `∂³S/∂v³`
-    pub dvvv: [f64; 3],
+    pub dvvv: DVec3,
 }
 
 /// A hierarchical bicubic B-spline surface.
@@ -56,9 +58,9 @@ pub struct ThirdDerivatives {
 #[derive(Debug, Clone)]
 pub struct Surface {
     space: Arc<Hierarchy>,
-    vertices: Vec<[f64; 3]>,
+    vertices: Vec<DVec3>,
     /// The sixteen coefficients of every leaf. Stored, because evaluation needs only these.
-    local: Vec<[[f64; 3]; 16]>,
+    local: Vec<[DVec3; 16]>,
 }
 
 impl Surface {
@@ -66,7 +68,7 @@ impl Surface {
     ///
     /// # Errors
     /// `Input` when the numbers of vertices and nodes differ or a coordinate is not finite.
-    pub fn new(space: Arc<Hierarchy>, vertices: Vec<[f64; 3]>) -> Result<Self> {
+    pub fn new(space: Arc<Hierarchy>, vertices: Vec<DVec3>) -> Result<Self> {
         if vertices.len() != space.node_count() {
             return Err(Error::input(format!(
                 "expected one control vertex per node, found {} vertices for {} nodes",
@@ -74,7 +76,7 @@ impl Surface {
                 space.node_count()
             )));
         }
-        if let Some(at) = vertices.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
+        if let Some(at) = vertices.iter().position(|p| !p.is_finite()) {
             return Err(Error::input(format!("control vertex {at} is not finite")));
         }
         // The mixture of levels is resolved once per leaf. An evaluation then has the cost of a plain bicubic
@@ -91,20 +93,20 @@ impl Surface {
 
     /// The control vertices, one per node.
     #[must_use]
-    pub fn vertices(&self) -> &[[f64; 3]] {
+    pub fn vertices(&self) -> &[DVec3] {
         &self.vertices
     }
 
     /// The sixteen B-spline coefficients of a leaf, `4 · row + column`.
     #[must_use]
-    pub fn leaf_coefficients(&self, leaf: usize) -> &[[f64; 3]; 16] {
+    pub fn leaf_coefficients(&self, leaf: usize) -> &[DVec3; 16] {
         &self.local[leaf]
     }
 
     /// The sixteen coefficients on a cell that is a leaf or lies inside one; `None` if the surface is finer
     /// there.
     #[must_use]
-    pub fn cell_coefficients(&self, cell: Cell) -> Option<[[f64; 3]; 16]> {
+    pub fn cell_coefficients(&self, cell: Cell) -> Option<[DVec3; 16]> {
         let leaf = self.space.leaf_over(cell)?;
         let mut coefficients = self.local[leaf];
         let depth = cell.level - self.space.leaves()[leaf].level;
@@ -117,7 +119,7 @@ impl Surface {
 
     /// The point at `(u, v)`.
     #[must_use]
-    pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+    pub fn point(&self, u: f64, v: f64) -> DVec3 {
         // One search for the leaf; callers that know it use the functions of leaves.
         let (leaf, [s, t]) = self.space.locate(u, v);
         self.leaf_point(leaf, s, t)
@@ -126,7 +128,7 @@ impl Surface {
     /// The point at leaf-local coordinates in `[0, 1]²`.
     #[inline]
     #[must_use]
-    pub fn leaf_point(&self, leaf: usize, s: f64, t: f64) -> [f64; 3] {
+    pub fn leaf_point(&self, leaf: usize, s: f64, t: f64) -> DVec3 {
         combine(&self.local[leaf], &cubic(s)[0], &cubic(t)[0], 1.0)
     }
 
@@ -169,7 +171,7 @@ impl Surface {
     /// ```
     /// use planish_spline::BaseShape;
     ///
-    /// let coarse = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([8, 4])?;
+    /// let coarse = BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z).surface([8, 4])?;
     /// let fine = coarse.refined(coarse.space().refine_all().into())?;
     /// let (a, b) = (coarse.point(2.7, 1.1), fine.point(2.7, 1.1));
     /// assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-12));
@@ -185,7 +187,7 @@ impl Surface {
                 "the other hierarchy is coarser at {cell:?} and cannot represent this surface"
             )));
         }
-        let vertices = finer.vertices_from(|cell| self.cell_coefficients(cell).unwrap_or([[0.0; 3]; 16]));
+        let vertices = finer.vertices_from(|cell| self.cell_coefficients(cell).unwrap_or([DVec3::ZERO; 16]));
         Self::new(finer, vertices)
     }
 
@@ -193,7 +195,7 @@ impl Surface {
     ///
     /// # Errors
     /// As for [`Surface::new`].
-    pub fn with_vertices(&self, vertices: Vec<[f64; 3]>) -> Result<Self> {
+    pub fn with_vertices(&self, vertices: Vec<DVec3>) -> Result<Self> {
         Self::new(Arc::clone(&self.space), vertices)
     }
 }
@@ -201,8 +203,8 @@ impl Surface {
 /// The coordinates of a coefficient as the first three of four SIMD lanes. The fourth lane holds an adjacent
 /// value and is ignored.
 #[inline(always)]
-pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
-    let flat = c.as_flattened();
+pub(crate) fn coordinates_in_fours(c: &[DVec3; 16], k: usize) -> [f64; 4] {
+    let flat = as_arrays(c).as_flattened();
     match k {
         15 => [flat[45], flat[46], flat[47], 0.0],
         _ => [flat[3 * k], flat[3 * k + 1], flat[3 * k + 2], flat[3 * k + 3]],
@@ -211,7 +213,7 @@ pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
 
 /// The jet of sixteen coefficients; `h` is the inverse of the side of the leaf.
 #[inline(always)]
-pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
+pub(crate) fn jet_of(c: &[DVec3; 16], h: f64, s: f64, t: f64) -> Jet {
     let (bu, bv) = (cubic(s), cubic(t));
     // Padded to four lanes: each inner loop is one vector operation.
     let mut sums = [[0.0; 4]; 6];
@@ -235,7 +237,7 @@ pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
         }
     }
     // Scaled once at the end instead of in every weight.
-    let part = |n: usize, scale: f64| [scale * sums[n][0], scale * sums[n][1], scale * sums[n][2]];
+    let part = |n: usize, scale: f64| scale * DVec3::new(sums[n][0], sums[n][1], sums[n][2]);
     Jet {
         point: part(0, 1.0),
         du: part(1, h),
@@ -247,14 +249,12 @@ pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
 }
 
 #[inline]
-fn combine(c: &[[f64; 3]; 16], bu: &[f64; 4], bv: &[f64; 4], scale: f64) -> [f64; 3] {
-    let mut out = [0.0; 3];
+fn combine(c: &[DVec3; 16], bu: &[f64; 4], bv: &[f64; 4], scale: f64) -> DVec3 {
+    let mut out = DVec3::ZERO;
     for r in 0..4 {
         for k in 0..4 {
             let w = scale * bv[r] * bu[k];
-            for d in 0..3 {
-                out[d] += w * c[4 * r + k][d];
-            }
+            out += w * c[4 * r + k];
         }
     }
     out
@@ -288,8 +288,9 @@ mod tests {
     #[test]
     fn jets_and_third_derivatives_agree_with_differences() {
         let space = Hierarchy::uniform(Shape::Torus, [5, 6]).unwrap();
-        let vertices =
-            (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
+        let vertices = (0..space.node_count())
+            .map(|i| DVec3::from_array([0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())))
+            .collect();
         let surface = Surface::new(space.refine(&[3, 4, 8, 9]).into(), Vec::new());
         assert!(surface.is_err(), "a wrong number of vertices is an error");
         let surface = Surface::new(space.into(), vertices).unwrap();
@@ -299,7 +300,7 @@ mod tests {
         let jet = at(0.0, 0.0);
         let third = surface.third_derivatives(u, v);
         for d in 0..3 {
-            let diff = |f: &dyn Fn(&Jet) -> [f64; 3], du: f64, dv: f64| {
+            let diff = |f: &dyn Fn(&Jet) -> DVec3, du: f64, dv: f64| {
                 (f(&at(du, dv))[d] - f(&at(-du, -dv))[d]) / (2.0 * h)
             };
             for (exact, estimate) in [

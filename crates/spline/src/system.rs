@@ -8,10 +8,10 @@ use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
 use crate::hierarchy::Hierarchy;
 use crate::surface::{Surface, leaf_weights};
+use planish_core::DVec3;
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SymbolicFactor,
 };
-use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -121,7 +121,7 @@ impl SurfaceSystem {
     ///
     /// let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4])?);
     /// let system = SurfaceSystem::new(&space)?;
-    /// let up = [0.0, 0.0, 1.0];
+    /// let up = DVec3::Z;
     /// let information = system.accumulate_along(&vec![up; space.node_count()], |leaf, add| {
     ///     if leaf == 5 {
     ///         add(&leaf_weights(0.5, 0.5), up, 0.2, 100.0); // z = 0.2 with σ = 0.1
@@ -132,8 +132,8 @@ impl SurfaceSystem {
     /// ```
     pub fn accumulate_along(
         &self,
-        directions: &[[f64; 3]],
-        rows: impl Fn(usize, &mut dyn FnMut(&[f64; 16], [f64; 3], f64, f64)) + Sync,
+        directions: &[DVec3],
+        rows: impl Fn(usize, &mut dyn FnMut(&[f64; 16], DVec3, f64, f64)) + Sync,
     ) -> Result<BlockInformation> {
         let mut information = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
         self.add_elements(
@@ -159,7 +159,7 @@ impl SurfaceSystem {
                         row[a] += weight * c[k];
                     }
                     for (r, &node) in row.iter_mut().zip(nodes) {
-                        *r *= dot(direction, directions[node as usize]);
+                        *r *= direction.dot(directions[node as usize]);
                     }
                     add_outer(matrix, vector, &row, value, w);
                 });
@@ -203,7 +203,7 @@ impl SurfaceSystem {
 
     /// Unit normal at the anchor of every node: the direction in which its vertex changes the shape.
     #[must_use]
-    pub fn node_normals(&self, surface: &Surface) -> Vec<[f64; 3]> {
+    pub fn node_normals(&self, surface: &Surface) -> Vec<DVec3> {
         self.space
             .node_anchors()
             .par_iter()
@@ -211,7 +211,7 @@ impl SurfaceSystem {
             .map(|a| {
                 // Anchors of functions at an open border lie outside the domain.
                 let [u, v] = self.space.wrap(a[0], a[1]);
-                surface.normal(u, v).unwrap_or([0.0; 3])
+                surface.normal(u, v).unwrap_or(DVec3::ZERO)
             })
             .collect()
     }
@@ -220,11 +220,7 @@ impl SurfaceSystem {
     ///
     /// # Errors
     /// `Input` when the information has another pattern.
-    pub fn contract(
-        &self,
-        information: &BlockInformation,
-        directions: &[[f64; 3]],
-    ) -> Result<BlockInformation> {
+    pub fn contract(&self, information: &BlockInformation, directions: &[DVec3]) -> Result<BlockInformation> {
         // Information of another source may have a smaller pattern.
         let information = information.on_pattern(&self.pattern)?;
         let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
@@ -234,18 +230,19 @@ impl SurfaceSystem {
             for (position, &row) in self.pattern.column_range(column).zip(self.pattern.column(column)) {
                 let (a, b) = (directions[row as usize], directions[column]);
                 if scalar {
-                    out.values_mut()[position] = values[position] * dot(a, b);
+                    out.values_mut()[position] = values[position] * a.dot(b);
                     continue;
                 }
                 let block = &values[9 * position..9 * position + 9];
-                out.values_mut()[position] =
-                    (0..3).map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b)).sum();
+                out.values_mut()[position] = (0..3)
+                    .map(|r| a[r] * DVec3::new(block[3 * r], block[3 * r + 1], block[3 * r + 2]).dot(b))
+                    .sum();
             }
         }
         for ((to, eta), d) in
             out.vector_mut().iter_mut().zip(information.vector().chunks_exact(3)).zip(directions)
         {
-            *to = dot([eta[0], eta[1], eta[2]], *d);
+            *to = DVec3::new(eta[0], eta[1], eta[2]).dot(*d);
         }
         Ok(out)
     }
@@ -426,7 +423,7 @@ impl SurfaceSystem {
     /// # Errors
     /// `Input` when a vertex is not finite.
     pub fn surface(&self, solution: &[f64]) -> Result<Surface> {
-        let vertices = solution.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+        let vertices = solution.chunks_exact(3).map(DVec3::from_slice).collect();
         Surface::new(Arc::clone(&self.space), vertices)
     }
 }

@@ -37,16 +37,15 @@
 
 use crate::basis::cubic;
 use crate::surface::{Jet, Surface};
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{cross, dot, norm, scale, unit};
+use planish_core::{DVec3, SymmetricMatrix3};
 
 /// The tangent frame at a point and the rows of orientation and curvature.
 #[derive(Debug, Clone, Copy)]
 pub struct TangentRows {
     /// The unit normal.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Orthonormal tangents, a right-handed frame with the normal.
-    pub tangents: [[f64; 3]; 2],
+    pub tangents: [DVec3; 2],
     /// The second fundamental form in this frame: `[II_11, II_12, II_22]`.
     pub form: [f64; 3],
     /// `∂_{e_i} b_k`: weights over the sixteen coefficients.
@@ -85,10 +84,10 @@ impl TangentRows {
     pub(crate) fn new(jet: &Jet, h: f64, [s, t]: [f64; 2]) -> Option<Self> {
         let normal = jet.normal()?;
         // S_u = l e1, S_v = m e1 + q e2.
-        let l = norm(jet.du);
-        let e1 = unit(jet.du)?;
-        let e2 = cross(normal, e1);
-        let (m, q) = (dot(jet.dv, e1), dot(jet.dv, e2));
+        let l = jet.du.length();
+        let e1 = jet.du.try_normalize()?;
+        let e2 = normal.cross(e1);
+        let (m, q) = (jet.dv.dot(e1), jet.dv.dot(e2));
         let frame = [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]];
         // Tangents that are parallel up to rounding have a normal, but no usable frame.
         if !frame.iter().flatten().all(|x| x.is_finite()) {
@@ -104,7 +103,7 @@ impl TangentRows {
         // tangential part of S_ab.
         let second = [(weights(2, 0), jet.duu), (weights(1, 1), jet.duv), (weights(0, 2), jet.dvv)].map(
             |(mut w, along)| {
-                let by_frame = [dot(along, e1), dot(along, e2)];
+                let by_frame = [along.dot(e1), along.dot(e2)];
                 let christoffel = [0, 1].map(|c| by_frame[0] * frame[0][c] + by_frame[1] * frame[1][c]);
                 for k in 0..16 {
                     w[k] -= christoffel[0] * first[0][k] + christoffel[1] * first[1][k];
@@ -142,8 +141,8 @@ impl TangentRows {
     /// Sines of the angles between the tangents and the plane perpendicular to a measured unit normal:
     /// `[m·e_1, m·e_2]`.
     #[must_use]
-    pub fn tilt(&self, measured: [f64; 3]) -> [f64; 2] {
-        self.tangents.map(|e| dot(measured, e))
+    pub fn tilt(&self, measured: DVec3) -> [f64; 2] {
+        self.tangents.map(|e| measured.dot(e))
     }
 
     /// A measured curvature tensor minus that of the surface: `[11, 12, 22]`.
@@ -151,7 +150,7 @@ impl TangentRows {
     pub fn bend(&self, measured: &SymmetricMatrix3) -> [f64; 3] {
         let [e1, e2] = self.tangents;
         let (c1, c2) = (measured.times(e1), measured.times(e2));
-        [dot(e1, c1) - self.form[0], dot(e2, c1) - self.form[1], dot(e2, c2) - self.form[2]]
+        [e1.dot(c1) - self.form[0], e2.dot(c1) - self.form[1], e2.dot(c2) - self.form[2]]
     }
 }
 
@@ -164,23 +163,18 @@ impl TangentRows {
 /// use planish_spline::curvature_tensor;
 ///
 /// // A cylinder of radius 2 along z, at its point on the x axis: curved around y only.
-/// let tensor = curvature_tensor([-0.5, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]);
+/// let tensor = curvature_tensor([-0.5, 0.0], DVec3::Y, DVec3::X);
 /// assert_eq!(tensor.map(|t| t.to_array()), Some([0.0, 0.0, 0.0, -0.5, 0.0, 0.0]));
 /// ```
 #[must_use]
-pub fn curvature_tensor(
-    [k1, k2]: [f64; 2],
-    direction: [f64; 3],
-    normal: [f64; 3],
-) -> Option<SymmetricMatrix3> {
-    let n = unit(normal)?;
-    let along = scale(dot(direction, n), n);
-    let d1 = unit([0, 1, 2].map(|d| direction[d] - along[d]))?;
-    Some(tensor_of([k1, k2], [d1, cross(n, d1)]))
+pub fn curvature_tensor([k1, k2]: [f64; 2], direction: DVec3, normal: DVec3) -> Option<SymmetricMatrix3> {
+    let n = normal.try_normalize()?;
+    let d1 = (direction - direction.dot(n) * n).try_normalize()?;
+    Some(tensor_of([k1, k2], [d1, n.cross(d1)]))
 }
 
 /// `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ`.
-pub(crate) fn tensor_of([k1, k2]: [f64; 2], [d1, d2]: [[f64; 3]; 2]) -> SymmetricMatrix3 {
+pub(crate) fn tensor_of([k1, k2]: [f64; 2], [d1, d2]: [DVec3; 2]) -> SymmetricMatrix3 {
     SymmetricMatrix3::from_entries(|i, j| k1 * d1[i] * d1[j] + k2 * d2[i] * d2[j])
 }
 
@@ -188,7 +182,6 @@ pub(crate) fn tensor_of([k1, k2]: [f64; 2], [d1, d2]: [[f64; 3]; 2]) -> Symmetri
 mod tests {
     use super::*;
     use crate::hierarchy::{Hierarchy, Shape};
-    use planish_estimate::vector3::{add_scaled, sub};
     use std::sync::Arc;
 
     /// A bumpy sheet with a skewed, uneven parametrisation.
@@ -196,7 +189,7 @@ mod tests {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [6, 5]).unwrap());
         crate::base::fit_function(&space, |u, v| {
             let (x, y) = (u + 0.2 * (0.7 * v).sin() + 0.04 * u * u, 1.3 * v + 0.3 * u);
-            [x, y, 0.5 * (0.6 * x).sin() + 0.3 * (0.5 * y + 0.3 * x).cos()]
+            DVec3::new(x, y, 0.5 * (0.6 * x).sin() + 0.3 * (0.5 * y + 0.3 * x).cos())
         })
         .unwrap()
     }
@@ -206,35 +199,34 @@ mod tests {
         let surface = sheet();
         let (leaf, local) = (13, [0.3, 0.8]);
         let rows = surface.tangent_rows(leaf, local).unwrap();
-        let measured = unit(add_scaled(rows.normal, 1e-3, rows.tangents[0])).unwrap();
+        let measured = (rows.normal + 1e-3 * rows.tangents[0]).try_normalize().unwrap();
         let step = 1e-6;
         // Each vertex in turn moves along the normal of the point.
         for node in surface.space().extraction(leaf).0 {
             let mut vertices = surface.vertices().to_vec();
             let moved = &mut vertices[*node as usize];
-            *moved = add_scaled(*moved, step, rows.normal);
+            *moved += step * rows.normal;
             let after = surface.with_vertices(vertices).unwrap();
             let displaced: Vec<f64> = after
                 .leaf_coefficients(leaf)
                 .iter()
                 .zip(surface.leaf_coefficients(leaf))
-                .map(|(a, b)| dot(sub(*a, *b), rows.normal))
+                .map(|(a, b)| (*a - *b).dot(rows.normal))
                 .collect();
             let predicted = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
-            let tensor = |rows: &TangentRows, e: [f64; 3], f: [f64; 3]| {
+            let tensor = |rows: &TangentRows, e: DVec3, f: DVec3| {
                 // II(e, f) of fixed directions in the frame of the current surface.
-                let [a, b] = [e, f].map(|x| rows.tangents.map(|t| dot(t, x)));
+                let [a, b] = [e, f].map(|x| rows.tangents.map(|t| t.dot(x)));
                 a[0] * b[0] * rows.form[0]
                     + (a[0] * b[1] + a[1] * b[0]) * rows.form[1]
                     + a[1] * b[1] * rows.form[2]
             };
             for i in 0..2 {
                 // The frame may rotate in its plane, so compare the tilt along the original direction.
-                let tilt = |rows: &TangentRows, e: [f64; 3]| {
-                    let inside = rows.tangents.map(|t| dot(t, e));
-                    dot(measured, scale(inside[0], rows.tangents[0]))
-                        + dot(measured, scale(inside[1], rows.tangents[1]))
+                let tilt = |rows: &TangentRows, e: DVec3| {
+                    let inside = rows.tangents.map(|t| t.dot(e));
+                    measured.dot(inside[0] * rows.tangents[0]) + measured.dot(inside[1] * rows.tangents[1])
                 };
                 let e = rows.tangents[i];
                 let change = (tilt(&now, e) - tilt(&rows, e)) / step;
@@ -264,24 +256,24 @@ mod tests {
         let step = std::f64::consts::PI / 16.0;
         let ball = crate::base::fit_function(&space, |u, v| {
             let (longitude, latitude) = (step * u, step * v);
-            [
+            DVec3::new(
                 radius * latitude.sin() * longitude.cos(),
                 radius * latitude.sin() * longitude.sin(),
                 -radius * latitude.cos(),
-            ]
+            )
         })
         .unwrap();
         let leaves = ball.space().leaves();
         let leaf = (0..leaves.len()).find(|&leaf| leaves[leaf].j == 6).unwrap();
         let rows = ball.tangent_rows(leaf, [0.4, 0.3]).unwrap();
         let unit_change = 1.0 / (radius * radius);
-        let predicted = |motion: &dyn Fn([f64; 3]) -> [f64; 3], row: &[f64; 16]| -> f64 {
+        let predicted = |motion: &dyn Fn(DVec3) -> DVec3, row: &[f64; 16]| -> f64 {
             let coefficients = ball.leaf_coefficients(leaf);
-            (row.iter().zip(coefficients)).map(|(w, p)| w * dot(motion(*p), rows.normal)).sum()
+            (row.iter().zip(coefficients)).map(|(w, p)| w * motion(*p).dot(rows.normal)).sum()
         };
-        let grown = |p: [f64; 3]| unit(p).unwrap();
+        let grown = |p: DVec3| p.try_normalize().unwrap();
         // Translation along the normal of the point: each vertex moves by the component along its own normal.
-        let shifted = |p: [f64; 3]| scale(dot(grown(p), rows.normal), grown(p));
+        let shifted = |p: DVec3| grown(p).dot(rows.normal) * grown(p);
         for n in [0, 2] {
             let growth = predicted(&grown, &rows.bends_along_normals[n]);
             assert!((growth - unit_change).abs() < 0.06 * unit_change, "{growth} {unit_change}");
@@ -299,7 +291,7 @@ mod tests {
         let (radius, turn) = (30.0, 0.2);
         let cylinder = crate::base::fit_function(&space, |u, v| {
             let a = turn * (u - 6.5);
-            [radius * a.sin(), 6.0 * v, radius * a.cos()]
+            DVec3::new(radius * a.sin(), 6.0 * v, radius * a.cos())
         })
         .unwrap();
         let leaf = (0..space.leaves().len())
@@ -312,12 +304,12 @@ mod tests {
         for node in cylinder.space().extraction(leaf).0 {
             let mut vertices = cylinder.vertices().to_vec();
             let moved = &mut vertices[*node as usize];
-            let own = unit([moved[0], 0.0, moved[2]]).unwrap();
-            *moved = add_scaled(*moved, step, own);
+            let own = DVec3::new(moved[0], 0.0, moved[2]).try_normalize().unwrap();
+            *moved += step * own;
             let after = cylinder.with_vertices(vertices).unwrap();
             let displaced: Vec<f64> =
                 (after.leaf_coefficients(leaf).iter().zip(cylinder.leaf_coefficients(leaf)))
-                    .map(|(a, b)| dot(sub(*a, *b), rows.normal))
+                    .map(|(a, b)| (*a - *b).dot(rows.normal))
                     .collect();
             let predicted = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
@@ -335,11 +327,11 @@ mod tests {
     fn plain_second_derivatives_report_curvature_of_a_plane() {
         // A plane with nonuniform parameters: S_uu is not zero, but the curvature is.
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
-        let plane = crate::base::fit_function(&space, |u, v| [u + 0.2 * u * u, v, 0.0]).unwrap();
+        let plane = crate::base::fit_function(&space, |u, v| DVec3::new(u + 0.2 * u * u, v, 0.0)).unwrap();
         let rows = plane.tangent_rows(5, [0.4, 0.4]).unwrap();
         assert!(rows.form.iter().all(|k| k.abs() < 1e-12));
         let jet = plane.leaf_jet(5, 0.4, 0.4);
-        assert!(norm(jet.duu) > 0.3);
+        assert!(jet.duu.length() > 0.3);
         // A tilt of the plane does not change its curvature. Covariant rows are zero, plain second
         // derivatives are not.
         let predicted =
@@ -349,8 +341,8 @@ mod tests {
 
     #[test]
     fn the_tensor_of_a_cylinder_is_recovered() {
-        let tensor = curvature_tensor([0.0, -0.5], [0.1, 0.0, 1.0], [1.0, 0.0, 0.0]).unwrap();
+        let tensor = curvature_tensor([0.0, -0.5], DVec3::new(0.1, 0.0, 1.0), DVec3::X).unwrap();
         assert_eq!(tensor.to_array(), [0.0, 0.0, 0.0, -0.5, 0.0, 0.0]);
-        assert!(curvature_tensor([1.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]).is_none());
+        assert!(curvature_tensor([1.0, 1.0], DVec3::X, DVec3::X).is_none());
     }
 }

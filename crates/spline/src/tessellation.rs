@@ -19,7 +19,7 @@ mod leaf_plan;
 use crate::hierarchy::{Cell, Shape};
 use crate::surface::Surface;
 use leaf_plan::{LeafPlan, Vertex};
-use planish_estimate::vector3::norm;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -51,10 +51,10 @@ impl Default for TessellationOptions {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tessellation {
     /// Vertex positions in the model's unit.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// Unit normals along `S_u × S_v`. Where the surface is degenerate, the normal of the nearest regular
     /// point; zero if the leaf has none.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side that starts at zero.
     pub parameters: Vec<[f64; 2]>,
     /// A leaf that contains the vertex.
@@ -84,7 +84,7 @@ pub struct Tessellation {
 /// # Examples
 /// ```
 /// use planish_spline::{BaseShape, TessellationOptions, tessellate};
-/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8])?;
 /// let mesh = tessellate(&ball, &TessellationOptions { tolerance: 0.01, ..Default::default() })?;
 /// // Euler: a closed mesh of a ball has 2 V − 4 triangles.
 /// assert_eq!(mesh.triangles.len(), 2 * mesh.positions.len() - 4);
@@ -156,7 +156,7 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
 /// ```
 /// use planish_spline::{BaseShape, TessellationOptions, min_triangles};
 ///
-/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8])?;
 /// let count = |tolerance| min_triangles(&ball, &TessellationOptions { tolerance, ..Default::default() });
 /// assert!(count(0.01)? > 4 * count(0.1)?);
 /// # Ok::<(), planish_spline::Error>(())
@@ -190,22 +190,20 @@ fn triangles_of(divided: &[([u32; 2], bool)]) -> u64 {
 }
 
 /// Binary logarithms of the divisions along u and v, and true if the limit was reached.
-fn divisions(c: &[[f64; 3]; 16], tolerance: f64, max_log2: u32) -> ([u32; 2], bool) {
+fn divisions(c: &[DVec3; 16], tolerance: f64, max_log2: u32) -> ([u32; 2], bool) {
     // Derivatives in leaf-local coordinates are convex combinations of these differences.
     let (mut uu, mut uv, mut vv) = (0.0_f64, 0.0_f64, 0.0_f64);
     for r in 0..4 {
         for k in 0..2 {
-            let at = |a: usize, b: usize| -> [f64; 3] {
-                [0, 1, 2].map(|d| c[a][d] - 2.0 * c[(a + b) / 2][d] + c[b][d])
-            };
-            uu = uu.max(norm(at(4 * r + k, 4 * r + k + 2)));
-            vv = vv.max(norm(at(4 * k + r, 4 * (k + 2) + r)));
+            let at = |a: usize, b: usize| -> DVec3 { c[a] - 2.0 * c[(a + b) / 2] + c[b] };
+            uu = uu.max(at(4 * r + k, 4 * r + k + 2).length());
+            vv = vv.max(at(4 * k + r, 4 * (k + 2) + r).length());
         }
     }
     for r in 0..3 {
         for k in 0..3 {
             let n = 4 * r + k;
-            uv = uv.max(norm([0, 1, 2].map(|d| c[n][d] - c[n + 1][d] - c[n + 4][d] + c[n + 5][d])));
+            uv = uv.max((c[n] - c[n + 1] - c[n + 4] + c[n + 5]).length());
         }
     }
     let chord = |a: u32, b: u32| {

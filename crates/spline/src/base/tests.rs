@@ -3,7 +3,9 @@ use super::*;
 #[test]
 fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() {
     let r = 2.5;
-    let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8]).surface([64, 32]).unwrap();
+    let sphere = BaseShape::sphere(DVec3::new(1.0, -2.0, 0.5), r, DVec3::new(0.0, 0.6, 0.8))
+        .surface([64, 32])
+        .unwrap();
     let mut worst = 0.0_f64;
     for b in 0..=64 {
         for a in 0..32 {
@@ -18,10 +20,10 @@ fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() 
 #[test]
 fn parameters_undo_points() {
     for base in [
-        BaseShape::plane([1.0, 2.0, 3.0], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]),
-        BaseShape::cylinder([1.0, 2.0, 3.0], [0.0, 0.6, 0.8], 2.0, 3.0),
-        BaseShape::sphere([1.0, 2.0, 3.0], 2.0, [0.6, 0.0, 0.8]),
-        BaseShape::torus([1.0, 2.0, 3.0], [0.6, 0.0, 0.8], 3.0, 1.0),
+        BaseShape::plane(DVec3::new(1.0, 2.0, 3.0), [DVec3::Y, DVec3::Z], [2.0, 1.0]),
+        BaseShape::cylinder(DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.0, 0.6, 0.8), 2.0, 3.0),
+        BaseShape::sphere(DVec3::new(1.0, 2.0, 3.0), 2.0, DVec3::new(0.6, 0.0, 0.8)),
+        BaseShape::torus(DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.6, 0.0, 0.8), 3.0, 1.0),
     ] {
         for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.5)] {
             let back = base.parameters(base.point(u, v));
@@ -32,7 +34,7 @@ fn parameters_undo_points() {
 
 #[test]
 fn shapes_are_recognised_from_their_clouds() {
-    let sample = |base: BaseShape, u_range: f64| -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    let sample = |base: BaseShape, u_range: f64| -> (Vec<DVec3>, Vec<DVec3>) {
         let mut points = Vec::new();
         let mut normals = Vec::new();
         for a in 0..60 {
@@ -40,22 +42,22 @@ fn shapes_are_recognised_from_their_clouds() {
                 let (u, v) = (u_range * a as f64 / 60.0, (b as f64 + 0.5) / 30.0);
                 let h = 1e-5;
                 let p = base.point(u, v);
-                let (du, dv) = (sub(base.point(u + h, v), p), sub(base.point(u, v + h), p));
+                let (du, dv) = (base.point(u + h, v) - p, base.point(u, v + h) - p);
                 points.push(p);
-                normals.push(unit(cross(du, dv)).unwrap());
+                normals.push(du.cross(dv).try_normalize().unwrap());
             }
         }
         (points, normals)
     };
-    let sheet = BaseShape::plane([0.0; 3], [[0.8, 0.6, 0.0], [0.0, 0.0, 1.0]], [2.0, 1.0]);
-    let tube = BaseShape::cylinder([5.0, 0.0, 0.0], [0.6, 0.0, 0.8], 1.0, 4.0);
-    let ball = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]);
+    let sheet = BaseShape::plane(DVec3::ZERO, [DVec3::new(0.8, 0.6, 0.0), DVec3::Z], [2.0, 1.0]);
+    let tube = BaseShape::cylinder(DVec3::new(5.0, 0.0, 0.0), DVec3::new(0.6, 0.0, 0.8), 1.0, 4.0);
+    let ball = BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z);
     for (base, range) in [(sheet, 1.0), (tube, 1.0), (ball, 1.0)] {
         let (points, normals) = sample(base, range);
         let found = choose_base_shape(&points, &normals, None).unwrap();
         assert_eq!(found.shape, base.shape);
         if base.shape == Shape::Tube {
-            assert!((found.size[0] - 1.0).abs() < 0.01 && dot(found.frame[2], base.frame[2]).abs() > 0.9999);
+            assert!((found.size[0] - 1.0).abs() < 0.01 && found.frame[2].dot(base.frame[2]).abs() > 0.9999);
         }
     }
     // A quarter of a cylinder is a curved sheet.
@@ -66,8 +68,8 @@ fn shapes_are_recognised_from_their_clouds() {
 #[test]
 fn too_few_or_collinear_points_are_undetermined() {
     use planish_estimate::ErrorKind;
-    let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 1.0]).collect();
-    for cloud in [&line[..], &line[..3], &[[1.0; 3]; 20][..]] {
+    let line: Vec<DVec3> = (0..50).map(|i| DVec3::new(f64::from(i), 2.0 * f64::from(i), 1.0)).collect();
+    for cloud in [&line[..], &line[..3], &[DVec3::ONE; 20][..]] {
         assert_eq!(choose_base_shape(cloud, &[], None).unwrap_err().kind(), ErrorKind::Undetermined);
     }
 }

@@ -5,6 +5,7 @@
 //! [`Hierarchy::extraction`] are mostly zero. The result has the same bytes for any number of threads.
 
 use super::Hierarchy;
+use planish_core::DVec3;
 use rayon::prelude::*;
 
 /// Rows of a sparse matrix.
@@ -21,8 +22,8 @@ impl Rows {
 
     /// `Σ weight · value` over the entries of a row.
     #[inline]
-    fn combine(&self, row: usize, value: impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
-        let mut sum = [0.0; 3];
+    fn combine(&self, row: usize, value: impl Fn(usize) -> DVec3) -> DVec3 {
+        let mut sum = DVec3::ZERO;
         for &(column, w) in self.row(row) {
             let p = value(column as usize);
             for d in 0..3 {
@@ -77,7 +78,7 @@ impl SparseExtraction {
     }
 
     /// Sixteen coefficients of every leaf.
-    pub(crate) fn coefficients(&self, vertices: &[[f64; 3]]) -> Vec<[[f64; 3]; 16]> {
+    pub(crate) fn coefficients(&self, vertices: &[DVec3]) -> Vec<[DVec3; 16]> {
         (0..(self.by_coefficient.start.len() - 1) / 16)
             .into_par_iter()
             .with_min_len(512)
@@ -88,12 +89,11 @@ impl SparseExtraction {
     }
 
     /// Applies the transpose: sums values of all coefficients at the nodes. Node-major, three columns.
-    pub(crate) fn gather(&self, of_leaves: &[[[f64; 3]; 16]]) -> Vec<f64> {
+    pub(crate) fn gather(&self, of_leaves: &[[DVec3; 16]]) -> Vec<f64> {
         (0..self.by_node.start.len() - 1)
             .into_par_iter()
             .with_min_len(512)
-            .map(|node| self.by_node.combine(node, |row| of_leaves[row / 16][row % 16]))
-            .collect::<Vec<_>>()
-            .into_flattened()
+            .flat_map_iter(|node| self.by_node.combine(node, |row| of_leaves[row / 16][row % 16]).to_array())
+            .collect()
     }
 }

@@ -27,8 +27,8 @@ fn refined(shape: Shape, seed: u64) -> Hierarchy {
 
 const SHAPES: [Shape; 4] = [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus];
 
-fn some_vertices(n: usize) -> Vec<[f64; 3]> {
-    (0..n).map(|i| [0, 1, 2].map(|d| hash01((3 * i + d) as u64 + 77))).collect()
+fn some_vertices(n: usize) -> Vec<DVec3> {
+    (0..n).map(|i| DVec3::from_array([0, 1, 2].map(|d| hash01((3 * i + d) as u64 + 77)))).collect()
 }
 
 #[test]
@@ -96,14 +96,14 @@ fn ball_has_one_point_and_one_tangent_plane_at_each_pole() {
     for v in [0.0, 6.0] {
         let first = surface.jet(0.0, v);
         let second = surface.jet(2.0, v);
-        let normal = planish_estimate::vector3::cross(first.dv, second.dv);
+        let normal = first.dv.cross(second.dv);
         for n in 0..40 {
             let jet = surface.jet(8.0 * n as f64 / 40.0, v);
             for d in 0..3 {
                 assert!((jet.point[d] - first.point[d]).abs() < 1e-12);
                 assert!(jet.du[d].abs() < 1e-11);
             }
-            let out_of_plane = planish_estimate::vector3::dot(jet.dv, normal);
+            let out_of_plane = jet.dv.dot(normal);
             assert!(out_of_plane.abs() < 1e-12, "derivative leaves the tangent plane by {out_of_plane}");
         }
     }

@@ -6,6 +6,7 @@
 use super::{CellMoments, Reading};
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::system::SurfaceSystem;
+use planish_core::DVec3;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use pulp::{Simd, WithSimd};
@@ -45,7 +46,7 @@ pub struct PositionSums {
     space: Arc<Hierarchy>,
     pub(super) cells: Vec<CellMoments>,
     /// Sums are relative to the first position: squares of large coordinates would cancel the differences.
-    origin: Option<[f64; 3]>,
+    origin: Option<DVec3>,
     count: usize,
     parts: Vec<Part>,
 }
@@ -54,7 +55,7 @@ pub struct PositionSums {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AffineMap {
     /// `o`, `a` and `b` of `z = o + u a + v b`.
-    pub map: [[f64; 3]; 3],
+    pub map: [DVec3; 3],
     /// For each coordinate, the fraction of its variance that the map does not explain. Its accuracy is
     /// limited by the squares of the coordinates.
     pub unexplained_share: [f64; 3],
@@ -76,7 +77,7 @@ pub struct PositionReading {
     /// `(u, v)`, in the units of the base grid.
     pub parameters: [f64; 2],
     /// The measured position.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// 1/variance of each coordinate.
     pub information: f64,
 }
@@ -86,7 +87,7 @@ impl Part {
     fn sort(
         &mut self,
         space: &Hierarchy,
-        origin: [f64; 3],
+        origin: DVec3,
         numbers: Range<usize>,
         read: &impl Fn(usize) -> Option<PositionReading>,
     ) -> Result<()> {
@@ -136,7 +137,7 @@ impl Part {
             let place = &mut self.start[leaf as usize];
             self.sorted[*place as usize] = Reading {
                 local: [2.0 * x - 1.0, 2.0 * y - 1.0],
-                position: [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]],
+                position: DVec3::new(z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]),
                 information: reading.information,
             };
             *place += 1;
@@ -185,7 +186,7 @@ impl PositionSums {
     pub fn add(
         &mut self,
         parameters: &[[f64; 2]],
-        positions: &[[f64; 3]],
+        positions: &[DVec3],
         information: Option<&[f64]>,
     ) -> Result<()> {
         if positions.len() != parameters.len() || information.is_some_and(|w| w.len() != parameters.len()) {
@@ -219,7 +220,7 @@ impl PositionSums {
             Some(origin) => origin,
             None => match (0..size).find_map(|k| Some((k, read(k)?))) {
                 None => return Ok(()),
-                Some((k, first)) if !first.position.iter().all(|x| x.is_finite()) => {
+                Some((k, first)) if !first.position.is_finite() => {
                     return Err(unusable(k, self.space.extent(), &first));
                 }
                 // Sums are relative to the first position: with map coordinates, squares of the raw values
@@ -237,7 +238,7 @@ impl PositionSums {
     fn add_batch(
         &mut self,
         numbers: Range<usize>,
-        origin: [f64; 3],
+        origin: DVec3,
         read: &(impl Fn(usize) -> Option<PositionReading> + Sync),
     ) -> Result<()> {
         let space = &*self.space;
@@ -286,7 +287,7 @@ impl PositionSums {
         };
         // Sums about different origins cannot be added; moving them is exact in the moments.
         let to = *self.origin.get_or_insert(from);
-        let by = std::array::from_fn(|d| from[d] - to[d]);
+        let by = from - to;
         (self.cells.par_iter_mut().zip(&other.cells))
             .with_min_len(CELLS_AT_ONCE)
             .for_each(|(own, other)| own.merge(&other.moved(by), factor));
@@ -325,8 +326,8 @@ impl PositionSums {
 
     /// Origin of the positions in [`Self::information`]; solutions are relative to it.
     #[must_use]
-    pub fn origin(&self) -> [f64; 3] {
-        self.origin.unwrap_or([0.0; 3])
+    pub fn origin(&self) -> DVec3 {
+        self.origin.unwrap_or(DVec3::ZERO)
     }
 
     /// `Σ w z²` of each coordinate, relative to the origin.
@@ -379,7 +380,7 @@ impl PositionSums {
         if determinant <= 1e-12 * uu * vv || determinant.is_nan() {
             return None;
         }
-        let mut map = [[0.0; 3]; 3];
+        let mut map = [DVec3::ZERO; 3];
         let mut unexplained_share = [0.0; 3];
         let squares = self.squares();
         for d in 0..3 {
@@ -419,10 +420,10 @@ fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Err
             "reading {number}: expected an information (1/variance) that is finite and not negative, found \
              {information}"
         )
-    } else if position.iter().all(|x| x.is_finite()) {
+    } else if position.is_finite() {
         format!("reading {number}: expected parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")
     } else {
-        format!("reading {number}: expected finite coordinates, found {position:?}")
+        format!("reading {number}: expected finite coordinates, found {:?}", position.to_array())
     })
 }
 

@@ -7,18 +7,18 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
-fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<[f64; 3]>, Vec<f64>) {
+fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<DVec3>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let at: Vec<[f64; 2]> =
         (0..n).map(|_| [random.random::<f64>() * extent[0], random.random::<f64>() * extent[1]]).collect();
-    let z = at.iter().map(|&[u, v]| [u, v + 0.1 * u, random.random::<f64>()]).collect();
+    let z = at.iter().map(|&[u, v]| DVec3::new(u, v + 0.1 * u, random.random::<f64>())).collect();
     let w = (0..n).map(|_| 0.5 + random.random::<f64>()).collect();
     (at, z, w)
 }
 
 /// Information from the weights of each reading.
-fn by_weights(local: &[[f64; 2]], z: &[[f64; 3]], w: &[f64]) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
-    let (mut matrix, mut vector) = ([[0.0; 16]; 16], [[0.0; 3]; 16]);
+fn by_weights(local: &[[f64; 2]], z: &[DVec3], w: &[f64]) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
+    let (mut matrix, mut vector) = ([[0.0; 16]; 16], [DVec3::ZERO; 16]);
     for ((x, z), w) in local.iter().zip(z).zip(w) {
         let b = leaf_weights(x[0], x[1]);
         for k in 0..16 {
@@ -35,7 +35,7 @@ fn by_weights(local: &[[f64; 2]], z: &[[f64; 3]], w: &[f64]) -> ([[f64; 16]; 16]
 
 fn assert_same(
     found: &([[f64; 16]; 16], [[f64; 3]; 16]),
-    wanted: &([[f64; 16]; 16], [[f64; 3]; 16]),
+    wanted: &([[f64; 16]; 16], [DVec3; 16]),
     scale: f64,
 ) {
     for k in 0..16 {
@@ -73,7 +73,7 @@ fn the_stream_equals_the_direct_path_on_every_leaf() {
         let mut plain = vec![CellMoments::default(); space.leaves().len()];
         for ((&[u, v], z), &w) in at.iter().zip(&z).zip(&w) {
             let (leaf, local) = space.locate(u, v);
-            plain[leaf].add(local, std::array::from_fn(|d| z[d] - sums.origin()[d]), w);
+            plain[leaf].add(local, DVec3::from_array(std::array::from_fn(|d| z[d] - sums.origin()[d])), w);
         }
         for (cell, plain) in sums.cells.iter().zip(&plain) {
             assert_eq!(cell.count(), plain.count());
@@ -128,12 +128,12 @@ fn sums_of_two_sessions_with_different_origins_add() {
 fn messages_name_the_invalid_reading() {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
     let mut sums = PositionSums::new(&space);
-    sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();
+    sums.add(&[[1.0, 1.0]], &[DVec3::ZERO], None).unwrap();
     for (at, z, w, words) in [
-        ([4.1, 0.0], [0.0; 3], 1.0, "reading 0: expected parameters in [0, 4] × [0, 4], found (4.1, 0)"),
-        ([f64::NAN, 0.0], [0.0; 3], 1.0, "found (NaN, 0)"),
-        ([0.0, 0.0], [0.0, f64::INFINITY, 0.0], 1.0, "reading 0: expected finite coordinates"),
-        ([0.0, 0.0], [0.0; 3], -1.0, "not negative, found -1"),
+        ([4.1, 0.0], DVec3::ZERO, 1.0, "reading 0: expected parameters in [0, 4] × [0, 4], found (4.1, 0)"),
+        ([f64::NAN, 0.0], DVec3::ZERO, 1.0, "found (NaN, 0)"),
+        ([0.0, 0.0], DVec3::new(0.0, f64::INFINITY, 0.0), 1.0, "reading 0: expected finite coordinates"),
+        ([0.0, 0.0], DVec3::ZERO, -1.0, "not negative, found -1"),
     ] {
         let message = sums.add(&[at], &[z], Some(&[w])).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
@@ -151,7 +151,7 @@ fn the_affine_map_of_the_readings_is_found_for_any_cells() {
     let (at, mut z, w) = readings(5000, space.extent(), 5);
     let mut sums = PositionSums::new(&space);
     for (z, [u, v]) in z.iter_mut().zip(&at) {
-        *z = [1e3 + 2.0 * u, 3.0 - u + 0.5 * v, u * v];
+        *z = DVec3::new(1e3 + 2.0 * u, 3.0 - u + 0.5 * v, u * v);
     }
     sums.add(&at, &z, Some(&w)).unwrap();
     let affine = sums.affine().unwrap();
@@ -163,7 +163,7 @@ fn the_affine_map_of_the_readings_is_found_for_any_cells() {
     }
     assert!(affine.unexplained_share[2] > 0.01);
     let mut line = PositionSums::new(&space);
-    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[[0.0; 3]; 3], None).unwrap();
+    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[DVec3::ZERO; 3], None).unwrap();
     assert_eq!(line.affine(), None);
 }
 

@@ -19,6 +19,8 @@
 //! Wang, Wang 1994, eq. 11–13; Wilson, Hilferty, *The distribution of chi-square*, PNAS 1931.
 
 use crate::surface::Jet;
+use planish_core::DVec3;
+use planish_core::vector3::as_arrays;
 
 /// Criteria for subdivision; `None` disables a criterion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -189,16 +191,19 @@ fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
 
 /// Gaussian curvature and its gradient with respect to the five derivatives of a jet (`u, v, uu, uv, vv`);
 /// `None` if the surface is singular.
-pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [[f64; 3]; 5])> {
+pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [DVec3; 5])> {
     let value = jet.curvature()?.gaussian();
-    let mut gradient = [[0.0; 3]; 5];
-    let first = jet.du.iter().chain(&jet.dv).fold(0.0_f64, |m, x| m.max(x.abs()));
+    let mut gradient = [DVec3::ZERO; 5];
+    let largest = |start, vectors: &[DVec3]| {
+        as_arrays(vectors).as_flattened().iter().fold(start, |m: f64, x| m.max(x.abs()))
+    };
+    let first = largest(0.0, &[jet.du, jet.dv]);
     // A flat surface has no second derivatives from which a step could be derived.
-    let second = jet.duu.iter().chain(&jet.duv).chain(&jet.dvv).fold(1e-3 * first, |m, x| m.max(x.abs()));
+    let second = largest(1e-3 * first, &[jet.duu, jet.duv, jet.dvv]);
     for (which, by) in gradient.iter_mut().enumerate() {
         // Near the cube root of the rounding unit, the best relative step of a central difference.
         let h = 1e-5 * if which < 2 { first } else { second };
-        for (d, slope) in by.iter_mut().enumerate() {
+        for d in 0..3 {
             let at = |step: f64| {
                 let mut moved = *jet;
                 let part = match which {
@@ -211,7 +216,7 @@ pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [[f64; 3]; 5])> {
                 part[d] += step;
                 moved.curvature().map(|c| c.gaussian())
             };
-            *slope = (at(h)? - at(-h)?) / (2.0 * h);
+            by[d] = (at(h)? - at(-h)?) / (2.0 * h);
         }
     }
     Some((value, gradient))
@@ -242,10 +247,10 @@ mod tests {
         // K = 1/r² on the graph of a sphere: at its top du = (1,0,0), dv = (0,1,0), duu = dvv = (0,0,−1/r).
         let r = 2.0;
         let jet = Jet {
-            du: [1.0, 0.0, 0.0],
-            dv: [0.0, 1.0, 0.0],
-            duu: [0.0, 0.0, -1.0 / r],
-            dvv: [0.0, 0.0, -1.0 / r],
+            du: DVec3::X,
+            dv: DVec3::Y,
+            duu: DVec3::new(0.0, 0.0, -1.0 / r),
+            dvv: DVec3::new(0.0, 0.0, -1.0 / r),
             ..Jet::default()
         };
         let (value, gradient) = gaussian_curvature(&jet).expect("a regular jet");

@@ -7,6 +7,7 @@ use super::quadtree::{SparseRow, VERTICES, vertex_of};
 use crate::basis::cubic;
 use crate::hierarchy::Cell;
 use crate::surface::{Jet, Surface, jet_of, leaf_weights};
+use planish_core::DVec3;
 use planish_estimate::Result;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -24,14 +25,12 @@ impl PatchFilter {
             let jet = jet_of(&self.cell_coefficients(patch, cell), h, 0.5, 0.5);
             let (value, gradient) = gaussian_curvature(&jet)?;
             // dK = Σ_o ∂K/∂S_o · Σ_k c_ok P_k
-            let mut form = [[0.0; 3]; 16];
+            let mut form = [DVec3::ZERO; 16];
             for (order, slope) in orders.iter().zip(&gradient) {
                 let scale = h.powi((order[0] + order[1]) as i32);
                 for (k, f) in form.iter_mut().enumerate() {
                     let w = scale * basis[order[0]][k % 4] * basis[order[1]][k / 4];
-                    for d in 0..3 {
-                        f[d] += w * slope[d];
-                    }
+                    *f += w * *slope;
                 }
             }
             *to = [value, self.variance_of_form(patch, cell, &form).sqrt()];
@@ -41,12 +40,12 @@ impl PatchFilter {
 
     /// Variance of `direction · S(u, v)` in the patch at `(u, v)`.
     #[must_use]
-    pub fn variance_along(&self, u: f64, v: f64, direction: [f64; 3]) -> f64 {
+    pub fn variance_along(&self, u: f64, v: f64, direction: DVec3) -> f64 {
         let (leaf, [s, t]) = self.quadtree.space.locate(u, v);
         let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
         // The patch of the point, not an average of copies: its covariance contains the readings of the patch
         // itself.
-        let form = leaf_weights(s, t).map(|w| direction.map(|a| w * a));
+        let form = leaf_weights(s, t).map(|w| w * direction);
         self.variance_of_form(patch as usize, usize::from(cell), &form)
     }
 
@@ -120,22 +119,22 @@ impl PatchFilter {
             let patch = self.quadtree.patches[patch as usize];
             std::array::from_fn(|k| {
                 let function = self.quadtree.function(patch, vertex_of(usize::from(number), k));
-                sums.get(&function).map_or([0.0; 3], |s| s.map(|[w, wx]| wx / w))
+                sums.get(&function).map_or(DVec3::ZERO, |s| DVec3::from(s.map(|[w, wx]| wx / w)))
             })
         });
         Surface::new(Arc::clone(space), vertices)
     }
 
     /// The estimate of a vertex of a patch.
-    fn vertex(&self, patch: usize, vertex: usize) -> [f64; 3] {
+    fn vertex(&self, patch: usize, vertex: usize) -> DVec3 {
         let member = &self.members[patch];
         let mean = member.belief.mean();
         match self.options.layout {
             StateLayout::Height => {
                 let at = member.initial[vertex];
-                [at[0], at[1], mean[vertex]]
+                DVec3::new(at[0], at[1], mean[vertex])
             }
-            _ => [mean[3 * vertex], mean[3 * vertex + 1], mean[3 * vertex + 2]],
+            _ => DVec3::new(mean[3 * vertex], mean[3 * vertex + 1], mean[3 * vertex + 2]),
         }
     }
 
@@ -148,12 +147,12 @@ impl PatchFilter {
         belief.covariance()[at * belief.dimension() + at]
     }
 
-    pub(super) fn cell_coefficients(&self, patch: usize, cell: usize) -> [[f64; 3]; 16] {
+    pub(super) fn cell_coefficients(&self, patch: usize, cell: usize) -> [DVec3; 16] {
         std::array::from_fn(|k| self.vertex(patch, vertex_of(cell, k)))
     }
 
     /// Variance of `Σ_k f_k · P_k` over the sixteen coefficients of a cell.
-    fn variance_of_form(&self, patch: usize, cell: usize, form: &[[f64; 3]; 16]) -> f64 {
+    fn variance_of_form(&self, patch: usize, cell: usize, form: &[DVec3; 16]) -> f64 {
         let belief = &self.members[patch].belief;
         let of = |d: usize| -> SparseRow {
             form.iter().enumerate().map(|(k, f)| (vertex_of(cell, k) as u16, f[d])).collect()

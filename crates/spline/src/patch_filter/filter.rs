@@ -16,6 +16,7 @@ use super::reconcile::{PatchChange, spread};
 use crate::hierarchy::{Hierarchy, MAX_LEVEL};
 use crate::surface::{Surface, leaf_weights};
 use nalgebra::DMatrix;
+use planish_core::DVec3;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use std::collections::HashMap;
@@ -54,7 +55,7 @@ pub(super) struct Member {
     pub prior: DMatrix<f64>,
     pub innovations: [InnovationSum; 16],
     /// Coefficients of the initial surface.
-    pub initial: Vec<[f64; 3]>,
+    pub initial: Vec<DVec3>,
 }
 
 /// A surface as a quadtree of patches, each filtered separately and reconciled with its neighbours.
@@ -71,11 +72,11 @@ pub(super) struct Member {
 /// let prior = SmoothnessPrior { weight: 1.0, hold: 0.01 };
 /// let options = PatchFilterOptions { layout: StateLayout::Height, ..PatchFilterOptions::default() };
 /// let mut filter = PatchFilter::new(&plane, &plane, prior, options)?;
-/// let before = filter.variance_along(2.0, 2.0, [0.0, 0.0, 1.0]);
+/// let before = filter.variance_along(2.0, 2.0, DVec3::Z);
 /// let (parameters, point) = ([2.0, 2.0], [2.0, 2.0, 0.3]);
 /// filter.observe(&SurfaceReading::Position { parameters, point, variance: 1e-4 })?;
 /// assert!((filter.surface()?.point(2.0, 2.0)[2] - 0.3).abs() < 0.01);
-/// assert!(filter.variance_along(2.0, 2.0, [0.0, 0.0, 1.0]) < 1e-3 * before);
+/// assert!(filter.variance_along(2.0, 2.0, DVec3::Z) < 1e-3 * before);
 /// # Ok(())
 /// # }
 /// ```

@@ -11,7 +11,7 @@ use super::quadtree::{SparseRow, vertex_of};
 use super::reading::{EquationKind, SurfaceReading};
 use crate::foot::{FootPoint, ProjectionOptions, project_onto};
 use crate::surface::jet_of;
-use planish_estimate::vector3::dot;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// One row of a reading over the unknowns of its patch: `rowᵀ x = value`, for each column of the mean.
@@ -177,10 +177,10 @@ impl PatchFilter {
                     add([p[2], 0.0, 0.0], variance, 1, &mut (0..16).map(|k| (at(k), weights[k])));
                 }
                 (StateLayout::Isotropic, EquationKind::Point(weights, p)) => {
-                    add(p, variance, 3, &mut (0..16).map(|k| (at(k), weights[k])));
+                    add(p.to_array(), variance, 3, &mut (0..16).map(|k| (at(k), weights[k])));
                 }
                 (StateLayout::Full, EquationKind::Point(weights, p)) => {
-                    for (d, z) in (0..3).zip(p) {
+                    for (d, z) in (0..3).zip(p.to_array()) {
                         let mut entries = (0..16).map(|k| (3 * at(k) + d, weights[k]));
                         add([z, 0.0, 0.0], variance, 1, &mut entries);
                     }
@@ -195,8 +195,8 @@ impl PatchFilter {
                     add([value, 0.0, 0.0], variance, 1, &mut (0..16).map(|k| (at(k), form[k][2])));
                 }
                 (StateLayout::Full, EquationKind::Form(form, value)) => {
-                    let mut entries =
-                        (0..16).flat_map(|k| (0..3).zip(form[k]).map(move |(d, f)| (3 * at(k) + d, f)));
+                    let mut entries = (0..16)
+                        .flat_map(|k| (0..3).zip(form[k].to_array()).map(move |(d, f)| (3 * at(k) + d, f)));
                     add([value, 0.0, 0.0], variance, 1, &mut entries);
                 }
                 (StateLayout::Isotropic, EquationKind::Form(..)) => {
@@ -214,7 +214,7 @@ impl PatchFilter {
     /// The foot point of `z` on the current estimate, by damped Newton from `(u, v)`:
     /// [`crate::Surface::project`] without building a surface. Every patch provides its own cells.
     #[must_use]
-    pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
+    pub fn project(&self, z: DVec3, start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
         let space = &self.quadtree.space;
         let jet_at = |leaf: usize, [s, t]: [f64; 2]| {
             let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
@@ -253,7 +253,7 @@ fn dot3(x: &[f64]) -> f64 {
 /// columns.
 fn filtered(member: &mut Member, scalar: &ScalarReading, workspace: &mut Workspace) -> Result<f64> {
     let innovation = (member.belief).update(&scalar.row, scalar.value, scalar.variance, workspace)?;
-    Ok(dot(innovation.residual, innovation.residual) / innovation.variance)
+    Ok(dot3(&innovation.residual) / innovation.variance)
 }
 
 #[cfg(test)]

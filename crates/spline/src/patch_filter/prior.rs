@@ -19,6 +19,7 @@ use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::Surface;
 use crate::system::SurfaceSystem;
 use nalgebra::DMatrix;
+use planish_core::DVec3;
 use planish_estimate::sparse::{
     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SelectedInverse, SymbolicFactor,
 };
@@ -116,7 +117,7 @@ pub fn parameter_plane(space: &Arc<Hierarchy>) -> Result<Surface> {
         )));
     }
     let coarse = Arc::new(Hierarchy::uniform(space.shape(), space.base())?);
-    let vertices = coarse.node_anchors().iter().map(|a| [a[0], a[1], 0.0]).collect();
+    let vertices = coarse.node_anchors().iter().map(|a| DVec3::new(a[0], a[1], 0.0)).collect();
     Surface::new(coarse, vertices)?.refined(Arc::clone(space))
 }
 

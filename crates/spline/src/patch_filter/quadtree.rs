@@ -14,6 +14,7 @@
 
 use crate::hierarchy::{Cell, Hierarchy};
 use nalgebra::DMatrix;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -240,8 +241,8 @@ impl Quadtree {
     }
 
     /// The coefficients of a patch from those of its leaves.
-    pub fn coefficients(&self, patch: usize, of_leaf: impl Fn(usize) -> [[f64; 3]; 16]) -> Vec<[f64; 3]> {
-        let mut out = vec![[0.0; 3]; VERTICES];
+    pub fn coefficients(&self, patch: usize, of_leaf: impl Fn(usize) -> [DVec3; 16]) -> Vec<DVec3> {
+        let mut out = vec![DVec3::ZERO; VERTICES];
         for (cell, &leaf) in self.leaves[patch].iter().enumerate() {
             let c = of_leaf(leaf as usize);
             // Adjacent cells share vertices; all write the same value.

@@ -30,8 +30,7 @@
 use crate::basis::cubic;
 use crate::surface::{Jet, leaf_weights};
 use crate::tangent_rows::{TangentRows, tensor_of};
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{cross, dot, norm, unit};
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 
 /// A measurement of a surface at parameters `(u, v)`, in base-grid units.
@@ -42,7 +41,7 @@ pub enum SurfaceReading {
         /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// The measured value.
-        point: [f64; 3],
+        point: DVec3,
         /// Variance of each coordinate.
         variance: f64,
     },
@@ -51,7 +50,7 @@ pub enum SurfaceReading {
         /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// The measured value.
-        point: [f64; 3],
+        point: DVec3,
         /// Covariance of the value.
         covariance: SymmetricMatrix3,
     },
@@ -60,7 +59,7 @@ pub enum SurfaceReading {
         /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// Unit direction.
-        direction: [f64; 3],
+        direction: DVec3,
         /// `direction · S`.
         value: f64,
         /// Its variance.
@@ -71,7 +70,7 @@ pub enum SurfaceReading {
         /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// The measured value.
-        normal: [f64; 3],
+        normal: DVec3,
         /// Standard deviation of its tilt along each tangent, in radians.
         sigma_rad: f64,
     },
@@ -80,11 +79,11 @@ pub enum SurfaceReading {
         /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// The unit normal.
-        normal: [f64; 3],
+        normal: DVec3,
         /// κ1 and κ2.
         principal: [f64; 2],
         /// Their unit directions.
-        directions: [[f64; 3]; 2],
+        directions: [DVec3; 2],
         /// Standard deviation of each normal curvature; the mixed one has half the variance.
         sigma: f64,
     },
@@ -106,17 +105,17 @@ pub(super) struct Equation {
 )]
 pub(super) enum EquationKind {
     /// `Σ c_k P_k = z`, for each coordinate.
-    Point([f64; 16], [f64; 3]),
+    Point([f64; 16], DVec3),
     /// `Σ f_k · P_k = z`.
-    Form([[f64; 3]; 16], f64),
+    Form([DVec3; 16], f64),
 }
 
 impl Equation {
-    fn along(weights: [f64; 16], direction: [f64; 3], value: f64, variance: f64) -> Self {
+    fn along(weights: [f64; 16], direction: DVec3, value: f64, variance: f64) -> Self {
         Self {
-            what: EquationKind::Form(weights.map(|w| direction.map(|a| w * a)), value),
+            what: EquationKind::Form(weights.map(|w| w * direction), value),
             variance,
-            detail_fraction: dot(direction, direction),
+            detail_fraction: direction.length_squared(),
         }
     }
 }
@@ -136,13 +135,13 @@ impl SurfaceReading {
 
     fn validate(&self) -> Result<()> {
         let finite = |x: &[f64]| x.iter().all(|x| x.is_finite());
-        let (values, variance, directions): (bool, f64, &[[f64; 3]]) = match self {
-            Self::Position { point, variance, .. } => (finite(point), *variance, &[]),
+        let (values, variance, directions): (bool, f64, &[DVec3]) = match self {
+            Self::Position { point, variance, .. } => (point.is_finite(), *variance, &[]),
             Self::PositionWithCovariance { point, covariance, .. } => {
                 // A covariance is valid if its smallest eigenvalue is not negative; it stands in for the
                 // variance below.
                 let (_, values) = covariance.eigen();
-                (finite(point) && covariance.is_finite(), values[2], &[])
+                (point.is_finite() && covariance.is_finite(), values[2], &[])
             }
             Self::Along { direction, value, variance, .. } => {
                 (value.is_finite(), *variance, std::slice::from_ref(direction))
@@ -190,7 +189,7 @@ impl SurfaceReading {
                 let (axes, values) = covariance.eigen();
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
                     // Rounding can make the zero eigenvalue of a plane or line slightly negative.
-                    *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
+                    *to = Some(Equation::along(leaf_weights(s, t), axis, axis.dot(point), value.max(0.0)));
                 }
             }
             Self::Along { direction, value, variance, .. } => {
@@ -198,10 +197,10 @@ impl SurfaceReading {
             }
             Self::Normal { normal, sigma_rad, .. } => {
                 let frame = TangentFrame::from_jet(&jet())?;
-                let own = cross(frame.tangents[0], frame.tangents[1]);
+                let own = frame.tangents[0].cross(frame.tangents[1]);
                 // The change of a tangent is projected to the surface's normal. Along the measured normal it
                 // is smaller by the cosine between both.
-                let facing = dot(normal, own);
+                let facing = normal.dot(own);
                 // At the estimate the row gives `N·t = 0`, so the value is the residual alone.
                 for ((to, along), tangent) in out.iter_mut().zip(frame.from_parameters).zip(frame.tangents) {
                     let weights = first_derivative([s, t], side, along);
@@ -211,7 +210,7 @@ impl SurfaceReading {
                         ..Equation::along(
                             weights,
                             own.map(|x| facing * x),
-                            -dot(normal, tangent),
+                            -normal.dot(tangent),
                             sigma_rad * sigma_rad,
                         )
                     });
@@ -219,9 +218,9 @@ impl SurfaceReading {
             }
             Self::Curvature { normal, principal, directions, sigma, .. } => {
                 let frame = TangentFrame::from_jet(&jet())?;
-                let bend = |t: [f64; 3]| -> [f64; 3] {
-                    let along = [0, 1].map(|k| principal[k] * dot(directions[k], t));
-                    [0, 1, 2].map(|d| along[0] * directions[0][d] + along[1] * directions[1][d])
+                let bend = |t: DVec3| -> DVec3 {
+                    let along = [0, 1].map(|k| principal[k] * directions[k].dot(t));
+                    along[0] * directions[0] + along[1] * directions[1]
                 };
                 // Equations are in an orthonormal frame of the surface, not along the measured directions:
                 // these are not exactly tangential, and parameter lines may be skewed.
@@ -233,12 +232,10 @@ impl SurfaceReading {
                     // Both factors of `S_aᵀ II S_b` are differentiated, so the row contains this term twice.
                     // The value corrects that.
                     let form = std::array::from_fn(|k| {
-                        [0, 1, 2].map(|d| {
-                            second[k] * normal[d] - first[a][k] * bent_b[d] - first[b][k] * bent_a[d]
-                        })
+                        second[k] * normal - first[a][k] * bent_b - first[b][k] * bent_a
                     });
                     *to = Some(Equation {
-                        what: EquationKind::Form(form, -dot(frame.tangents[a], bent_b)),
+                        what: EquationKind::Form(form, -frame.tangents[a].dot(bent_b)),
                         // The mixed component of a tensor with isotropic noise has half the variance of a
                         // diagonal one.
                         variance: sigma * sigma * if a == b { 1.0 } else { 0.5 },
@@ -255,7 +252,7 @@ impl SurfaceReading {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Offset {
     pub weights: [f64; 16],
-    pub direction: [f64; 3],
+    pub direction: DVec3,
     pub residual: f64,
     pub variance: f64,
     pub detail_fraction: f64,
@@ -279,7 +276,7 @@ impl SurfaceReading {
                 out[0] = Some(Offset {
                     weights: leaf_weights(local[0], local[1]),
                     direction,
-                    residual: value - dot(direction, jet().point),
+                    residual: value - direction.dot(jet().point),
                     variance,
                     detail_fraction: 1.0,
                 });
@@ -331,32 +328,29 @@ fn no_tangent_plane() -> Error {
     )
 }
 
-fn is_unit(d: &[f64; 3]) -> bool {
+fn is_unit(d: &DVec3) -> bool {
     // Wide enough for unit vectors from files in single precision.
-    (dot(*d, *d) - 1.0).abs() < 1e-6
+    (d.length_squared() - 1.0).abs() < 1e-6
 }
 
 /// Orthonormal tangents and the parameter steps along them.
 struct TangentFrame {
-    tangents: [[f64; 3]; 2],
+    tangents: [DVec3; 2],
     from_parameters: [[f64; 2]; 2],
 }
 
 impl TangentFrame {
     fn from_jet(jet: &Jet) -> Result<Self> {
-        let t1 = unit(jet.du).ok_or_else(no_tangent_plane)?;
-        let (l, m) = (norm(jet.du), dot(jet.dv, t1));
-        let across = [0, 1, 2].map(|d| jet.dv[d] - m * t1[d]);
-        let q = norm(across);
+        let t1 = jet.du.try_normalize().ok_or_else(no_tangent_plane)?;
+        let (l, m) = (jet.du.length(), jet.dv.dot(t1));
+        let across = jet.dv - m * t1;
+        let q = across.length();
         // At poles both derivatives are parallel or zero. The threshold is relative, because parameters have
         // no unit.
-        if q <= 1e-9 * (norm(jet.dv) + l) {
+        if q <= 1e-9 * (jet.dv.length() + l) {
             return Err(no_tangent_plane());
         }
-        Ok(Self {
-            tangents: [t1, across.map(|x| x / q)],
-            from_parameters: [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]],
-        })
+        Ok(Self { tangents: [t1, across / q], from_parameters: [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]] })
     }
 }
 

@@ -12,7 +12,7 @@ use super::quadtree::{FilterPatch, Quadtree, VERTICES};
 use crate::hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape};
 use crate::surface::Surface;
 use nalgebra::DMatrix;
-use planish_estimate::vector3::add;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::sync::Arc;
 
@@ -24,9 +24,9 @@ pub struct PatchFilterState {
     /// Number of base cells along u and v.
     pub base: [usize; 2],
     /// Vertices of the initial surface over the base grid.
-    pub initial_vertices: Vec<[f64; 3]>,
+    pub initial_vertices: Vec<DVec3>,
     /// Vertices of the surface that defines the metric of the smoothness prior, over the base grid.
-    pub metric_vertices: Vec<[f64; 3]>,
+    pub metric_vertices: Vec<DVec3>,
     /// The prior.
     pub prior: SmoothnessPrior,
     /// The options.
@@ -54,12 +54,12 @@ pub struct PatchState {
 
 impl PatchFilterState {
     /// Moves every point by `by`. Covariances do not change.
-    pub fn translate(&mut self, by: [f64; 3]) {
+    pub fn translate(&mut self, by: DVec3) {
         // The metric depends on derivatives only; its vertices are moved as well, so that both surfaces stay
         // in one frame.
         for vertices in [&mut self.initial_vertices, &mut self.metric_vertices] {
             for p in vertices {
-                *p = add(*p, by);
+                *p += by;
             }
         }
         // The unknowns are x, y, z in turn, or heights alone.

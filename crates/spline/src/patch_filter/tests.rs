@@ -5,8 +5,7 @@ use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Surface, leaf_weights};
 use crate::system::SurfaceSystem;
 use nalgebra::DMatrix;
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::dot;
+use planish_core::{DVec3, SymmetricMatrix3};
 use quadtree::{Quadtree, VERTICES, quarter_matrix};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -39,7 +38,11 @@ fn positions(base: [usize; 2], count: usize, sigma: f64, seed: u64) -> Vec<Surfa
             let mut noise = || -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut random) };
             SurfaceReading::Position {
                 parameters: [u, v],
-                point: [u + noise(), v + noise(), 0.4 * (0.9 * u).sin() * (0.7 * v).cos() + noise()],
+                point: DVec3::new(
+                    u + noise(),
+                    v + noise(),
+                    0.4 * (0.9 * u).sin() * (0.7 * v).cos() + noise(),
+                ),
                 variance: sigma * sigma,
             }
         })
@@ -65,7 +68,7 @@ impl Global {
         Self { space: Arc::clone(space), vector: &information * mean, information }
     }
 
-    fn row(&self, u: f64, v: f64, direction: [f64; 3]) -> DMatrix<f64> {
+    fn row(&self, u: f64, v: f64, direction: DVec3) -> DMatrix<f64> {
         let (leaf, [s, t]) = self.space.locate(u, v);
         let (nodes, weights) = self.space.extraction(leaf);
         let mut row = DMatrix::zeros(self.vector.nrows(), 1);
@@ -80,10 +83,10 @@ impl Global {
 
     fn add(&mut self, reading: &SurfaceReading) {
         let [u, v] = reading.parameters();
-        let rows: Vec<([f64; 3], f64, f64)> = match *reading {
+        let rows: Vec<(DVec3, f64, f64)> = match *reading {
             SurfaceReading::Position { point, variance, .. } => (0..3)
                 .map(|d| {
-                    let mut a = [0.0; 3];
+                    let mut a = DVec3::ZERO;
                     a[d] = 1.0;
                     (a, point[d], variance)
                 })
@@ -111,7 +114,7 @@ struct Posterior {
 }
 
 impl Posterior {
-    fn at(&self, u: f64, v: f64, direction: [f64; 3]) -> (f64, f64) {
+    fn at(&self, u: f64, v: f64, direction: DVec3) -> (f64, f64) {
         let row = self.global.row(u, v, direction);
         (row.dot(&self.mean), (row.transpose() * &self.covariance * &row)[(0, 0)].sqrt())
     }
@@ -119,14 +122,14 @@ impl Posterior {
 
 /// Largest difference of mean (in the global σ) and of σ (relative) between a patch filter and the global
 /// one.
-fn differences(filter: &PatchFilter, global: &Posterior, direction: [f64; 3]) -> (f64, f64) {
+fn differences(filter: &PatchFilter, global: &Posterior, direction: DVec3) -> (f64, f64) {
     let [nu, nv] = filter.space().extent();
     let (mut mean, mut sigma) = (0.0_f64, 0.0_f64);
     for i in 0..=20 {
         for j in 0..=20 {
             let (u, v) = (nu * f64::from(i) / 20.0, nv * f64::from(j) / 20.0);
             let (m, s) = global.at(u, v, direction);
-            let own = dot(direction, filter.jet(u, v).point);
+            let own = direction.dot(filter.jet(u, v).point);
             mean = mean.max((own - m).abs() / s);
             sigma = sigma.max((filter.variance_along(u, v, direction).sqrt() / s - 1.0).abs());
         }
@@ -146,7 +149,7 @@ fn one_patch_equals_the_global_filter_in_any_order() {
             filter.observe(reading).unwrap();
             global.add(reading);
         }
-        let (mean, sigma) = differences(&filter, &global.solve(), [0.6, 0.0, 0.8]);
+        let (mean, sigma) = differences(&filter, &global.solve(), DVec3::new(0.6, 0.0, 0.8));
         assert!(mean < 1e-9 && sigma < 1e-9, "{mean:e} {sigma:e}");
     }
 }
@@ -161,15 +164,15 @@ fn directed_readings_in_one_full_patch_equal_the_global_filter() {
             continue;
         };
         let angle = k as f64;
-        let direction = [angle.cos() * 0.6, angle.sin() * 0.6, 0.8];
+        let direction = DVec3::new(angle.cos() * 0.6, angle.sin() * 0.6, 0.8);
         let along =
-            SurfaceReading::Along { parameters, direction, value: dot(direction, point), variance: 1e-3 };
+            SurfaceReading::Along { parameters, direction, value: direction.dot(point), variance: 1e-3 };
         for reading in [reading, along] {
             filter.observe(&reading).unwrap();
             global.add(&reading);
         }
     }
-    let (mean, sigma) = differences(&filter, &global.solve(), [0.6, 0.0, 0.8]);
+    let (mean, sigma) = differences(&filter, &global.solve(), DVec3::new(0.6, 0.0, 0.8));
     assert!(mean < 1e-9 && sigma < 1e-9, "{mean:e} {sigma:e}");
 }
 
@@ -185,12 +188,12 @@ fn heights_are_the_third_coordinate_of_positions() {
     let (a, b) = (heights.surface().unwrap(), points.surface().unwrap());
     assert!((a.point(1.3, 2.2)[2] - b.point(1.3, 2.2)[2]).abs() < 1e-12);
     assert!((a.point(1.3, 2.2)[0] - 1.3).abs() < 1e-12, "coordinates in the plane are fixed");
-    let z = [0.0, 0.0, 1.0];
+    let z = DVec3::Z;
     assert!((heights.variance_along(1.3, 2.2, z) / points.variance_along(1.3, 2.2, z) - 1.0).abs() < 1e-12);
     // A reading along an oblique direction measures the height.
     let slanted = SurfaceReading::Along {
         parameters: [1.3, 2.2],
-        direction: [0.6, 0.0, 0.8],
+        direction: DVec3::new(0.6, 0.0, 0.8),
         value: 0.6 * 1.3 + 0.8 * 0.25,
         variance: 1e-12,
     };
@@ -214,7 +217,7 @@ fn a_strip_of_patches_equals_the_global_filter() {
         }
     }
     filter.reconcile().unwrap();
-    let (mean, sigma) = differences(&filter, &global.solve(), [0.0, 0.0, 1.0]);
+    let (mean, sigma) = differences(&filter, &global.solve(), DVec3::Z);
     println!("strip: mean {mean:.2e} σ, σ {sigma:.2e}");
     assert!(mean < 1e-4 && sigma < 1e-4, "{mean:e} {sigma:e}");
 }
@@ -244,7 +247,7 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
             global.add(reading);
         }
         let global = global.solve();
-        let (mean, sigma) = differences(&filter, &global, [0.0, 0.0, 1.0]);
+        let (mean, sigma) = differences(&filter, &global, DVec3::Z);
         println!("weight {weight}, first division after {first} readings: mean {mean:.3} σ, σ {sigma:.3}");
         assert!(mean < 0.5, "weight {weight}: {mean} σ from the global mean");
         assert!(sigma < 0.25, "weight {weight}: σ differs by {sigma}");
@@ -261,7 +264,7 @@ fn expected_detail_increases_sigma() {
         PatchFilter::new(&plane, &plane, PRIOR, options).unwrap()
     };
     let (mut plain, mut careful) = (filter(false), filter(true));
-    let z = [0.0, 0.0, 1.0];
+    let z = DVec3::Z;
     for reading in positions([4, 4], 50, 0.02, 37) {
         plain.observe(&reading).unwrap();
         careful.observe(&reading).unwrap();
@@ -270,8 +273,11 @@ fn expected_detail_increases_sigma() {
     assert!(ratio > 1.5, "{ratio}");
     for filter in [&mut plain, &mut careful] {
         filter.subdivide(&[filter.patches()[0]]).unwrap();
-        let reading =
-            SurfaceReading::Position { parameters: [1.7, 2.4], point: [1.7, 2.4, 0.0], variance: 1e-8 };
+        let reading = SurfaceReading::Position {
+            parameters: [1.7, 2.4],
+            point: DVec3::new(1.7, 2.4, 0.0),
+            variance: 1e-8,
+        };
         filter.observe(&reading).unwrap();
     }
     let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
@@ -290,7 +296,7 @@ fn the_full_layout_continues_from_the_isotropic_one() {
     let mut widened = isotropic.with_full_layout().unwrap();
     let slanted = SurfaceReading::Along {
         parameters: [5.0, 2.0],
-        direction: [0.6, 0.0, 0.8],
+        direction: DVec3::new(0.6, 0.0, 0.8),
         value: 3.1,
         variance: 1e-4,
     };
@@ -321,7 +327,7 @@ fn nothing_is_counted_twice_around_a_loop() {
     for _ in 0..3 {
         filter.reconcile().unwrap();
     }
-    let (mean, sigma) = differences(&filter, &global.solve(), [0.0, 0.0, 1.0]);
+    let (mean, sigma) = differences(&filter, &global.solve(), DVec3::Z);
     println!("stiff: mean {mean:.3} σ, σ {sigma:.3}");
     assert!(mean < 0.3 && sigma < 0.1, "{mean} {sigma}");
 }
@@ -380,14 +386,15 @@ fn normals_and_curvatures_of_a_sphere_reduce_error_and_sigma() {
         for k in 0..=16 {
             let (u, v) = (0.25 * f64::from(k), 4.0 - 0.25 * f64::from(k));
             let p = surface.point(u, v);
-            worst = worst.max((planish_estimate::vector3::norm(p) - radius).abs());
+            worst = worst.max((p.length() - radius).abs());
             sigma = sigma.max(filter.sigma(u, v).unwrap());
         }
         (worst, sigma)
     };
     for [u, v] in [[0.3, 0.3], [3.7, 0.4], [0.3, 3.6], [3.7, 3.7]] {
         let point = at(u, v);
-        let reading = SurfaceReading::Position { parameters: [u, v], point, variance: 1e-6 };
+        let reading =
+            SurfaceReading::Position { parameters: [u, v], point: DVec3::from(point), variance: 1e-6 };
         filter.observe(&reading).unwrap();
     }
     let mut last = errors(&filter);
@@ -396,12 +403,16 @@ fn normals_and_curvatures_of_a_sphere_reduce_error_and_sigma() {
     for which in 0..2 {
         for &[u, v] in &grid {
             let normal = at(u, v).map(|x| x / radius);
-            let (t1, t2) = planish_estimate::vector3::tangents(normal);
+            let (t1, t2) = planish_core::vector3::tangents(DVec3::from(normal));
             let reading = match which {
-                0 => SurfaceReading::Normal { parameters: [u, v], normal, sigma_rad: 0.01 },
+                0 => SurfaceReading::Normal {
+                    parameters: [u, v],
+                    normal: DVec3::from(normal),
+                    sigma_rad: 0.01,
+                },
                 _ => SurfaceReading::Curvature {
                     parameters: [u, v],
-                    normal,
+                    normal: DVec3::from(normal),
                     principal: [-1.0 / radius; 2],
                     directions: [t1, t2],
                     sigma: 0.01,
@@ -438,7 +449,7 @@ fn patches_are_subdivided_only_where_the_shape_requires_it() {
                 filter
                     .observe(&SurfaceReading::Along {
                         parameters: [u, v],
-                        direction: [0.0, 0.0, 1.0],
+                        direction: DVec3::Z,
                         value: bump(u, v) + 0.01 * noise,
                         variance: 1e-4,
                     })
@@ -469,11 +480,16 @@ fn patches_are_subdivided_only_where_the_shape_requires_it() {
 fn wrong_readings_and_options_are_rejected_and_change_nothing() {
     let mut filter = filter([4, 4], StateLayout::Full, PRIOR);
     let state = filter.state();
-    let good = ([1.0, 1.0], [0.0, 0.0, 1.0]);
+    let good = ([1.0, 1.0], DVec3::Z);
     for reading in [
         SurfaceReading::Position { parameters: [f64::NAN, 1.0], point: good.1, variance: 1.0 },
         SurfaceReading::Position { parameters: good.0, point: good.1, variance: -1.0 },
-        SurfaceReading::Along { parameters: good.0, direction: [0.0, 0.0, 2.0], value: 1.0, variance: 1.0 },
+        SurfaceReading::Along {
+            parameters: good.0,
+            direction: DVec3::new(0.0, 0.0, 2.0),
+            value: 1.0,
+            variance: 1.0,
+        },
         SurfaceReading::PositionWithCovariance {
             parameters: good.0,
             point: good.1,

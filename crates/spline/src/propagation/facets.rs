@@ -7,7 +7,7 @@
 //! Not guaranteed: accuracy where the surface deviates from a quadric within a facet.
 
 use nalgebra::{SMatrix, SVector};
-use planish_estimate::vector3::{add, add_scaled, dot, scale, sub, tangents, unit};
+use planish_core::{BoundingBox, DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -35,13 +35,13 @@ const MEDIAN_BELOW_MEAN: f64 = 2.0 / 3.0;
 #[derive(Debug, Clone)]
 pub struct Facet {
     /// The point of the quadric over the mean of its readings.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// The outward unit normal at this point.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Number of its readings.
     pub readings: usize,
-    origin: [f64; 3],
-    axes: [[f64; 3]; 3],
+    origin: DVec3,
+    axes: [DVec3; 3],
     coefficients: [f64; COEFFICIENTS],
     covariance: SMatrix<f64, COEFFICIENTS, COEFFICIENTS>,
 }
@@ -51,7 +51,7 @@ pub(super) struct Height {
     /// Distance along the normal of the facet.
     pub value: f64,
     /// Derivative with respect to the point: the normal of the quadric there.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Derivative with respect to the coefficients.
     pub by_coefficients: SVector<f64, COEFFICIENTS>,
     /// Distance within the tangent plane.
@@ -82,11 +82,9 @@ impl Facets {
     ///
     /// # Errors
     /// `Undetermined` for a cloud that is too small or too rough for a dozen facets.
-    pub fn new(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], trusted: bool) -> Result<Self> {
-        let (lo, hi) = points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-            ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
-        });
-        let size = dot(sub(hi, lo), sub(hi, lo)).sqrt();
+    pub fn new(points: &[DVec3], normals: &[DVec3], variance: &[f64], trusted: bool) -> Result<Self> {
+        let bounds: BoundingBox = points.iter().copied().collect();
+        let (lo, size) = (bounds.min, bounds.diagonal());
         let mut side = FINEST * size;
         let mut cut = group_points(points, normals, lo, side);
         // Sparse clouds need larger cubes; the smallest cubes with enough readings follow the shape best.
@@ -125,12 +123,7 @@ impl Facets {
 }
 
 /// The points of each cube and direction of normals.
-fn group_points(
-    points: &[[f64; 3]],
-    normals: &[[f64; 3]],
-    lo: [f64; 3],
-    side: f64,
-) -> BTreeMap<[i64; 4], Vec<u32>> {
+fn group_points(points: &[DVec3], normals: &[DVec3], lo: DVec3, side: f64) -> BTreeMap<[i64; 4], Vec<u32>> {
     // Ordered, so that facets are numbered alike in every run.
     let mut cut: BTreeMap<[i64; 4], Vec<u32>> = BTreeMap::new();
     for ((i, p), n) in (0..).zip(points).zip(normals) {
@@ -156,22 +149,19 @@ fn fits(cut: &BTreeMap<[i64; 4], Vec<u32>>, total: usize) -> bool {
 impl Facet {
     /// Fits a quadric by weighted least squares. Also returns the median of squared residuals divided by
     /// their variance. `None` for readings on a line or an edge.
-    fn fitted(
-        points: &[[f64; 3]],
-        normals: &[[f64; 3]],
-        variance: &[f64],
-        members: &[u32],
-    ) -> Option<(Self, f64)> {
+    fn fitted(points: &[DVec3], normals: &[DVec3], variance: &[f64], members: &[u32]) -> Option<(Self, f64)> {
         let count = members.len() as f64;
-        let mean = |of: &[[f64; 3]]| {
-            let sum = members.iter().fold([0.0; 3], |s, &i| add(s, of[i as usize]));
-            scale(1.0 / count, sum)
+        let mean = |of: &[DVec3]| {
+            let sum = members.iter().fold(DVec3::ZERO, |s, &i| s + of[i as usize]);
+            1.0 / count * sum
         };
         let (origin, turned) = (mean(points), mean(normals));
-        let normal = unit(turned).filter(|_| dot(turned, turned) >= MIN_MEAN_NORMAL * MIN_MEAN_NORMAL)?;
+        let normal = turned
+            .try_normalize()
+            .filter(|_| turned.length_squared() >= MIN_MEAN_NORMAL * MIN_MEAN_NORMAL)?;
         let (e1, e2) = tangents(normal);
         let axes = [e1, e2, normal];
-        let local = |p: [f64; 3]| axes.map(|a| dot(a, sub(p, origin)));
+        let local = |p: DVec3| axes.map(|a| a.dot(p - origin));
         let spread = members
             .iter()
             .map(|&i| local(points[i as usize]))
@@ -209,8 +199,8 @@ impl Facet {
             return None;
         }
         let made = Self {
-            point: add_scaled(origin, coefficients[0], normal),
-            normal: unit(add_scaled(add_scaled(normal, -coefficients[1], e1), -coefficients[2], e2))?,
+            point: origin + coefficients[0] * normal,
+            normal: (normal - coefficients[1] * e1 - coefficients[2] * e2).try_normalize()?,
             readings: members.len(),
             origin,
             axes,
@@ -221,8 +211,8 @@ impl Facet {
     }
 
     /// Height of a point over the quadric.
-    pub(super) fn height(&self, p: [f64; 3]) -> Height {
-        let [x, y, z] = self.axes.map(|a| dot(a, sub(p, self.origin)));
+    pub(super) fn height(&self, p: DVec3) -> Height {
+        let [x, y, z] = self.axes.map(|a| a.dot(p - self.origin));
         let c = &self.coefficients;
         let row = monomials(x, y);
         let slope_x = c[1] + 2.0 * c[3] * x + c[4] * y;
@@ -234,7 +224,7 @@ impl Facet {
         let [e1, e2, n] = self.axes;
         Height {
             value: over * (z - surface),
-            normal: scale(over, add_scaled(add_scaled(n, -slope_x, e1), -slope_y, e2)),
+            normal: over * (n - slope_x * e1 - slope_y * e2),
             by_coefficients: row * -over,
             slip: x.hypot(y),
         }
@@ -273,9 +263,9 @@ mod tests {
         let sigma = 0.02;
         let (mut points, mut normals) = (Vec::new(), Vec::new());
         while points.len() < 20_000 {
-            let d = [0; 3].map(|_| rng.sample::<f64, _>(StandardNormal));
-            let Some(n) = unit(d) else { continue };
-            points.push(scale(3.0 + sigma * rng.sample::<f64, _>(StandardNormal), n));
+            let d = DVec3::from_array([0; 3].map(|_| rng.sample::<f64, _>(StandardNormal)));
+            let Some(n) = d.try_normalize() else { continue };
+            points.push((3.0 + sigma * rng.sample::<f64, _>(StandardNormal)) * n);
             normals.push(n);
         }
         // The stated variance is four times too small, which the scatter reveals.
@@ -284,7 +274,7 @@ mod tests {
         let squares: f64 = facets
             .all
             .iter()
-            .map(|f| (dot(f.point, f.point).sqrt() - 3.0).powi(2) / f.variance(&Facet::own()))
+            .map(|f| (f.point.length_squared().sqrt() - 3.0).powi(2) / f.variance(&Facet::own()))
             .sum();
         let mean = squares / facets.all.len() as f64;
         // The mean of squares, within four standard errors plus the fourth-order error of a quadric.

@@ -1,6 +1,6 @@
 //! The maps of a symmetry, and their derivatives with respect to axis or plane.
 
-use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents};
+use planish_core::{DVec3, vector3::tangents};
 use std::f64::consts::TAU;
 
 /// A symmetry with its axis or plane.
@@ -9,18 +9,18 @@ pub enum Symmetry {
     /// Rotation about an axis: by `2π/order`, or by any angle if there is no order.
     Rotation {
         /// The point of the axis nearest to the centre of the cloud.
-        point: [f64; 3],
+        point: DVec3,
         /// Its unit direction.
-        direction: [f64; 3],
+        direction: DVec3,
         /// Number of repetitions of the shape in a full turn.
         order: Option<u32>,
     },
     /// Reflection in a plane.
     Mirror {
         /// The point of the plane nearest to the centre of the cloud.
-        point: [f64; 3],
+        point: DVec3,
         /// Its unit normal.
-        normal: [f64; 3],
+        normal: DVec3,
     },
 }
 
@@ -53,7 +53,7 @@ impl Symmetry {
 
     /// A fixed point of the maps.
     #[must_use]
-    pub fn point(&self) -> [f64; 3] {
+    pub fn point(&self) -> DVec3 {
         match *self {
             Self::Rotation { point, .. } | Self::Mirror { point, .. } => point,
         }
@@ -61,7 +61,7 @@ impl Symmetry {
 
     /// The direction of the axis, or the normal of the plane.
     #[must_use]
-    pub fn direction(&self) -> [f64; 3] {
+    pub fn direction(&self) -> DVec3 {
         match *self {
             Self::Rotation { direction, .. } => direction,
             Self::Mirror { normal, .. } => normal,
@@ -69,20 +69,20 @@ impl Symmetry {
     }
 
     /// The image of a direction.
-    pub(super) fn carry(&self, map: Map, v: [f64; 3]) -> [f64; 3] {
+    pub(super) fn carry(&self, map: Map, v: DVec3) -> DVec3 {
         match (*self, map) {
             (Self::Rotation { direction: d, .. }, Map::Turn { sin, cos }) => {
                 // Rodrigues' rotation formula.
-                add_scaled(add_scaled(scale(cos, v), sin, cross(d, v)), (1.0 - cos) * dot(d, v), d)
+                cos * v + sin * d.cross(v) + (1.0 - cos) * d.dot(v) * d
             }
-            (Self::Mirror { normal, .. }, _) => add_scaled(v, -2.0 * dot(normal, v), normal),
+            (Self::Mirror { normal, .. }, _) => v - 2.0 * normal.dot(v) * normal,
             (Self::Rotation { .. }, Map::Reflect) => v,
         }
     }
 
     /// The image of a point.
-    pub(super) fn apply(&self, map: Map, p: [f64; 3]) -> [f64; 3] {
-        add(self.point(), self.carry(map, sub(p, self.point())))
+    pub(super) fn apply(&self, map: Map, p: DVec3) -> DVec3 {
+        self.point() + self.carry(map, p - self.point())
     }
 
     /// The image of a point and its normal: rotated by the angle about the axis, or reflected if there is no
@@ -92,40 +92,40 @@ impl Symmetry {
     /// ```
     /// use planish_spline::Symmetry;
     ///
-    /// let mirror = Symmetry::Mirror { point: [1.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0] };
+    /// let mirror = Symmetry::Mirror { point: DVec3::X, normal: DVec3::X };
     /// let (point, normal) = mirror.image(None, [3.0, 2.0, 0.0], [0.6, 0.8, 0.0]);
     /// assert_eq!(point, [-1.0, 2.0, 0.0]);
     /// assert!((normal[0] + 0.6).abs() < 1e-15);
     /// ```
     #[must_use]
-    pub fn image(&self, angle: Option<f64>, point: [f64; 3], normal: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    pub fn image(&self, angle: Option<f64>, point: DVec3, normal: DVec3) -> (DVec3, DVec3) {
         let map = angle.map_or(Map::Reflect, Map::turn);
         (self.apply(map, point), self.carry(map, normal))
     }
 
     /// The angle of a point about the axis; about the normal of a plane.
     #[must_use]
-    pub fn angle(&self, point: [f64; 3]) -> f64 {
+    pub fn angle(&self, point: DVec3) -> f64 {
         self.cylindrical(point)[2]
     }
 
     /// Derivatives of [`Symmetry::apply`] with respect to the parameters of [`Symmetry::moved`].
-    pub(super) fn derivatives(&self, map: Map, p: [f64; 3]) -> [[f64; 3]; MAX_PARAMETERS] {
+    pub(super) fn derivatives(&self, map: Map, p: DVec3) -> [DVec3; MAX_PARAMETERS] {
         let (e1, e2) = tangents(self.direction());
-        let r = sub(p, self.point());
+        let r = p - self.point();
         match *self {
             Self::Rotation { direction: d, .. } => {
-                let shift = |e: [f64; 3]| sub(e, self.carry(map, e));
+                let shift = |e: DVec3| e - self.carry(map, e);
                 // If the axis rotates by ω = d × e, the map changes by [ω]R − R[ω].
-                let tilt = |e: [f64; 3]| {
-                    let w = cross(d, e);
-                    sub(cross(w, self.carry(map, r)), self.carry(map, cross(w, r)))
+                let tilt = |e: DVec3| {
+                    let w = d.cross(e);
+                    w.cross(self.carry(map, r)) - self.carry(map, w.cross(r))
                 };
                 [shift(e1), shift(e2), tilt(e1), tilt(e2)]
             }
             Self::Mirror { normal: m, .. } => {
-                let tilt = |e: [f64; 3]| add_scaled(scale(-2.0 * dot(r, e), m), -2.0 * dot(r, m), e);
-                [scale(2.0, m), tilt(e1), tilt(e2), [0.0; 3]]
+                let tilt = |e: DVec3| -2.0 * r.dot(e) * m - 2.0 * r.dot(m) * e;
+                [2.0 * m, tilt(e1), tilt(e2), DVec3::ZERO]
             }
         }
     }
@@ -136,34 +136,32 @@ impl Symmetry {
         let d = self.direction();
         let (e1, e2) = tangents(d);
         let tilted = |a: f64, b: f64| {
-            let t = add_scaled(add_scaled(d, a, e1), b, e2);
+            let t = d + a * e1 + b * e2;
             // Normalised after each step; otherwise the length would grow at second order.
-            scale(1.0 / dot(t, t).sqrt(), t)
+            1.0 / t.length_squared().sqrt() * t
         };
         match *self {
             Self::Rotation { point, order, .. } => Self::Rotation {
-                point: add_scaled(add_scaled(point, by[0], e1), by[1], e2),
+                point: point + by[0] * e1 + by[1] * e2,
                 direction: tilted(by[2], by[3]),
                 order,
             },
             Self::Mirror { point, normal } => {
-                Self::Mirror { point: add_scaled(point, by[0], normal), normal: tilted(by[1], by[2]) }
+                Self::Mirror { point: point + by[0] * normal, normal: tilted(by[1], by[2]) }
             }
         }
     }
 
     /// The same symmetry with its reference point nearest to a given point.
-    pub(super) fn near(self, p: [f64; 3]) -> Self {
+    pub(super) fn near(self, p: DVec3) -> Self {
         match self {
             // Near the cloud, shifts and tilts are nearly uncorrelated. About a distant point, each tilt
             // would move the axis far away.
-            Self::Rotation { point, direction, order } => Self::Rotation {
-                point: add_scaled(point, dot(sub(p, point), direction), direction),
-                direction,
-                order,
-            },
+            Self::Rotation { point, direction, order } => {
+                Self::Rotation { point: point + (p - point).dot(direction) * direction, direction, order }
+            }
             Self::Mirror { point, normal } => {
-                Self::Mirror { point: add_scaled(p, -dot(sub(p, point), normal), normal), normal }
+                Self::Mirror { point: p - (p - point).dot(normal) * normal, normal }
             }
         }
     }
@@ -181,27 +179,26 @@ impl Symmetry {
     }
 
     /// Height along the axis, distance from it, and the angle about it.
-    pub(super) fn cylindrical(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(super) fn cylindrical(&self, p: DVec3) -> [f64; 3] {
         let d = self.direction();
         let (e1, e2) = tangents(d);
-        let r = sub(p, self.point());
-        let (x, y) = (dot(r, e1), dot(r, e2));
-        [dot(r, d), x.hypot(y), y.atan2(x)]
+        let r = p - self.point();
+        let (x, y) = (r.dot(e1), r.dot(e2));
+        [r.dot(d), x.hypot(y), y.atan2(x)]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::{distance, unit};
 
     #[test]
     fn derivatives_agree_with_differences() {
-        let d = unit([0.3, -0.5, 0.8]).unwrap();
-        let point = [0.4, 0.1, -0.2];
+        let d = DVec3::new(0.3, -0.5, 0.8).try_normalize().unwrap();
+        let point = DVec3::new(0.4, 0.1, -0.2);
         let rotation = Symmetry::Rotation { point, direction: d, order: None };
         let mirror = Symmetry::Mirror { point, normal: d };
-        let p = [1.2, -0.7, 0.5];
+        let p = DVec3::new(1.2, -0.7, 0.5);
         for (symmetry, map) in [(rotation, Map::turn(0.9)), (mirror, Map::Reflect)] {
             let all = symmetry.derivatives(map, p);
             for k in 0..symmetry.parameters() {
@@ -211,8 +208,8 @@ mod tests {
                     symmetry.moved(&by).apply(map, p)
                 };
                 let h = 1e-5;
-                let difference = scale(0.5 / h, sub(step(h), step(-h)));
-                assert!(distance(difference, all[k]) < 1e-8, "parameter {k}: {difference:?} {:?}", all[k]);
+                let difference = 0.5 / h * (step(h) - step(-h));
+                assert!(difference.distance(all[k]) < 1e-8, "parameter {k}: {difference:?} {:?}", all[k]);
             }
         }
     }

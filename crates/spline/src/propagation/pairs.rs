@@ -3,7 +3,7 @@
 use super::facets::{COEFFICIENTS, Facet, Facets};
 use super::maps::{MAX_PARAMETERS, Map, Symmetry};
 use nalgebra::SVector;
-use planish_estimate::vector3::{dot, sub};
+use planish_core::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
@@ -54,7 +54,7 @@ pub(super) fn pairs(facets: &Facets, symmetry: &Symmetry, reach: f64, stride: us
 /// Partners of a facet under the maps of a finite symmetry; each pair occurs once.
 fn images(facets: &Facets, symmetry: &Symmetry, maps: &[Map], reach: f64, from: u32) -> Vec<Pair> {
     let facet = &facets.all[from as usize];
-    let side = dot(sub(facet.point, symmetry.point()), symmetry.direction());
+    let side = (facet.point - symmetry.point()).dot(symmetry.direction());
     let mut found = Vec::new();
     let maps = match symmetry {
         // The inverse map gives the same comparison.
@@ -116,21 +116,21 @@ fn on_one_ring(
 fn pair(facets: &Facets, symmetry: &Symmetry, map: Map, from: u32, to: u32, reach: f64) -> Option<Pair> {
     let (facet, other) = (&facets.all[from as usize], &facets.all[to as usize]);
     let normal = symmetry.carry(map, facet.normal);
-    if dot(normal, other.normal) < MIN_COSINE {
+    if normal.dot(other.normal) < MIN_COSINE {
         return None;
     }
     let height = other.height(symmetry.apply(map, facet.point));
     if height.slip >= reach || height.value.abs() >= MAX_DISTANCE * reach {
         return None;
     }
-    let by_from = Facet::own() * dot(normal, height.normal);
+    let by_from = Facet::own() * normal.dot(height.normal);
     let derivatives = symmetry.derivatives(map, facet.point);
     Some(Pair {
         from,
         to,
         residual: height.value,
-        by_symmetry: SVector::from_fn(|k, _| dot(height.normal, derivatives[k])),
-        instrument: SVector::from_fn(|k, _| dot(normal, derivatives[k])),
+        by_symmetry: SVector::from_fn(|k, _| height.normal.dot(derivatives[k])),
+        instrument: SVector::from_fn(|k, _| normal.dot(derivatives[k])),
         variance: facet.variance(&by_from) + other.variance(&height.by_coefficients),
         by_from,
         by_to: height.by_coefficients,
@@ -138,7 +138,7 @@ fn pair(facets: &Facets, symmetry: &Symmetry, map: Map, from: u32, to: u32, reac
     })
 }
 
-fn distance2(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let d = sub(a, b);
-    dot(d, d)
+fn distance2(a: DVec3, b: DVec3) -> f64 {
+    let d = a - b;
+    d.length_squared()
 }

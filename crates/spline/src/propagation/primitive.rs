@@ -13,8 +13,8 @@
 //! Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978), for the BIC.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{add, add_scaled, dot, norm, scale, sub, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, SymmetricMatrix3};
 
 /// Maximum number of parameters: a cylinder has five.
 const MAX_PARAMETERS: usize = 5;
@@ -33,23 +33,23 @@ pub enum Primitive {
     /// A plane.
     Plane {
         /// A point of the plane.
-        point: [f64; 3],
+        point: DVec3,
         /// Its unit normal.
-        normal: [f64; 3],
+        normal: DVec3,
     },
     /// A sphere.
     Sphere {
         /// Its centre.
-        centre: [f64; 3],
+        centre: DVec3,
         /// Its radius.
         radius: f64,
     },
     /// A cylinder.
     Cylinder {
         /// A point of the axis.
-        point: [f64; 3],
+        point: DVec3,
         /// Its unit direction.
-        direction: [f64; 3],
+        direction: DVec3,
         /// Its radius.
         radius: f64,
     },
@@ -85,9 +85,9 @@ pub struct Classification {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
     /// The point of the most likely shape.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Its unit normal there.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Variance along the normal, from the parameters, the classification, and the deviation from the shape.
     pub variance: f64,
 }
@@ -123,50 +123,50 @@ impl Primitive {
     }
 
     /// Distance of a point, its gradient, and the derivatives with respect to the parameters.
-    fn distance(&self, p: [f64; 3]) -> (f64, [f64; 3], SVector<f64, MAX_PARAMETERS>) {
+    fn distance(&self, p: DVec3) -> (f64, DVec3, SVector<f64, MAX_PARAMETERS>) {
         match *self {
             Self::Plane { point, normal } => {
                 let (e1, e2) = tangents(normal);
-                let r = sub(p, point);
-                let row = [-1.0, dot(r, e1), dot(r, e2), 0.0, 0.0];
-                (dot(r, normal), normal, row.into())
+                let r = p - point;
+                let row = [-1.0, r.dot(e1), r.dot(e2), 0.0, 0.0];
+                (r.dot(normal), normal, row.into())
             }
             Self::Sphere { centre, radius } => {
-                let r = sub(p, centre);
+                let r = p - centre;
                 // At the centre every direction is correct.
-                let u = unit(r).unwrap_or([0.0, 0.0, 1.0]);
-                (norm(r) - radius, u, [-u[0], -u[1], -u[2], -1.0, 0.0].into())
+                let u = r.try_normalize().unwrap_or(DVec3::Z);
+                (r.length() - radius, u, [-u[0], -u[1], -u[2], -1.0, 0.0].into())
             }
             Self::Cylinder { point, direction, radius } => {
                 let (e1, e2) = tangents(direction);
-                let w = sub(p, point);
-                let along = dot(w, direction);
-                let r = add_scaled(w, -along, direction);
-                let u = unit(r).unwrap_or(e1);
-                let (a, b) = (dot(u, e1), dot(u, e2));
-                (norm(r) - radius, u, [-a, -b, -along * a, -along * b, -1.0].into())
+                let w = p - point;
+                let along = w.dot(direction);
+                let r = w - along * direction;
+                let u = r.try_normalize().unwrap_or(e1);
+                let (a, b) = (u.dot(e1), u.dot(e2));
+                (r.length() - radius, u, [-a, -b, -along * a, -along * b, -1.0].into())
             }
         }
     }
 
     fn moved(&self, by: &SVector<f64, MAX_PARAMETERS>) -> Self {
-        let tilted = |d: [f64; 3], a: f64, b: f64| {
+        let tilted = |d: DVec3, a: f64, b: f64| {
             let (e1, e2) = tangents(d);
-            unit(add_scaled(add_scaled(d, a, e1), b, e2)).unwrap_or(d)
+            (d + a * e1 + b * e2).try_normalize().unwrap_or(d)
         };
         match *self {
             Self::Plane { point, normal } => Self::Plane {
-                point: add_scaled(point, by[0], normal),
+                point: point + by[0] * normal,
                 // Sign: a tilt of the normal increases the distance of points on that side.
                 normal: tilted(normal, by[1], by[2]),
             },
             Self::Sphere { centre, radius } => {
-                Self::Sphere { centre: add(centre, [by[0], by[1], by[2]]), radius: radius + by[3] }
+                Self::Sphere { centre: centre + DVec3::new(by[0], by[1], by[2]), radius: radius + by[3] }
             }
             Self::Cylinder { point, direction, radius } => {
                 let (e1, e2) = tangents(direction);
                 Self::Cylinder {
-                    point: add_scaled(add_scaled(point, by[0], e1), by[1], e2),
+                    point: point + by[0] * e1 + by[1] * e2,
                     direction: tilted(direction, by[2], by[3]),
                     radius: radius + by[4],
                 }
@@ -177,7 +177,7 @@ impl Primitive {
 
 impl FittedPrimitive {
     /// Gauss–Newton from a start; `None` if the readings do not determine the shape.
-    fn from_start(start: Primitive, points: &[[f64; 3]], variance: &[f64], size: f64) -> Option<Self> {
+    fn from_start(start: Primitive, points: &[DVec3], variance: &[f64], size: f64) -> Option<Self> {
         let mut primitive = start;
         let p = start.parameters();
         let normal_equations = |primitive: &Primitive| {
@@ -253,23 +253,23 @@ impl FittedPrimitive {
 /// use planish_spline::{Primitive, classify};
 ///
 /// // A ring of readings around a hole in a plane.
-/// let points: Vec<[f64; 3]> = (0..60)
+/// let points: Vec<DVec3> = (0..60)
 ///     .map(|k| (f64::from(k) * 0.1 * std::f64::consts::PI, 1.0 + 0.1 * f64::from(k % 5)))
 ///     .map(|(angle, radius)| [radius * angle.cos(), radius * angle.sin(), 0.0])
 ///     .collect();
-/// let normals = vec![[0.0, 0.0, 1.0]; points.len()];
+/// let normals = vec![DVec3::Z; points.len()];
 /// let found = classify(&points, &normals, &vec![1e-4; points.len()]).expect("a simple shape");
 /// assert!(matches!(found.best().primitive, Primitive::Plane { .. }));
-/// let prediction = found.predict([0.0, 0.0, 0.1], [0.0, 0.0, 1.0]);
+/// let prediction = found.predict([0.0, 0.0, 0.1], DVec3::Z);
 /// assert!(prediction.point[2].abs() < 1e-6);
 /// ```
 #[must_use]
-pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> Option<Classification> {
+pub fn classify(points: &[DVec3], normals: &[DVec3], variance: &[f64]) -> Option<Classification> {
     if points.len() < MIN_READINGS {
         return None;
     }
     let middle = mean(points);
-    let size = points.iter().map(|p| norm(sub(*p, middle))).fold(0.0, f64::max);
+    let size = points.iter().map(|p| (*p - middle).length()).fold(0.0, f64::max);
     let mut candidates: Vec<FittedPrimitive> = starts(points, normals, middle)
         .into_iter()
         .filter_map(|start| FittedPrimitive::from_start(start, points, variance, size))
@@ -307,10 +307,10 @@ impl Classification {
 
     /// Predicts the surface near a point, given an approximate normal.
     #[must_use]
-    pub fn predict(&self, place: [f64; 3], facing: [f64; 3]) -> Prediction {
+    pub fn predict(&self, place: DVec3, facing: DVec3) -> Prediction {
         let best = self.best();
         let (d, away, _) = best.primitive.distance(place);
-        let point = add_scaled(place, -d, away);
+        let point = place - d * away;
         let (_, _, row) = best.primitive.distance(point);
         let of_place = (row.transpose() * best.covariance * row)[(0, 0)];
         // The scatter between candidate shapes, weighted by their probabilities: far from the readings it
@@ -320,20 +320,20 @@ impl Classification {
             .sum();
         Prediction {
             point,
-            normal: if dot(away, facing) < 0.0 { scale(-1.0, away) } else { away },
+            normal: if away.dot(facing) < 0.0 { -away } else { away },
             variance: of_place + of_kind + self.doubt,
         }
     }
 }
 
-fn mean(points: &[[f64; 3]]) -> [f64; 3] {
-    scale(1.0 / points.len() as f64, points.iter().fold([0.0; 3], |s, p| add(s, *p)))
+fn mean(points: &[DVec3]) -> DVec3 {
+    1.0 / points.len() as f64 * points.iter().sum::<DVec3>()
 }
 
 /// Initial values: the least-squares plane, the algebraic sphere, and cylinders along directions
 /// perpendicular to most normals.
-fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Primitive> {
-    let moments = |of: &[[f64; 3]], centre: [f64; 3]| {
+fn starts(points: &[DVec3], normals: &[DVec3], middle: DVec3) -> Vec<Primitive> {
+    let moments = |of: &[DVec3], centre: DVec3| {
         SymmetricMatrix3::from_entries(|i, j| {
             of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum()
         })
@@ -341,7 +341,7 @@ fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Pr
     let (axes, _) = moments(points, middle).eigen();
     let mut all = vec![Primitive::Plane { point: middle, normal: axes[2] }];
     all.extend(algebraic_sphere(points, middle));
-    let (of_normals, _) = moments(normals, [0.0; 3]).eigen();
+    let (of_normals, _) = moments(normals, DVec3::ZERO).eigen();
     let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
     // Normals of a cylinder are perpendicular to its axis, so the axis has the smallest moment of the
     // normals. The other directions serve noisy normals and short cylinders.
@@ -350,28 +350,28 @@ fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Pr
 }
 
 /// `|p|² = 2 c·p + k`, linear in `c` and `k`.
-fn algebraic_sphere(points: &[[f64; 3]], middle: [f64; 3]) -> Option<Primitive> {
+fn algebraic_sphere(points: &[DVec3], middle: DVec3) -> Option<Primitive> {
     let (mut matrix, mut right) = (Matrix4::zeros(), Vector4::zeros());
     for p in points {
         // Relative to the middle: fourth powers of large coordinates would cancel.
-        let r = sub(*p, middle);
+        let r = *p - middle;
         let row = Vector4::new(2.0 * r[0], 2.0 * r[1], 2.0 * r[2], 1.0);
         matrix += row * row.transpose();
-        right += row * dot(r, r);
+        right += row * r.length_squared();
     }
     let x = matrix.cholesky()?.solve(&right);
-    let centre = [x[0], x[1], x[2]];
-    let square = x[3] + dot(centre, centre);
-    (square > 0.0).then(|| Primitive::Sphere { centre: add(middle, centre), radius: square.sqrt() })
+    let centre = DVec3::new(x[0], x[1], x[2]);
+    let square = x[3] + centre.length_squared();
+    (square > 0.0).then(|| Primitive::Sphere { centre: middle + centre, radius: square.sqrt() })
 }
 
 /// The algebraic fit of a circle in the projection along a direction.
-fn algebraic_cylinder(points: &[[f64; 3]], middle: [f64; 3], direction: [f64; 3]) -> Option<Primitive> {
+fn algebraic_cylinder(points: &[DVec3], middle: DVec3, direction: DVec3) -> Option<Primitive> {
     let (e1, e2) = tangents(direction);
     let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for p in points {
-        let r = sub(*p, middle);
-        let (x, y) = (dot(r, e1), dot(r, e2));
+        let r = *p - middle;
+        let (x, y) = (r.dot(e1), r.dot(e2));
         let row = Vector3::new(2.0 * x, 2.0 * y, 1.0);
         matrix += row * row.transpose();
         right += row * (x * x + y * y);
@@ -379,7 +379,7 @@ fn algebraic_cylinder(points: &[[f64; 3]], middle: [f64; 3], direction: [f64; 3]
     let x = matrix.cholesky()?.solve(&right);
     let square = x[2] + x[0] * x[0] + x[1] * x[1];
     (square > 0.0).then(|| Primitive::Cylinder {
-        point: add_scaled(add_scaled(middle, x[0], e1), x[1], e2),
+        point: middle + x[0] * e1 + x[1] * e2,
         direction,
         radius: square.sqrt(),
     })
@@ -395,7 +395,7 @@ mod tests {
     const SIGMA: f64 = 0.02;
 
     /// Readings of a surface around a gap: where `1 < |(x, y)| < 2` of its own parameters.
-    fn ring(seed: u64, surface: impl Fn(f64, f64) -> ([f64; 3], [f64; 3])) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    fn ring(seed: u64, surface: impl Fn(f64, f64) -> (DVec3, DVec3)) -> (Vec<DVec3>, Vec<DVec3>) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (mut points, mut normals) = (Vec::new(), Vec::new());
         while points.len() < 800 {
@@ -404,31 +404,31 @@ mod tests {
                 continue;
             }
             let (p, n) = surface(x, y);
-            points.push(add_scaled(p, SIGMA * rng.sample::<f64, _>(StandardNormal), n));
+            points.push(p + SIGMA * rng.sample::<f64, _>(StandardNormal) * n);
             normals.push(n);
         }
         (points, normals)
     }
 
-    fn ball(x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
-        let n = unit([x, y, 3.0]).unwrap();
-        (add_scaled([5.0, 1.0, 0.0], 4.0, n), n)
+    fn ball(x: f64, y: f64) -> (DVec3, DVec3) {
+        let n = DVec3::new(x, y, 3.0).try_normalize().unwrap();
+        (DVec3::new(5.0, 1.0, 0.0) + 4.0 * n, n)
     }
 
-    fn pipe(x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
+    fn pipe(x: f64, y: f64) -> (DVec3, DVec3) {
         let (sin, cos) = (x / 3.0).sin_cos();
-        ([3.0 * sin, y + 0.1, 3.0 * cos], [sin, 0.0, cos])
+        (DVec3::new(3.0 * sin, y + 0.1, 3.0 * cos), DVec3::new(sin, 0.0, cos))
     }
 
-    fn table(x: f64, y: f64) -> ([f64; 3], [f64; 3]) {
-        let n = unit([0.2, -0.1, 1.0]).unwrap();
+    fn table(x: f64, y: f64) -> (DVec3, DVec3) {
+        let n = DVec3::new(0.2, -0.1, 1.0).try_normalize().unwrap();
         let (e1, e2) = tangents(n);
-        (add_scaled(add_scaled([1.0, 2.0, 3.0], x, e1), y, e2), n)
+        (DVec3::new(1.0, 2.0, 3.0) + x * e1 + y * e2, n)
     }
 
     #[test]
     fn plane_sphere_and_cylinder_are_distinguished_and_predict_the_gap_within_their_sigma() {
-        type Surface = fn(f64, f64) -> ([f64; 3], [f64; 3]);
+        type Surface = fn(f64, f64) -> (DVec3, DVec3);
         for (name, surface) in [("sphere", ball as Surface), ("cylinder", pipe), ("plane", table)] {
             let mut squares = 0.0;
             let runs = 40;
@@ -440,8 +440,8 @@ mod tests {
                 let predicted = found.predict(p, n);
                 // These shapes are exact, so the doubt is not part of their error.
                 let variance = predicted.variance - found.doubt;
-                squares += dot(sub(p, predicted.point), n).powi(2) / variance / runs as f64;
-                assert!(dot(predicted.normal, n) > 0.999);
+                squares += (p - predicted.point).dot(n).powi(2) / variance / runs as f64;
+                assert!(predicted.normal.dot(n) > 0.999);
             }
             // The mean of forty squares: 1 ± 0.22.
             assert!((0.45..1.7).contains(&squares), "{name}: {squares}");
@@ -452,7 +452,7 @@ mod tests {
     fn a_freeform_surface_is_not_classified() {
         let wavy = |x: f64, y: f64| {
             let z = 0.2 * (2.0 * x).sin() * (1.5 * y).cos();
-            ([x, y, z], [0.0, 0.0, 1.0])
+            (DVec3::new(x, y, z), DVec3::Z)
         };
         let (points, normals) = ring(3, wavy);
         assert!(classify(&points, &normals, &vec![SIGMA * SIGMA; points.len()]).is_none());
@@ -460,15 +460,15 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_differences() {
-        let d = unit([0.3, -0.5, 0.8]).unwrap();
-        let point = [0.4, 0.1, -0.2];
+        let d = DVec3::new(0.3, -0.5, 0.8).try_normalize().unwrap();
+        let point = DVec3::new(0.4, 0.1, -0.2);
         let shapes = [
             Primitive::Plane { point, normal: d },
             Primitive::Sphere { centre: point, radius: 0.7 },
             Primitive::Cylinder { point, direction: d, radius: 0.6 },
         ];
         for shape in shapes {
-            let z = [1.0, -0.6, 0.9];
+            let z = DVec3::new(1.0, -0.6, 0.9);
             let (_, _, row) = shape.distance(z);
             for k in 0..shape.parameters() {
                 let step = |h: f64| {

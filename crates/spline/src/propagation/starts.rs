@@ -5,8 +5,7 @@ use super::maps::Symmetry;
 use super::symmetry::SymmetryKind;
 use crate::principal_axes;
 use nalgebra::{Matrix3, Vector3};
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
+use planish_core::{DVec3, SymmetricMatrix3};
 use std::f64::consts::TAU;
 
 /// Number of random pairs of facets to examine, and maximum number of starts. More pairs find weaker
@@ -20,16 +19,17 @@ const MIN_COSINE: f64 = 0.97;
 const MIN_SEPARATION: f64 = 3.0;
 
 /// Initial values of a symmetry.
-pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> Vec<Symmetry> {
-    let points: Vec<[f64; 3]> = facets.all.iter().map(|f| f.point).collect();
+pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: DVec3) -> Vec<Symmetry> {
+    let points: Vec<DVec3> = facets.all.iter().map(|f| f.point).collect();
     let (_, axes, _) = principal_axes(&points);
     match kind {
         SymmetryKind::Rotation { order, towards } => {
             let complex = LineComplex::new(facets, middle);
-            let directions = towards.into_iter().chain(complex.directions()).chain(axes).filter_map(unit);
+            let directions =
+                towards.into_iter().chain(complex.directions()).chain(axes).filter_map(DVec3::try_normalize);
             let mut all: Vec<Symmetry> = directions
                 .map(|direction| Symmetry::Rotation {
-                    point: add(middle, complex.point(direction)),
+                    point: middle + complex.point(direction),
                     direction,
                     order,
                 })
@@ -40,7 +40,7 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> V
             all
         }
         SymmetryKind::Mirror { towards } => {
-            let through_middle = towards.into_iter().chain(axes).filter_map(unit);
+            let through_middle = towards.into_iter().chain(axes).filter_map(DVec3::try_normalize);
             let mut all: Vec<Symmetry> =
                 through_middle.map(|normal| Symmetry::Mirror { point: middle, normal }).collect();
             all.extend(random_pairs(facets, |a, b| plane_between(facets, a, b)));
@@ -71,27 +71,27 @@ fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry
 /// The mid-plane of two facets, if it maps the normal of one to that of the other.
 fn plane_between(facets: &Facets, a: usize, b: usize) -> Option<Symmetry> {
     let (a, b) = (&facets.all[a], &facets.all[b]);
-    let apart = sub(b.point, a.point);
-    let normal = unit(apart)?;
-    let image = add_scaled(a.normal, -2.0 * dot(a.normal, normal), normal);
-    (dot(apart, normal) > MIN_SEPARATION * facets.side && dot(image, b.normal) > MIN_COSINE)
-        .then(|| Symmetry::Mirror { point: scale(0.5, add(a.point, b.point)), normal })
+    let apart = b.point - a.point;
+    let normal = apart.try_normalize()?;
+    let image = a.normal - 2.0 * a.normal.dot(normal) * normal;
+    (apart.dot(normal) > MIN_SEPARATION * facets.side && image.dot(b.normal) > MIN_COSINE)
+        .then(|| Symmetry::Mirror { point: 0.5 * (a.point + b.point), normal })
 }
 
 /// The axis about which a turn by `2π/order` maps one facet to another, including normals.
 fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symmetry> {
     let (a, b) = (&facets.all[a], &facets.all[b]);
-    let apart = sub(b.point, a.point);
-    if dot(apart, apart) < (MIN_SEPARATION * facets.side).powi(2) {
+    let apart = b.point - a.point;
+    if apart.length_squared() < (MIN_SEPARATION * facets.side).powi(2) {
         return None;
     }
     // The axis lies in the plane spanned by the bisector of both normals and their cross product. Its angle β
     // with each normal follows from sin(ψ/2) = sin(φ/2) sin β, where ψ is the angle between the normals and φ
     // that of the rotation.
     let half = 0.5 * TAU / f64::from(order);
-    let (sum, across) = (add(a.normal, b.normal), cross(a.normal, b.normal));
-    let (bisector, across) = (unit(sum)?, unit(across)?);
-    let cos_half = 0.5 * dot(sum, sum).sqrt();
+    let (sum, across) = (a.normal + b.normal, a.normal.cross(b.normal));
+    let (bisector, across) = (sum.try_normalize()?, across.try_normalize()?);
+    let cos_half = 0.5 * sum.length_squared().sqrt();
     let sin_beta = (1.0 - cos_half * cos_half).max(0.0).sqrt() / half.sin();
     if sin_beta > 1.0 {
         return None;
@@ -99,11 +99,11 @@ fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symme
     let along = (1.0 - sin_beta * sin_beta).sqrt() / cos_half;
     let rest = (1.0 - along * along).max(0.0).sqrt();
     [1.0, -1.0].into_iter().find_map(|sign| {
-        let direction = unit(add_scaled(scale(rest, across), sign * along, bisector))?;
-        let slide = dot(apart, direction);
-        let flat = add_scaled(apart, -slide, direction);
+        let direction = (rest * across + sign * along * bisector).try_normalize()?;
+        let slide = apart.dot(direction);
+        let flat = apart - slide * direction;
         (slide.abs() < facets.side).then(|| Symmetry::Rotation {
-            point: add_scaled(scale(0.5, add(a.point, b.point)), 0.5 / half.tan(), cross(direction, flat)),
+            point: 0.5 * (a.point + b.point) + 0.5 / half.tan() * direction.cross(flat),
             direction,
             order: Some(order),
         })
@@ -119,7 +119,7 @@ struct LineComplex {
 }
 
 impl LineComplex {
-    fn new(facets: &Facets, middle: [f64; 3]) -> Self {
+    fn new(facets: &Facets, middle: DVec3) -> Self {
         let mut made = Self {
             moments: Matrix3::zeros(),
             mixed: Matrix3::zeros(),
@@ -127,8 +127,8 @@ impl LineComplex {
             normals: Matrix3::identity() * (1e-9 * facets.all.len() as f64),
         };
         for facet in &facets.all {
-            let n = Vector3::from(facet.normal);
-            let moment = Vector3::from(cross(sub(facet.point, middle), facet.normal));
+            let n = Vector3::from(facet.normal.to_array());
+            let moment = Vector3::from((facet.point - middle).cross(facet.normal).to_array());
             made.moments += moment * moment.transpose();
             made.mixed += n * moment.transpose();
             made.normals += n * n.transpose();
@@ -142,16 +142,16 @@ impl LineComplex {
     }
 
     /// The stationary directions, the nearest to all normal lines last.
-    fn directions(&self) -> [[f64; 3]; 3] {
+    fn directions(&self) -> [DVec3; 3] {
         let Some(factor) = self.normals.cholesky() else {
-            return [[0.0; 3]; 3];
+            return [DVec3::ZERO; 3];
         };
         let left = self.moments - self.mixed.transpose() * factor.solve(&self.mixed);
         SymmetricMatrix3::from_entries(|i, j| 0.5 * (left[(i, j)] + left[(j, i)])).eigen().0
     }
 
     /// A point of the axis of this direction, from the middle.
-    fn point(&self, d: [f64; 3]) -> [f64; 3] {
-        cross(d, self.moment(Vector3::from(d)).into())
+    fn point(&self, d: DVec3) -> DVec3 {
+        d.cross(DVec3::from_slice(self.moment(Vector3::from(d.to_array())).as_slice()))
     }
 }

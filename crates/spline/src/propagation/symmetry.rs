@@ -23,7 +23,7 @@ use super::maps::{MAX_PARAMETERS, Symmetry};
 use super::pairs::{Pair, pairs};
 use super::starts::starts;
 use nalgebra::{SMatrix, SVector};
-use planish_estimate::vector3::{add, scale};
+use planish_core::DVec3;
 use rayon::prelude::*;
 
 /// Reach of pairs relative to the side of the facets: initial and final value. A wide reach tolerates poor
@@ -70,12 +70,12 @@ pub enum SymmetryKind {
         /// Number of repetitions of the shape in a full turn; `None` for any angle.
         order: Option<u32>,
         /// Approximate direction of the axis, used only as a start.
-        towards: Option<[f64; 3]>,
+        towards: Option<DVec3>,
     },
     /// Reflection in a plane.
     Mirror {
         /// Approximate direction of the normal, used only as a start.
-        towards: Option<[f64; 3]>,
+        towards: Option<DVec3>,
     },
 }
 
@@ -108,12 +108,10 @@ impl FittedSymmetry {
 
     /// Variance of the image of a point along a direction, due to the error of the symmetry.
     #[must_use]
-    pub fn image_variance(&self, angle: Option<f64>, point: [f64; 3], along: [f64; 3]) -> f64 {
+    pub fn image_variance(&self, angle: Option<f64>, point: DVec3, along: DVec3) -> f64 {
         let map = angle.map_or(super::maps::Map::Reflect, super::maps::Map::turn);
         let derivatives = self.symmetry.derivatives(map, point);
-        let row = SVector::<f64, MAX_PARAMETERS>::from_fn(|k, _| {
-            planish_estimate::vector3::dot(along, derivatives[k])
-        });
+        let row = SVector::<f64, MAX_PARAMETERS>::from_fn(|k, _| along.dot(derivatives[k]));
         (row.transpose() * self.covariance * row)[(0, 0)].max(0.0)
     }
 
@@ -130,7 +128,7 @@ impl FittedSymmetry {
 #[must_use]
 pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetry> {
     let count = facets.all.len();
-    let middle = scale(1.0 / count as f64, facets.all.iter().fold([0.0; 3], |s, f| add(s, f.point)));
+    let middle = 1.0 / count as f64 * facets.all.iter().fold(DVec3::ZERO, |s, f| s + f.point);
     let stride = count.div_ceil(START_SOURCES);
     let mut tried: Vec<(f64, Symmetry)> = starts(facets, kind, middle)
         .into_par_iter()
@@ -186,7 +184,7 @@ fn agreement(found: &[Pair], within: f64) -> f64 {
 }
 
 /// Gauss–Newton from a start.
-fn refine(facets: &Facets, start: Symmetry, middle: [f64; 3], steps: usize, stride: usize) -> Symmetry {
+fn refine(facets: &Facets, start: Symmetry, middle: DVec3, steps: usize, stride: usize) -> Symmetry {
     let mut symmetry = start.near(middle);
     for step in 0..steps {
         // Reach and expected deviation shrink during the first 60 % of the steps; the rest converges with the

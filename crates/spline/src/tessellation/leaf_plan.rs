@@ -2,7 +2,7 @@
 
 use super::{SIDES, Side};
 use crate::surface::Surface;
-use planish_estimate::vector3::{cross, distance, dot, unit};
+use planish_core::DVec3;
 
 /// Vertices of a leaf in their order: border ring, inner points of the grid, centres of fans.
 pub(super) struct LeafPlan {
@@ -37,8 +37,8 @@ pub(super) struct RingPlace {
 pub(super) struct Vertex {
     pub leaf: u32,
     pub local: [f64; 2],
-    pub position: [f64; 3],
-    pub normal: [f64; 3],
+    pub position: DVec3,
+    pub normal: DVec3,
 }
 
 impl LeafPlan {
@@ -234,7 +234,7 @@ impl LeafPlan {
         out
     }
 
-    pub(super) fn triangulate(&self, positions: &[[f64; 3]], out: &mut Vec<[u32; 3]>) {
+    pub(super) fn triangulate(&self, positions: &[DVec3], out: &mut Vec<[u32; 3]>) {
         let ring = self.ring_length() as u32;
         let first_inner = self.first_own + self.own_ring.len() as u32;
         let number = |index: u32| {
@@ -251,7 +251,7 @@ impl LeafPlan {
                 middle += 1;
             } else if let [a, b, c, d] = *polygon {
                 let [a, b, c, d] = [a, b, c, d].map(number);
-                let length = |p: u32, q: u32| distance(positions[p as usize], positions[q as usize]);
+                let length = |p: u32, q: u32| positions[p as usize].distance(positions[q as usize]);
                 // The shorter diagonal gives the rounder triangles.
                 if length(a, c) <= length(b, d) {
                     out.extend([[a, b, c], [a, c, d]]);
@@ -267,7 +267,7 @@ impl LeafPlan {
 
 /// The unit normal at a leaf-local point, or that of the nearest regular point towards the centre of the
 /// leaf.
-fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f64; 3] {
+fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> DVec3 {
     if at_pole {
         let [u, v] = surface.space().parameters(leaf, local);
         if let Some(normal) = surface.normal(u, v) {
@@ -279,13 +279,13 @@ fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f6
     for towards in [0.0, 1e-6, 1e-4, 1e-2, 0.1, 0.5, 1.0] {
         let [s, t] = local.map(|x| x + towards * (0.5 - x));
         let jet = surface.leaf_jet(leaf, s, t);
-        let n = cross(jet.du, jet.dv);
+        let n = jet.du.cross(jet.dv);
         // Below this threshold the direction of S_u × S_v is dominated by rounding.
-        if dot(n, n) > 1e-24 * dot(jet.du, jet.du) * dot(jet.dv, jet.dv)
-            && let Some(normal) = unit(n)
+        if n.length_squared() > 1e-24 * jet.du.length_squared() * jet.dv.length_squared()
+            && let Some(normal) = n.try_normalize()
         {
             return normal;
         }
     }
-    [0.0; 3]
+    DVec3::ZERO
 }

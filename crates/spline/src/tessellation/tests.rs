@@ -1,7 +1,6 @@
 use super::*;
 use crate::base::BaseShape;
 use crate::hierarchy::Hierarchy;
-use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -17,12 +16,14 @@ fn noise(n: usize) -> f64 {
 }
 
 fn base(shape: Shape) -> BaseShape {
-    let axis = [0.0, 0.6, 0.8];
+    let axis = DVec3::new(0.0, 0.6, 0.8);
     match shape {
-        Shape::Sheet => BaseShape::plane([1.0, 2.0, 3.0], [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], [2.0, 1.5]),
-        Shape::Tube => BaseShape::cylinder([1.0, 2.0, 3.0], axis, 1.0, 2.0),
-        Shape::Ball => BaseShape::sphere([1.0, 2.0, 3.0], 1.5, axis),
-        Shape::Torus => BaseShape::torus([1.0, 2.0, 3.0], axis, 2.0, 0.7),
+        Shape::Sheet => {
+            BaseShape::plane(DVec3::new(1.0, 2.0, 3.0), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [2.0, 1.5])
+        }
+        Shape::Tube => BaseShape::cylinder(DVec3::new(1.0, 2.0, 3.0), axis, 1.0, 2.0),
+        Shape::Ball => BaseShape::sphere(DVec3::new(1.0, 2.0, 3.0), 1.5, axis),
+        Shape::Torus => BaseShape::torus(DVec3::new(1.0, 2.0, 3.0), axis, 2.0, 0.7),
     }
 }
 
@@ -33,7 +34,7 @@ fn bumpy(shape: Shape, rounds: usize, seed: usize) -> Surface {
         let bump = 0.1 * 0.5_f64.powi(round as i32);
         let vertices = surface.vertices().iter().enumerate().map(|(n, p)| {
             let at = 3 * n + 1000 * round + 77 * seed;
-            add_scaled(*p, bump, [noise(at), noise(at + 1), noise(at + 2)])
+            *p + bump * DVec3::new(noise(at), noise(at + 1), noise(at + 2))
         });
         surface = surface.with_vertices(vertices.collect()).unwrap();
         if round < rounds {
@@ -106,10 +107,10 @@ fn vertices_lie_on_the_surface_at_their_parameters() {
         for n in 0..mesh.positions.len() {
             let [u, v] = mesh.parameters[n];
             let p = surface.point(u, v);
-            assert!(distance(p, mesh.positions[n]) < 1e-12, "{shape:?}");
+            assert!(p.distance(mesh.positions[n]) < 1e-12, "{shape:?}");
             assert_eq!(surface.space().parameters(mesh.leaf[n] as usize, mesh.local[n]), mesh.parameters[n]);
             let normal = surface.normal(u, v).unwrap();
-            assert!(distance(normal, mesh.normals[n]) < 1e-6, "{shape:?} at {u} {v}");
+            assert!(normal.distance(mesh.normals[n]) < 1e-6, "{shape:?} at {u} {v}");
         }
     }
 }
@@ -122,10 +123,10 @@ fn triangles_are_oriented_by_the_normals_and_a_ball_faces_outward() {
         let mut volume = 0.0;
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|n| mesh.positions[n as usize]);
-            let n = cross(sub(b, a), sub(c, a));
-            volume += dot(sub(a, [1.0, 2.0, 3.0]), n) / 6.0;
+            let n = (b - a).cross(c - a);
+            volume += (a - DVec3::new(1.0, 2.0, 3.0)).dot(n) / 6.0;
             for &corner in t {
-                assert!(dot(n, mesh.normals[corner as usize]) > 0.0, "{shape:?}");
+                assert!(n.dot(mesh.normals[corner as usize]) > 0.0, "{shape:?}");
             }
         }
         let pi = std::f64::consts::PI;
@@ -139,13 +140,13 @@ fn triangles_are_oriented_by_the_normals_and_a_ball_faces_outward() {
 
 #[test]
 fn a_pole_is_one_vertex_with_its_normal() {
-    let axis = [0.0, 0.6, 0.8];
+    let axis = DVec3::new(0.0, 0.6, 0.8);
     let surface = base(Shape::Ball).surface([12, 8]).unwrap();
     let mesh = tessellate(&surface, &options(0.001)).unwrap();
     for (v, side) in [(0.0, -1.0), (8.0, 1.0)] {
         let there: Vec<usize> = (0..mesh.positions.len()).filter(|&n| mesh.parameters[n][1] == v).collect();
         assert_eq!(there.len(), 1);
-        assert!(distance(mesh.normals[there[0]], scale(side, axis)) < 1e-9);
+        assert!(mesh.normals[there[0]].distance(side * axis) < 1e-9);
     }
 }
 
@@ -183,12 +184,13 @@ fn wrong_options_are_rejected() {
 fn a_collapsed_patch_still_gets_normals() {
     // The first three rows of vertices each collapse to a point: S_u = 0 along v = 0.
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());
-    let vertices = space.node_anchors().iter().map(|&[u, v]| [u * (v - 1.0).max(0.0), v, 0.0]).collect();
+    let vertices =
+        space.node_anchors().iter().map(|&[u, v]| DVec3::new(u * (v - 1.0).max(0.0), v, 0.0)).collect();
     let surface = Surface::new(space, vertices).unwrap();
     assert!(surface.normal(1.0, 0.0).is_none());
     let mesh = tessellate(&surface, &options(0.01)).unwrap();
     for n in &mesh.normals {
-        assert!((norm(*n) - 1.0).abs() < 1e-12);
+        assert!((n.length() - 1.0).abs() < 1e-12);
     }
 }
 

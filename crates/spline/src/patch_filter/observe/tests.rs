@@ -7,9 +7,8 @@ use crate::patch_filter::{
 use crate::surface::{Surface, leaf_weights};
 use crate::system::SurfaceSystem;
 use nalgebra::DMatrix;
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::sparse::BlockInformation;
-use planish_estimate::vector3::{cross, unit};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
 
 const PRIOR: SmoothnessPrior = SmoothnessPrior { weight: 3.0, hold: 0.02 };
-const UP: [f64; 3] = [0.0, 0.0, 1.0];
+const UP: DVec3 = DVec3::Z;
 
 fn plane(base: [usize; 2]) -> Surface {
     parameter_plane(&Arc::new(Hierarchy::uniform(Shape::Sheet, base).unwrap())).unwrap()
@@ -67,7 +66,8 @@ fn along_one_normal_it_equals_the_filter_of_heights() {
         let (a, b) = (heights.variance_along(u, v, UP), along.variance_along(u, v, UP));
         assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
     }
-    let position = SurfaceReading::Position { parameters: [1.0, 1.0], point: [1.0, 1.0, 0.0], variance: 1.0 };
+    let position =
+        SurfaceReading::Position { parameters: [1.0, 1.0], point: DVec3::new(1.0, 1.0, 0.0), variance: 1.0 };
     assert!(along.observe(&position).is_err(), "its parameters would count as measured");
 }
 
@@ -95,8 +95,9 @@ fn a_first_fit_and_a_stream_equal_a_stream_alone() {
     let factor = system.factorize_scalar(&data).unwrap();
     let mut x = data.vector().to_vec();
     factor.solve_in_place(&mut x).unwrap();
-    let vertices =
-        (flat.vertices().iter().zip(x.chunks_exact(3))).map(|(p, x)| [p[0], p[1], p[2] + x[2]]).collect();
+    let vertices = (flat.vertices().iter().zip(x.chunks_exact(3)))
+        .map(|(p, x)| DVec3::new(p.x, p.y, p.z + x[2]))
+        .collect();
     let fitted = flat.with_vertices(vertices).unwrap();
     let layout = options(StateLayout::Normal, 0);
     let mut first = PatchFilter::from_first_fit(&fitted, &flat, PRIOR, &data, layout).unwrap();
@@ -153,7 +154,8 @@ fn outliers_are_rejected_and_shape_is_not() {
 /// A bowl over one patch.
 fn bowl() -> Surface {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
-    fit_function(&space, |u, v| [u, v, 0.08 * ((u - 2.0).powi(2) + 0.5 * (v - 1.5).powi(2))]).unwrap()
+    fit_function(&space, |u, v| DVec3::new(u, v, 0.08 * ((u - 2.0).powi(2) + 0.5 * (v - 1.5).powi(2))))
+        .unwrap()
 }
 
 /// Positions with anisotropic noise, normals and curvatures near the bowl.
@@ -166,7 +168,7 @@ fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
                 |sigma: f64| -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut random) };
             let jet = bowl.jet(parameters[0], parameters[1]);
             let normal = jet.normal().unwrap();
-            let tilted = unit(normal.map(|c| c + noise(0.02))).unwrap();
+            let tilted = normal.map(|c| c + noise(0.02)).try_normalize().unwrap();
             match k % 3 {
                 0 => SurfaceReading::PositionWithCovariance {
                     parameters,
@@ -175,12 +177,12 @@ fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
                 },
                 1 => SurfaceReading::Normal { parameters, normal: tilted, sigma_rad: 0.02 },
                 _ => {
-                    let along = unit(cross(tilted, [0.0, 1.0, 0.0])).unwrap();
+                    let along = tilted.cross(DVec3::Y).try_normalize().unwrap();
                     SurfaceReading::Curvature {
                         parameters,
                         normal: tilted,
                         principal: [0.16 + noise(0.02), 0.08 + noise(0.02)],
-                        directions: [along, cross(tilted, along)],
+                        directions: [along, tilted.cross(along)],
                         sigma: 0.02,
                     }
                 }
@@ -239,16 +241,12 @@ fn twenty_orders_of_a_mixed_set_give_one_surface() {
             filter.observe(reading).unwrap();
         }
         let mean = global_mean(&bowl, &readings);
-        let vertices = mean.as_slice().as_chunks::<3>().0.to_vec();
+        let vertices = mean.as_slice().chunks_exact(3).map(DVec3::from_slice).collect();
         let found = [filter.surface().unwrap(), bowl.with_vertices(vertices).unwrap()];
         let [patch, global] = first.get_or_insert_with(|| found.clone());
         for (a, b) in [(&found[0], &*patch), (&found[1], &*global), (&found[0], &found[1])] {
-            let off = a
-                .vertices()
-                .iter()
-                .flatten()
-                .zip(b.vertices().iter().flatten())
-                .map(|(a, b)| (a - b).abs())
+            let off = (a.vertices().iter().zip(b.vertices()))
+                .map(|(a, b)| (a - b).abs().max_element())
                 .fold(0.0, f64::max);
             assert!(off < 1e-9, "{off}");
         }

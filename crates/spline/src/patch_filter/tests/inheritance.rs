@@ -67,7 +67,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
         fresh.subdivide(&[fresh.patches()[0]]).unwrap();
         fresh
     };
-    let (mean, sigma) = differences(&fresh, &global, [0.0, 0.0, 1.0]);
+    let (mean, sigma) = differences(&fresh, &global, DVec3::Z);
     assert!(mean < 1e-7 && sigma < 1e-7, "patch and global prior agree: {mean:e} {sigma:e}");
 }
 
@@ -79,7 +79,7 @@ fn priors_follow_the_hierarchy_when_neighbours_are_subdivided() {
     for patch in [0, 0, 0] {
         filter.subdivide(&[filter.patches()[patch]]).unwrap();
         let global = Global::new(filter.space(), PRIOR).solve();
-        let (mean, sigma) = differences(&filter, &global, [0.0, 0.0, 1.0]);
+        let (mean, sigma) = differences(&filter, &global, DVec3::Z);
         assert!(mean < 1e-6 && sigma < 1e-6, "{mean:e} {sigma:e}");
     }
 }
@@ -95,8 +95,9 @@ fn shared_functions_of_neighbours_are_equal_on_any_surface() {
         let uniform = Quadtree::new(Arc::new(Hierarchy::uniform(shape, base).unwrap())).unwrap();
         let tree = uniform.subdivided(&marks).unwrap();
         let space = Arc::clone(&tree.space);
-        let vertices =
-            (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
+        let vertices = (0..space.node_count())
+            .map(|i| DVec3::from_array([0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())))
+            .collect();
         let surface = Surface::new(space, vertices).unwrap();
         let levels: std::collections::HashSet<u8> = tree.patches.iter().map(|p| p.depth).collect();
         assert!(levels.len() == 2 || shape == Shape::Ball, "{shape:?} has two levels");
@@ -108,7 +109,7 @@ fn shared_functions_of_neighbours_are_equal_on_any_surface() {
             mixed += usize::from(separator.rows[1][0].len() > 1);
             for (a, b) in separator.rows[0].iter().zip(&separator.rows[1]) {
                 for d in 0..3 {
-                    let value = |row: &[(u16, f64)], c: &[[f64; 3]]| -> f64 {
+                    let value = |row: &[(u16, f64)], c: &[DVec3]| -> f64 {
                         row.iter().map(|&(k, w)| w * c[usize::from(k)][d]).sum()
                     };
                     let difference = value(a, &of[0]) - value(b, &of[1]);

@@ -1,34 +1,34 @@
 use super::*;
-use planish_estimate::vector3::{cross, dot, sub, tangents, unit};
+use planish_core::vector3::tangents;
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 const SIGMA: f64 = 0.01;
-const AXIS: [f64; 3] = [0.2, -0.3, 0.932_737_905_308_881_5];
-const POINT: [f64; 3] = [5.0, -2.0, 1.0];
+const AXIS: DVec3 = DVec3::new(0.2, -0.3, 0.932_737_905_308_881_5);
+const POINT: DVec3 = DVec3::new(5.0, -2.0, 1.0);
 
 /// A cloud over `(h, a)` with `r(h, a)` about an axis, seen from one side if `half_angle` is less than π.
 fn cloud(seed: u64, half_angle: f64, radius: impl Fn(f64, f64) -> f64) -> Facets {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let d = unit(AXIS).unwrap();
+    let d = AXIS.try_normalize().unwrap();
     let (e1, e2) = tangents(d);
     let at = |h: f64, a: f64| {
         let r = radius(h, a);
         let (sin, cos) = a.sin_cos();
-        [0, 1, 2].map(|k| POINT[k] + h * d[k] + r * (cos * e1[k] + sin * e2[k]))
+        POINT + h * d + r * (cos * e1 + sin * e2)
     };
     let (mut points, mut normals) = (Vec::new(), Vec::new());
     for _ in 0..12_000 {
         let h = 3.0 * (rng.random::<f64>() - 0.5);
         let a = half_angle * (2.0 * rng.random::<f64>() - 1.0);
         let step = 1e-5;
-        let along = sub(at(h + step, a), at(h - step, a));
-        let around = sub(at(h, a + step), at(h, a - step));
-        let n = unit(cross(around, along)).unwrap();
+        let along = at(h + step, a) - at(h - step, a);
+        let around = at(h, a + step) - at(h, a - step);
+        let n = around.cross(along).try_normalize().unwrap();
         let noise = SIGMA * rng.sample::<f64, _>(StandardNormal);
         let p = at(h, a);
-        points.push([0, 1, 2].map(|k| p[k] + noise * n[k]));
+        points.push(p + noise * n);
         normals.push(n);
     }
     Facets::new(&points, &normals, &vec![SIGMA * SIGMA; points.len()], true).unwrap()
@@ -43,16 +43,16 @@ fn axis_errors(found: &FittedSymmetry) -> [f64; 4] {
     let Symmetry::Rotation { point, direction, .. } = found.symmetry else {
         panic!("no rotation");
     };
-    let mut d = unit(AXIS).unwrap();
-    if dot(d, direction) < 0.0 {
-        d = d.map(|c| -c);
+    let mut d = AXIS.try_normalize().unwrap();
+    if d.dot(direction) < 0.0 {
+        d = -d;
     }
     let (e1, e2) = tangents(direction);
     // The point of the true axis nearest to the estimated point.
-    let along = dot(sub(point, POINT), direction) / dot(d, direction);
-    let there = [0, 1, 2].map(|k| POINT[k] + along * d[k]);
-    let off = sub(there, point);
-    [dot(off, e1), dot(off, e2), dot(d, e1), dot(d, e2)]
+    let along = (point - POINT).dot(direction) / d.dot(direction);
+    let there = POINT + along * d;
+    let off = there - point;
+    [off.dot(e1), off.dot(e2), d.dot(e1), d.dot(e2)]
 }
 
 #[test]
@@ -83,14 +83,14 @@ fn plane_of_a_mirrored_shape_lies_within_its_sigma() {
         let facets = cloud(seed, 2.0, shape);
         let found = fit_symmetry(&facets, SymmetryKind::Mirror { towards: None }).unwrap();
         assert!(found.supported, "{} of {} agree", found.agreeing, found.compared);
-        let (_, e2) = tangents(unit(AXIS).unwrap());
+        let (_, e2) = tangents(AXIS.try_normalize().unwrap());
         let Symmetry::Mirror { point, normal } = found.symmetry else {
             panic!("no mirror");
         };
-        let m = if dot(e2, normal) < 0.0 { e2.map(|c| -c) } else { e2 };
+        let m = if e2.dot(normal) < 0.0 { e2.map(|c| -c) } else { e2 };
         let (t1, t2) = tangents(normal);
-        let shift = dot(sub(POINT, point), m) / dot(m, normal);
-        let e = nalgebra::Vector3::new(shift, dot(m, t1), dot(m, t2));
+        let shift = (POINT - point).dot(m) / m.dot(normal);
+        let e = nalgebra::Vector3::new(shift, m.dot(t1), m.dot(t2));
         let covariance = found.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         nees += (e.transpose() * covariance.try_inverse().unwrap() * e)[(0, 0)] / runs as f64;
         assert!(e.norm() < 0.05, "{e}");
@@ -132,12 +132,12 @@ fn a_handle_does_not_belong_to_the_revolution() {
     let e = axis_errors(&found);
     assert!(e.iter().all(|e| e.abs() < 0.03), "{e:?}");
     // Facets on the bump must not be propagated; most others may.
-    let d = unit(AXIS).unwrap();
+    let d = AXIS.try_normalize().unwrap();
     let (e1, e2) = tangents(d);
     let (mut on, mut kept_on, mut off, mut kept_off) = (0, 0, 0, 0);
     for (facet, &obeys) in facets.all.iter().zip(&found.obeys) {
-        let r = sub(facet.point, POINT);
-        let (h, a) = (dot(r, d), dot(r, e2).atan2(dot(r, e1)));
+        let r = facet.point - POINT;
+        let (h, a) = (r.dot(d), r.dot(e2).atan2(r.dot(e1)));
         let height = 0.25 * (-(h * h + (a - 0.3).powi(2)) / 0.04).exp();
         if height > 0.12 {
             on += 1;
