@@ -260,7 +260,7 @@ pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Sha
         return Err(Error::undetermined("all points lie on one line: they do not determine a surface"));
     }
     let known: Vec<DVec3> = normals.iter().copied().filter(|n| n.length_squared() > 0.5).collect();
-    let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances.to_array()));
+    let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
             "all points lie in one plane: they determine a sheet but not a {}",
@@ -396,7 +396,7 @@ fn perpendicular_axis(normals: &[DVec3]) -> Option<DVec3> {
 
 /// Mean, principal axes (right-handed, largest variance first) and variances of a cloud.
 #[must_use]
-pub fn principal_axes(points: &[DVec3]) -> (DVec3, [DVec3; 3], DVec3) {
+pub fn principal_axes(points: &[DVec3]) -> (DVec3, [DVec3; 3], [f64; 3]) {
     let count = points.len() as f64;
     let mean = 1.0 / count * points.iter().sum::<DVec3>();
     let mut moments = SymmetricMatrix3::ZERO;
@@ -407,7 +407,7 @@ pub fn principal_axes(points: &[DVec3]) -> (DVec3, [DVec3; 3], DVec3) {
     // The signs of eigenvectors are arbitrary and could give a left-handed frame.
     let (mut axes, values) = covariance.eigen();
     axes[2] = axes[0].cross(axes[1]);
-    (mean, axes, DVec3::from(values))
+    (mean, axes, values)
 }
 
 fn bounds(points: &[DVec3], directions: [DVec3; 2]) -> ([f64; 2], [f64; 2]) {
@@ -417,13 +417,10 @@ fn bounds(points: &[DVec3], directions: [DVec3; 2]) -> ([f64; 2], [f64; 2]) {
     })
 }
 
-fn bounds3(points: &[DVec3], directions: [DVec3; 3]) -> (DVec3, DVec3) {
-    points.iter().fold((DVec3::splat(f64::MAX), DVec3::splat(f64::MIN)), |(lo, hi), p| {
+fn bounds3(points: &[DVec3], directions: [DVec3; 3]) -> ([f64; 3], [f64; 3]) {
+    points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
         let x = directions.map(|e| e.dot(*p));
-        (
-            DVec3::from_array([0, 1, 2].map(|d| lo[d].min(x[d]))),
-            DVec3::from_array([0, 1, 2].map(|d| hi[d].max(x[d]))),
-        )
+        ([0, 1, 2].map(|d| lo[d].min(x[d])), [0, 1, 2].map(|d| hi[d].max(x[d])))
     })
 }
 

@@ -18,7 +18,7 @@ fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<DVec3>
 
 /// Information from the weights of each reading.
 fn by_weights(local: &[[f64; 2]], z: &[DVec3], w: &[f64]) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
-    let (mut matrix, mut vector) = ([[0.0; 16]; 16], [DVec3::ZERO; 16]);
+    let (mut matrix, mut vector) = ([[0.0; 16]; 16], [[0.0; 3]; 16]);
     for ((x, z), w) in local.iter().zip(z).zip(w) {
         let b = leaf_weights(x[0], x[1]);
         for k in 0..16 {
@@ -35,7 +35,7 @@ fn by_weights(local: &[[f64; 2]], z: &[DVec3], w: &[f64]) -> ([[f64; 16]; 16], [
 
 fn assert_same(
     found: &([[f64; 16]; 16], [[f64; 3]; 16]),
-    wanted: &([[f64; 16]; 16], [DVec3; 16]),
+    wanted: &([[f64; 16]; 16], [[f64; 3]; 16]),
     scale: f64,
 ) {
     for k in 0..16 {

@@ -377,7 +377,7 @@ fn normals_and_curvatures_of_a_sphere_reduce_error_and_sigma() {
     let radius = 5.0;
     let at = |u: f64, v: f64| {
         let (x, y) = (u - 2.0, v - 2.0);
-        [x, y, (radius * radius - x * x - y * y).sqrt()]
+        DVec3::new(x, y, (radius * radius - x * x - y * y).sqrt())
     };
     let mut filter = filter_to_depth(0, [4, 4], StateLayout::Full, PRIOR);
     let errors = |filter: &PatchFilter| {
@@ -393,8 +393,7 @@ fn normals_and_curvatures_of_a_sphere_reduce_error_and_sigma() {
     };
     for [u, v] in [[0.3, 0.3], [3.7, 0.4], [0.3, 3.6], [3.7, 3.7]] {
         let point = at(u, v);
-        let reading =
-            SurfaceReading::Position { parameters: [u, v], point: DVec3::from(point), variance: 1e-6 };
+        let reading = SurfaceReading::Position { parameters: [u, v], point, variance: 1e-6 };
         filter.observe(&reading).unwrap();
     }
     let mut last = errors(&filter);
@@ -402,17 +401,13 @@ fn normals_and_curvatures_of_a_sphere_reduce_error_and_sigma() {
         (0..36).map(|k| [0.35 + 0.66 * f64::from(k % 6), 0.35 + 0.66 * f64::from(k / 6)]).collect();
     for which in 0..2 {
         for &[u, v] in &grid {
-            let normal = at(u, v).map(|x| x / radius);
-            let (t1, t2) = planish_core::vector3::tangents(DVec3::from(normal));
+            let normal = at(u, v) / radius;
+            let (t1, t2) = planish_core::vector3::tangents(normal);
             let reading = match which {
-                0 => SurfaceReading::Normal {
-                    parameters: [u, v],
-                    normal: DVec3::from(normal),
-                    sigma_rad: 0.01,
-                },
+                0 => SurfaceReading::Normal { parameters: [u, v], normal, sigma_rad: 0.01 },
                 _ => SurfaceReading::Curvature {
                     parameters: [u, v],
-                    normal: DVec3::from(normal),
+                    normal,
                     principal: [-1.0 / radius; 2],
                     directions: [t1, t2],
                     sigma: 0.01,
