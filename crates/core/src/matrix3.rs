@@ -8,6 +8,27 @@ use glam::DVec3;
 /// The identity.
 pub const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
+/// The matrix with these rows, such as the rotation into a frame with three unit vectors as axes.
+///
+/// # Examples
+/// ```
+/// use planish_core::{DVec3, matrix3::from_rows};
+/// let rows = [DVec3::Y, DVec3::NEG_X, DVec3::Z];
+/// assert_eq!(from_rows(rows), [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
+/// ```
+#[inline]
+#[must_use]
+pub fn from_rows(rows: [DVec3; 3]) -> [[f64; 3]; 3] {
+    rows.map(|row| row.to_array())
+}
+
+/// The rows of a matrix as vectors: the inverse of [`from_rows`].
+#[inline]
+#[must_use]
+pub fn rows(m: &[[f64; 3]; 3]) -> [DVec3; 3] {
+    m.map(DVec3::from_array)
+}
+
 /// `M v`.
 ///
 /// # Examples
@@ -19,7 +40,7 @@ pub const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0
 #[inline]
 #[must_use]
 pub fn times(m: &[[f64; 3]; 3], v: DVec3) -> DVec3 {
-    DVec3::from_array(m.map(|row| DVec3::from_array(row).dot(v)))
+    DVec3::from_array(rows(m).map(|row| row.dot(v)))
 }
 
 /// `Mᵀ v`: for a rotation, the inverse rotation of `v`.
@@ -51,7 +72,7 @@ pub fn transposed_times(m: &[[f64; 3]; 3], v: DVec3) -> DVec3 {
 /// ```
 #[must_use]
 pub fn inverse(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let [a, b, c] = m.map(DVec3::from_array);
+    let [a, b, c] = rows(m);
     let columns = [b.cross(c), c.cross(a), a.cross(b)];
     let determinant = a.dot(columns[0]);
     let size = a.length() * b.length() * c.length();

@@ -111,7 +111,7 @@ impl SymmetricMatrix3 {
     #[must_use]
     pub fn rotated(&self, rotation: &[[f64; 3]; 3]) -> Self {
         // By rows of R: entry (i, j) is r_iᵀ C r_j, so the result is symmetric without averaging.
-        let rows = rotation.map(DVec3::from_array);
+        let rows = matrix3::rows(rotation);
         let products = rows.map(|row| self.times(row));
         Self::from_entries(|i, j| rows[i].dot(products[j]))
     }

@@ -1,6 +1,6 @@
 //! A camera that measures a depth at every pixel.
 
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 
 /// A pinhole camera that measures depth along its axis.
 ///
@@ -30,14 +30,14 @@ impl DepthCamera {
     /// The point of a reading; `None` if the reading is 0, negative or not finite.
     #[inline]
     #[must_use]
-    pub fn point(&self, u: f64, v: f64, reading: f64) -> Option<[f64; 3]> {
+    pub fn point(&self, u: f64, v: f64, reading: f64) -> Option<DVec3> {
         let z = self.scale * reading;
         (z > 0.0 && z.is_finite()).then(|| self.ray(u, v).map(|c| z * c))
     }
 
     /// The ray of a pixel, of length 1 along the axis.
-    fn ray(&self, u: f64, v: f64) -> [f64; 3] {
-        [(u - self.center[0]) / self.focal[0], (v - self.center[1]) / self.focal[1], 1.0]
+    fn ray(&self, u: f64, v: f64) -> DVec3 {
+        DVec3::new((u - self.center[0]) / self.focal[0], (v - self.center[1]) / self.focal[1], 1.0)
     }
 
     /// The covariance of the point of a pixel at depth z, if σ is known.
@@ -56,8 +56,8 @@ impl DepthCamera {
 
 /// The covariance of a point on the ray `d`, of length 1 along the axis, whose
 /// depth has the variance `along`: `along d dᵀ`, and `across` in each direction across it.
-pub(crate) fn ray_covariance(d: [f64; 3], along: f64, across: f64) -> SymmetricMatrix3 {
-    let square = d.iter().map(|c| c * c).sum::<f64>();
+pub(crate) fn ray_covariance(d: DVec3, along: f64, across: f64) -> SymmetricMatrix3 {
+    let square = d.length_squared();
     // The isotropic part already contains `across` along the ray, so it is subtracted there.
     let extra = along - across / square;
     SymmetricMatrix3::from_entries(|i, j| extra * d[i] * d[j] + if i == j { across } else { 0.0 })
@@ -77,7 +77,7 @@ mod tests {
     #[test]
     fn a_reading_lies_on_the_ray_of_its_pixel() {
         let p = CAMERA.point(419.5, 135.5, 2000.0).unwrap();
-        assert!(p.iter().zip([0.4, -0.4, 2.0]).all(|(a, b)| (a - b).abs() < 1e-15), "{p:?}");
+        assert!(p.abs_diff_eq(DVec3::new(0.4, -0.4, 2.0), 1e-15), "{p:?}");
         for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(CAMERA.point(0.0, 0.0, depth), None);
         }
@@ -88,10 +88,10 @@ mod tests {
         let c = CAMERA.covariance(719.5, 239.5, 2.0).unwrap();
         // σ_z is 9 mm, the ray is (0.8, 0, 1).
         let length = 1.64_f64.sqrt();
-        let ray = [0.8 / length, 0.0, 1.0 / length];
+        let ray = DVec3::new(0.8 / length, 0.0, 1.0 / length);
         assert!((c.along(ray).sqrt() - 0.009 * length).abs() < 1e-12);
         let pixel = 2.0 / (500.0_f64 * 520.0).sqrt() / 12.0_f64.sqrt();
-        for across in [[0.0, 1.0, 0.0], [1.0 / length, 0.0, -0.8 / length]] {
+        for across in [DVec3::Y, DVec3::new(1.0 / length, 0.0, -0.8 / length)] {
             assert!((c.along(across).sqrt() - pixel).abs() < 1e-12);
         }
         assert_eq!(DepthCamera { sigma: None, ..CAMERA }.covariance(0.0, 0.0, 1.0), None);

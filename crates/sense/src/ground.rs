@@ -25,6 +25,7 @@
 //! - G. Sithole, G. Vosselman, *Experimental comparison of filter algorithms for bare-earth extraction from
 //!   airborne laser scanning point clouds*, 2004: the samples by which such filters are judged.
 
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -87,7 +88,7 @@ const DEEP: f32 = 5.0;
 /// ```
 /// use planish_sense::{Ground, GroundOptions, classify_ground};
 /// // A meadow of 30 m with a hut on it.
-/// let points: Vec<[f64; 3]> = (0..900)
+/// let points: Vec<DVec3> = (0..900)
 ///     .map(|i| (f64::from(i % 30), f64::from(i / 30)))
 ///     .map(|(x, y)| [x, y, if (10.0..16.0).contains(&x) && (10.0..16.0).contains(&y) { 3.0 } else { 0.05 * x
 /// }])
@@ -96,7 +97,7 @@ const DEEP: f32 = 5.0;
 /// assert_eq!(found.iter().filter(|g| **g == Ground::Above).count(), 36);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
-pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<Vec<Ground>> {
+pub fn classify_ground(points: &[DVec3], options: &GroundOptions) -> Result<Vec<Ground>> {
     let GroundOptions { widest, slope, height, .. } = *options;
     for (name, value) in
         [("width of the widest object", widest), ("cell", options.cell), ("slope", slope), ("height", height)]
@@ -179,9 +180,9 @@ struct HeightTest {
 }
 
 impl HeightTest {
-    fn classify(&self, points: &[[f64; 3]], frame: &Frame, options: &GroundOptions) -> Vec<Ground> {
+    fn classify(&self, points: &[DVec3], frame: &Frame, options: &GroundOptions) -> Vec<Ground> {
         let steepness = self.ground.steepness(frame.cell as f32);
-        let judge = |p: &[f64; 3]| {
+        let judge = |p: &DVec3| {
             let at = frame.place(p);
             let rise = p[2] - frame.base - self.ground.at(at);
             let tolerance = self.share * (options.height + options.height_per_slope * steepness.at(at));
@@ -206,7 +207,7 @@ struct Frame {
 }
 
 impl Frame {
-    fn around(points: &[[f64; 3]], cell: f64) -> Result<Self> {
+    fn around(points: &[DVec3], cell: f64) -> Result<Self> {
         let (mut low, mut high) = ([f64::MAX; 3], [f64::MIN; 3]);
         for p in points {
             for d in 0..3 {
@@ -234,18 +235,18 @@ impl Frame {
     }
 
     /// Coordinates in cells: the middle of the first is zero.
-    fn place(&self, p: &[f64; 3]) -> [f64; 2] {
+    fn place(&self, p: &DVec3) -> [f64; 2] {
         [0, 1].map(|d| (p[d] - self.origin[d]) / self.cell - 0.5)
     }
 
     /// The index of the cell that contains a point.
-    fn index(&self, p: &[f64; 3]) -> usize {
+    fn index(&self, p: &DVec3) -> usize {
         let [column, row] = [0, 1].map(|d| ((p[d] - self.origin[d]) / self.cell) as usize);
         row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)
     }
 
     /// The mean height of the bare points of every cell; NaN where there is none.
-    fn means(&self, points: &[[f64; 3]], found: &[Ground]) -> Raster {
+    fn means(&self, points: &[DVec3], found: &[Ground]) -> Raster {
         let mut sums = vec![[0.0_f32; 2]; self.columns * self.rows];
         for (p, _) in points.iter().zip(found).filter(|(_, what)| **what == Ground::Bare) {
             let [sum, count] = &mut sums[self.index(p)];
@@ -260,7 +261,7 @@ impl Frame {
     }
 
     /// The lowest point of every cell; infinity where there is none.
-    fn lowest(&self, points: &[[f64; 3]]) -> Raster {
+    fn lowest(&self, points: &[DVec3]) -> Raster {
         let mut values = vec![f32::INFINITY; self.columns * self.rows];
         for p in points {
             let value = &mut values[self.index(p)];

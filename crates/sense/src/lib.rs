@@ -16,16 +16,16 @@
 //! ```
 //! use planish_sense::Noise;
 //! let noise = Noise::Ray { sigma_along: 0.3, sigma_across: 0.1 };
-//! let covariance = noise.covariance(Some([0.0, 0.0, 1.0]));
-//! assert!((covariance.along([0.0, 0.0, 1.0]) - 0.09).abs() < 1e-12);
-//! assert!((covariance.along([1.0, 0.0, 0.0]) - 0.01).abs() < 1e-12);
+//! let covariance = noise.covariance(Some(DVec3::Z));
+//! assert!((covariance.along(DVec3::Z) - 0.09).abs() < 1e-12);
+//! assert!((covariance.along(DVec3::X) - 0.01).abs() < 1e-12);
 //! ```
 //!
 //! A pose carries points from the scanner's frame into the world:
 //! ```
 //! use planish_sense::Pose;
-//! let world_from_scanner = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::PI], [1.0, 0.0, 0.0]);
-//! let p = world_from_scanner.apply([1.0, 0.0, 0.0]);
+//! let world_from_scanner = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::PI], DVec3::X);
+//! let p = world_from_scanner.apply(DVec3::X);
 //! assert!(p.iter().all(|c| c.abs() < 1e-12));
 //! ```
 

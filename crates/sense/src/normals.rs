@@ -8,7 +8,8 @@
 
 use crate::{Scan, Viewing};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
+use planish_core::DVec3;
+use planish_core::vector3::as_arrays;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
@@ -54,7 +55,7 @@ const MIN_NEIGHBOURS: u32 = 4;
 #[derive(Debug, Clone, Default)]
 pub struct ScanGeometry {
     /// Unit normals, zero where unknown.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// The mark of each point.
     pub suspicion: Vec<Suspicion>,
     /// True if the normals point towards the sensor.
@@ -66,15 +67,15 @@ pub struct ScanGeometry {
 /// # Examples
 /// ```
 /// use planish_sense::{Viewing, ray_at};
-/// assert_eq!(ray_at(Viewing::Origin([0.0; 3]), [0.0, 0.0, 2.0]), Some([0.0, 0.0, 1.0]));
-/// assert_eq!(ray_at(Viewing::Unknown, [0.0; 3]), None);
+/// assert_eq!(ray_at(Viewing::Origin(DVec3::ZERO), [0.0, 0.0, 2.0]), Some(DVec3::Z));
+/// assert_eq!(ray_at(Viewing::Unknown, DVec3::ZERO), None);
 /// ```
 #[must_use]
-pub fn ray_at(viewing: Viewing, p: [f64; 3]) -> Option<[f64; 3]> {
+pub fn ray_at(viewing: Viewing, p: DVec3) -> Option<DVec3> {
     match viewing {
         Viewing::Unknown => None,
-        Viewing::Direction(d) => unit(d),
-        Viewing::Origin(o) => unit(sub(p, o)),
+        Viewing::Direction(d) => d.try_normalize(),
+        Viewing::Origin(o) => (p - o).try_normalize(),
     }
 }
 
@@ -97,7 +98,7 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
         }
     }
     if let Some(normals) = &scan.normals {
-        geometry.normals = normals.iter().map(|&n| unit(n).unwrap_or([0.0; 3])).collect();
+        geometry.normals = normals.iter().map(|&n| n.normalize_or_zero()).collect();
         geometry.oriented = true;
     }
     for i in 0..count {
@@ -106,12 +107,12 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
         };
         let n = &mut geometry.normals[i];
         // Estimated normals have no sign of their own; stated ones are not changed.
-        if scan.normals.is_none() && dot(*n, ray) > 0.0 {
-            *n = scale(-1.0, *n);
+        if scan.normals.is_none() && n.dot(ray) > 0.0 {
+            *n = -(*n);
         }
-        let facing = -dot(*n, ray);
+        let facing = -n.dot(ray);
         if geometry.suspicion[i] == Suspicion::None
-            && norm(*n) > 0.5
+            && n.length() > 0.5
             && facing < checks.grazing_deg.to_radians().cos()
         {
             geometry.suspicion[i] = Suspicion::Grazing;
@@ -123,14 +124,14 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
 /// Normals from the triangles of each grid square, without triangles across a jump in depth.
 fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geometry: &mut ScanGeometry) {
     let count = scan.points.len();
-    let mut sums = vec![[0.0; 3]; count];
+    let mut sums = vec![DVec3::ZERO; count];
     let mut at_jump = vec![false; count];
     let jump = checks.jump_deg.to_radians().sin();
     let is_jump = |a: usize, b: usize| {
-        let edge = sub(scan.points[b], scan.points[a]);
-        match (unit(edge), ray_at(scan.viewing, scan.points[a])) {
+        let edge = scan.points[b] - scan.points[a];
+        match (edge.try_normalize(), ray_at(scan.viewing, scan.points[a])) {
             // The edge's slope against the plane across the ray.
-            (Some(direction), Some(ray)) => dot(direction, ray).abs() > jump,
+            (Some(direction), Some(ray)) => direction.dot(ray).abs() > jump,
             _ => false,
         }
     };
@@ -176,21 +177,21 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
                 }
                 let [a, b, c] = t.map(|i| scan.points[i]);
                 // Not normalised: large triangles, whose normals are more accurate, weigh more.
-                let mut n = cross(sub(b, a), sub(c, a));
+                let mut n = (b - a).cross(c - a);
                 if let Some(ray) = ray_at(scan.viewing, a)
-                    && dot(n, ray) > 0.0
+                    && n.dot(ray) > 0.0
                 {
-                    n = scale(-1.0, n);
+                    n = -n;
                 }
                 for i in t {
-                    sums[i] = add(sums[i], n);
+                    sums[i] += n;
                 }
             };
             if present.len() == 3 {
                 triangle([present[0], present[1], present[2]]);
             } else {
                 // The shorter diagonal.
-                let d = |a: usize, b: usize| norm(sub(scan.points[present[a]], scan.points[present[b]]));
+                let d = |a: usize, b: usize| (scan.points[present[a]] - scan.points[present[b]]).length();
                 let split = if d(0, 2) <= d(1, 3) { [[0, 1, 2], [0, 2, 3]] } else { [[0, 1, 3], [1, 2, 3]] };
                 for t in split {
                     triangle(t.map(|k| present[k]));
@@ -198,7 +199,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
             }
         }
     }
-    geometry.normals = sums.iter().map(|&n| unit(n).unwrap_or([0.0; 3])).collect();
+    geometry.normals = sums.iter().map(|&n| n.normalize_or_zero()).collect();
     for (i, mark) in geometry.suspicion.iter_mut().enumerate() {
         if isolated[i] {
             *mark = Suspicion::Isolated;
@@ -212,7 +213,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
 #[derive(Debug, Clone, Default)]
 pub struct CloudGeometry {
     /// Unit normals with arbitrary sign; zero if the neighbours determine none.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// For each point, true if it is far from all others and not on a surface with them (dust, gross errors).
     pub isolated: Vec<bool>,
 }
@@ -237,7 +238,7 @@ const SURROUNDED: f64 = 1.0;
 /// # Examples
 /// ```
 /// use planish_sense::cloud_geometry;
-/// let points: Vec<[f64; 3]> = (0..100).map(|i| [f64::from(i % 10), f64::from(i / 10), 0.0]).collect();
+/// let points: Vec<DVec3> = (0..100).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10), 0.0)).collect();
 /// let found = cloud_geometry(&points, 8)?;
 /// assert!(found.normals.iter().all(|n| n[2].abs() > 0.999) && !found.isolated.contains(&true));
 /// # Ok::<(), planish_estimate::Error>(())
@@ -245,24 +246,23 @@ const SURROUNDED: f64 = 1.0;
 ///
 /// # References
 /// Hoppe et al., *Surface reconstruction from unorganized points*, 1992.
-pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
+pub fn cloud_geometry(points: &[DVec3], k: usize) -> Result<CloudGeometry> {
     let tree = tree(points)?;
     let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
-    let found: Vec<([f64; 3], f64, bool)> = points
+    let found: Vec<(DVec3, f64, bool)> = points
         .par_iter()
         .with_min_len(256)
         .map(|p| {
-            let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(k).execute();
-            let some: Vec<[f64; 3]> = near.iter().map(|n| points[n.item as usize]).collect();
+            let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute();
+            let some: Vec<DVec3> = near.iter().map(|n| points[n.item as usize]).collect();
             let distance = near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / near.len() as f64;
             let (normal, flatness) = flattest_direction(&some);
-            let others: Vec<[f64; 3]> = some.iter().copied().filter(|q| q != p).collect();
+            let others: Vec<DVec3> = some.iter().copied().filter(|q| q != p).collect();
             let count = others.len().max(1) as f64;
             let middle = mean(&others);
-            let spread =
-                (others.iter().map(|q| dot(sub(*q, middle), sub(*q, middle))).sum::<f64>() / count).sqrt();
+            let spread = (others.iter().map(|q| (*q - middle).length_squared()).sum::<f64>() / count).sqrt();
             // Far from its neighbours alone is no evidence: sparse parts of a surface are, too.
-            let on_surface = flatness < FLAT && norm(sub(*p, middle)) <= SURROUNDED * spread;
+            let on_surface = flatness < FLAT && (*p - middle).length() <= SURROUNDED * spread;
             (normal, distance, on_surface)
         })
         .collect();
@@ -283,7 +283,7 @@ pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
 /// It contains the noise and the curvature between neighbours. It is therefore an upper bound of the noise,
 /// unless the errors of neighbours are correlated. `None` for clouds that are too small.
 #[must_use]
-pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
+pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
     const ENOUGH: usize = 2000;
     if points.len() < 2 * k || k < 6 {
         return None;
@@ -291,15 +291,15 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
     let tree = tree(points).ok()?;
     let k = NonZero::new(k)?;
     // A sample of the points is sufficient for a median.
-    let some: Vec<[f64; 3]> = points.iter().copied().step_by(points.len().div_ceil(ENOUGH)).collect();
+    let some: Vec<DVec3> = points.iter().copied().step_by(points.len().div_ceil(ENOUGH)).collect();
     let mut found: Vec<f64> = some
         .par_iter()
         .map(|p| {
-            let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(k).execute();
-            let own: Vec<[f64; 3]> = near.iter().map(|n| points[n.item as usize]).collect();
+            let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute();
+            let own: Vec<DVec3> = near.iter().map(|n| points[n.item as usize]).collect();
             let middle = mean(&own);
             let (normal, _) = flattest_direction(&own);
-            let square: f64 = own.iter().map(|q| dot(normal, sub(*q, middle)).powi(2)).sum();
+            let square: f64 = own.iter().map(|q| normal.dot(*q - middle).powi(2)).sum();
             // Three degrees of freedom go to the plane.
             (square / (own.len() as f64 - 3.0)).sqrt()
         })
@@ -308,60 +308,63 @@ pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
     Some(*found.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-fn tree(points: &[[f64; 3]]) -> Result<ImmutableKdTree<f64, 3>> {
+fn tree(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
     if points.len() < 3 {
         return Err(Error::undetermined(format!(
             "{} points have no normals: at least 3 are needed",
             points.len()
         )));
     }
-    ImmutableKdTree::new_from_slice(points)
+    ImmutableKdTree::new_from_slice(as_arrays(points))
         .map_err(|e| Error::undetermined(format!("the points cannot be searched: {e:?}")))
 }
 
 /// The mean of points; the origin where there are none.
-fn mean(points: &[[f64; 3]]) -> [f64; 3] {
-    let sum = points.iter().fold([0.0; 3], |s, p| add(s, *p));
-    scale(1.0 / points.len().max(1) as f64, sum)
+fn mean(points: &[DVec3]) -> DVec3 {
+    let sum = points.iter().sum::<DVec3>();
+    1.0 / points.len().max(1) as f64 * sum
 }
 
 /// The eigenvector of least variance of a few points and that variance over the sum of all three, by the
 /// closed form for symmetric 3 × 3 matrices.
-fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
+fn flattest_direction(points: &[DVec3]) -> (DVec3, f64) {
     let mean = mean(points);
-    let mut m = [[0.0; 3]; 3];
+    let mut m = [DVec3::ZERO; 3];
     for p in points {
-        let d = sub(*p, mean);
+        let d = *p - mean;
         for i in 0..3 {
-            for j in 0..3 {
-                m[i][j] += d[i] * d[j];
-            }
+            m[i] += d[i] * d;
         }
     }
     let trace = m[0][0] + m[1][1] + m[2][2];
     if trace <= 0.0 {
-        return ([0.0; 3], 1.0);
+        return (DVec3::ZERO, 1.0);
     }
     let q = trace / 3.0;
     let off = m[0][1].powi(2) + m[0][2].powi(2) + m[1][2].powi(2);
     let p =
         (((m[0][0] - q).powi(2) + (m[1][1] - q).powi(2) + (m[2][2] - q).powi(2) + 2.0 * off) / 6.0).sqrt();
     if p <= 1e-12 * trace {
-        return ([0.0; 3], 1.0);
+        return (DVec3::ZERO, 1.0);
     }
     // The trigonometric solution for the smallest eigenvalue, without iteration: this runs for every point.
     // It loses accuracy for nearly equal eigenvalues, for which the normal is arbitrary anyway.
-    let b: [[f64; 3]; 3] =
-        std::array::from_fn(|i| std::array::from_fn(|j| (m[i][j] - if i == j { q } else { 0.0 }) / p));
-    let r = (0.5 * dot(b[0], cross(b[1], b[2]))).clamp(-1.0, 1.0);
+    let less = |diagonal: f64| -> [DVec3; 3] {
+        std::array::from_fn(|i| {
+            let mut row = m[i];
+            row[i] -= diagonal;
+            row
+        })
+    };
+    let b = less(q).map(|row| row / p);
+    let r = (0.5 * b[0].dot(b[1].cross(b[2]))).clamp(-1.0, 1.0);
     let smallest = q + 2.0 * p * (r.acos() / 3.0 + 2.0 * std::f64::consts::FRAC_PI_3).cos();
-    let shifted: [[f64; 3]; 3] =
-        std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { smallest } else { 0.0 }));
+    let shifted = less(smallest);
     // The null vector is the longest of the rows' cross products.
     let candidates =
-        [cross(shifted[0], shifted[1]), cross(shifted[1], shifted[2]), cross(shifted[2], shifted[0])];
-    let best = candidates.into_iter().max_by(|a, b| norm(*a).total_cmp(&norm(*b))).unwrap_or([0.0; 3]);
-    (unit(best).unwrap_or([0.0; 3]), smallest / trace)
+        [shifted[0].cross(shifted[1]), shifted[1].cross(shifted[2]), shifted[2].cross(shifted[0])];
+    let best = candidates.into_iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap_or(DVec3::ZERO);
+    (best.normalize_or_zero(), smallest / trace)
 }
 
 /// Flips normals so that neighbours agree. It starts from the fixed ones, or else from the point farthest
@@ -374,15 +377,15 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
 ///
 /// # References
 /// Hoppe et al., *Surface reconstruction from unorganized points*, 1992, §3.3.
-pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bool], k: usize) -> Result<()> {
+pub fn orient_normals(points: &[DVec3], normals: &mut [DVec3], fixed: &[bool], k: usize) -> Result<()> {
     let tree = tree(points)?;
     let k = NonZero::new(k.clamp(3, points.len())).unwrap_or(NonZero::<usize>::MIN);
     let mut done = fixed.to_vec();
     let mut queue: BinaryHeap<(u64, u32, u32)> = BinaryHeap::new();
     // Agreement in [0, 1] as an ordered integer.
-    let agreement = |a: [f64; 3], b: [f64; 3]| (dot(a, b).abs() * 1e9) as u64;
-    let push = |queue: &mut BinaryHeap<(u64, u32, u32)>, normals: &[[f64; 3]], done: &[bool], i: usize| {
-        for near in tree.query(&points[i]).nearest_n::<SquaredEuclidean<f64>>(k).execute() {
+    let agreement = |a: DVec3, b: DVec3| (a.dot(b).abs() * 1e9) as u64;
+    let push = |queue: &mut BinaryHeap<(u64, u32, u32)>, normals: &[DVec3], done: &[bool], i: usize| {
+        for near in tree.query(points[i].as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute() {
             let j = near.item as usize;
             if !done[j] {
                 // The most parallel pair first (Hoppe et al. 1992): signs are passed on across sharp edges
@@ -399,7 +402,7 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
     }
     let middle = mean(points);
     let mut outward: Vec<u32> = (0..points.len() as u32).collect();
-    let from_middle = |i: u32| norm(sub(points[i as usize], middle));
+    let from_middle = |i: u32| (points[i as usize] - middle).length();
     // The point farthest from the centre is on the outer surface, where outwards is away from the centre.
     outward.sort_by(|&a, &b| from_middle(b).total_cmp(&from_middle(a)));
     let mut seeds = outward.into_iter();
@@ -409,8 +412,8 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
             if done[j] {
                 continue;
             }
-            if dot(normals[i], normals[j]) < 0.0 {
-                normals[j] = scale(-1.0, normals[j]);
+            if normals[i].dot(normals[j]) < 0.0 {
+                normals[j] = -normals[j];
             }
             done[j] = true;
             push(&mut queue, normals, &done, j);
@@ -419,8 +422,8 @@ pub fn orient_normals(points: &[[f64; 3]], normals: &mut [[f64; 3]], fixed: &[bo
             return Ok(());
         };
         let seed = seed as usize;
-        if dot(normals[seed], sub(points[seed], middle)) < 0.0 {
-            normals[seed] = scale(-1.0, normals[seed]);
+        if normals[seed].dot(points[seed] - middle) < 0.0 {
+            normals[seed] = -normals[seed];
         }
         done[seed] = true;
         push(&mut queue, normals, &done, seed);
@@ -432,13 +435,13 @@ mod tests {
     use super::*;
     use crate::RangeGrid;
 
-    fn sphere(n: usize) -> Vec<[f64; 3]> {
+    fn sphere(n: usize) -> Vec<DVec3> {
         (0..n)
             .map(|i| {
                 let z = 1.0 - 2.0 * (i as f64 + 0.5) / n as f64;
                 let a = i as f64 * 2.399_963_229_728_653;
                 let r = (1.0 - z * z).sqrt();
-                [r * a.cos(), r * a.sin(), z]
+                DVec3::new(r * a.cos(), r * a.sin(), z)
             })
             .collect()
     }
@@ -449,19 +452,23 @@ mod tests {
         let mut normals = cloud_geometry(&points, 12).unwrap().normals;
         orient_normals(&points, &mut normals, &vec![false; points.len()], 8).unwrap();
         for (p, n) in points.iter().zip(&normals) {
-            assert!(dot(*p, *n) > 0.99, "{p:?} {n:?}");
+            assert!(p.dot(*n) > 0.99, "{p:?} {n:?}");
         }
     }
 
     #[test]
     fn only_steps_of_a_range_grid_are_depth_edges() {
         let (columns, rows) = (20, 10);
-        let mut scan = Scan { viewing: Viewing::Direction([0.0, 0.0, -1.0]), ..Scan::default() };
+        let mut scan = Scan { viewing: Viewing::Direction(DVec3::new(0.0, 0.0, -1.0)), ..Scan::default() };
         let mut cells = Vec::new();
         for r in 0..rows {
             for c in 0..columns {
                 cells.push(scan.points.len() as u32);
-                scan.points.push([c as f64, r as f64, if c < 10 { 0.0 } else { 20.0 } + 0.3 * r as f64]);
+                scan.points.push(DVec3::new(
+                    c as f64,
+                    r as f64,
+                    if c < 10 { 0.0 } else { 20.0 } + 0.3 * r as f64,
+                ));
             }
         }
         scan.grid = Some(RangeGrid { columns, rows, cells });

@@ -48,9 +48,8 @@ pub use outline::{Contour, outlines};
 use crate::Scan;
 use circle::Eye;
 use curve::{Curve, Local};
-use planish_core::Pinhole;
 use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::distance;
+use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
@@ -118,11 +117,11 @@ pub struct OccludingPoint {
     /// The pixel.
     pub pixel: [f64; 2],
     /// Position, in the unit of the cameras.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// Covariance of the position, from the σ of the contours and the model error of the circle.
-    pub covariance: [[f64; 3]; 3],
+    pub covariance: [DVec3; 3],
     /// Unit normal, outwards.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// σ of the normal about each of two axes perpendicular to it, in degrees: the root mean square of the σ
     /// of the contour's tangent and of the depth of contact.
     pub sigma_normal_deg: f64,
@@ -156,7 +155,7 @@ pub struct OccludingContours {
     /// Points, ordered by strip, then by view, then along its contours.
     pub points: Vec<OccludingPoint>,
     /// Positions with depths regularised along contours and between views, for meshes.
-    pub relaxed: Vec<[f64; 3]>,
+    pub relaxed: Vec<DVec3>,
     /// Triangles between the contours of consecutive views, facing outwards, over `points`.
     pub triangles: Vec<[u32; 3]>,
     /// Number of points along contours that were tested.
@@ -264,7 +263,7 @@ pub fn occluding_contours(
 ) -> Result<OccludingContours> {
     checked(views, options)?;
     let ready: Vec<Ready<'_>> = views.iter().map(|view| ready(view, options)).collect::<Result<_>>()?;
-    let centres: Vec<[f64; 3]> = ready.iter().map(|r| r.eye.centre).collect();
+    let centres: Vec<DVec3> = ready.iter().map(|r| r.eye.centre).collect();
     let (neighbours, sequences) = sequence(&centres);
     let mut left_out: BTreeMap<&'static str, usize> = BTreeMap::new();
     let mut found = Vec::with_capacity(views.len());
@@ -374,9 +373,9 @@ fn ready<'a>(view: &'a ContourView, options: &OccludingOptions) -> Result<Ready<
 }
 
 /// The views before and after each, and how many sequences there are.
-fn sequence(centres: &[[f64; 3]]) -> (Vec<[Option<usize>; 2]>, usize) {
+fn sequence(centres: &[DVec3]) -> (Vec<[Option<usize>; 2]>, usize) {
     let count = centres.len();
-    let steps: Vec<f64> = centres.windows(2).map(|pair| distance(pair[0], pair[1])).collect();
+    let steps: Vec<f64> = centres.windows(2).map(|pair| pair[0].distance(pair[1])).collect();
     let mut sorted = steps.clone();
     sorted.sort_by(f64::total_cmp);
     let longest = LONG_STEP * sorted[sorted.len() / 2];
@@ -392,7 +391,7 @@ fn sequence(centres: &[[f64; 3]]) -> (Vec<[Option<usize>; 2]>, usize) {
     }
     if sequences == 1
         && count > 3
-        && distance(centres[0], centres[count - 1]) <= longest.min(1.5 * sorted[count - 2])
+        && centres[0].distance(centres[count - 1]) <= longest.min(1.5 * sorted[count - 2])
     {
         neighbours[0][0] = Some(count - 1);
         neighbours[count - 1][1] = Some(0);

@@ -22,8 +22,8 @@
 //! - Barsky and Petrou, *The 4-source photometric stereo technique*, PAMI 2003: shadows and highlights left
 //!   out by their residuals.
 
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{dot, norm, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -75,7 +75,7 @@ pub struct NormalMap {
     pub rows: usize,
     /// The normal of each pixel towards the camera (x right, y down, z away from the camera, so z is
     /// negative), row by row; `None` if unknown.
-    pub normals: Vec<Option<[f64; 3]>>,
+    pub normals: Vec<Option<DVec3>>,
     /// σ of each of its tangential components, in degrees; NaN where there is none.
     pub sigma_deg: Vec<f64>,
     /// Share of ambient light.
@@ -102,7 +102,7 @@ pub struct NormalMap {
 /// pixel has a normal.
 pub fn photometric_normals(
     images: &[Image],
-    lights: &[[f64; 3]],
+    lights: &[DVec3],
     mask: Option<&Image>,
     options: &PhotometricOptions,
 ) -> Result<NormalMap> {
@@ -164,37 +164,37 @@ pub fn photometric_normals(
 }
 
 /// A normal and its σ in degrees.
-type Found = ([f64; 3], f64);
+type Found = (DVec3, f64);
 
 /// One pixel's fit.
 struct Pixel {
-    b: [f64; 3],
+    b: DVec3,
     weights: Vec<f64>,
     residuals: Vec<f64>,
 }
 
 impl Pixel {
     /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
-    fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
+    fn fit(readings: &[f64], lights: &[DVec3], ambient: f64, sigma: f64) -> Option<Self> {
         let strongest = readings.iter().copied().fold(0.0, f64::max);
         // Shadowed readings do not follow the cosine law.
         let lit: Vec<f64> =
             readings.iter().map(|i| if *i > SHADOW * strongest { 1.0 } else { 0.0 }).collect();
         let mut weights = lit.clone();
-        let mut b = [0.0; 3];
+        let mut b = DVec3::ZERO;
         let mut residuals = vec![0.0; readings.len()];
         let count = lit.iter().sum::<f64>();
         for round in 1..=ROUNDS {
-            let brightness = ambient * norm(b);
-            let (mut m, mut r) = (SymmetricMatrix3::ZERO, [0.0; 3]);
+            let brightness = ambient * b.length();
+            let (mut m, mut r) = (SymmetricMatrix3::ZERO, DVec3::ZERO);
             for ((l, i), w) in lights.iter().zip(readings).zip(&weights) {
                 m.add_outer(*w, *l);
                 (0..3).for_each(|k| r[k] += w * l[k] * (i - brightness));
             }
             b = inverse(&m)?.times(r);
-            let brightness = ambient * norm(b);
+            let brightness = ambient * b.length();
             for (k, l) in lights.iter().enumerate() {
-                residuals[k] = readings[k] - dot(b, *l) - brightness;
+                residuals[k] = readings[k] - b.dot(*l) - brightness;
             }
             let among: Vec<f64> =
                 residuals.iter().zip(&lit).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.abs()).collect();
@@ -229,12 +229,12 @@ impl Pixel {
     /// The normal and its σ in degrees.
     fn normal(
         &self,
-        lights: &[[f64; 3]],
+        lights: &[DVec3],
         sigma: f64,
         options: &PhotometricOptions,
         light_variance: f64,
-    ) -> Option<([f64; 3], f64)> {
-        let n = unit(self.b).filter(|n| n[2] < 0.0)?;
+    ) -> Option<(DVec3, f64)> {
+        let n = self.b.try_normalize().filter(|n| n[2] < 0.0)?;
         let (squares, freedom) = self.squares();
         let variance = match options.sigma_brightness {
             Some(sigma) => sigma * sigma,
@@ -247,14 +247,14 @@ impl Pixel {
         // The covariance of `b` with the final weights.
         let inverse = inverse(&m)?;
         let (e1, e2) = tangents(n);
-        let tangential = 0.5 * variance * (inverse.along(e1) + inverse.along(e2)) / dot(self.b, self.b);
+        let tangential = 0.5 * variance * (inverse.along(e1) + inverse.along(e2)) / self.b.length_squared();
         let sigma = (tangential + light_variance).sqrt().to_degrees();
         sigma.is_finite().then_some((n, sigma))
     }
 }
 
 /// The residual variance of every pixel that has enough lights.
-fn residual_variances(pixels: &[Vec<f64>], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Vec<f64> {
+fn residual_variances(pixels: &[Vec<f64>], lights: &[DVec3], ambient: f64, sigma: f64) -> Vec<f64> {
     let fits = pixels.par_iter().filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
     let variances = fits.filter_map(|p| {
         let (squares, freedom) = p.squares();
@@ -271,7 +271,7 @@ fn typical(variances: Vec<f64>, lights: usize) -> f64 {
 }
 
 /// The ambient share that minimises the residuals.
-fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
+fn find_ambient(pixels: &[Vec<f64>], lights: &[DVec3]) -> f64 {
     let steps = (MAX_AMBIENT / AMBIENT_STEP).round() as usize;
     // A grid and a parabola: the cost is a median, whose derivative jumps.
     let cost: Vec<f64> = (0..=steps)
@@ -307,7 +307,7 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
 /// # Errors
 /// `Input` for images whose size differs from the mask; `Undetermined` for a mask below 100 pixels, and an
 /// image without a highlight on the ball.
-pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>> {
+pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<DVec3>> {
     let half = 0.5 * mask.values.iter().copied().fold(0.0_f32, f32::max);
     let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
     if inside.len() < 100 {
@@ -318,10 +318,10 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
     }
     let place = |k: usize| [(k % mask.columns) as f64, (k / mask.columns) as f64];
     let middle = |pixels: &mut dyn Iterator<Item = (usize, f64)>| {
-        let mut sums = [0.0; 3];
+        let mut sums = DVec3::ZERO;
         for (k, w) in pixels {
             let [x, y] = place(k);
-            sums = [sums[0] + w * x, sums[1] + w * y, sums[2] + w];
+            sums = DVec3::new(sums[0] + w * x, sums[1] + w * y, sums[2] + w);
         }
         [sums[0] / sums[2], sums[1] / sums[2]]
     };
@@ -344,10 +344,10 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
         if !(maximum > 0.0 && square < 1.0) {
             return Err(Error::undetermined(format!("image {number} of the ball has no highlight")));
         }
-        let n = [x, y, -(1.0 - square).sqrt()];
+        let n = DVec3::new(x, y, -(1.0 - square).sqrt());
         // v = (0, 0, −1).
-        let along = -2.0 * n[2];
-        Ok([along * n[0], along * n[1], along * n[2] + 1.0])
+        let along = -2.0 * n.z;
+        Ok(DVec3::new(along * n.x, along * n.y, along * n.z + 1.0))
     };
     images.iter().enumerate().map(light).collect()
 }
@@ -373,8 +373,8 @@ pub fn normals_from_colours(
     let normal = |p: &[f32]| {
         let [x, y, z] = [p[0], p[1], p[2]].map(|c| 2.0 * f64::from(c / white) - 1.0);
         // Pixels outside of the object are black or have an arbitrary length.
-        let length = norm([x, y, z]);
-        unit([x, -y, -z]).filter(|n| n[2] < 0.0 && (0.8..1.2).contains(&length))
+        let length = DVec3::new(x, y, z).length();
+        DVec3::new(x, -y, -z).try_normalize().filter(|n| n[2] < 0.0 && (0.8..1.2).contains(&length))
     };
     let normals: Vec<_> = values.chunks_exact(3).map(normal).collect();
     Ok(NormalMap {
@@ -410,7 +410,7 @@ impl NormalMap {
         let mut cells = vec![RangeGrid::EMPTY; self.normals.len()];
         known.iter().enumerate().for_each(|(i, k)| cells[*k] = i as u32);
         let point =
-            |k: &usize| [(k % self.columns) as f64 * pixel_size, (k / self.columns) as f64 * pixel_size, 0.0];
+            |k: &usize| pixel_size * DVec3::new((k % self.columns) as f64, (k / self.columns) as f64, 0.0);
         Ok(Scan {
             name: name.to_owned(),
             points: known.iter().map(point).collect(),
@@ -421,7 +421,7 @@ impl NormalMap {
             normals: Some(known.iter().filter_map(|k| self.normals[*k]).collect()),
             sigma_normal_deg: Some(known.iter().map(|k| self.sigma_deg[*k]).collect()),
             grid: Some(RangeGrid { columns: self.columns, rows: self.rows, cells }),
-            viewing: Viewing::Direction([0.0, 0.0, 1.0]),
+            viewing: Viewing::Direction(DVec3::Z),
             ..Scan::default()
         })
     }
@@ -429,7 +429,7 @@ impl NormalMap {
 
 fn check(
     images: &[Image],
-    lights: &[[f64; 3]],
+    lights: &[DVec3],
     mask: Option<&Image>,
     options: &PhotometricOptions,
 ) -> Result<()> {

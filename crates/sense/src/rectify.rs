@@ -14,9 +14,8 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
-use planish_core::BoundingBox;
-use planish_core::Pinhole;
-use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
+use planish_core::matrix3::{rows, times};
+use planish_core::{BoundingBox, DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
@@ -58,22 +57,22 @@ impl LensCamera {
 
     /// The pixel of a direction in the world; `None` behind the camera.
     #[must_use]
-    pub fn pixel(&self, direction: [f64; 3]) -> Option<[f64; 2]> {
-        let [x, y, z] = self.pinhole.r.map(|row| dot(row, direction));
+    pub fn pixel(&self, direction: DVec3) -> Option<[f64; 2]> {
+        let DVec3 { x, y, z } = times(&self.pinhole.r, direction);
         if z <= 0.0 {
             return None;
         }
         let [x, y] = self.distorted([x / z, y / z]);
-        let [first, second, _] = self.pinhole.k;
-        Some([dot(first, [x, y, 1.0]), dot(second, [x, y, 1.0])])
+        let seen = times(&self.pinhole.k, DVec3::new(x, y, 1.0));
+        Some([seen.x, seen.y])
     }
 
     /// The direction of a pixel's line of sight in the world; `None` if the distortion cannot be inverted
     /// there.
     #[must_use]
-    pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        let [x, y, _] = self.pinhole.ray_in_camera(pixel);
-        let seen = [x, y];
+    pub fn direction(&self, pixel: [f64; 2]) -> Option<DVec3> {
+        let ray = self.pinhole.ray_in_camera(pixel);
+        let seen = [ray.x, ray.y];
         let mut straight = seen;
         // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
         // the result is checked below.
@@ -83,8 +82,8 @@ impl LensCamera {
         }
         let there = self.distorted(straight);
         let near = (0..2).all(|k| (there[k] - seen[k]).abs() < 1e-9);
-        let r = &self.pinhole.r;
-        near.then(|| [0, 1, 2].map(|j| r[0][j] * straight[0] + r[1][j] * straight[1] + r[2][j]))
+        let r = rows(&self.pinhole.r);
+        near.then(|| r[0] * straight[0] + r[1] * straight[1] + r[2])
     }
 }
 
@@ -118,24 +117,25 @@ impl Rectification {
     /// distortions that cannot be inverted.
     pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
         let centres = rig.cameras.map(|c| c.pinhole.center());
-        let baseline = sub(centres[1], centres[0]);
-        let x = unit(baseline)
+        let baseline = centres[1] - centres[0];
+        let x = baseline
+            .try_normalize()
             .ok_or_else(|| Error::input("needed two cameras at different positions, found both at one"))?;
         for (camera, (size, which)) in rig.cameras.iter().zip(sizes.iter().zip(["first", "second"])) {
             refuse_epipole(camera, *size, x, which)?;
         }
-        let axes = rig.cameras.map(|c| c.pinhole.r[2]);
-        let ahead = add(axes[0], axes[1]);
+        let axes = rig.cameras.map(|c| DVec3::from_array(c.pinhole.r[2]));
+        let ahead = axes[0] + axes[1];
         // Perpendicular to the baseline and to the mean axis: among the axes that the baseline permits, the
         // nearest to both cameras.
-        let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
+        let across = ahead.cross(x).try_normalize().filter(|_| axes[0].dot(axes[1]) > 0.0);
         let y = across.ok_or_else(|| {
             Error::input(
                 "needed two cameras that view the same object, found \
             axes more than 90° apart or along the baseline",
             )
         })?;
-        let rotation = [x, y, cross(x, y)];
+        let rotation = [x, y, x.cross(y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
         // Equal focal lengths are kept exactly, so that images that are rectified already are not resampled.
         let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };
@@ -161,15 +161,12 @@ impl Rectification {
             camera: StereoCamera {
                 focal,
                 center: first,
-                baseline: norm(baseline),
+                baseline: baseline.length(),
                 doffs: second - first[0],
                 sigma_disparity: rig.sigma_disparity,
             },
             size,
-            world_from_rectified: Pose {
-                rotation: [0, 1, 2].map(|k| [x[k], y[k], rotation[2][k]]),
-                translation: centres[0],
-            },
+            world_from_rectified: Pose { rotation: [x.to_array(), y, rotation[2]], translation: centres[0] },
         })
     }
 
@@ -190,7 +187,7 @@ impl Rectification {
     fn source(&self, which: usize, [u, v]: [f64; 2]) -> Option<[f64; 2]> {
         let doffs = if which == 0 { 0.0 } else { self.camera.doffs };
         let [cx, cy] = self.camera.center;
-        let ray = [(u - cx - doffs) / self.camera.focal, (v - cy) / self.camera.focal, 1.0];
+        let ray = DVec3::new((u - cx - doffs) / self.camera.focal, (v - cy) / self.camera.focal, 1.0);
         let pixel = self.rig.cameras[which].pixel(self.world_from_rectified.rotate(ray))?;
         let [columns, rows] = self.sizes[which];
         // Without snapping, rounding would resample images that are rectified already.
@@ -259,14 +256,9 @@ impl Rectification {
 
 /// Rejects an image that contains the epipole, or the opposite point: around it rows cannot
 /// correspond.
-fn refuse_epipole(
-    camera: &LensCamera,
-    [columns, rows]: [usize; 2],
-    along: [f64; 3],
-    which: &str,
-) -> Result<()> {
+fn refuse_epipole(camera: &LensCamera, [columns, rows]: [usize; 2], along: DVec3, which: &str) -> Result<()> {
     // The other camera may be ahead or behind; `pixel` is `None` for the direction behind this camera.
-    for towards in [along, scale(-1.0, along)] {
+    for towards in [along, -along] {
         if let Some([u, v]) = camera.pixel(towards) {
             let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);
             if inside(u, columns) && inside(v, rows) {
@@ -284,7 +276,7 @@ fn refuse_epipole(
 fn outline(
     camera: &LensCamera,
     [columns, rows]: [usize; 2],
-    rotation: &[[f64; 3]; 3],
+    rotation: &[DVec3; 3],
     focal: f64,
 ) -> Result<[[f64; 2]; 2]> {
     let mut bounds = BoundingBox::EMPTY;
@@ -301,9 +293,9 @@ fn outline(
                     pixel[0], pixel[1], camera.distortion
                 ))
             })?;
-            let [x, y, z] = rotation.map(|row| dot(row, direction));
+            let [x, y, z] = rotation.map(|row| row.dot(direction));
             // About 87° from the rectified axis.
-            if z <= 0.05 * norm(direction) {
+            if z <= 0.05 * direction.length() {
                 return Err(Error::input(
                     "needed cameras with similar directions: rectified, the border of an image would lie \
                     at infinity",

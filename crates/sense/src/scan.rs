@@ -1,6 +1,6 @@
 //! A scan: the points of one sensor from one pose, with their stated errors.
 
-use planish_core::{Pose, SymmetricMatrix3};
+use planish_core::{DVec3, Pose, SymmetricMatrix3};
 
 /// The sampling grid of an organised scan: which point, if any, each grid cell holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,9 +32,9 @@ pub enum Viewing {
     #[default]
     Unknown,
     /// Parallel rays that travel along this unit direction.
-    Direction([f64; 3]),
+    Direction(DVec3),
     /// Rays that leave this point.
-    Origin([f64; 3]),
+    Origin(DVec3),
 }
 
 /// Principal curvatures of a surface at a point: positive where it bends towards its normal.
@@ -43,7 +43,7 @@ pub struct PrincipalCurvatures {
     /// `κ1` and `κ2`, one over the model's unit.
     pub values: [f64; 2],
     /// The direction of `κ1`; that of `κ2` is perpendicular to it and to the normal.
-    pub direction: [f64; 3],
+    pub direction: DVec3,
 }
 
 /// Points of one sensor from one pose, in the scanner's own frame.
@@ -55,9 +55,9 @@ pub struct PrincipalCurvatures {
 /// use planish_sense::{Scan, Viewing};
 /// let scan = Scan {
 ///     name: "left".to_owned(),
-///     points: vec![[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]],
+///     points: vec![DVec3::Z, [0.1, 0.0, 1.0]],
 ///     sigma: Some(vec![0.01, 0.02]),
-///     viewing: Viewing::Origin([0.0; 3]),
+///     viewing: Viewing::Origin(DVec3::ZERO),
 ///     ..Scan::default()
 /// };
 /// assert_eq!(scan.points.len(), 2);
@@ -67,13 +67,13 @@ pub struct Scan {
     /// Name in messages and reports, usually the file name.
     pub name: String,
     /// Positions, in the model's unit.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Standard deviation of each coordinate, in the model's unit.
     pub sigma: Option<Vec<f64>>,
     /// Covariances, in the model's unit squared.
     pub covariance: Option<Vec<SymmetricMatrix3>>,
     /// Measured or precomputed normals (not necessarily of unit length).
-    pub normals: Option<Vec<[f64; 3]>>,
+    pub normals: Option<Vec<DVec3>>,
     /// Standard deviation of the normals, in degrees.
     pub sigma_normal_deg: Option<Vec<f64>>,
     /// Measured principal curvatures, with respect to the normals.

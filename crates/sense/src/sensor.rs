@@ -1,6 +1,6 @@
 //! Sensor error models: the covariance of one reading.
 
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 
 /// Kind of instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -70,7 +70,7 @@ impl Noise {
     /// Covariance of a reading along the unit vector `ray`. If the ray is unknown, the σ along the ray is
     /// used in all directions.
     #[must_use]
-    pub fn covariance(&self, ray: Option<[f64; 3]>) -> SymmetricMatrix3 {
+    pub fn covariance(&self, ray: Option<DVec3>) -> SymmetricMatrix3 {
         let isotropic = |s: f64| SymmetricMatrix3::isotropic(s * s);
         match (*self, ray) {
             (Self::Isotropic { sigma }, _) => isotropic(sigma),
@@ -122,9 +122,9 @@ mod tests {
     #[test]
     fn ray_noise_has_two_sigmas_along_and_across_the_ray() {
         let noise = Noise::Ray { sigma_along: 3.0, sigma_across: 0.5 };
-        let c = noise.covariance(Some([0.6, 0.0, 0.8]));
-        assert!((c.along([0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);
-        assert!((c.along([0.8, 0.0, -0.6]) - 0.25).abs() < 1e-12);
-        assert!((c.along([0.0, 1.0, 0.0]) - 0.25).abs() < 1e-12);
+        let c = noise.covariance(Some(DVec3::new(0.6, 0.0, 0.8)));
+        assert!((c.along(DVec3::new(0.6, 0.0, 0.8)) - 9.0).abs() < 1e-12);
+        assert!((c.along(DVec3::new(0.8, 0.0, -0.6)) - 0.25).abs() < 1e-12);
+        assert!((c.along(DVec3::Y) - 0.25).abs() < 1e-12);
     }
 }

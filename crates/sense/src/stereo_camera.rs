@@ -1,6 +1,6 @@
 //! Converts disparities to points with covariances.
 
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 
 use crate::depth_camera::ray_covariance;
@@ -62,13 +62,13 @@ impl StereoCamera {
     /// The point of a disparity; `None` if it is not finite or not in front of the cameras.
     #[inline]
     #[must_use]
-    pub fn point(&self, u: f64, v: f64, disparity: f64) -> Option<[f64; 3]> {
+    pub fn point(&self, u: f64, v: f64, disparity: f64) -> Option<DVec3> {
         let z = self.focal * self.baseline / (disparity + self.doffs);
         (z > 0.0 && z.is_finite()).then(|| self.ray(u, v).map(|c| z * c))
     }
 
-    fn ray(&self, u: f64, v: f64) -> [f64; 3] {
-        [(u - self.center[0]) / self.focal, (v - self.center[1]) / self.focal, 1.0]
+    fn ray(&self, u: f64, v: f64) -> DVec3 {
+        DVec3::new((u - self.center[0]) / self.focal, (v - self.center[1]) / self.focal, 1.0)
     }
 
     /// The covariance of the point of a disparity with the given σ, in pixels.
@@ -82,7 +82,7 @@ impl StereoCamera {
     #[inline]
     #[must_use]
     pub fn covariance(&self, u: f64, v: f64, disparity: f64, sigma: f64) -> Option<SymmetricMatrix3> {
-        let [_, _, z] = self.point(u, v, disparity)?;
+        let z = self.point(u, v, disparity)?.z;
         // The derivative of `z = f b / d` is `−z²/(f b)`: errors of depth grow with the square of the
         // distance.
         let by_disparity = z * z / (self.focal * self.baseline);
@@ -137,7 +137,7 @@ impl StereoCamera {
             points,
             covariance: Some(covariances),
             grid: Some(RangeGrid { columns, rows, cells }),
-            viewing: Viewing::Origin([0.0; 3]),
+            viewing: Viewing::Origin(DVec3::ZERO),
             ..Scan::default()
         })
     }

@@ -23,8 +23,8 @@
 //! - Hu and Stockman, *3-D surface solution using structured light and constraint propagation*, PAMI 1989.
 //! - do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-2, for Meusnier and Euler.
 
-use planish_core::{Pinhole, SymmetricMatrix3};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, Pinhole, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 
 mod crossings;
@@ -93,11 +93,11 @@ pub struct JunctionCovariance {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orientation {
     /// The point, in the world.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Its covariance.
     pub covariance: SymmetricMatrix3,
     /// The unit normal, towards the camera.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Covariance of the normal; zero along the normal itself.
     pub normal_covariance: SymmetricMatrix3,
     /// σ of one tangential component of the normal, in degrees (root mean square of both).
@@ -133,7 +133,7 @@ pub fn orientation(
     let [[x, y], [a, b], [u, v]] = [junction.image, junction.angles_rad, junction.projector];
     let z = [x, y, a, b, u, v];
     let (point, normal) = of(z).ok_or_else(undetermined)?;
-    let mut by = [([0.0; 3], [0.0; 3]); 6];
+    let mut by = [(DVec3::ZERO, DVec3::ZERO); 6];
     for (k, derivative) in by.iter_mut().enumerate() {
         // Central differences: the derivative of the whole chain of planes by hand is long. The steps are in
         // radians and pixels, far above rounding and far below the curvature of the mapping.
@@ -144,10 +144,10 @@ pub fn orientation(
             of(z).ok_or_else(undetermined)
         };
         let (ahead, behind) = (moved(step)?, moved(-step)?);
-        let slope = |a: [f64; 3], b: [f64; 3]| scale(0.5 / step, sub(a, b));
+        let slope = |a: DVec3, b: DVec3| 0.5 / step * (a - b);
         *derivative = (slope(ahead.0, behind.0), slope(ahead.1, behind.1));
     }
-    let carried = |of: &dyn Fn(usize) -> [f64; 3]| {
+    let carried = |of: &dyn Fn(usize) -> DVec3| {
         SymmetricMatrix3::from_entries(|i, j| {
             // Errors of the two devices are independent, so the products between them are absent.
             let seen: f64 = (0..4)
@@ -176,41 +176,42 @@ fn point_and_normal(
     projector: &Pinhole,
     stripes: [[f64; 2]; 2],
     junction: &Junction,
-) -> Option<([f64; 3], [f64; 3])> {
+) -> Option<(DVec3, DVec3)> {
     let directions = junction.angles_rad.map(|a| [a.cos(), a.sin()]);
     let seen = directions.map(|d| camera.plane_of_line(junction.image, d));
     let lit = stripes.map(|d| projector.plane_of_line(junction.projector, d));
     let tangent = |k: usize| {
-        let (a, b) = (unit(lit[k])?, unit(seen[k])?);
+        let (a, b) = (lit[k].try_normalize()?, seen[k].try_normalize()?);
         // Nearly parallel planes do not determine their common line.
-        Some(cross(a, b)).filter(|t| norm(*t) > 1e-6).and_then(unit)
+        Some(a.cross(b)).filter(|t| t.length() > 1e-6).and_then(DVec3::try_normalize)
     };
-    let normal = unit(cross(tangent(0)?, tangent(1)?))?;
+    let normal = tangent(0)?.cross(tangent(1)?).try_normalize()?;
     // Four planes through the point: two of the camera's ray, two of the stripes.
     let ray = [[1.0, 0.0], [0.0, 1.0]].map(|d| camera.plane_of_line(junction.image, d));
     let (from_camera, from_projector) = (camera.center(), projector.center());
     let planes = ray.map(|n| (n, from_camera)).into_iter().chain(lit.map(|n| (n, from_projector)));
-    let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+    let (mut m, mut r) = ([DVec3::ZERO; 3], DVec3::ZERO);
     for (n, through) in planes {
-        let n = unit(n)?;
-        let offset = dot(n, through);
+        let n = n.try_normalize()?;
+        let offset = n.dot(through);
         for i in 0..3 {
             (0..3).for_each(|j| m[i][j] += n[i] * n[j]);
             r[i] += n[i] * offset;
         }
     }
-    let determinant = dot(m[0], cross(m[1], m[2]));
+    let determinant = m[0].dot(m[1].cross(m[2]));
     // The normals have unit length, so the determinant is a pure number. It is zero if all four planes share
     // a direction, and the point lies at infinity.
     if determinant < 1e-12 {
         return None;
     }
     // Cramer's rule; the matrix is symmetric, so its rows are its columns.
-    let point = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| dot(c, r) / determinant);
+    let columns = [m[1].cross(m[2]), m[2].cross(m[0]), m[0].cross(m[1])];
+    let point = DVec3::from_array(columns.map(|c| c.dot(r) / determinant));
     camera.project(point)?;
     // The order of the tangents leaves the sign of the normal open; a visible surface faces the camera.
-    let towards = dot(normal, sub(from_camera, point)).signum();
-    Some((point, scale(towards, normal)))
+    let towards = normal.dot(from_camera - point).signum();
+    Some((point, towards * normal))
 }
 
 /// Principal curvatures of the surface at a junction.
@@ -221,7 +222,7 @@ pub struct StripeCurvature {
     /// The smaller one.
     pub k2: f64,
     /// The unit tangent in which the surface bends by `k1`.
-    pub d1: [f64; 3],
+    pub d1: DVec3,
     /// σ of a component of the second fundamental form (root mean square of the two on its diagonal).
     pub sigma: f64,
 }
@@ -238,12 +239,12 @@ pub struct StripeCurvature {
 pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<StripeCurvature> {
     let n = middle.normal;
     let (e1, e2) = tangents(n);
-    let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
+    let (mut m, mut r) = ([DVec3::ZERO; 3], DVec3::ZERO);
     for pair in pairs {
-        let steps = pair.map(|p| sub(p.point, middle.point));
-        let lengths = steps.map(norm);
-        let across = sub(steps[0], steps[1]);
-        let (x, y) = (dot(across, e1), dot(across, e2));
+        let steps = pair.map(|p| p.point - middle.point);
+        let lengths = steps.map(DVec3::length);
+        let across = steps[0] - steps[1];
+        let (x, y) = (across.dot(e1), across.dot(e2));
         let square = x * x + y * y;
         if !(square > 0.0 && lengths.iter().all(|l| *l > 0.0)) {
             continue;
@@ -251,11 +252,11 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Str
         let shares = lengths.map(|l| 1.0 / (l * l));
         // A step d along the surface rises by `κ d²/2`. The mean of `2 (step · n)/d²` over both sides cancels
         // an error of the normal if the steps are equally long.
-        let kappa = shares[0] * dot(steps[0], n) + shares[1] * dot(steps[1], n);
+        let kappa = shares[0] * steps[0].dot(n) + shares[1] * steps[1].dot(n);
         let of_points: f64 = (0..2).map(|i| shares[i] * shares[i] * pair[i].covariance.along(n)).sum();
         let of_middle = (shares[0] + shares[1]).powi(2) * middle.covariance.along(n);
         // What is left of an error of the normal if they are not.
-        let lever: [f64; 3] = std::array::from_fn(|k| shares[0] * steps[0][k] + shares[1] * steps[1][k]);
+        let lever = shares[0] * steps[0] + shares[1] * steps[1];
         let of_normal = middle.normal_covariance.along(lever);
         let weight = 1.0 / (of_points + of_middle + of_normal);
         // κ = a c² + 2 b c s + d s² in the direction (c, s).
@@ -265,19 +266,18 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Str
             r[i] += weight * row[i] * kappa;
         }
     }
-    let determinant = dot(m[0], cross(m[1], m[2]));
+    let determinant = m[0].dot(m[1].cross(m[2]));
     let size = m[0][0] + m[1][1] + m[2][2];
     // Relative to the trace: the matrix has the unit of the weights.
     let determined = determinant > 1e-9 * size.powi(3);
     if !determined {
         return Err(Error::undetermined("needed neighbours in three directions for the curvature"));
     }
-    let inverse =
-        [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| scale(1.0 / determinant, c));
-    let [a, b, d] = inverse.map(|row| dot(row, r));
+    let inverse = [m[1].cross(m[2]), m[2].cross(m[0]), m[0].cross(m[1])].map(|c| 1.0 / determinant * c);
+    let [a, b, d] = inverse.map(|row| row.dot(r));
     let (mean, half) = (0.5 * (a + d), (0.25 * (a - d) * (a - d) + b * b).sqrt());
     let angle = 0.5 * (2.0 * b).atan2(a - d);
-    let d1 = std::array::from_fn(|k| angle.cos() * e1[k] + angle.sin() * e2[k]);
+    let d1 = angle.cos() * e1 + angle.sin() * e2;
     Ok(StripeCurvature {
         k1: mean + half,
         k2: mean - half,

@@ -1,6 +1,6 @@
 //! A range sensor with a field of view: its rays, and the covariance of one reading.
 
-use planish_estimate::vector3::unit;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// A range sensor with a field of view, in the pinhole frame: x right, y down, z forward.
@@ -86,14 +86,14 @@ impl ViewSensor {
 
     /// The unit direction of an image position, given as shares of the width and height.
     #[must_use]
-    pub fn direction(&self, share: [f64; 2]) -> [f64; 3] {
+    pub fn direction(&self, share: [f64; 2]) -> DVec3 {
         let at = |k: usize| self.borders[k][0] + share[k] * (self.borders[k][1] - self.borders[k][0]);
-        unit([at(0), at(1), 1.0]).unwrap_or([0.0, 0.0, 1.0])
+        DVec3::new(at(0), at(1), 1.0).try_normalize().unwrap_or(DVec3::Z)
     }
 
     /// True if a point in the sensor's frame is within the field of view and the range.
     #[must_use]
-    pub fn reaches(&self, [x, y, z]: [f64; 3]) -> bool {
+    pub fn reaches(&self, DVec3 { x, y, z }: DVec3) -> bool {
         let range = (x * x + y * y + z * z).sqrt();
         let inside = |value: f64, [low, high]: [f64; 2]| value >= low * z && value <= high * z;
         // Points behind the sensor would satisfy the proportions of the borders with both signs exchanged.
@@ -107,7 +107,7 @@ impl ViewSensor {
     /// Number of rays that hit a small area at a point in the sensor's frame: `n A cos θ / (d² cos³ φ)`, with
     /// the incidence θ, the angle φ to the axis, and `n` rays per unit area of the image at distance 1.
     #[must_use]
-    pub fn rays_on(&self, [x, y, z]: [f64; 3], area: f64, incidence_cosine: f64) -> f64 {
+    pub fn rays_on(&self, DVec3 { x, y, z }: DVec3, area: f64, incidence_cosine: f64) -> f64 {
         let distance2 = x * x + y * y + z * z;
         let off_axis = z / distance2.sqrt();
         let picture: f64 = self.borders.iter().map(|[low, high]| high - low).product();
@@ -143,7 +143,6 @@ impl ViewSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::{dot, scale};
 
     fn sensor() -> ViewSensor {
         ViewSensor {
@@ -162,11 +161,11 @@ mod tests {
     fn variance_equals_the_covariance_along_the_normal() {
         let sensor = sensor();
         for (range, tilt) in [(3.0_f64, 0.0_f64), (5.0, 0.7)] {
-            let ray = [0.0, 0.6, 0.8];
-            let normal = [tilt.sin(), 0.6 * tilt.cos(), 0.8 * tilt.cos()];
+            let ray = DVec3::new(0.0, 0.6, 0.8);
+            let normal = DVec3::new(tilt.sin(), 0.6 * tilt.cos(), 0.8 * tilt.cos());
             let noise = crate::Noise::Ray { sigma_along: 0.1 + 0.01 * range * range, sigma_across: 0.02 };
             let expected = noise.covariance(Some(ray)).along(normal);
-            let found = sensor.variance_along_normal(range, dot(ray, normal));
+            let found = sensor.variance_along_normal(range, ray.dot(normal));
             assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
         }
     }
@@ -175,22 +174,24 @@ mod tests {
     fn ray_density_agrees_with_a_count() {
         let sensor = sensor();
         // A square of side 0.5 about (0.6, -0.4, 4), square to the axis.
-        let (middle, half) = ([0.6, -0.4, 4.0], 0.25);
+        let (middle, half) = (DVec3::new(0.6, -0.4, 4.0), 0.25);
         let hits = (0..640 * 480)
             .map(|k| {
                 let d = sensor
                     .direction([(f64::from(k % 640) + 0.5) / 640.0, (f64::from(k / 640) + 0.5) / 480.0]);
-                scale(4.0 / d[2], d)
+                4.0 / d[2] * d
             })
             .filter(|p| (p[0] - middle[0]).abs() < half && (p[1] - middle[1]).abs() < half)
             .count();
-        let cosine = 4.0 / dot(middle, middle).sqrt();
+        let cosine = 4.0 / middle.length();
         let expected = sensor.rays_on(middle, 0.25, cosine);
         assert!((expected / hits as f64 - 1.0).abs() < 0.02, "{expected} {hits}");
         assert!(
-            sensor.reaches(middle) && !sensor.reaches([0.6, -0.4, -4.0]) && !sensor.reaches([0.6, -0.4, 1.0])
+            sensor.reaches(middle)
+                && !sensor.reaches(DVec3::new(0.6, -0.4, -4.0))
+                && !sensor.reaches(DVec3::new(0.6, -0.4, 1.0))
         );
-        assert!(!sensor.reaches([0.0, 1.4, 4.0]) && !sensor.reaches([0.0, 0.0, 9.1]));
+        assert!(!sensor.reaches(DVec3::new(0.0, 1.4, 4.0)) && !sensor.reaches(DVec3::new(0.0, 0.0, 9.1)));
     }
 
     #[test]

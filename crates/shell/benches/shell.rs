@@ -7,6 +7,7 @@
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
+use planish_core::DVec3;
 use planish_mesh::{BoundingBox, icosphere};
 use planish_shell::{Dirichlet, Metaball, NaturalNeighbours, Shell, ShellOptions};
 use rand::{RngExt, SeedableRng};
@@ -49,9 +50,9 @@ fn main() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let ball = icosphere(1.0, 5);
     let size = BoundingBox::from_points(&ball.positions).unwrap().diagonal();
-    let places: Vec<[f64; 3]> = (0..PLACES)
+    let places: Vec<DVec3> = (0..PLACES)
         .map(|_| {
-            let at: [f64; 3] = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+            let at: DVec3 = std::array::from_fn(|_| random.random_range(-1.0..1.0));
             let length = at.iter().map(|x| x * x).sum::<f64>().sqrt();
             let radius = random.random_range(0.99..1.01);
             at.map(|x| x * radius / length)
@@ -101,7 +102,7 @@ fn main() {
             );
         }
     }
-    let mut anywhere = |count: usize| -> Vec<[f64; 3]> {
+    let mut anywhere = |count: usize| -> Vec<DVec3> {
         (0..count).map(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0))).collect()
     };
     let (controls, vertices) = (anywhere(200), anywhere(50_000));

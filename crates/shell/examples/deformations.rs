@@ -9,7 +9,7 @@
 #![allow(clippy::unwrap_used, reason = "an example stops at the first surprise")]
 
 use nalgebra::DMatrix;
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, icosphere, sample_points};
 use planish_shell::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PointReading, ShellFitOptions, VertexDisplacements,
@@ -26,7 +26,7 @@ use std::time::Instant;
 const NEIGHBOURS: usize = 6;
 
 /// A bend, a twist and a bulge of so much.
-fn bent(p: [f64; 3], [bend, twist, bulge]: [f64; 3]) -> [f64; 3] {
+fn bent(p: DVec3, [bend, twist, bulge]: DVec3) -> DVec3 {
     let [x, y, z] = p;
     let (s, c) = (twist * z).sin_cos();
     let grown = 1.0 + bulge * (-4.0 * ((x - 0.6).powi(2) + y * y)).exp();
@@ -67,7 +67,7 @@ fn main() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     // Vertices that may each move are many unknowns: the coarse ball is for them.
     let (ball, coarse) = (icosphere(1.0, 4), icosphere(1.0, 3));
-    let moved = |mesh: &TriangleMesh, how: [f64; 3]| TriangleMesh {
+    let moved = |mesh: &TriangleMesh, how: DVec3| TriangleMesh {
         positions: mesh.positions.iter().map(|p| bent(*p, how)).collect(),
         triangles: mesh.triangles.clone(),
     };
@@ -88,7 +88,7 @@ fn main() {
         })
         .collect();
     let search = MeshSearch::try_new(&truth).unwrap();
-    let joined = |controls: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]| -> DMatrix<f64> {
+    let joined = |controls: &[DVec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]| -> DMatrix<f64> {
         stiffness_for_xyz(&stiffness(controls, triangles, edges))
     };
     let controls = automatic_controls(&ball, 60).unwrap();
@@ -98,7 +98,7 @@ fn main() {
     let by_lattice = joined(&of_lattice, &[], &nearest_pairs(&of_lattice, NEIGHBOURS));
     let vertices = VertexDisplacements::new(&coarse.positions);
     let by_vertices = joined(&coarse.positions, &coarse.triangles, &[]);
-    let family: Vec<Vec<[f64; 3]>> = (0..30)
+    let family: Vec<Vec<DVec3>> = (0..30)
         .map(|_| {
             let how = [(); 3].map(|()| random.random_range(-0.5..0.5));
             moved(&ball, how).positions

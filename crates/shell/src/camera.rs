@@ -7,9 +7,8 @@
 //! rotation `ω` about the camera's centre, then a translation `τ` of the world, both in the camera's frame.
 
 use nalgebra::{Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
-use planish_core::Pinhole;
 use planish_core::matrix3::{times, transposed_times};
-use planish_core::vector3::{cross, norm};
+use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 
 /// A calibrated camera whose pose can be estimated: a [`Pinhole`] with checked intrinsics and rotation, and
@@ -18,8 +17,8 @@ use planish_estimate::{Error, Result};
 /// # Examples
 /// ```
 /// use planish_shell::Camera;
-/// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]];
-/// let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], DVec3::Z];
+/// let identity = [DVec3::X, DVec3::Y, DVec3::Z];
 /// let camera = Camera::new(k, identity, [0.0, 0.0, 2.0])?;
 /// let (pixel, depth) = camera.project([0.1, 0.0, 0.0]).expect("in front of the camera");
 /// assert_eq!((pixel, depth), ([345.0, 240.0], 2.0));
@@ -51,10 +50,9 @@ impl Camera {
     /// # Errors
     /// `Input` if a number is not finite, `K` is not upper triangular with positive focal lengths, or `R`
     /// differs from a rotation by more than 1e-3. Smaller errors of `R` are removed.
-    pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: [f64; 3]) -> Result<Self> {
+    pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: DVec3) -> Result<Self> {
         let (k, r) = (matrix(&k), matrix(&r));
-        for (name, finite) in [("R", r.iter().all(|x| x.is_finite())), ("t", t.iter().all(|x| x.is_finite()))]
-        {
+        for (name, finite) in [("R", r.iter().all(|x| x.is_finite())), ("t", t.is_finite())] {
             if !finite {
                 return Err(Error::input(format!("{name} contains a number that is not finite")));
             }
@@ -127,23 +125,23 @@ impl Camera {
 
     /// The centre of the camera in the world, `−Rᵀ t`.
     #[must_use]
-    pub fn center(&self) -> [f64; 3] {
+    pub fn center(&self) -> DVec3 {
         self.pinhole.center()
     }
 
     /// The pixel of a point and its depth; `None` at or behind the camera.
     #[must_use]
-    pub fn project(&self, at: [f64; 3]) -> Option<([f64; 2], f64)> {
+    pub fn project(&self, at: DVec3) -> Option<([f64; 2], f64)> {
         let inside = self.pinhole.in_camera(at);
         Some((self.pinhole.pixel(inside)?, inside[2]))
     }
 
     /// The unit direction of the line of sight of a pixel, in the world.
     #[must_use]
-    pub fn direction(&self, pixel: [f64; 2]) -> [f64; 3] {
+    pub fn direction(&self, pixel: [f64; 2]) -> DVec3 {
         let direction = transposed_times(&self.pinhole.r, self.pinhole.ray_in_camera(pixel));
-        let length = norm(direction);
-        direction.map(|c| c / length)
+        let length = direction.length();
+        direction / length
     }
 
     /// The rotation from the world.
@@ -152,24 +150,24 @@ impl Camera {
     }
 
     /// `∂x/∂X_camera` at a point in the camera's frame.
-    pub(crate) fn pixel_by_place(&self, inside: [f64; 3]) -> Matrix2x3<f64> {
+    pub(crate) fn pixel_by_place(&self, inside: DVec3) -> Matrix2x3<f64> {
         let k = &self.pinhole.k;
-        let [x, y, z] = times(k, inside);
+        let DVec3 { x, y, z } = times(k, inside);
         let pixel = [x / z, y / z];
         Matrix2x3::from_fn(|i, j| (k[i][j] - pixel[i] * k[2][j]) / z)
     }
 
     /// Derivative of the pixel of a point along an image direction, by the point: `∂(uᵀπ(x))/∂x`.
-    pub(crate) fn by_place(&self, at: [f64; 3], along: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn by_place(&self, at: DVec3, along: [f64; 2]) -> DVec3 {
         let inside = self.pinhole.in_camera(at);
         let by_inside = self.pixel_by_place(inside).tr_mul(&Vector2::from(along));
         transposed_times(&self.pinhole.r, by_inside.into())
     }
 
     /// Derivative of `D` by the pixel, where the line of sight touches the shell: `∂D/∂(x, y)`.
-    pub(crate) fn by_pixel(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 2] {
-        let [_, _, depth] = self.pinhole.in_camera(at);
-        let [x, y, _] = times(&self.pinhole.r, gradient);
+    pub(crate) fn by_pixel(&self, at: DVec3, gradient: DVec3) -> [f64; 2] {
+        let depth = self.pinhole.in_camera(at).z;
+        let DVec3 { x, y, .. } = times(&self.pinhole.r, gradient);
         let k = &self.pinhole.k;
         let by_x = x * depth / k[0][0];
         // A step of y alone moves x by the skew.
@@ -178,16 +176,16 @@ impl Camera {
     }
 
     /// The width of a pixel at a point: the maximum of `∂D/∂(x, y)`, for a distance across the line of sight.
-    pub(crate) fn pixel_width(&self, at: [f64; 3]) -> f64 {
+    pub(crate) fn pixel_width(&self, at: DVec3) -> f64 {
         self.pinhole.in_camera(at)[2].abs() / self.pinhole.focal_px()
     }
 
     /// Derivative of `D` at a point on a line of sight by the pose `(ω, τ)`, for a constant pixel:
     /// `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
-    pub(crate) fn by_pose(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 6] {
+    pub(crate) fn by_pose(&self, at: DVec3, gradient: DVec3) -> [f64; 6] {
         let inside = self.pinhole.in_camera(at);
         let g = times(&self.pinhole.r, gradient);
-        let turn = cross(inside, g);
+        let turn = inside.cross(g);
         [-turn[0], -turn[1], -turn[2], -g[0], -g[1], -g[2]]
     }
 
@@ -218,9 +216,8 @@ mod tests {
 
     fn camera() -> Camera {
         let r = Rotation3::from_euler_angles(0.3, -0.8, 2.1);
-        let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)]));
-        Camera::new([[900.0, 3.0, 320.0], [0.0, 950.0, 240.0], [0.0, 0.0, 1.0]], rows, [0.2, -0.1, 6.0])
-            .unwrap()
+        let k = [[900.0, 3.0, 320.0], [0.0, 950.0, 240.0], [0.0, 0.0, 1.0]];
+        Camera::new(k, rows_of(r.matrix()), DVec3::new(0.2, -0.1, 6.0)).unwrap()
     }
 
     /// `K R` and `K t`.
@@ -253,20 +250,20 @@ mod tests {
             })
         });
         let other = Camera::from_projection(mirrored).unwrap();
-        let at = [0.3, -0.4, 0.5];
+        let at = DVec3::new(0.3, -0.4, 0.5);
         let ([x, y], depth) = camera.project(at).unwrap();
         let ([u, v], same) = other.project(at).unwrap();
         assert!((x + u).abs() < 1e-9 && (y - v).abs() < 1e-9 && (depth - same).abs() < 1e-9);
         let way = Vector3::from(other.direction([u, v]));
         assert!((way - Vector3::from(camera.direction([x, y]))).norm() < 1e-9);
         assert!(Camera::from_projection([[1.0, 2.0, 3.0, 4.0]; 3]).is_err());
-        assert!(Camera::new([[1.0, 0.0, 0.0]; 3], [[1.0, 0.0, 0.0]; 3], [0.0; 3]).is_err());
+        assert!(Camera::new([[1.0, 0.0, 0.0]; 3], [[1.0, 0.0, 0.0]; 3], DVec3::ZERO).is_err());
     }
 
     #[test]
     fn projections_invert_and_pose_changes_round_trip() {
         let camera = camera();
-        let at = [0.3, -0.4, 0.5];
+        let at = DVec3::new(0.3, -0.4, 0.5);
         let (pixel, depth) = camera.project(at).unwrap();
         let way = Vector3::from(camera.direction(pixel));
         let off = Vector3::from(at) - Vector3::from(camera.center());

@@ -6,7 +6,7 @@
 //! Not guaranteed: the control triangulation may be non-manifold or have holes, as the mesh may.
 
 use nalgebra::DMatrix;
-use planish_estimate::vector3::{cross, distance, dot, norm, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, DisjointSets, TriangleMesh};
 use std::cmp::Reverse;
@@ -28,7 +28,7 @@ pub struct Controls {
     /// Vertices of the mesh that are controls.
     pub vertices: Vec<u32>,
     /// Their positions.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Triangles of controls.
     pub triangles: Vec<[u32; 3]>,
     /// Pairs of controls whose regions touch, including the edges of the triangles; the lower index first.
@@ -61,7 +61,7 @@ impl EdgeGraph {
         let of_triangles: BTreeSet<u32> = mesh.triangles.iter().flatten().copied().collect();
         for v in of_triangles {
             let p = mesh.positions[v as usize];
-            let first = *at.entry(p.map(f64::to_bits)).or_insert(v);
+            let first = *at.entry(p.to_array().map(f64::to_bits)).or_insert(v);
             if first != v {
                 pairs.insert([first, v]);
             }
@@ -70,8 +70,8 @@ impl EdgeGraph {
         pairs.extend(&bridges);
         let length = |[a, b]: [u32; 2]| {
             let [a, b] = [a as usize, b as usize];
-            let turn = dot(normals[a], normals[b]).clamp(-1.0, 1.0).acos();
-            distance(mesh.positions[a], mesh.positions[b]) * (1.0 + BENDING * turn)
+            let turn = normals[a].dot(normals[b]).clamp(-1.0, 1.0).acos();
+            mesh.positions[a].distance(mesh.positions[b]) * (1.0 + BENDING * turn)
         };
         let mut start = vec![0; mesh.positions.len() + 1];
         for [a, b] in &pairs {
@@ -122,7 +122,7 @@ impl EdgeGraph {
 /// a cell of a grid are joined in it, and cells double until all is one.
 ///
 /// Cost: some thirty passes over the vertices, and none where there is one part.
-fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
+fn bridges(positions: &[DVec3], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
     let mut parts = DisjointSets::new(positions.len());
     let mut used: Vec<u32> = pairs.iter().flatten().copied().collect();
     used.sort_unstable();
@@ -243,18 +243,18 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
 /// # Examples
 /// ```
 /// use planish_shell::stiffness;
-/// let k = stiffness(&[[0.0; 3], [1.0, 0.0, 0.0]], &[], &[[0, 1]]);
+/// let k = stiffness(&[DVec3::ZERO, DVec3::X], &[], &[[0, 1]]);
 /// assert_eq!((k[(0, 0)], k[(0, 1)]), (1.0, -1.0));
 /// ```
 #[must_use]
-pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> DMatrix<f64> {
+pub fn stiffness(points: &[DVec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> DMatrix<f64> {
     let mut joined: BTreeMap<[u32; 2], f64> = BTreeMap::new();
     for t in triangles {
         for k in 0..3 {
             let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-            let [u, v] = [b, c].map(|to| sub(points[to as usize], points[a as usize]));
-            let area = norm(cross(u, v));
-            let cotangent = if area > 0.0 { dot(u, v) / area } else { 0.0 };
+            let [u, v] = [b, c].map(|to| points[to as usize] - points[a as usize]);
+            let area = u.cross(v).length();
+            let cotangent = if area > 0.0 { u.dot(v) / area } else { 0.0 };
             *joined.entry([b.min(c), b.max(c)]).or_insert(0.0) += 0.5 * cotangent.clamp(0.0, MAX_COTANGENT);
         }
     }
@@ -277,16 +277,16 @@ pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]
 /// # Examples
 /// ```
 /// use planish_shell::nearest_pairs;
-/// let points = [[0.0; 3], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]];
+/// let points = [DVec3::ZERO, DVec3::X, [3.0, 0.0, 0.0]];
 /// assert_eq!(nearest_pairs(&points, 1), [[0, 1], [1, 2]]);
 /// ```
 #[must_use]
-pub fn nearest_pairs(points: &[[f64; 3]], count: usize) -> Vec<[u32; 2]> {
+pub fn nearest_pairs(points: &[DVec3], count: usize) -> Vec<[u32; 2]> {
     let mut pairs = BTreeSet::new();
     for (a, p) in points.iter().enumerate() {
         let mut others: Vec<(f64, u32)> = (points.iter().enumerate())
             .filter(|(b, _)| *b != a)
-            .map(|(b, q)| (distance(*p, *q), b as u32))
+            .map(|(b, q)| (p.distance(*q), b as u32))
             .collect();
         others.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         for &(_, b) in others.iter().take(count) {
@@ -309,7 +309,7 @@ mod tests {
         let nearest = |a: usize| {
             (0..60)
                 .filter(|&b| b != a)
-                .map(|b| distance(made.points[a], made.points[b]))
+                .map(|b| made.points[a].distance(made.points[b]))
                 .fold(f64::INFINITY, f64::min)
         };
         let spread: Vec<f64> = (0..60).map(nearest).collect();
@@ -340,7 +340,7 @@ mod tests {
         let mut two = icosphere(1.0, 2);
         let other = cylinder(1.0, 2.0, 24, 4, true);
         let first = two.positions.len() as u32;
-        two.positions.extend(other.positions.iter().map(|p| [p[0] + 9.0, p[1], p[2]]));
+        two.positions.extend(other.positions.iter().map(|p| DVec3::new(p.x + 9.0, p.y, p.z)));
         two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let made = automatic_controls(&two, 8).unwrap();
         assert!(made.vertices.iter().any(|v| *v < first) && made.vertices.iter().any(|v| *v >= first));
@@ -351,8 +351,8 @@ mod tests {
         let mut crumbs = icosphere(1.0, 3);
         for k in 0..40 {
             let first = crumbs.positions.len() as u32;
-            let at = [1.01, 0.01 * f64::from(k), 0.0];
-            (crumbs.positions).extend([at, [1.015, at[1], 0.0], [1.01, at[1], 0.005]]);
+            let at = DVec3::new(1.01, 0.01 * f64::from(k), 0.0);
+            (crumbs.positions).extend([at, at.with_x(1.015), at.with_z(0.005)]);
             crumbs.triangles.push([first, first + 1, first + 2]);
         }
         let ball = icosphere(1.0, 3).positions.len() as u32;
@@ -360,21 +360,14 @@ mod tests {
         let of_ball = made.vertices.iter().filter(|v| **v < ball).count();
         assert!(of_ball > 20, "{of_ball}");
         let soup = TriangleMesh {
-            positions: vec![
-                [0.0; 3],
-                [1.0, 0.0, 0.0],
-                [0.0, 1.0, 0.0],
-                [1.0, 0.0, 0.0],
-                [1.0, 1.0, 0.0],
-                [0.0, 1.0, 0.0],
-            ],
+            positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y],
             triangles: vec![[0, 1, 2], [3, 4, 5]],
         };
         let made = automatic_controls(&soup, 50).unwrap();
         assert_eq!(made.points.len(), 4);
         // Seams of vertices without triangles (of a rigid part) are ignored.
         let mut rest = soup.clone();
-        (rest.positions).extend([[5.0; 3], [5.0; 3], [6.0; 3], [6.0; 3]]);
+        (rest.positions).extend([5.0, 5.0, 6.0, 6.0].map(DVec3::splat));
         let of_rest = automatic_controls(&rest, 50).unwrap();
         assert_eq!(of_rest, made);
         assert!(automatic_controls(&TriangleMesh::default(), 3).is_err());

@@ -19,7 +19,7 @@ pub use modes::{Modes, VertexDisplacements};
 pub use rigid::{PartMotion, RigidPart, RigidParts};
 
 use nalgebra::{DMatrix, DVector};
-use planish_estimate::vector3::add;
+use planish_core::DVec3;
 use rayon::prelude::*;
 
 /// A linear map from parameters to the displacements of all vertices.
@@ -36,7 +36,7 @@ pub trait Deformation: Sync {
     fn vertices(&self) -> usize;
 
     /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis; an index may occur more than once.
-    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64));
+    fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64));
 
     /// The matrix `R` from parameters to the basis; `None` if they are the same.
     fn reduction(&self) -> Option<&DMatrix<f64>> {
@@ -45,7 +45,7 @@ pub trait Deformation: Sync {
 
     /// Rest positions of the control points, if the parameters are their displacements (x, y, z of each in
     /// turn).
-    fn controls(&self) -> Option<&[[f64; 3]]> {
+    fn controls(&self) -> Option<&[DVec3]> {
         None
     }
 }
@@ -56,22 +56,22 @@ pub trait Deformation: Sync {
 /// ```
 /// use nalgebra::DVector;
 /// use planish_shell::{VertexDisplacements, displacements};
-/// let deformation = VertexDisplacements::new(&[[0.0; 3], [1.0, 0.0, 0.0]]);
+/// let deformation = VertexDisplacements::new(&[DVec3::ZERO, DVec3::X]);
 /// let q = DVector::from_vec(vec![0.0, 0.0, 0.5, 0.0, 0.0, 0.0]);
-/// assert_eq!(displacements(&deformation, &q), [[0.0, 0.0, 0.5], [0.0; 3]]);
+/// assert_eq!(displacements(&deformation, &q), [[0.0, 0.0, 0.5], DVec3::ZERO]);
 /// ```
 #[must_use]
-pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f64; 3]> {
+pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<DVec3> {
     // Once for all vertices; the rows themselves stay short.
     let basis = in_basis(deformation, q);
     (0..deformation.vertices() as u32)
         .into_par_iter()
         .map(|vertex| {
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|direction| {
+            DVec3::from_array([DVec3::X, DVec3::Y, DVec3::Z].map(|direction| {
                 let mut sum = 0.0;
                 deformation.row(vertex, direction, &mut |k, entry| sum += entry * basis[k]);
                 sum
-            })
+            }))
         })
         .collect()
 }
@@ -84,22 +84,22 @@ pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f6
 /// use planish_shell::{VertexDisplacements, displaced_positions};
 /// let rest = [[1.0, 2.0, 3.0]];
 /// let deformation = VertexDisplacements::new(&rest);
-/// let q = DVector::from_vec(vec![0.0, 0.0, 1.0]);
+/// let q = DVector::from_vec(vec!DVec3::Z);
 /// assert_eq!(displaced_positions(&rest, &deformation, &q), [[1.0, 2.0, 4.0]]);
 /// ```
 #[must_use]
 pub fn displaced_positions(
-    positions: &[[f64; 3]],
+    positions: &[DVec3],
     deformation: &dyn Deformation,
     q: &DVector<f64>,
-) -> Vec<[f64; 3]> {
+) -> Vec<DVec3> {
     let by = displacements(deformation, q);
-    positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
+    positions.iter().zip(by).map(|(p, by)| *p + by).collect()
 }
 
 /// `dᵀ ∂V_v/∂q` over the parameters.
 #[must_use]
-pub fn parameter_row(deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> DVector<f64> {
+pub fn parameter_row(deformation: &dyn Deformation, vertex: u32, direction: DVec3) -> DVector<f64> {
     let mut row = DVector::zeros(deformation.basis());
     deformation.row(vertex, direction, &mut |k, entry| row[k] += entry);
     match deformation.reduction() {

@@ -13,6 +13,7 @@
 //! Not guaranteed: if five points lie on an empty sphere, the choice among the valid triangulations is
 //! arbitrary.
 
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use robust::{Coord3D, insphere, orient3d};
@@ -58,7 +59,7 @@ pub(crate) struct Cavity {
 /// ```
 /// use planish_mesh::BoundingBox;
 /// use planish_shell::Delaunay;
-/// let mut delaunay = Delaunay::new(&BoundingBox { min: [0.0; 3], max: [1.0; 3] })?;
+/// let mut delaunay = Delaunay::new(&BoundingBox { min: DVec3::ZERO, max: [1.0; 3] })?;
 /// assert_eq!(delaunay.tetrahedra().len(), 6);
 /// assert_eq!(delaunay.insert([0.4, 0.5, 0.6])?, 8);
 /// assert_eq!(delaunay.points().len(), 9);
@@ -66,7 +67,7 @@ pub(crate) struct Cavity {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Delaunay {
-    points: Vec<[f64; 3]>,
+    points: Vec<DVec3>,
     tetrahedra: Vec<Tetrahedron>,
     /// Unused entries of `tetrahedra`: a cavity may have had more tetrahedra than replaced them.
     free: Vec<u32>,
@@ -107,7 +108,7 @@ impl Delaunay {
 
     /// The corners of the box, then the inserted points in order.
     #[must_use]
-    pub fn points(&self) -> &[[f64; 3]] {
+    pub fn points(&self) -> &[DVec3] {
         &self.points
     }
 
@@ -131,7 +132,7 @@ impl Delaunay {
 
     /// True if a point is strictly inside the box.
     #[must_use]
-    pub fn holds(&self, at: [f64; 3]) -> bool {
+    pub fn holds(&self, at: DVec3) -> bool {
         (0..3).all(|k| self.points[0][k] < at[k] && at[k] < self.points[7][k])
     }
 
@@ -139,7 +140,7 @@ impl Delaunay {
     ///
     /// # Errors
     /// `Input` for a point that is not strictly inside the box.
-    pub fn insert(&mut self, at: [f64; 3]) -> Result<u32> {
+    pub fn insert(&mut self, at: DVec3) -> Result<u32> {
         if !self.holds(at) {
             return Err(Error::input(format!(
                 "{at:?} is not inside the box of the triangulation, from {:?} to {:?}",
@@ -163,7 +164,7 @@ impl Delaunay {
 
     /// The tetrahedron that contains a point, by a walk from another one. The walk ends because the
     /// tetrahedralisation is Delaunay (H. Edelsbrunner 1990).
-    pub(crate) fn locate(&self, at: [f64; 3], start: u32) -> u32 {
+    pub(crate) fn locate(&self, at: DVec3, start: u32) -> u32 {
         let mut here = start;
         loop {
             let t = &self.tetrahedra[here as usize];
@@ -179,7 +180,7 @@ impl Delaunay {
 
     /// Tetrahedra whose circumsphere contains the point strictly, and the faces around them. The point is in
     /// `start`, and not one of its corners.
-    pub(crate) fn cavity(&self, at: [f64; 3], start: u32, cavity: &mut Cavity) {
+    pub(crate) fn cavity(&self, at: DVec3, start: u32, cavity: &mut Cavity) {
         cavity.search += 1;
         // Marks carry the number of the search and need no clearing. A tetrahedron is tested once, although
         // up to four faces lead to it.
@@ -219,13 +220,13 @@ impl Delaunay {
         }
     }
 
-    fn in_conflict(&self, tetrahedron: u32, at: [f64; 3]) -> bool {
+    fn in_conflict(&self, tetrahedron: u32, at: DVec3) -> bool {
         let [a, b, c, d] = self.corners(tetrahedron).map(|c| coordinates(self.points[c as usize]));
         // Strictly, so that no new tetrahedron is flat (see the module's description).
         insphere(a, b, c, d, coordinates(at)) > 0.0
     }
 
-    fn side(&self, face: [u32; 3], at: [f64; 3]) -> f64 {
+    fn side(&self, face: [u32; 3], at: DVec3) -> f64 {
         let [a, b, c] = face.map(|c| coordinates(self.points[c as usize]));
         orient3d(a, b, c, coordinates(at))
     }
@@ -296,11 +297,11 @@ impl Delaunay {
     }
 }
 
-fn coordinates([x, y, z]: [f64; 3]) -> Coord3D<f64> {
+fn coordinates(DVec3 { x, y, z }: DVec3) -> Coord3D<f64> {
     Coord3D { x, y, z }
 }
 
-fn orientation(points: &[[f64; 3]], corners: [u32; 4]) -> f64 {
+fn orientation(points: &[DVec3], corners: [u32; 4]) -> f64 {
     let [a, b, c, d] = corners.map(|c| coordinates(points[c as usize]));
     orient3d(a, b, c, d)
 }
@@ -312,7 +313,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn unit_box() -> BoundingBox {
-        BoundingBox { min: [-1.0; 3], max: [2.0; 3] }
+        BoundingBox { min: DVec3::splat(-1.0), max: DVec3::splat(2.0) }
     }
 
     /// Every tetrahedron has positive volume, they fill the box, neighbours are mutual, and no circumsphere
@@ -342,12 +343,12 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut made = Delaunay::new(&unit_box()).unwrap();
         for _ in 0..300 {
-            made.insert(std::array::from_fn(|_| random.random_range(0.0..1.0))).unwrap();
+            made.insert(DVec3::from_array(std::array::from_fn(|_| random.random_range(0.0..1.0)))).unwrap();
         }
         judge(&made);
         let mut grid = Delaunay::new(&unit_box()).unwrap();
         for k in 0..216 {
-            let at = [k % 6, k / 6 % 6, k / 36].map(|i| f64::from(i) / 5.0);
+            let at = DVec3::from_array([k % 6, k / 6 % 6, k / 36].map(|i| f64::from(i) / 5.0));
             assert_eq!(grid.insert(at).unwrap(), k as u32 + 8);
             assert_eq!(grid.insert(at).unwrap(), k as u32 + 8);
         }
@@ -356,7 +357,7 @@ mod tests {
         let mut halves = Delaunay::new(&unit_box()).unwrap();
         for at in [[0.5; 3], [0.5, 0.5, 0.0], [0.5, 0.0, 0.0], [-0.25; 3], [0.5, 0.5, 1.25], [1.25, 0.5, 0.5]]
         {
-            halves.insert(at).unwrap();
+            halves.insert(DVec3::from_array(at)).unwrap();
             judge(&halves);
         }
     }
@@ -365,9 +366,9 @@ mod tests {
     fn points_outside_of_the_box_are_rejected() {
         let mut made = Delaunay::new(&unit_box()).unwrap();
         for at in [[2.0, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [0.0, 0.0, 7.0]] {
-            assert!(made.insert(at).unwrap_err().to_string().contains("box"));
+            assert!(made.insert(DVec3::from_array(at)).unwrap_err().to_string().contains("box"));
         }
-        let flat = BoundingBox { min: [0.0; 3], max: [1.0, 0.0, 1.0] };
+        let flat = BoundingBox { min: DVec3::ZERO, max: DVec3::new(1.0, 0.0, 1.0) };
         assert!(Delaunay::new(&flat).is_err());
     }
 }

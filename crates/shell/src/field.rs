@@ -34,7 +34,7 @@ pub use subdivision::subdivide_for_spheres;
 
 use crate::skeleton::{Skeleton, skeleton};
 use nalgebra::Vector3;
-use planish_estimate::vector3::{cross, norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{FacetTree, NearFacet, TriangleMesh};
 use rayon::prelude::*;
@@ -85,7 +85,7 @@ impl ShellOptions {
 /// A facet's plane.
 #[derive(Debug, Clone, Copy)]
 struct Facet {
-    normal: [f64; 3],
+    normal: DVec3,
     area: f64,
 }
 
@@ -121,7 +121,7 @@ pub struct ShellDistance {
     /// The distance `D` by the field, in the unit of the mesh.
     pub distance: f64,
     /// `∂D/∂x`.
-    pub gradient: [f64; 3],
+    pub gradient: DVec3,
     /// The nearest facet.
     pub facet: u32,
     /// The distance of its skeleton.
@@ -148,7 +148,7 @@ struct Sums {
 
 impl Sums {
     #[inline]
-    fn add(&mut self, at: [f64; 3], one: &FacetShare, (height, normal): (f64, Vector3<f64>)) {
+    fn add(&mut self, at: DVec3, one: &FacetShare, (height, normal): (f64, Vector3<f64>)) {
         let p = one.share;
         let away = p * away(at, &one.near);
         self.share += p;
@@ -164,7 +164,7 @@ impl Sums {
 pub(crate) struct Over {
     /// Height along `normal`.
     pub height: f64,
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Distance of the foot point from the skeleton, in the plane.
     pub across: f64,
     /// The facet's area.
@@ -203,12 +203,9 @@ impl<'a> Shell<'a> {
             .into_par_iter()
             .map(|t| {
                 let corners = mesh.corners(t);
-                let m = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
-                let twice = norm(m);
-                Facet {
-                    normal: if twice > 0.0 { scale(1.0 / twice, m) } else { [0.0; 3] },
-                    area: 0.5 * twice,
-                }
+                let m = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+                let twice = m.length();
+                Facet { normal: if twice > 0.0 { 1.0 / twice * m } else { DVec3::ZERO }, area: 0.5 * twice }
             })
             .collect();
         let skeletons: Vec<Skeleton> = match options.metaball {
@@ -251,7 +248,7 @@ impl<'a> Shell<'a> {
     /// The paper's field `F = T − Σ exp(−k (r − ρ))`: negative inside of the shell, `T` far away. Overflows
     /// to `−∞` deep inside of very sharp shells.
     #[must_use]
-    pub fn field(&self, at: [f64; 3]) -> f64 {
+    pub fn field(&self, at: DVec3) -> f64 {
         let k = self.options.sharpness;
         let mut sum = 0.0;
         self.tree.visit_near(at, self.paper_slack, |near| {
@@ -266,7 +263,7 @@ impl<'a> Shell<'a> {
     /// [`Self::field`] is, with a slope of at most one. Exponents are relative to the largest, so it does not
     /// overflow.
     #[must_use]
-    pub fn level(&self, at: [f64; 3]) -> f64 {
+    pub fn level(&self, at: DVec3) -> f64 {
         let k = self.options.sharpness;
         let (mut largest, mut sum) = (f64::NEG_INFINITY, 0.0);
         self.tree.visit_near(at, self.paper_slack, |near| {
@@ -287,7 +284,7 @@ impl<'a> Shell<'a> {
     /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighted as in
     /// [`Self::distance`]. It exceeds the distance of the nearest by at most `reach/k`.
     #[must_use]
-    pub fn unsigned_distance(&self, at: [f64; 3]) -> f64 {
+    pub fn unsigned_distance(&self, at: DVec3) -> f64 {
         let k = self.options.sharpness;
         let (mut nearest, mut sum, mut heights) = (f64::INFINITY, 0.0, 0.0);
         self.tree.visit_near(at, self.slack, |near| {
@@ -307,7 +304,7 @@ impl<'a> Shell<'a> {
     }
 
     /// The distance of the nearest skeleton.
-    pub(crate) fn nearest(&self, at: [f64; 3]) -> f64 {
+    pub(crate) fn nearest(&self, at: DVec3) -> f64 {
         let mut nearest = f64::INFINITY;
         (self.tree).visit_near(at, 0.0, |near| nearest = nearest.min(near.distance));
         nearest
@@ -345,7 +342,7 @@ impl<'a> Shell<'a> {
 
     /// The smooth signed distance of a point from the mesh; `None` if the point is not finite. It fills
     /// `shares` with the contributions of facets for [`Self::by_vertices`].
-    pub fn distance(&self, at: [f64; 3], shares: &mut Vec<FacetShare>) -> Option<ShellDistance> {
+    pub fn distance(&self, at: DVec3, shares: &mut Vec<FacetShare>) -> Option<ShellDistance> {
         let k = self.options.sharpness;
         shares.clear();
         let mut nearest: Option<NearFacet> = None;
@@ -398,19 +395,19 @@ impl<'a> Shell<'a> {
     }
 
     /// Height of a point over a facet's plane, and the plane's normal, flipped if it faces away.
-    fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
+    fn height(&self, at: DVec3, near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
         let normal = Vector3::from(self.facets[near.facet as usize].normal);
         // Opposite walls of a thin part face away from each other. Without consistent orientation only a
         // normal that opposes the nearest facet's is flipped.
         let turned =
             if !self.options.oriented && normal.dot(&facing) < FLIPPED_COSINE { -normal } else { normal };
-        (turned.dot(&Vector3::from(sub(at, near.point))), turned)
+        (turned.dot(&Vector3::from(at - near.point)), turned)
     }
 }
 
 /// The direction from a skeleton to a place; zero on it.
-fn away(at: [f64; 3], near: &NearFacet) -> Vector3<f64> {
-    if near.distance > 0.0 { Vector3::from(sub(at, near.point)) / near.distance } else { Vector3::zeros() }
+fn away(at: DVec3, near: &NearFacet) -> Vector3<f64> {
+    if near.distance > 0.0 { Vector3::from(at - near.point) / near.distance } else { Vector3::zeros() }
 }
 
 #[cfg(test)]

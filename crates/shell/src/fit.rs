@@ -53,6 +53,7 @@ use crate::camera::Camera;
 use crate::deformation::{Deformation, parameter_row};
 use crate::field::Metaball;
 use nalgebra::{DMatrix, DVector};
+use planish_core::DVec3;
 use planish_estimate::{Error, Loss, Result, Termination};
 use planish_mesh::TriangleMesh;
 
@@ -152,7 +153,7 @@ pub struct ShellFit {
     /// known.
     pub pose_covariances: Vec<Option<DMatrix<f64>>>,
     /// Vertices of the deformed mesh.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// Smoothness weight `λ`.
     pub smoothness_weight: f64,
     /// σ along the normal of shape that the parameters cannot represent; zero if the residuals are noise.
@@ -241,7 +242,7 @@ pub struct ShellProgress {
 /// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_with_progress};
 /// # fn main() -> planish_estimate::Result<()> {
 /// let ball = icosphere(1.0, 2);
-/// let controls: Vec<[f64; 3]> = icosphere(1.2, 1).positions;
+/// let controls: Vec<DVec3> = icosphere(1.2, 1).positions;
 /// let deformation = Dirichlet::new(&controls, &ball.positions)?;
 /// let points: Vec<PointReading> = icosphere(1.1, 3).positions.into_iter()
 ///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
@@ -272,7 +273,7 @@ pub fn fit_shell_with_progress(
 impl ShellFit {
     /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of the unresolved shape.
     #[must_use]
-    pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
+    pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: DVec3) -> f64 {
         // First order; exact for deformations that are linear in their parameters.
         let row = parameter_row(deformation, vertex, direction);
         let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
@@ -352,7 +353,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
 /// # Examples
 /// ```
 /// use planish_shell::{stiffness, stiffness_for_xyz};
-/// let k = stiffness(&[[0.0; 3], [1.0, 0.0, 0.0]], &[], &[[0, 1]]);
+/// let k = stiffness(&[DVec3::ZERO, DVec3::X], &[], &[[0, 1]]);
 /// let all = stiffness_for_xyz(&k);
 /// assert_eq!((all.nrows(), all[(0, 3)]), (6, -1.0));
 /// ```

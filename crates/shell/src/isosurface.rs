@@ -14,7 +14,7 @@
 //! Not guaranteed: parts thinner than a cell are lost, and sharp edges are cut off by chords.
 
 use crate::field::Shell;
-use planish_estimate::vector3::norm;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshCheck, TriangleMesh, WindingNumbers, isosurface};
 use rayon::prelude::*;
@@ -102,7 +102,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             Some(WindingNumbers::new(shell.mesh()))
         }
     };
-    let is_inside = |at: [f64; 3]| winding.as_ref().is_some_and(|w| w.at(at) > 0.5);
+    let is_inside = |at: DVec3| winding.as_ref().is_some_and(|w| w.at(at) > 0.5);
     // Distances of the nearest facet between which the surface may pass.
     let [low, high] = match options.level {
         IsoLevel::Shell | IsoLevel::Outer => shell.band(),
@@ -111,7 +111,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             return Err(Error::input(format!("an offset is a length, got {offset}")));
         }
     };
-    let value = |at: [f64; 3]| match options.level {
+    let value = |at: DVec3| match options.level {
         IsoLevel::Shell => shell.level(at),
         IsoLevel::Outer => match (shell.level(at), is_inside(at)) {
             (level, true) => -level.abs(),
@@ -125,7 +125,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     // Where the sign flips in the mesh itself, values on both sides of it matter.
     let flips = winding.is_some();
     let radius = shell.largest_radius();
-    let may_pass = |at: [f64; 3], reach: f64| {
+    let may_pass = |at: DVec3, reach: f64| {
         let nearest = shell.nearest(at);
         nearest - reach <= high && (nearest + reach >= low || (flips && nearest <= reach + radius))
     };
@@ -141,7 +141,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     }
     // A sample is enough for a root mean square.
     let every = mesh.triangles.len().div_ceil(MAX_DEVIATION_SAMPLES).max(1);
-    let places: Vec<[f64; 3]> =
+    let places: Vec<DVec3> =
         (0..mesh.triangles.len()).step_by(every).map(|t| mesh.point_at(t, [1.0 / 3.0; 3])).collect();
     let deviations: Vec<f64> = (places.par_iter()).map(|at| deviation(*at, cell, &value)).collect();
     Ok(IsoSurface {
@@ -154,17 +154,17 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
 }
 
 /// Distance of a point from the zero surface nearby, to first order: value divided by slope.
-fn deviation(at: [f64; 3], cell: f64, value: &(impl Fn([f64; 3]) -> f64 + Sync)) -> f64 {
+fn deviation(at: DVec3, cell: f64, value: &(impl Fn(DVec3) -> f64 + Sync)) -> f64 {
     let here = value(at);
     let step = STEP * cell;
     // One-sided differences: the estimate is of first order anyway, and each value costs a search.
-    let slope: [f64; 3] = std::array::from_fn(|k| {
+    let slope: DVec3 = DVec3::from_array(std::array::from_fn(|k| {
         let mut at = at;
         at[k] += step;
         (value(at) - here) / step
-    });
+    }));
     // The value is a distance, whose slope is 1. On a ridge between two facets the difference is smaller.
-    here.abs() / norm(slope).clamp(0.5, 1.0)
+    here.abs() / slope.length().clamp(0.5, 1.0)
 }
 
 /// A mesh with coincident vertices merged.
@@ -172,7 +172,7 @@ fn welded(mesh: &TriangleMesh) -> TriangleMesh {
     let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
     let of: Vec<u32> = (mesh.positions.iter().enumerate())
         // Adding zero turns −0 into 0, whose bits differ.
-        .map(|(v, p)| *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
+        .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
         .collect();
     TriangleMesh {
         positions: mesh.positions.clone(),
@@ -202,7 +202,7 @@ mod tests {
             let found = made(&ball, &shell, IsoLevel::Offset(offset), 0.1);
             assert_eq!(found.check.euler_characteristic, 2);
             for p in &found.mesh.positions {
-                assert!((norm(*p) - 1.0 - offset).abs() < 0.03, "{offset}: {}", norm(*p));
+                assert!((p.length() - 1.0 - offset).abs() < 0.03, "{offset}: {}", p.length());
             }
             assert!(found.deviation_rms <= found.deviation_max && found.deviation_max < 0.02);
         }
@@ -212,7 +212,7 @@ mod tests {
         assert_eq!((outer.check.components, outer.check.euler_characteristic), (1, 2));
         // The bulge: the fields of several facets add up.
         for p in &outer.mesh.positions {
-            assert!((0.09..0.2).contains(&(norm(*p) - 1.0)), "{}", norm(*p));
+            assert!((0.09..0.2).contains(&(p.length() - 1.0)), "{}", p.length());
         }
         let shell = Shell::new(&ball, &shell).unwrap();
         for p in &outer.mesh.positions {
@@ -244,7 +244,7 @@ mod tests {
         let mut two = icosphere(1.0, 3);
         let first = two.positions.len() as u32;
         let other = icosphere(1.0, 3);
-        two.positions.extend(other.positions.iter().map(|p| [p[0] + 1.1, p[1], p[2]]));
+        two.positions.extend(other.positions.iter().map(|p| DVec3::new(p.x + 1.1, p.y, p.z)));
         two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let options = ShellOptions::new(Metaball::Triangular, 60.0);
         let found = made(&two, &options, IsoLevel::Offset(0.1), 0.08);

@@ -19,7 +19,7 @@
 
 use crate::delaunay::{BorderFace, Cavity, Delaunay, FACES};
 use nalgebra::{Matrix4, Vector4};
-use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ pub struct Weight {
 /// # Examples
 /// ```
 /// use planish_shell::NaturalNeighbours;
-/// let sites = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]];
+/// let sites = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, 1.0, 1.0)];
 /// let neighbours = NaturalNeighbours::new(&sites, &[])?;
 /// let place = [0.3, 0.4, 0.5];
 /// let weights = neighbours.weights(place)?;
@@ -72,8 +72,8 @@ struct Query {
     cavity: Cavity,
     /// Circumcentres of the tetrahedra in conflict and of the new ones over the border, relative to the
     /// point.
-    old_centers: Vec<[f64; 3]>,
-    new_centers: Vec<[f64; 3]>,
+    old_centers: Vec<DVec3>,
+    new_centers: Vec<DVec3>,
     /// For each tetrahedron of the cavity, its index in it.
     place_in_cavity: Vec<u32>,
     /// Volumes, by site; zero between queries.
@@ -89,10 +89,10 @@ impl NaturalNeighbours {
     ///
     /// # Errors
     /// `Input` for points that are not finite, or none at all.
-    pub fn new(points: &[[f64; 3]], also: &[[f64; 3]]) -> Result<Self> {
+    pub fn new(points: &[DVec3], also: &[DVec3]) -> Result<Self> {
         for (k, point) in points.iter().enumerate() {
-            if point.iter().any(|x| !x.is_finite()) {
-                return Err(Error::input(format!("control point {k} is not finite: {point:?}")));
+            if !point.is_finite() {
+                return Err(Error::input(format!("control point {k} is not finite: {:?}", point.to_array())));
             }
         }
         let bounds = BoundingBox::around(points.iter().chain(also).copied())
@@ -118,7 +118,7 @@ impl NaturalNeighbours {
 
     /// The position of a site.
     #[must_use]
-    pub fn site(&self, site: u32) -> [f64; 3] {
+    pub fn site(&self, site: u32) -> DVec3 {
         self.delaunay.points()[site as usize]
     }
 
@@ -138,7 +138,7 @@ impl NaturalNeighbours {
     ///
     /// # Errors
     /// `Input` for a point outside of the box.
-    pub fn weights(&self, at: [f64; 3]) -> Result<Vec<Weight>> {
+    pub fn weights(&self, at: DVec3) -> Result<Vec<Weight>> {
         let mut weights = Vec::new();
         self.weigh(at, &mut Query::default(), &mut weights)?;
         Ok(weights)
@@ -148,7 +148,7 @@ impl NaturalNeighbours {
     ///
     /// # Errors
     /// As for [`Self::weights`].
-    pub fn weights_of_all(&self, places: &[[f64; 3]]) -> Result<Vec<Vec<Weight>>> {
+    pub fn weights_of_all(&self, places: &[DVec3]) -> Result<Vec<Vec<Weight>>> {
         let chunks: Vec<Result<Vec<Vec<Weight>>>> = places
             .par_chunks(PLACES_AT_ONCE)
             .map(|places| {
@@ -170,15 +170,18 @@ impl NaturalNeighbours {
         Ok(all)
     }
 
-    fn weigh(&self, at: [f64; 3], query: &mut Query, weights: &mut Vec<Weight>) -> Result<()> {
+    fn weigh(&self, at: DVec3, query: &mut Query, weights: &mut Vec<Weight>) -> Result<()> {
         if !self.delaunay.holds(at) {
-            return Err(Error::input(format!("{at:?} is outside of the box about the control points")));
+            return Err(Error::input(format!(
+                "{:?} is outside of the box about the control points",
+                at.to_array()
+            )));
         }
         let points = self.delaunay.points();
         let start = self.delaunay.locate(at, query.last);
         // Neighbouring queries start near each other; the walk is then a few steps.
         query.last = start;
-        let near = |site: &u32| distance(points[*site as usize], at) < COINCIDENT * self.size;
+        let near = |site: &u32| points[*site as usize].distance(at) < COINCIDENT * self.size;
         if let Some(site) = self.delaunay.corners(start).into_iter().find(near) {
             weights.push(Weight { site, weight: 1.0 });
             return Ok(());
@@ -204,18 +207,18 @@ impl NaturalNeighbours {
     }
 
     /// Volumes `|R_j|` times twelve.
-    fn measure(&self, at: [f64; 3], cavity: &Cavity, query: &mut Query) {
+    fn measure(&self, at: DVec3, cavity: &Cavity, query: &mut Query) {
         let points = self.delaunay.points();
         // Relative to the query: circumcentres are differences of squares, which cancel far from the origin.
-        let from_place = |site: u32| sub(points[site as usize], at);
+        let from_place = |site: u32| points[site as usize] - at;
         query.volumes.resize(points.len(), 0.0);
         query.old_centers.clear();
         let end = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
         query.place_in_cavity.resize(query.place_in_cavity.len().max(end), u32::MAX);
         for (place, &t) in cavity.tetrahedra.iter().enumerate() {
             let [a, b, c, d] = self.delaunay.corners(t).map(from_place);
-            let center = circumcenter_from([b, c, d].map(|p| sub(p, a)));
-            query.old_centers.push(add(a, center));
+            let center = circumcenter_from([b, c, d].map(|p| p - a));
+            query.old_centers.push(a + center);
             query.place_in_cavity[t as usize] = place as u32;
         }
         query.new_centers.clear();
@@ -230,12 +233,12 @@ impl NaturalNeighbours {
             *own += volume;
         };
         // Sides dual to a triangle `abc` of old points, counter-clockwise as seen from the end of the side.
-        let mut old = |[a, b, c]: [u32; 3], from: [f64; 3], to: [f64; 3]| {
-            let w = cross(from, to);
+        let mut old = |[a, b, c]: [u32; 3], from: DVec3, to: DVec3| {
+            let w = from.cross(to);
             let [pa, pb, pc] = [a, b, c].map(from_place);
-            give(a, dot(sub(pb, pc), w));
-            give(b, dot(sub(pc, pa), w));
-            give(c, dot(sub(pa, pb), w));
+            give(a, (pb - pc).dot(w));
+            give(b, (pc - pa).dot(w));
+            give(c, (pa - pb).dot(w));
         };
         for (place, &t) in cavity.tetrahedra.iter().enumerate() {
             let (corners, neighbours) = (self.delaunay.corners(t), self.delaunay.neighbours(t));
@@ -263,9 +266,9 @@ impl NaturalNeighbours {
         for pair in query.edges.chunks_exact(2) {
             let ([a, b], of) = (pair[0].0, [pair[0].1, pair[1].1]);
             let [from, to] = of.map(|k| query.new_centers[k as usize]);
-            let w = cross(from, to);
-            give(b, -dot(from_place(a), w));
-            give(a, dot(from_place(b), w));
+            let w = from.cross(to);
+            give(b, -from_place(a).dot(w));
+            give(a, from_place(b).dot(w));
         }
         for &t in &cavity.tetrahedra {
             query.place_in_cavity[t as usize] = u32::MAX;
@@ -274,8 +277,8 @@ impl NaturalNeighbours {
 
     /// Makes both sums exact by the smallest relative change `δw_j = w_j (λ₀ + λ·p_j)`, which preserves signs
     /// and zeros.
-    fn exact(&self, at: [f64; 3], weights: &mut [Weight]) {
-        let reach = (weights.iter()).map(|w| distance(self.site(w.site), at)).fold(0.0, f64::max);
+    fn exact(&self, at: DVec3, weights: &mut [Weight]) {
+        let reach = (weights.iter()).map(|w| self.site(w.site).distance(at)).fold(0.0, f64::max);
         if reach == 0.0 {
             return;
         }
@@ -283,7 +286,7 @@ impl NaturalNeighbours {
         for _ in 0..2 {
             let (mut normal, mut left) = (Matrix4::zeros(), Vector4::new(1.0, 0.0, 0.0, 0.0));
             for w in weights.iter() {
-                let [x, y, z] = scale(1.0 / reach, sub(self.site(w.site), at));
+                let DVec3 { x, y, z } = 1.0 / reach * (self.site(w.site) - at);
                 let row = Vector4::new(1.0, x, y, z);
                 normal += w.weight * row * row.transpose();
                 left -= w.weight * row;
@@ -296,7 +299,7 @@ impl NaturalNeighbours {
             };
             let multiplier = factor.solve(&left);
             for w in weights.iter_mut() {
-                let [x, y, z] = scale(1.0 / reach, sub(self.site(w.site), at));
+                let DVec3 { x, y, z } = 1.0 / reach * (self.site(w.site) - at);
                 let change = multiplier.dot(&Vector4::new(1.0, x, y, z));
                 // The limit keeps signs, whatever the condition of the system.
                 w.weight *= 1.0 + change.clamp(-0.5, 0.5);
@@ -306,18 +309,18 @@ impl NaturalNeighbours {
 }
 
 /// The circumcentre of the origin and three points; zero if it is not finite, because they are coplanar.
-fn circumcenter_from([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
-    let six = dot(a, bc);
-    let [aa, bb, cc] = [a, b, c].map(|p| dot(p, p));
-    let sum = add(add(scale(aa, bc), scale(bb, ca)), scale(cc, ab));
-    let center = scale(0.5 / six, sum);
-    if norm(center).is_finite() { center } else { [0.0; 3] }
+fn circumcenter_from([a, b, c]: [DVec3; 3]) -> DVec3 {
+    let (bc, ca, ab) = (b.cross(c), c.cross(a), a.cross(b));
+    let six = a.dot(bc);
+    let [aa, bb, cc] = [a, b, c].map(|p| p.length_squared());
+    let sum = aa * bc + bb * ca + cc * ab;
+    let center = 0.5 / six * sum;
+    if center.length().is_finite() { center } else { DVec3::ZERO }
 }
 
-fn nearest_site(delaunay: &Delaunay, at: [f64; 3]) -> Option<(u32, f64)> {
+fn nearest_site(delaunay: &Delaunay, at: DVec3) -> Option<(u32, f64)> {
     (delaunay.points().iter().enumerate().skip(BOX_CORNERS))
-        .map(|(k, p)| (k as u32, distance(*p, at)))
+        .map(|(k, p)| (k as u32, p.distance(at)))
         .min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
@@ -327,46 +330,54 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    fn random_points(count: usize, seed: u64) -> Vec<[f64; 3]> {
+    fn random_points(count: usize, seed: u64) -> Vec<DVec3> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        (0..count).map(|_| std::array::from_fn(|_| random.random_range(0.0..1.0))).collect()
+        (0..count)
+            .map(|_| DVec3::from_array(std::array::from_fn(|_| random.random_range(0.0..1.0))))
+            .collect()
     }
 
     /// Sibson (1980): weights are non-negative, add up to one, and reproduce the position as the weighted
     /// mean of the sites.
-    fn judge(points: &[[f64; 3]], places: &[[f64; 3]]) {
+    fn judge(points: &[DVec3], places: &[DVec3]) {
         let neighbours = NaturalNeighbours::new(points, places).unwrap();
         let all = neighbours.weights_of_all(places).unwrap();
         for (place, weights) in places.iter().zip(&all) {
-            let (mut sum, mut mean) = (0.0, [0.0; 3]);
+            let (mut sum, mut mean) = (0.0, DVec3::ZERO);
             for w in weights {
                 assert!(w.weight >= 0.0);
                 sum += w.weight;
-                mean = add(mean, scale(w.weight, neighbours.site(w.site)));
+                mean += w.weight * neighbours.site(w.site);
             }
             assert!((sum - 1.0).abs() < 1e-10, "{place:?}: {sum}");
-            let off = distance(mean, *place) / neighbours.size();
+            let off = mean.distance(*place) / neighbours.size();
             assert!(off < 1e-10, "{place:?} of {points:?}: {off:e} of the box off");
         }
     }
 
     #[test]
     fn weights_have_sibsons_properties_for_all_kinds_of_sites() {
-        let places: Vec<[f64; 3]> =
-            (random_points(2000, 7).iter()).map(|p| p.map(|x| 1.4 * x - 0.2)).collect();
-        let grid: Vec<[f64; 3]> =
-            (0..125).map(|k| [k % 5, k / 5 % 5, k / 25].map(|i| f64::from(i) / 4.0)).collect();
-        let coplanar: Vec<[f64; 3]> = random_points(40, 3).iter().map(|p| [p[0], p[1], 0.5]).collect();
+        let places: Vec<DVec3> = (random_points(2000, 7).iter()).map(|p| p.map(|x| 1.4 * x - 0.2)).collect();
+        let grid: Vec<DVec3> = (0..125)
+            .map(|k| DVec3::from_array([k % 5, k / 5 % 5, k / 25].map(|i| f64::from(i) / 4.0)))
+            .collect();
+        let coplanar: Vec<DVec3> = random_points(40, 3).iter().map(|p| DVec3::new(p.x, p.y, 0.5)).collect();
         let mut twice = random_points(30, 4);
         twice.extend(twice.clone());
-        let on_grid: Vec<[f64; 3]> =
-            (0..1331).map(|k| [k % 11, k / 11 % 11, k / 121].map(|i| f64::from(i) / 8.0 - 0.125)).collect();
-        let nearly: Vec<[f64; 3]> = (grid.iter().zip(random_points(125, 5)))
-            .map(|(p, noise)| std::array::from_fn(|k| p[k] + 1e-9 * noise[k]))
+        let on_grid: Vec<DVec3> = (0..1331)
+            .map(|k| DVec3::from_array([k % 11, k / 11 % 11, k / 121].map(|i| f64::from(i) / 8.0 - 0.125)))
             .collect();
-        for points in
-            [random_points(200, 1), grid, nearly, coplanar, twice, vec![[0.5; 3]], random_points(2, 2)]
-        {
+        let nearly: Vec<DVec3> =
+            (grid.iter().zip(random_points(125, 5))).map(|(p, noise)| p + 1e-9 * noise).collect();
+        for points in [
+            random_points(200, 1),
+            grid,
+            nearly,
+            coplanar,
+            twice,
+            vec![DVec3::splat(0.5)],
+            random_points(2, 2),
+        ] {
             judge(&points, &places);
             judge(&points, &on_grid);
             judge(&points, &points);
@@ -378,18 +389,18 @@ mod tests {
     fn weights_are_ratios_of_volumes() {
         let points = random_points(60, 11);
         let neighbours = NaturalNeighbours::new(&points, &[]).unwrap();
-        let at = [0.45, 0.55, 0.5];
+        let at = DVec3::new(0.45, 0.55, 0.5);
         let weights = neighbours.weights(at).unwrap();
-        let sites: Vec<[f64; 3]> = (0..points.len() as u32 + 8).map(|s| neighbours.site(s)).collect();
+        let sites: Vec<DVec3> = (0..points.len() as u32 + 8).map(|s| neighbours.site(s)).collect();
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let (mut stolen, mut of) = (0.0, vec![0.0; sites.len()]);
         for _ in 0..200_000 {
-            let p: [f64; 3] = std::array::from_fn(|k| at[k] + random.random_range(-0.4..0.4));
+            let p: DVec3 = DVec3::from_array(std::array::from_fn(|k| at[k] + random.random_range(-0.4..0.4)));
             let (nearest, off) = (sites.iter().enumerate())
-                .map(|(k, s)| (k, distance(*s, p)))
+                .map(|(k, s)| (k, s.distance(p)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .unwrap();
-            if distance(at, p) < off {
+            if at.distance(p) < off {
                 stolen += 1.0;
                 of[nearest] += 1.0;
             }
@@ -413,7 +424,7 @@ mod tests {
             assert_eq!(weights, [Weight { site: k as u32 + 8, weight: 1.0 }]);
         }
         // Next to a site its weight is almost one, because weights are continuous.
-        let nearby = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();
+        let nearby = neighbours.weights(points[3] + DVec3::new(1e-7, -1e-7, 2e-7)).unwrap();
         assert!(nearby.iter().any(|w| w.site == 11 && w.weight > 1.0 - 1e-4));
     }
 
@@ -421,8 +432,11 @@ mod tests {
     fn messages_name_the_invalid_value() {
         let at = |result: Result<NaturalNeighbours>| result.unwrap_err().to_string();
         assert!(at(NaturalNeighbours::new(&[], &[])).contains("at least one"));
-        assert!(at(NaturalNeighbours::new(&[[0.0; 3], [f64::NAN, 0.0, 0.0]], &[])).contains("point 1"));
-        let neighbours = NaturalNeighbours::new(&[[0.0; 3], [1.0; 3]], &[]).unwrap();
-        assert!(neighbours.weights([9.0; 3]).is_err());
+        assert!(
+            at(NaturalNeighbours::new(&[DVec3::ZERO, DVec3::new(f64::NAN, 0.0, 0.0)], &[]))
+                .contains("point 1")
+        );
+        let neighbours = NaturalNeighbours::new(&[DVec3::ZERO, DVec3::splat(1.0)], &[]).unwrap();
+        assert!(neighbours.weights(DVec3::splat(9.0)).is_err());
     }
 }

@@ -10,7 +10,7 @@
 //!
 //! Not guaranteed: parts thinner than a cell are lost, and sharp edges are cut by chords.
 
-use planish_estimate::vector3::{add_scaled, cross, dot, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh, WindingNumbers, isosurface};
 use rayon::prelude::*;
@@ -18,11 +18,11 @@ use rayon::prelude::*;
 /// A region of space with a signed depth.
 pub trait Region: Sync {
     /// Depth of a point inside the region, in the unit of the mesh; negative outside.
-    fn depth(&self, at: [f64; 3]) -> f64;
+    fn depth(&self, at: DVec3) -> f64;
 
     /// True if the depth may be zero within `reach` of a point. It may return true too often, but never false
     /// wrongly.
-    fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool;
+    fn may_contain_boundary(&self, at: DVec3, reach: f64) -> bool;
 }
 
 /// Options of [`remesh`].
@@ -60,10 +60,10 @@ const INFLATING_STEP: f64 = -0.53;
 /// use planish_shell::{Region, RemeshOptions, remesh};
 /// struct HalfSpace;
 /// impl Region for HalfSpace {
-///     fn depth(&self, at: [f64; 3]) -> f64 {
+///     fn depth(&self, at: DVec3) -> f64 {
 ///         0.5 - at[2]
 ///     }
-///     fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+///     fn may_contain_boundary(&self, at: DVec3, reach: f64) -> bool {
 ///         self.depth(at).abs() <= reach
 ///     }
 /// }
@@ -93,7 +93,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
         let far = search.closest(at).map_or(f64::INFINITY, |foot| foot.distance);
         if winding.at(at) > 0.5 { -far } else { far }
     };
-    let value = |at: [f64; 3]| {
+    let value = |at: DVec3| {
         let height = height(at);
         let wanted = match flow {
             Some((covered, farthest)) => height.min(covered.depth(at).max(height - farthest)),
@@ -101,7 +101,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
         };
         wanted.max(-domain.depth(at))
     };
-    let may_pass = |at: [f64; 3], reach: f64| {
+    let may_pass = |at: DVec3, reach: f64| {
         let (height, ends) = (height(at), domain.may_contain_boundary(at, reach));
         // The ball is completely outside of the domain.
         if !ends && domain.depth(at) < 0.0 {
@@ -176,12 +176,12 @@ fn vertex_neighbours(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
 }
 
 /// Moves every vertex by a share of the way towards the mean of its neighbours.
-fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f64) -> Vec<[f64; 3]> {
+fn towards_neighbours(positions: &[DVec3], neighbours: &[Vec<u32>], share: f64) -> Vec<DVec3> {
     (positions.par_iter().zip(neighbours))
         .map(|(p, near)| {
             // From the old positions, so that the result depends neither on order nor on threads.
             let each = share / near.len().max(1) as f64;
-            (near.iter()).fold(*p, |sum, v| add_scaled(sum, each, sub(positions[*v as usize], *p)))
+            (near.iter()).fold(*p, |sum, v| sum + each * (positions[*v as usize] - *p))
         })
         .collect()
 }
@@ -195,7 +195,7 @@ fn large_parts(mesh: &TriangleMesh, min_ratio: f64) -> TriangleMesh {
     let mut volumes = vec![0.0; count];
     for (t, part) in of.iter().enumerate() {
         let [a, b, c] = mesh.corners(t);
-        volumes[*part as usize] += dot(a, cross(b, c)) / 6.0;
+        volumes[*part as usize] += a.dot(b.cross(c)) / 6.0;
     }
     let largest = volumes.iter().copied().fold(0.0, f64::max);
     let mut new_of = vec![u32::MAX; mesh.positions.len()];

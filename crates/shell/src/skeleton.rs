@@ -8,12 +8,12 @@
 //! Not guaranteed: a derivative at right angles, where it jumps.
 
 use nalgebra::{Matrix3, Vector3};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 
 /// A skeleton point with its derivatives.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Skeleton {
-    pub center: [f64; 3],
+    pub center: DVec3,
     /// Radius of the circle about the facet.
     pub radius: f64,
     /// `∂center/∂corner_k`.
@@ -21,21 +21,21 @@ pub(crate) struct Skeleton {
 }
 
 /// The corner opposite the longest side, if its angle is at least 90°.
-fn obtuse_corner(t: &[[f64; 3]; 3]) -> Option<usize> {
+fn obtuse_corner(t: &[DVec3; 3]) -> Option<usize> {
     let at = |k: usize| {
         let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
-        dot(sub(b, a), sub(c, a))
+        (b - a).dot(c - a)
     };
     let opposite = |k: usize| {
-        let side = sub(t[(k + 1) % 3], t[(k + 2) % 3]);
-        dot(side, side)
+        let side = t[(k + 1) % 3] - t[(k + 2) % 3];
+        side.length_squared()
     };
     let longest = (1..3).fold(0, |best, k| if opposite(k) > opposite(best) { k } else { best });
     (at(longest) <= 0.0).then_some(longest)
 }
 
 /// The skeleton point of a facet and how it moves.
-pub(crate) fn skeleton(t: &[[f64; 3]; 3]) -> Skeleton {
+pub(crate) fn skeleton(t: &[DVec3; 3]) -> Skeleton {
     let obtuse = obtuse_corner(t);
     let acute = if obtuse.is_none() { circumcenter(t) } else { None };
     acute.unwrap_or_else(|| {
@@ -43,31 +43,31 @@ pub(crate) fn skeleton(t: &[[f64; 3]; 3]) -> Skeleton {
         let [a, b] = [t[(corner + 1) % 3], t[(corner + 2) % 3]];
         let mut by_corner = [Matrix3::from_diagonal_element(0.5); 3];
         by_corner[corner] = Matrix3::zeros();
-        Skeleton { center: [0, 1, 2].map(|k| 0.5 * (a[k] + b[k])), radius: 0.5 * norm(sub(a, b)), by_corner }
+        Skeleton { center: 0.5 * (a + b), radius: 0.5 * (a - b).length(), by_corner }
     })
 }
 
 /// `M C = h` with rows `b − a`, `c − a`, `n` and `h = ((|b|² − |a|²)/2, (|c|² − |a|²)/2, 0)`, all from corner
 /// `a`; its differential for the derivatives.
-fn circumcenter(t: &[[f64; 3]; 3]) -> Option<Skeleton> {
-    let [b, c] = [1, 2].map(|k| sub(t[k], t[0]));
-    let n = cross(b, c);
-    let nn = dot(n, n);
-    let (bb, cc) = (dot(b, b), dot(c, c));
-    let off = scale(0.5 / nn, sub(scale(bb, cross(c, n)), scale(cc, cross(b, n))));
-    if !off.iter().all(|x| x.is_finite()) {
+fn circumcenter(t: &[DVec3; 3]) -> Option<Skeleton> {
+    let [b, c] = [1, 2].map(|k| t[k] - t[0]);
+    let n = b.cross(c);
+    let nn = n.length_squared();
+    let (bb, cc) = (b.length_squared(), c.length_squared());
+    let off = 0.5 / nn * (bb * c.cross(n) - cc * b.cross(n));
+    if !off.is_finite() {
         return None;
     }
-    let row = |v: [f64; 3]| Vector3::from(v).transpose();
+    let row = |v: DVec3| Vector3::from(v).transpose();
     // The third row keeps the centre in the plane of the facet, which two equations of distances do not.
     let inverse = Matrix3::from_rows(&[row(b), row(c), row(n)]).try_inverse()?;
-    let skew = |v: [f64; 3]| Vector3::from(v).cross_matrix();
+    let skew = |v: DVec3| Vector3::from(v).cross_matrix();
     // With b alone moving: (b − C)·db in the first row; −C·dn in the third, dn = db × c.
-    let by_b = inverse * Matrix3::from_rows(&[row(sub(b, off)), row([0.0; 3]), -(row(off) * -skew(c))]);
-    let by_c = inverse * Matrix3::from_rows(&[row([0.0; 3]), row(sub(c, off)), -(row(off) * skew(b))]);
+    let by_b = inverse * Matrix3::from_rows(&[row(b - off), row(DVec3::ZERO), -(row(off) * -skew(c))]);
+    let by_c = inverse * Matrix3::from_rows(&[row(DVec3::ZERO), row(c - off), -(row(off) * skew(b))]);
     Some(Skeleton {
-        center: [0, 1, 2].map(|k| t[0][k] + off[k]),
-        radius: norm(off),
+        center: t[0] + off,
+        radius: off.length(),
         by_corner: [Matrix3::identity() - by_b - by_c, by_b, by_c],
     })
 }
@@ -75,7 +75,6 @@ fn circumcenter(t: &[[f64; 3]; 3]) -> Option<Skeleton> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::distance;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -84,10 +83,11 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let (mut acute, mut obtuse) = (0, 0);
         for _ in 0..1000 {
-            let t: [[f64; 3]; 3] =
-                std::array::from_fn(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+            let t: [DVec3; 3] = std::array::from_fn(|_| {
+                DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)))
+            });
             let made = skeleton(&t);
-            let far = t.map(|corner| distance(corner, made.center));
+            let far = t.map(|corner| corner.distance(made.center));
             for r in far {
                 assert!(r <= made.radius + 1e-9, "a corner is outside of the circle");
             }
@@ -104,7 +104,7 @@ mod tests {
                         t[corner][axis] += by;
                         skeleton(&t).center
                     };
-                    let difference = scale(0.5 / step, sub(moved(step), moved(-step)));
+                    let difference = 0.5 / step * (moved(step) - moved(-step));
                     let stated = made.by_corner[corner].column(axis).into_owned();
                     let off = (Vector3::from(difference) - stated).norm();
                     assert!(off < 1e-4 * (1.0 + stated.norm()), "{t:?}: {difference:?} {stated:?}");
@@ -116,9 +116,9 @@ mod tests {
 
     #[test]
     fn facets_without_area_have_the_middle_of_their_longest_side() {
-        let line = skeleton(&[[0.0; 3], [4.0, 0.0, 0.0], [1.0, 0.0, 0.0]]);
-        assert_eq!((line.center, line.radius), ([2.0, 0.0, 0.0], 2.0));
-        let point = skeleton(&[[1.0, 2.0, 3.0]; 3]);
-        assert_eq!((point.center, point.radius), ([1.0, 2.0, 3.0], 0.0));
+        let line = skeleton(&[DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::X]);
+        assert_eq!((line.center, line.radius), (DVec3::new(2.0, 0.0, 0.0), 2.0));
+        let point = skeleton(&[DVec3::new(1.0, 2.0, 3.0); 3]);
+        assert_eq!((point.center, point.radius), (DVec3::new(1.0, 2.0, 3.0), 0.0));
     }
 }

@@ -4,13 +4,13 @@ use rand_chacha::ChaCha8Rng;
 
 /// Random points over a square of side 120, three per unit of area, with the height and class from `height`,
 /// and their true classes.
-fn landscape(height: impl Fn(f64, f64, &mut ChaCha8Rng) -> (f64, Ground)) -> (Vec<[f64; 3]>, Vec<Ground>) {
+fn landscape(height: impl Fn(f64, f64, &mut ChaCha8Rng) -> (f64, Ground)) -> (Vec<DVec3>, Vec<Ground>) {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     (0..43_200)
         .map(|_| {
             let (x, y): (f64, f64) = (rng.random_range(0.0..120.0), rng.random_range(0.0..120.0));
             let (z, what) = height(x, y, &mut rng);
-            ([x, y, z + rng.random_range(-0.05..0.05)], what)
+            (DVec3::new(x, y, z + rng.random_range(-0.05..0.05)), what)
         })
         .unzip()
 }
@@ -21,7 +21,7 @@ fn meadow(x: f64, y: f64) -> f64 {
 }
 
 /// Shares of ground points that were rejected and of other points that were accepted.
-fn errors(points: &[[f64; 3]], truth: &[Ground], options: &GroundOptions) -> [f64; 2] {
+fn errors(points: &[DVec3], truth: &[Ground], options: &GroundOptions) -> [f64; 2] {
     let found = classify_ground(points, options).unwrap();
     [Ground::Bare, Ground::Above].map(|kind| {
         let of: Vec<usize> = (0..truth.len()).filter(|&i| truth[i] == kind).collect();
@@ -57,9 +57,8 @@ fn results_do_not_depend_on_unit_and_map_coordinates() {
     let (points, _) = landscape(town);
     let metres = classify_ground(&points, &GroundOptions::for_unit(1.0)).unwrap();
     // A power of two, so that no number is rounded.
-    let far: Vec<[f64; 3]> = (points.iter())
-        .map(|p| [4.0 * p[0] + 600_000.0, 4.0 * p[1] + 4_000_000.0, 4.0 * p[2] + 500.0])
-        .collect();
+    let far: Vec<DVec3> =
+        (points.iter()).map(|p| 4.0 * p + DVec3::new(600_000.0, 4_000_000.0, 500.0)).collect();
     let quarters = classify_ground(&far, &GroundOptions::for_unit(4.0)).unwrap();
     let other = metres.iter().zip(&quarters).filter(|(a, b)| a != b).count();
     assert!(other * 1000 < metres.len(), "{other}");
@@ -162,7 +161,7 @@ fn a_membrane_continues_a_plane_across_a_hole() {
 
 #[test]
 fn invalid_input_is_rejected() {
-    let points = [[0.0; 3], [1e7, 1e7, 0.0]];
+    let points = [DVec3::ZERO, DVec3::new(1e7, 1e7, 0.0)];
     let good = GroundOptions::for_unit(1.0);
     for options in [
         GroundOptions { widest: 0.0, ..good },
@@ -172,5 +171,5 @@ fn invalid_input_is_rejected() {
         assert!(classify_ground(&points, &options).unwrap_err().to_string().contains("needed a"));
     }
     assert!(classify_ground(&[], &good).unwrap().is_empty());
-    assert_eq!(classify_ground(&[[1.0, 2.0, 3.0]], &good).unwrap(), [Ground::Bare]);
+    assert_eq!(classify_ground(&[DVec3::new(1.0, 2.0, 3.0)], &good).unwrap(), [Ground::Bare]);
 }

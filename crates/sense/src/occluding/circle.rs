@@ -24,16 +24,15 @@
 //! surface reconstruction using occluding contours*, IJCV 1997 (for three views).
 
 use super::curve::Local;
-use planish_core::Pinhole;
-use planish_core::matrix3::inverse;
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_core::matrix3::{inverse, times, transposed_times};
+use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 
 /// A pinhole camera with precomputed centre and directions.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Eye {
     pub camera: Pinhole,
-    pub centre: [f64; 3],
+    pub centre: DVec3,
     /// A pixel `(x, y, 1)` to its direction of the world.
     directions: [[f64; 3]; 3],
 }
@@ -49,13 +48,13 @@ impl Eye {
         })
     }
 
-    pub fn direction(&self, p: [f64; 2]) -> [f64; 3] {
-        self.directions.map(|row| dot(row, [p[0], p[1], 1.0]))
+    pub fn direction(&self, p: [f64; 2]) -> DVec3 {
+        times(&self.directions, DVec3::new(p[0], p[1], 1.0))
     }
 
     /// `l` with `l·(x, y, 1) = 0` for pixels whose lines of sight lie in a plane with this normal.
-    pub fn line(&self, normal: [f64; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|j| (0..3).map(|i| self.directions[i][j] * normal[i]).sum())
+    pub fn line(&self, normal: DVec3) -> DVec3 {
+        transposed_times(&self.directions, normal)
     }
 
     /// The width of a pixel, at distance one.
@@ -67,46 +66,46 @@ impl Eye {
 /// A line of sight that touches the surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
-    pub centre: [f64; 3],
+    pub centre: DVec3,
     /// Unit direction.
-    pub way: [f64; 3],
+    pub way: DVec3,
     /// Unit normal of the surface, outwards: perpendicular to the line of sight and the tangent of the
     /// contour.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
 }
 
 impl Sight {
     pub fn new(eye: &Eye, place: [f64; 2], along: [f64; 2]) -> Option<Self> {
-        let way = unit(eye.direction(place))?;
+        let way = eye.direction(place).try_normalize()?;
         let next = eye.direction([place[0] + along[0], place[1] + along[1]]);
-        let normal = unit(cross(way, next))?;
+        let normal = way.cross(next).try_normalize()?;
         let outside = eye.direction([place[0] + along[1], place[1] - along[0]]);
-        let side = dot(normal, sub(outside, eye.direction(place)));
-        Some(Self { centre: eye.centre, way, normal: scale(side.signum(), normal) })
+        let side = normal.dot(outside - eye.direction(place));
+        Some(Self { centre: eye.centre, way, normal: side.signum() * normal })
     }
 
     /// The normal of the plane of this line and another camera; `None` if the line is along the baseline.
-    pub fn epipolar_plane(&self, other: [f64; 3]) -> Option<[f64; 3]> {
-        let baseline = unit(sub(other, self.centre))?;
-        let normal = cross(self.way, baseline);
+    pub fn epipolar_plane(&self, other: DVec3) -> Option<DVec3> {
+        let baseline = (other - self.centre).try_normalize()?;
+        let normal = self.way.cross(baseline);
         // Within a tenth of a degree of the baseline the plane is not determined.
-        (norm(normal) > 2e-3).then(|| unit(normal)).flatten()
+        (normal.length() > 2e-3).then(|| normal.try_normalize()).flatten()
     }
 
     /// The outward direction in a plane that contains the line of sight, and its cosine to the normal.
-    pub fn outward_in(&self, plane: [f64; 3]) -> Option<([f64; 3], f64)> {
-        let m = unit(cross(plane, self.way))?;
-        let cosine = dot(m, self.normal);
-        Some((scale(cosine.signum(), m), cosine.abs()))
+    pub fn outward_in(&self, plane: DVec3) -> Option<(DVec3, f64)> {
+        let m = plane.cross(self.way).try_normalize()?;
+        let cosine = m.dot(self.normal);
+        Some((cosine.signum() * m, cosine.abs()))
     }
 }
 
 /// Another view's line of sight in the epipolar plane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
-    pub centre: [f64; 3],
-    pub way: [f64; 3],
-    pub plane: [f64; 3],
+    pub centre: DVec3,
+    pub way: DVec3,
+    pub plane: DVec3,
 }
 
 /// Depth, radius, and the angles to both other lines, positive and negative.
@@ -123,10 +122,10 @@ pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
     let mut angles = [0.0; 2];
     for (k, other) in others.iter().enumerate() {
         let (m, cosine) = sight.outward_in(other.plane)?;
-        let m_other = unit(cross(other.plane, other.way))?;
-        let m_other = scale(dot(m, m_other).signum(), m_other);
-        let sine = dot(m_other, sight.way);
-        rows[k] = [sine, cosine * (1.0 - dot(m, m_other)), dot(m_other, sub(other.centre, sight.centre))];
+        let m_other = other.plane.cross(other.way).try_normalize()?;
+        let m_other = m.dot(m_other).signum() * m_other;
+        let sine = m_other.dot(sight.way);
+        rows[k] = [sine, cosine * (1.0 - m.dot(m_other)), m_other.dot(other.centre - sight.centre)];
         angles[k] = sine.asin();
     }
     let [[a, b, c], [d, e, f]] = rows;
@@ -141,7 +140,7 @@ pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
 }
 
 /// The intersection of the line `place + t along` with an epipolar line, and `t`.
-pub(super) fn meet(line: [f64; 3], place: [f64; 2], along: [f64; 2]) -> Option<([f64; 2], f64)> {
+pub(super) fn meet(line: DVec3, place: [f64; 2], along: [f64; 2]) -> Option<([f64; 2], f64)> {
     let rate = line[0] * along[0] + line[1] * along[1];
     let t = -(line[0] * place[0] + line[1] * place[1] + line[2]) / rate;
     t.is_finite().then(|| ([0, 1].map(|k| place[k] + t * along[k]), t))
@@ -150,9 +149,9 @@ pub(super) fn meet(line: [f64; 3], place: [f64; 2], along: [f64; 2]) -> Option<(
 /// A point with its covariance.
 pub(super) struct Placed {
     pub solved: Solved,
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// Covariance of the position by the errors of all three contours.
-    pub covariance: [[f64; 3]; 3],
+    pub covariance: [DVec3; 3],
     /// Variances of the depth and of the radius.
     pub depth: f64,
     pub radius: f64,
@@ -161,7 +160,7 @@ pub(super) struct Placed {
 /// Solves with the estimated tangents of the contours, and propagates the σ of all three contours by
 /// differences.
 pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Option<Placed> {
-    let solve_at = |shift: [f64; 2], across: [f64; 2]| -> Option<(Solved, [f64; 3])> {
+    let solve_at = |shift: [f64; 2], across: [f64; 2]| -> Option<(Solved, DVec3)> {
         let outward = here.outward();
         let place = [0, 1].map(|k| here.place[k] + shift[0] * outward[k] + shift[1] * here.along[k]);
         let sight = Sight::new(eyes[0], place, here.along)?;
@@ -172,11 +171,14 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
             let outward = other.outward();
             let shifted = [0, 1].map(|j| other.place[j] + across[k] * outward[j]);
             let (met, _) = meet(eyes[k + 1].line(plane), shifted, other.along)?;
-            touches[k] =
-                Some(Touch { centre: eyes[k + 1].centre, way: unit(eyes[k + 1].direction(met))?, plane });
+            touches[k] = Some(Touch {
+                centre: eyes[k + 1].centre,
+                way: eyes[k + 1].direction(met).try_normalize()?,
+                plane,
+            });
         }
         let solved = solve(&sight, &[touches[0]?, touches[1]?])?;
-        Some((solved, add_scaled(sight.centre, solved.depth, sight.way)))
+        Some((solved, sight.centre + solved.depth * sight.way))
     };
     let (solved, position) = solve_at([0.0; 2], [0.0; 2])?;
     let sigmas = [
@@ -186,7 +188,7 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
         others[0].sigma_across,
         others[1].sigma_across,
     ];
-    let mut covariance = [[0.0; 3]; 3];
+    let mut covariance = [DVec3::ZERO; 3];
     let (mut depth, mut radius) = (0.0, 0.0);
     for (k, sigma) in sigmas.into_iter().enumerate() {
         // Differences over a tenth of σ: derivatives of matches and planes by hand would be long, and the
@@ -198,11 +200,9 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
             solve_at([e[0], e[1]], [e[2], e[3]])
         };
         let ((plus, there), (minus, before)) = (moved(step)?, moved(-step)?);
-        let slope = scale(5.0, sub(there, before));
+        let slope = 5.0 * (there - before);
         for i in 0..3 {
-            for j in 0..3 {
-                covariance[i][j] += slope[i] * slope[j];
-            }
+            covariance[i] += slope[i] * slope;
         }
         depth += (5.0 * (plus.depth - minus.depth)).powi(2);
         radius += (5.0 * (plus.radius - minus.radius)).powi(2);
@@ -211,18 +211,15 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
 }
 
 /// Adds the model error of the circle, a variance along the line of sight.
-pub(super) fn add_along(covariance: &mut [[f64; 3]; 3], way: [f64; 3], variance: f64) {
+pub(super) fn add_along(covariance: &mut [DVec3; 3], way: DVec3, variance: f64) {
     for i in 0..3 {
-        for j in 0..3 {
-            covariance[i][j] += variance * way[i] * way[j];
-        }
+        covariance[i] += variance * way[i] * way;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::add;
 
     /// Cameras in a plane through a ball's centre, collinear or not: depth and radius are exact, because the
     /// curve is a circle.
@@ -232,21 +229,21 @@ mod tests {
         let far = 6.0;
         let mut sights = Vec::new();
         for angle in [0.0_f64, 0.15, -0.23] {
-            let centre = [far * angle.cos(), far * angle.sin(), 0.0];
+            let centre = far * DVec3::new(angle.cos(), angle.sin(), 0.0);
             // Rotated from the line to the centre by the angle whose sine is radius / distance.
-            let towards = unit(scale(-1.0, centre)).unwrap();
-            let side = cross([0.0, 0.0, 1.0], towards);
+            let towards = (-centre).try_normalize().unwrap();
+            let side = DVec3::Z.cross(towards);
             let sine: f64 = radius / far;
-            let way = add(scale((1.0 - sine * sine).sqrt(), towards), scale(sine, side));
-            let contact = add_scaled(centre, (far * far - radius * radius).sqrt(), way);
-            sights.push((Sight { centre, way, normal: unit(contact).unwrap() }, contact));
+            let way = (1.0 - sine * sine).sqrt() * towards + sine * side;
+            let contact = centre + (far * far - radius * radius).sqrt() * way;
+            sights.push((Sight { centre, way, normal: contact.try_normalize().unwrap() }, contact));
         }
-        let plane = [0.0, 0.0, 1.0];
+        let plane = DVec3::Z;
         let others = [1, 2].map(|k| Touch { centre: sights[k].0.centre, way: sights[k].0.way, plane });
         let solved = solve(&sights[0].0, &others).unwrap();
         assert!((solved.radius - radius).abs() < 1e-9, "{}", solved.radius);
-        let at = add_scaled(sights[0].0.centre, solved.depth, sights[0].0.way);
-        assert!(norm(sub(at, sights[0].1)) < 1e-9);
+        let at = sights[0].0.centre + solved.depth * sights[0].0.way;
+        assert!((at - sights[0].1).length() < 1e-9);
         assert!((solved.angles[0].abs() - 0.15).abs() < 1e-9 && (solved.angles[1].abs() - 0.23).abs() < 1e-9);
         // Two lines on the same side do not determine a circle.
         assert!(solve(&sights[0].0, &[others[0], others[0]]).is_none());

@@ -7,6 +7,7 @@
 //! marked.
 
 use super::outline::Contour;
+use planish_core::DVec3;
 
 /// Minimum number of points in a window: a parabola has three coefficients, and the residuals need degrees of
 /// freedom.
@@ -203,9 +204,9 @@ impl<'a> Curve<'a> {
 }
 
 fn inverse3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    use planish_estimate::vector3::{cross, dot};
-    let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
-    let determinant = dot(m[0], columns[0]);
+    let [a, b, c] = rows(m);
+    let columns = [b.cross(c), c.cross(a), a.cross(b)];
+    let determinant = a.dot(columns[0]);
     (determinant.abs() > 0.0 && determinant.is_finite())
         .then(|| [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i] / determinant)))
 }

@@ -12,8 +12,8 @@
 
 use super::{Contour, ContourView, OccludingPoint};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use planish_core::Pinhole;
-use planish_estimate::vector3::{cross, distance, norm, sub};
+use planish_core::vector3::as_arrays;
+use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, isosurface};
 use rayon::prelude::*;
@@ -69,14 +69,14 @@ impl SilhouetteBound {
     /// The minimum signed distance from a border over all views, converted to the unit of space at the
     /// point's distance; positive inside all silhouettes.
     #[must_use]
-    pub fn depth(&self, at: [f64; 3]) -> f64 {
+    pub fn depth(&self, at: DVec3) -> f64 {
         (self.views.iter().map(|view| view.at(at))).fold(f64::INFINITY, f64::min)
     }
 
     /// The depth of a point without the view of minimum depth. The difference to [`Self::depth`] shows how
     /// much one view alone carves away.
     #[must_use]
-    pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
+    pub fn depth_without_one(&self, at: DVec3) -> f64 {
         let depths = self.views.iter().map(|view| view.at(at));
         let [_, second] = depths.fold([f64::INFINITY; 2], |[first, second], depth| {
             [first.min(depth), second.min(depth.max(first))]
@@ -87,11 +87,11 @@ impl SilhouetteBound {
     /// True if the depth may be zero within `reach` of a point. It may return true too often, but never false
     /// wrongly.
     #[must_use]
-    pub fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+    pub fn may_contain_boundary(&self, at: DVec3, reach: f64) -> bool {
         // Signed distances are 1-Lipschitz in the image, so the projection of the ball bounds their change.
         let mut on_border = false;
         for view in &self.views {
-            let far = distance(view.camera.center(), at);
+            let far = view.camera.center().distance(at);
             if far <= 1.5 * reach {
                 return true;
             }
@@ -133,7 +133,7 @@ impl VisualHull {
 
     /// True if a point is inside all silhouettes.
     #[must_use]
-    pub fn holds(&self, at: [f64; 3]) -> bool {
+    pub fn holds(&self, at: DVec3) -> bool {
         self.bound.depth(at) > 0.0
     }
 
@@ -141,22 +141,22 @@ impl VisualHull {
     /// to its neighbours, or within two cells.
     #[must_use]
     pub fn unseen_share(&self, points: &[OccludingPoint]) -> f64 {
-        let places: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
-        let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&places) else {
+        let places: Vec<DVec3> = points.iter().map(|p| p.position).collect();
+        let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(as_arrays(&places)) else {
             return 1.0;
         };
         let areas: Vec<(f64, bool)> = (0..self.mesh.triangles.len())
             .into_par_iter()
             .map(|t| {
                 let [a, b, c] = self.mesh.corners(t);
-                let area = 0.5 * norm(cross(sub(b, a), sub(c, a)));
-                let middle = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+                let area = 0.5 * (b - a).cross(c - a).length();
+                let middle = (a + b + c) / 3.0;
                 // The nearest point may have a small reach although a farther one covers the facet.
                 let asked = NonZeroUsize::MIN.saturating_add(NEAREST - 1);
-                let near = tree.query(&middle).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
+                let near = tree.query(middle.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
                 let seen = near.iter().any(|near| {
                     let p = &points[near.item as usize];
-                    distance(p.position, middle) <= p.reach.max(2.0 * self.cell)
+                    p.position.distance(middle) <= p.reach.max(2.0 * self.cell)
                 });
                 (area, seen)
             })
@@ -170,7 +170,7 @@ impl VisualHull {
 impl Distances {
     fn new(view: &ContourView) -> Self {
         let places = view.silhouette.iter().flat_map(|c| c.places.iter().copied());
-        let bounds: BoundingBox<2> = places.collect();
+        let bounds: BoundingBox<[f64; 2]> = places.collect();
         let first = bounds.min.map(|x| x.floor() - 2.0);
         let [columns, rows] = [0, 1].map(|k| (bounds.max[k] - first[k]).ceil() as usize + 3);
         // envelope of parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled
@@ -213,8 +213,8 @@ impl Distances {
     }
 
     /// Signed distance to the border, converted to the unit of space at the distance of the point.
-    fn at(&self, place: [f64; 3]) -> f64 {
-        let width = distance(self.camera.center(), place) / self.camera.focal_px();
+    fn at(&self, place: DVec3) -> f64 {
+        let width = self.camera.center().distance(place) / self.camera.focal_px();
         let Some(pixel) = self.camera.project(place) else {
             return -FAR_PX * width;
         };

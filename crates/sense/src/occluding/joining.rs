@@ -10,8 +10,7 @@ use super::circle::add_along;
 use super::matching::Found;
 use super::organised::{Following, relaxed, triangles};
 use super::{OccludingOptions, OccludingPoint, Ready, Spot};
-use planish_core::DisjointSets;
-use planish_estimate::vector3::distance;
+use planish_core::{DVec3, DisjointSets};
 
 /// Maximum distance of a mutual match along the contour, in steps. Both matches are rounded to points, so an
 /// exact match can differ by one step.
@@ -57,7 +56,7 @@ fn linked(
 pub(super) struct Joined {
     pub points: Vec<OccludingPoint>,
     /// Their positions with regularised depths.
-    pub relaxed: Vec<[f64; 3]>,
+    pub relaxed: Vec<DVec3>,
     pub triangles: Vec<[u32; 3]>,
     pub strips: usize,
 }
@@ -93,7 +92,7 @@ pub(super) fn joined(
         let across = linked(ready, neighbours, places, *key, 1).and_then(|next| of_key.get(&next));
         for (is_along, other) in [(true, along), (false, across)] {
             let Some(&other) = other else { continue };
-            let apart = distance(points[k].position, points[other].position);
+            let apart = points[k].position.distance(points[other].position);
             // Neighbours may differ by their errors, by one step along the surface, and by the motion of the
             // contact between views. A larger distance is a jump between surfaces.
             let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
@@ -134,8 +133,8 @@ pub(super) fn joined(
     kept.iter().enumerate().for_each(|(new, old)| index[*old] = Some(new));
     let moved = |next: &[Option<usize>]| kept.iter().map(|k| index[next[*k]?]).collect();
     let following = Following { along: moved(&following.along), across: moved(&following.across) };
-    let ways: Vec<[f64; 3]> =
-        (kept.iter()).map(|k| found(places, keys[*k]).map_or([0.0; 3], |f| f.sight.way)).collect();
+    let ways: Vec<DVec3> =
+        (kept.iter()).map(|k| found(places, keys[*k]).map_or(DVec3::ZERO, |f| f.sight.way)).collect();
     let points: Vec<OccludingPoint> = kept.iter().map(|k| points[*k]).collect();
     let relaxed = relaxed(&points, &ways, &following);
     Joined { triangles: triangles(&points, &relaxed, &following), points, relaxed, strips: order.len() }
@@ -190,7 +189,7 @@ fn next_along(ready: &[Ready<'_>], (view, line, place): Key) -> Option<Key> {
 /// The width of a pixel at a point.
 fn width(ready: &[Ready<'_>], key: Key, point: &OccludingPoint) -> f64 {
     let eye = &ready[key.0].eye;
-    distance(eye.centre, point.position) * eye.pixel()
+    eye.centre.distance(point.position) * eye.pixel()
 }
 
 fn turn(places: &Places, key: Key) -> f64 {

@@ -14,7 +14,6 @@
 use super::circle::{Placed, Sight, meet, placed};
 use super::curve::Local;
 use super::{Contour, ContourView, OccludingOptions, Ready, Spot};
-use planish_estimate::vector3::{add_scaled, dot};
 
 /// Tolerance of consistency tests, in σ.
 const SIGMAS: f64 = 3.0;
@@ -93,8 +92,8 @@ fn candidates(
             let seen = Sight::new(&of.eye, local.place, local.along);
             let facing = seen.and_then(|seen| Some((seen.way, seen.outward_in(plane)?.0)));
             if let Some((way, out)) = facing
-                && dot(out, outward) > 0.0
-                && dot(way, sight.way) > most_turn
+                && out.dot(outward) > 0.0
+                && way.dot(sight.way) > most_turn
             {
                 let spot = Spot { line: index, length: at };
                 found.push(Candidate { spot, local });
@@ -168,7 +167,7 @@ pub(super) fn in_all_silhouettes(
         if inside(&view.silhouette, pixel) {
             return true;
         }
-        let moved = camera.project(add_scaled(at, sigma, found.sight.way)).unwrap_or(pixel);
+        let moved = camera.project(at + sigma * found.sight.way).unwrap_or(pixel);
         // σ of the depth, seen from the other view.
         let spread = (moved[0] - pixel[0]).hypot(moved[1] - pixel[1]);
         let allowed = OUTSIDE_PX + SIGMAS * (view.sigma_px + spread);

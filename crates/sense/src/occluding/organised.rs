@@ -14,7 +14,7 @@
 //! Not guaranteed: triangles at sharp edges fold or degenerate, and are omitted.
 
 use super::OccludingPoint;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_core::DVec3;
 
 /// Rounds of relaxation. Values spread by about one neighbour per round.
 const ROUNDS: usize = 12;
@@ -50,8 +50,8 @@ fn reversed(next: &[Option<usize>]) -> Vec<Option<usize>> {
 }
 
 /// Positions with relaxed depths; `ways` are the lines of sight.
-pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &Following) -> Vec<[f64; 3]> {
-    let mut positions: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
+pub(super) fn relaxed(points: &[OccludingPoint], ways: &[DVec3], following: &Following) -> Vec<DVec3> {
+    let mut positions: Vec<DVec3> = points.iter().map(|p| p.position).collect();
     let pairs: Vec<[Option<[usize; 2]>; 2]> = {
         let both = |next: &[Option<usize>]| -> Vec<Option<[usize; 2]>> {
             let before = reversed(next);
@@ -60,9 +60,9 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
         both(&following.across).into_iter().zip(both(&following.along)).map(|(a, b)| [a, b]).collect()
     };
     // Distance of the midpoint of two neighbours from a point, along its line of sight.
-    let off = |positions: &[[f64; 3]], k: usize, [a, b]: [usize; 2]| {
-        let middle = scale(0.5, add(positions[a], positions[b]));
-        dot(ways[k], sub(middle, positions[k]))
+    let off = |positions: &[DVec3], k: usize, [a, b]: [usize; 2]| {
+        let middle = 0.5 * (positions[a] + positions[b]);
+        ways[k].dot(middle - positions[k])
     };
     let strips = points.iter().map(|p| p.strip + 1).max().unwrap_or(0);
     let mut spread = vec![[0.0; 2]; strips];
@@ -83,14 +83,14 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
         }
     }
     for _ in 0..ROUNDS {
-        let next: Vec<[f64; 3]> = (0..points.len())
+        let next: Vec<DVec3> = (0..points.len())
             .map(|k| {
                 let own = 1.0 / points[k].sigma_depth.powi(2).max(f64::MIN_POSITIVE);
-                let moved = dot(ways[k], sub(points[k].position, positions[k]));
+                let moved = ways[k].dot(points[k].position - positions[k]);
                 let (mut sum, mut information) = (own * moved, own);
                 for kind in 0..2 {
                     if let Some(pair) = pairs[k][kind] {
-                        let apart = norm(sub(positions[pair[0]], positions[pair[1]]));
+                        let apart = (positions[pair[0]] - positions[pair[1]]).length();
                         let floor = (MIN_SHARE * apart).powi(2).max(f64::MIN_POSITIVE);
                         let weight = 1.0 / spread[points[k].strip][kind].max(floor);
                         sum += weight * off(&positions, k, pair);
@@ -98,7 +98,7 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
                     }
                 }
                 // Half of the step; with full steps, neighbours would exchange their values for ever.
-                add_scaled(positions[k], 0.5 * sum / information, ways[k])
+                positions[k] + 0.5 * sum / information * ways[k]
             })
             .collect();
         positions = next;
@@ -109,7 +109,7 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
 /// Triangles between contours of consecutive views, facing outwards.
 pub(super) fn triangles(
     points: &[OccludingPoint],
-    positions: &[[f64; 3]],
+    positions: &[DVec3],
     following: &Following,
 ) -> Vec<[u32; 3]> {
     let mut found = Vec::new();
@@ -134,11 +134,12 @@ pub(super) fn triangles(
         let fan = chain.windows(2).map(|pair| [k, pair[1], pair[0]]);
         for triangle in fan.chain([[k, next, last]]) {
             let [a, b, c] = triangle.map(|v| positions[v]);
-            let out = triangle.iter().fold([0.0; 3], |sum, v| add(sum, points[*v].normal));
-            let (Some(facing), Some(out)) = (unit(cross(sub(b, a), sub(c, a))), unit(out)) else {
+            let out = triangle.iter().fold(DVec3::ZERO, |sum, v| sum + points[*v].normal);
+            let (Some(facing), Some(out)) = ((b - a).cross(c - a).try_normalize(), out.try_normalize())
+            else {
                 continue;
             };
-            let cosine = dot(facing, out);
+            let cosine = facing.dot(out);
             let [a, b, c] = triangle.map(|v| v as u32);
             if cosine > MIN_COSINE {
                 found.push([a, b, c]);

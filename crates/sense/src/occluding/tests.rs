@@ -1,6 +1,6 @@
 use super::*;
-use planish_core::Pinhole;
-use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
+use planish_core::matrix3::{from_rows, times};
+use planish_core::{DVec3, Pinhole};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -8,50 +8,45 @@ use rand_distr::{Distribution, StandardNormal};
 const FOCAL: f64 = 900.0;
 
 /// A camera at a position, directed towards another.
-fn camera(from: [f64; 3], to: [f64; 3]) -> Pinhole {
-    let forward = unit(sub(to, from)).unwrap();
-    let right = unit(cross(forward, [0.0, 0.0, 1.0])).unwrap();
-    let r = [right, cross(forward, right), forward];
-    Pinhole {
-        k: [[FOCAL, 0.0, 320.0], [0.0, FOCAL, 240.0], [0.0, 0.0, 1.0]],
-        r,
-        t: r.map(|row| -dot(row, from)),
-    }
+fn camera(from: DVec3, to: DVec3) -> Pinhole {
+    let forward = (to - from).try_normalize().unwrap();
+    let right = forward.cross(DVec3::Z).try_normalize().unwrap();
+    let r = from_rows([right, forward.cross(right), forward]);
+    Pinhole { k: [[FOCAL, 0.0, 320.0], [0.0, FOCAL, 240.0], [0.0, 0.0, 1.0]], r, t: -times(&r, from) }
 }
 
 /// An ellipsoid whose axes are those of the coordinate system.
 #[derive(Clone, Copy)]
 struct Ellipsoid {
-    middle: [f64; 3],
-    axes: [f64; 3],
+    middle: DVec3,
+    axes: DVec3,
 }
 
 impl Ellipsoid {
     /// Ordered points of the contour generator on it, for a camera at a position.
-    fn generator(&self, from: [f64; 3], count: usize) -> Vec<[f64; 3]> {
-        let c: [f64; 3] = std::array::from_fn(|k| (from[k] - self.middle[k]) / self.axes[k]);
-        let far2 = dot(c, c);
-        let (a, b) = planish_estimate::vector3::tangents(unit(c).unwrap());
+    fn generator(&self, from: DVec3, count: usize) -> Vec<DVec3> {
+        let c: DVec3 = (from - self.middle) / self.axes;
+        let far2 = c.length_squared();
+        let (a, b) = planish_core::vector3::tangents(c.try_normalize().unwrap());
         let radius = (1.0 - 1.0 / far2).sqrt();
         (0..count)
             .map(|k| {
                 let t = std::f64::consts::TAU * k as f64 / count as f64;
-                let x =
-                    add(scale(1.0 / far2, c), add(scale(radius * t.cos(), a), scale(radius * t.sin(), b)));
-                std::array::from_fn(|k| self.middle[k] + self.axes[k] * x[k])
+                let x = 1.0 / far2 * c + (radius * t.cos() * a + radius * t.sin() * b);
+                self.middle + self.axes * x
             })
             .collect()
     }
 
-    fn normal(&self, at: [f64; 3]) -> [f64; 3] {
-        unit(std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2))).unwrap()
+    fn normal(&self, at: DVec3) -> DVec3 {
+        ((at - self.middle) / (self.axes * self.axes)).try_normalize().unwrap()
     }
 
     /// First-order distance from the surface.
-    fn height(&self, at: [f64; 3]) -> f64 {
-        let g: [f64; 3] = std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2));
+    fn height(&self, at: DVec3) -> f64 {
+        let g = (at - self.middle) / (self.axes * self.axes);
         let f = (0..3).map(|k| ((at[k] - self.middle[k]) / self.axes[k]).powi(2)).sum::<f64>() - 1.0;
-        0.5 * f / norm(g)
+        0.5 * f / g.length()
     }
 
     /// Its outline, with the object on the right.
@@ -104,7 +99,7 @@ fn arc(views: usize, step_deg: f64, height: f64) -> Vec<Pinhole> {
     (0..views)
         .map(|k| {
             let a = (step_deg * (k as f64 - 0.5 * views as f64)).to_radians();
-            camera([7.0 * a.cos(), 7.0 * a.sin(), height], [0.0; 3])
+            camera(DVec3::new(7.0 * a.cos(), 7.0 * a.sin(), height), DVec3::ZERO)
         })
         .collect()
 }
@@ -124,21 +119,21 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Error of a point's depth, relative to the true contour point at its pixel.
 fn depth_error(object: &Ellipsoid, camera: &Pinhole, point: &OccludingPoint) -> f64 {
-    let way = unit(sub(point.position, camera.center())).unwrap();
+    let way = (point.position - camera.center()).try_normalize().unwrap();
     let nearest = (object.generator(camera.center(), 3000).into_iter())
         .min_by(|a, b| {
-            let off = |p: &[f64; 3]| {
+            let off = |p: &DVec3| {
                 let pixel = camera.project(*p).unwrap();
                 (pixel[0] - point.pixel[0]).hypot(pixel[1] - point.pixel[1])
             };
             off(a).total_cmp(&off(b))
         })
         .unwrap();
-    dot(sub(point.position, nearest), way)
+    (point.position - nearest).dot(way)
 }
 
-const BALL: Ellipsoid = Ellipsoid { middle: [0.0; 3], axes: [1.0; 3] };
-const EGG: Ellipsoid = Ellipsoid { middle: [0.1, -0.2, 0.1], axes: [1.4, 0.8, 1.1] };
+const BALL: Ellipsoid = Ellipsoid { middle: DVec3::ZERO, axes: DVec3::splat(1.0) };
+const EGG: Ellipsoid = Ellipsoid { middle: DVec3::new(0.1, -0.2, 0.1), axes: DVec3::new(1.4, 0.8, 1.1) };
 
 #[test]
 fn points_of_a_ball_without_noise_are_accurate() {
@@ -149,7 +144,7 @@ fn points_of_a_ball_without_noise_are_accurate() {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 0.02 * p.sigma_depth.max(0.05));
         assert!(BALL.height(p.position).abs() < 1e-4, "{}", BALL.height(p.position));
         assert!((p.radius - 1.0).abs() < 0.02 + 3.0 * p.sigma_radius, "{} {}", p.radius, p.sigma_radius);
-        assert!(dot(p.normal, BALL.normal(p.position)) > 0.9999);
+        assert!(p.normal.dot(BALL.normal(p.position)) > 0.9999);
     }
     // At the top and the bottom, epipolar planes are tangent to the ball.
     assert!(found.left_out["frontier"] > 20 && found.left_out["end_of_sequence"] > 100);
@@ -180,7 +175,7 @@ fn sigma_of_noisy_contours_is_consistent() {
     let turned = rms(found
         .points
         .iter()
-        .map(|p| dot(p.normal, EGG.normal(p.position)).min(1.0).acos().to_degrees() / p.sigma_normal_deg));
+        .map(|p| p.normal.dot(EGG.normal(p.position)).min(1.0).acos().to_degrees() / p.sigma_normal_deg));
     let turned = turned / 2_f64.sqrt();
     assert!((0.75..1.25).contains(&turned), "{turned}");
 }
@@ -206,7 +201,7 @@ fn sigma_includes_the_model_error_of_the_circle() {
 #[test]
 fn lines_of_sight_along_the_baseline_are_rejected() {
     let cameras: Vec<Pinhole> =
-        (0..9).map(|k| camera([-8.0 + 0.4 * f64::from(k), 1.0, 0.0], [0.0; 3])).collect();
+        (0..9).map(|k| camera(DVec3::new(-8.0 + 0.4 * f64::from(k), 1.0, 0.0), DVec3::ZERO)).collect();
     let views = seen(&cameras, &BALL, 0.1);
     let found = run(&views).unwrap();
     assert!(
@@ -218,8 +213,9 @@ fn lines_of_sight_along_the_baseline_are_rejected() {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 5.0 * p.sigma_depth);
     }
     // A camera that only rotates determines no depth.
-    let turning: Vec<Pinhole> =
-        (0..5).map(|k| camera([7.0, 1e-9 * f64::from(k), 0.0], [0.0, 0.05 * f64::from(k), 0.0])).collect();
+    let turning: Vec<Pinhole> = (0..5)
+        .map(|k| camera(DVec3::new(7.0, 1e-9 * f64::from(k), 0.0), DVec3::new(0.0, 0.05 * f64::from(k), 0.0)))
+        .collect();
     let message = run(&seen(&turning, &BALL, 0.1)).unwrap_err().to_string();
     assert!(
         message.contains("no point on the contours") && message.contains("across the lines of sight"),
@@ -232,8 +228,8 @@ fn lines_of_sight_along_the_baseline_are_rejected() {
 #[test]
 fn splitting_outlines_are_not_joined() {
     let balls = [
-        Ellipsoid { middle: [1.2, 0.3, 0.0], axes: [0.8; 3] },
-        Ellipsoid { middle: [-1.2, -0.3, 0.1], axes: [0.9; 3] },
+        Ellipsoid { middle: DVec3::new(1.2, 0.3, 0.0), axes: DVec3::splat(0.8) },
+        Ellipsoid { middle: DVec3::new(-1.2, -0.3, 0.1), axes: DVec3::splat(0.9) },
     ];
     let cameras = arc(25, 5.0, 1.0);
     let mut random = ChaCha8Rng::seed_from_u64(3);
@@ -289,18 +285,18 @@ fn the_hull_reports_the_unobserved_share() {
     let around: Vec<Pinhole> = (0..24)
         .map(|k| {
             let a = std::f64::consts::TAU * f64::from(k) / 24.0;
-            camera([7.0 * a.cos(), 7.0 * a.sin(), 1.0], [0.0; 3])
+            camera(DVec3::new(7.0 * a.cos(), 7.0 * a.sin(), 1.0), DVec3::ZERO)
         })
         .collect();
     let views = seen(&around, &BALL, 0.05);
-    let bounds = planish_mesh::BoundingBox { min: [-1.5; 3], max: [1.5; 3] };
+    let bounds = planish_mesh::BoundingBox { min: DVec3::splat(-1.5), max: DVec3::splat(1.5) };
     let hull = VisualHull::new(&views, &bounds, 60).unwrap();
     let all = run(&views).unwrap();
     assert_eq!(all.left_out.get("end_of_sequence"), None);
     for p in &hull.mesh.positions {
-        assert!(norm(*p) > 0.97 && norm(*p) < 1.25, "{}", norm(*p));
+        assert!(p.length() > 0.97 && p.length() < 1.25, "{}", p.length());
     }
-    assert!(hull.holds([0.0, 0.9, 0.0]) && !hull.holds([0.0, 1.1, 0.0]));
+    assert!(hull.holds(DVec3::new(0.0, 0.9, 0.0)) && !hull.holds(DVec3::new(0.0, 1.1, 0.0)));
     // Without one view the hull is larger, and depths inside of it do not decrease.
     let bound = SilhouetteBound::new(&views).unwrap();
     for p in hull.mesh.positions.iter().step_by(7) {
@@ -337,7 +333,7 @@ fn strips_become_meshes_with_regularised_depths() {
         let off = rms(mesh.positions.iter().zip(&sigma).map(|(p, s)| EGG.height(*p) / s));
         assert!((0.6..1.3).contains(&off), "{off}");
         let normals = mesh.vertex_normals();
-        assert!((normals.iter().zip(&mesh.positions)).all(|(n, p)| dot(*n, EGG.normal(*p)) > 0.7));
+        assert!((normals.iter().zip(&mesh.positions)).all(|(n, p)| n.dot(EGG.normal(*p)) > 0.7));
         vertices += mesh.positions.len();
         area += mesh.area();
     }

@@ -9,19 +9,19 @@ use planish_core::SymmetricMatrix3;
 const SIDE: usize = 64;
 const RADIUS: f64 = 28.0;
 
-fn lights(count: usize) -> Vec<[f64; 3]> {
+fn lights(count: usize) -> Vec<DVec3> {
     let light = |k: usize| {
         let angle = TAU * k as f64 / count as f64;
         let tilt = if k.is_multiple_of(2) { 0.6 } else { 0.35 };
-        [tilt * angle.cos(), tilt * angle.sin(), -(1.0 - tilt * tilt).sqrt()]
+        DVec3::new(tilt * angle.cos(), tilt * angle.sin(), -(1.0 - tilt * tilt).sqrt())
     };
     (0..count).map(light).collect()
 }
 
-fn true_normal(k: usize) -> Option<[f64; 3]> {
+fn true_normal(k: usize) -> Option<DVec3> {
     let (x, y) = (((k % SIDE) as f64 - 32.0) / RADIUS, ((k / SIDE) as f64 - 32.0) / RADIUS);
     let square = x * x + y * y;
-    (square < 0.8).then(|| [x, y, -(1.0 - square).sqrt()])
+    (square < 0.8).then(|| DVec3::new(x, y, -(1.0 - square).sqrt()))
 }
 
 fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
@@ -30,15 +30,15 @@ fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// A ball of varying albedo with noise, and highlights where `gloss` is not 0.
-fn ball(lights: &[[f64; 3]], sigma: f64, ambient: f64, gloss: f64, seed: u64) -> Vec<Image> {
+fn ball(lights: &[DVec3], sigma: f64, ambient: f64, gloss: f64, seed: u64) -> Vec<Image> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut image = |l: &[f64; 3]| {
+    let mut image = |l: &DVec3| {
         let mut value = |k: usize| {
             let Some(n) = true_normal(k) else { return 0.0 };
             let albedo = 150.0 + 60.0 * ((k % 11) as f64 / 11.0);
-            let mirrored = 2.0 * dot(n, *l) * -n[2] + l[2];
+            let mirrored = 2.0 * n.dot(*l) * -n[2] + l[2];
             let highlight = gloss * mirrored.max(0.0).powi(60);
-            (albedo * (dot(n, *l).max(0.0) + ambient) + highlight + sigma * normal_number(&mut rng)) as f32
+            (albedo * (n.dot(*l).max(0.0) + ambient) + highlight + sigma * normal_number(&mut rng)) as f32
         };
         Image::try_new(SIDE, SIDE, (0..SIDE * SIDE).map(&mut value).collect()).unwrap()
     };
@@ -76,8 +76,8 @@ fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
         };
         let (e1, e2) = tangents(truth);
         let sigma = map.sigma_deg[k].to_radians();
-        normalised.extend([dot(found, e1) / sigma, dot(found, e2) / sigma]);
-        degrees.push(dot(found, truth).clamp(-1.0, 1.0).acos().to_degrees());
+        normalised.extend([found.dot(e1) / sigma, found.dot(e2) / sigma]);
+        degrees.push(found.dot(truth).clamp(-1.0, 1.0).acos().to_degrees());
     }
     (normalised, degrees)
 }
@@ -117,11 +117,11 @@ fn highlights_are_rejected() {
     let inverse = inverse(&m).unwrap();
     let plain = |k: usize| {
         let truth = true_normal(k)?;
-        let mut r = [0.0; 3];
+        let mut r = DVec3::ZERO;
         for (l, image) in lights.iter().zip(&images) {
             (0..3).for_each(|c| r[c] += l[c] * f64::from(image.values[k]));
         }
-        Some(dot(unit(inverse.times(r))?, truth).clamp(-1.0, 1.0).acos().to_degrees())
+        Some(inverse.times(r).try_normalize()?.dot(truth).clamp(-1.0, 1.0).acos().to_degrees())
     };
     let plain: Vec<f64> = (0..SIDE * SIDE).filter_map(plain).collect();
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
@@ -142,9 +142,9 @@ fn ambient_light_is_estimated() {
 #[test]
 fn a_mirror_ball_gives_the_directions_of_lights() {
     let lights = lights(5);
-    let image = |l: &[f64; 3]| {
-        let half = unit([l[0], l[1], l[2] - 1.0]).unwrap();
-        let value = |k: usize| true_normal(k).map_or(0.0, |n| (200.0 * dot(n, half).powi(400)) as f32);
+    let image = |l: &DVec3| {
+        let half = DVec3::new(l[0], l[1], l[2] - 1.0).try_normalize().unwrap();
+        let value = |k: usize| true_normal(k).map_or(0.0, |n| (200.0 * n.dot(half).powi(400)) as f32);
         Image::try_new(SIDE, SIDE, (0..SIDE * SIDE).map(value).collect()).unwrap()
     };
     let disc = |k: usize| {
@@ -154,7 +154,7 @@ fn a_mirror_ball_gives_the_directions_of_lights() {
     let mask = Image::try_new(SIDE, SIDE, (0..SIDE * SIDE).map(disc).collect()).unwrap();
     let found = lights_from_ball(&lights.iter().map(image).collect::<Vec<_>>(), &mask).unwrap();
     for (found, light) in found.iter().zip(&lights) {
-        assert!(dot(*found, *light) > 1.5_f64.to_radians().cos(), "{found:?} {light:?}");
+        assert!(found.dot(*light) > 1.5_f64.to_radians().cos(), "{found:?} {light:?}");
     }
 }
 
@@ -162,7 +162,7 @@ fn a_mirror_ball_gives_the_directions_of_lights() {
 fn colours_encode_normals() {
     // 128 128 255 faces the camera; black was never drawn.
     let map = normals_from_colours(2, 1, &[127.5, 127.5, 255.0, 0.0, 0.0, 0.0], 255.0, 3.0).unwrap();
-    assert_eq!(map.normals[0], Some([0.0, -0.0, -1.0]));
+    assert_eq!(map.normals[0], Some(DVec3::new(0.0, -0.0, -1.0)));
     assert_eq!((map.normals[1], map.undetermined), (None, 1));
     let scan = map.scan(0.5, "map").unwrap();
     assert_eq!((scan.points.len(), scan.sigma_normal_deg), (1, Some(vec![3.0])));
@@ -172,11 +172,16 @@ fn colours_encode_normals() {
 fn undetermined_normals_are_rejected() {
     let three = lights(3);
     let images = ball(&three, 1.0, 0.0, 0.0, 1);
-    let message = |images: &[Image], lights: &[[f64; 3]]| {
+    let message = |images: &[Image], lights: &[DVec3]| {
         photometric_normals(images, lights, None, &PhotometricOptions::default()).unwrap_err().to_string()
     };
     assert!(message(&images, &three).contains("state sigma_brightness"));
     assert!(message(&images, &lights(4)).contains("found 3 and 4"));
-    let flat = [[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [-0.6, 0.0, -0.8], [0.3, 0.0, -0.95]];
+    let flat = [
+        DVec3::new(0.0, 0.0, -1.0),
+        DVec3::new(0.6, 0.0, -0.8),
+        DVec3::new(-0.6, 0.0, -0.8),
+        DVec3::new(0.3, 0.0, -0.95),
+    ];
     assert!(message(&ball(&flat, 1.0, 0.0, 0.0, 1), &flat).contains("one plane"));
 }

@@ -7,13 +7,11 @@ const K: [[f64; 3]; 3] = [[200.0, 0.0, 79.5], [0.0, 200.0, 59.5], [0.0, 0.0, 1.0
 const SIZE: [usize; 2] = [160, 120];
 
 /// A camera at a position, rotated about y, x and z, in this order.
-fn camera(at: [f64; 3], turns: [f64; 3], distortion: [f64; 5]) -> LensCamera {
-    let about = |axis: [f64; 3], angle: f64| Pose::from_rotation_vector(scale(angle, axis), [0.0; 3]);
+fn camera(at: DVec3, turns: DVec3, distortion: [f64; 5]) -> LensCamera {
+    let about = |axis: DVec3, angle: f64| Pose::from_rotation_vector(angle * axis, DVec3::ZERO);
     let world_from_camera = Pose {
         translation: at,
-        ..about([0.0, 1.0, 0.0], turns[0])
-            .after(&about([1.0, 0.0, 0.0], turns[1]))
-            .after(&about([0.0, 0.0, 1.0], turns[2]))
+        ..about(DVec3::Y, turns[0]).after(&about(DVec3::X, turns[1])).after(&about(DVec3::Z, turns[2]))
     };
     LensCamera { pinhole: Pinhole::new(K, &world_from_camera), distortion }
 }
@@ -21,8 +19,8 @@ fn camera(at: [f64; 3], turns: [f64; 3], distortion: [f64; 5]) -> LensCamera {
 fn converging() -> StereoRig {
     StereoRig {
         cameras: [
-            camera([1.0, 2.0, 3.0], [0.1, 0.03, -0.02], [-0.2, 0.05, 1e-3, -2e-3, 0.01]),
-            camera([2.0, 2.1, 2.9], [-0.15, -0.02, 0.04], [-0.1, 0.02, -1e-3, 1e-3, 0.0]),
+            camera(DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.1, 0.03, -0.02), [-0.2, 0.05, 1e-3, -2e-3, 0.01]),
+            camera(DVec3::new(2.0, 2.1, 2.9), DVec3::new(-0.15, -0.02, 0.04), [-0.1, 0.02, -1e-3, 1e-3, 0.0]),
         ],
         sigma_disparity: 0.1,
     }
@@ -34,6 +32,7 @@ fn points_have_equal_rows_and_are_recovered_from_their_disparity() {
     let made = Rectification::new(&rig, [SIZE; 2]).unwrap();
     let camera = *made.camera();
     for point in [[1.4, 2.0, 8.0], [1.0, 1.5, 9.0], [1.9, 2.6, 7.0]] {
+        let point = DVec3::from_array(point);
         let local = made.world_from_rectified().inverse().apply(point);
         let left = [0, 1].map(|k| camera.focal * local[k] / local[2] + camera.center[k]);
         let disparity = camera.focal * camera.baseline / local[2] - camera.doffs;
@@ -41,11 +40,11 @@ fn points_have_equal_rows_and_are_recovered_from_their_disparity() {
         for (which, place) in [left, right].into_iter().enumerate() {
             let source = made.source(which, place).unwrap();
             let lens = rig.cameras[which];
-            let expected = lens.pixel(sub(point, lens.pinhole.center())).unwrap();
+            let expected = lens.pixel(point - lens.pinhole.center()).unwrap();
             assert!((0..2).all(|k| (source[k] - expected[k]).abs() < 1e-9), "{source:?} {expected:?}");
         }
         let found = made.world_from_rectified().apply(camera.point(left[0], left[1], disparity).unwrap());
-        assert!(norm(sub(found, point)) < 1e-9, "{found:?}");
+        assert!((found - point).length() < 1e-9, "{found:?}");
     }
 }
 
@@ -62,7 +61,10 @@ fn distortion_and_its_inverse_cancel() {
 #[test]
 fn rectified_images_stay_unchanged() {
     let mut rig = StereoRig {
-        cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), camera([0.5, 0.0, 0.0], [0.0; 3], [0.0; 5])],
+        cameras: [
+            camera(DVec3::ZERO, DVec3::ZERO, [0.0; 5]),
+            camera(DVec3::new(0.5, 0.0, 0.0), DVec3::ZERO, [0.0; 5]),
+        ],
         sigma_disparity: 0.0,
     };
     rig.cameras[1].pinhole.k[0][2] += 7.0;
@@ -86,7 +88,7 @@ fn points_and_covariances_rotate_with_the_rig() {
         rejected: crate::StereoRejected::default(),
     };
     let rig = converging();
-    let motion = Pose::from_rotation_vector([0.7, -0.4, 1.1], [5.0, -3.0, 2.0]);
+    let motion = Pose::from_rotation_vector(DVec3::new(0.7, -0.4, 1.1), DVec3::new(5.0, -3.0, 2.0));
     let mut moved = rig;
     for camera in &mut moved.cameras {
         let camera_from_world =
@@ -101,8 +103,8 @@ fn points_and_covariances_rotate_with_the_rig() {
     let (c, d) = (before.covariance.unwrap(), after.covariance.unwrap());
     for k in (0..before.points.len()).step_by(97) {
         let expected = motion.apply(before.points[k]);
-        assert!(norm(sub(expected, after.points[k])) < 1e-9 * norm(expected).max(1.0));
-        for n in [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.48, -0.6, 0.64]] {
+        assert!((expected - after.points[k]).length() < 1e-9 * expected.length().max(1.0));
+        for n in [DVec3::X, DVec3::new(0.0, 0.6, 0.8), DVec3::new(0.48, -0.6, 0.64)] {
             let same = d[k].along(motion.rotate(n)) / c[k].along(n);
             assert!((same - 1.0).abs() < 1e-6, "{same}");
         }
@@ -112,14 +114,13 @@ fn points_and_covariances_rotate_with_the_rig() {
 #[test]
 fn rigs_that_cannot_be_rectified_are_rejected() {
     let with = |second: LensCamera| {
-        let rig = StereoRig { cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), second], sigma_disparity: 0.0 };
+        let rig =
+            StereoRig { cameras: [camera(DVec3::ZERO, DVec3::ZERO, [0.0; 5]), second], sigma_disparity: 0.0 };
         Rectification::new(&rig, [SIZE; 2]).unwrap_err().to_string()
     };
-    let e = with(camera([0.1, 0.0, 3.0], [0.0; 3], [0.0; 5]));
+    let e = with(camera(DVec3::new(0.1, 0.0, 3.0), DVec3::ZERO, [0.0; 5]));
     assert!(e.contains("epipole lies inside the image of the first camera"), "{e}");
-    assert!(with(camera([0.0; 3], [0.1, 0.0, 0.0], [0.0; 5])).contains("different positions"));
-    assert!(with(camera([1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0; 5])).contains("90° apart"));
-    assert!(
-        with(camera([1.0, 0.0, 0.0], [0.0; 3], [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be inverted")
-    );
+    assert!(with(camera(DVec3::ZERO, DVec3::new(0.1, 0.0, 0.0), [0.0; 5])).contains("different positions"));
+    assert!(with(camera(DVec3::X, DVec3::new(3.0, 0.0, 0.0), [0.0; 5])).contains("90° apart"));
+    assert!(with(camera(DVec3::X, DVec3::ZERO, [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be inverted"));
 }

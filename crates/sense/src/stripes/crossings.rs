@@ -12,6 +12,7 @@
 
 use super::ridges::{Ridge, Ridges, smoothed};
 use crate::Image;
+use planish_core::DVec3;
 use planish_core::matrix3::{inverse, times};
 
 /// Maximum distance of two ridge points that vote for a crossing, in scales, and the minimum number of votes.
@@ -225,7 +226,7 @@ fn parabola(places: &[[f64; 3]]) -> Option<([f64; 3], [[f64; 3]; 3])> {
         }
     }
     let inverse = inverse(&m)?;
-    Some((times(&inverse, r), inverse))
+    Some((times(&inverse, DVec3::from_array(r)).to_array(), inverse))
 }
 
 /// `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹` with the correlated errors of points on one line.
@@ -233,7 +234,7 @@ fn sandwich(ridges: &Ridges, places: &[[f64; 3]], inverse: &[[f64; 3]; 3]) -> [[
     // Errors of neighbouring points are correlated. Treated as independent, they would make σ too small by
     // the number of points per correlation length.
     let gains: Vec<[f64; 3]> = (places.iter())
-        .map(|[t, _, strength]| times(inverse, [1.0, *t, t * t]).map(|g| g / strength))
+        .map(|[t, _, strength]| (times(inverse, DVec3::new(1.0, *t, t * t)) / *strength).to_array())
         .collect();
     let mut sum = [[0.0; 3]; 3];
     for (p, g) in places.iter().zip(&gains) {

@@ -17,8 +17,7 @@
 
 use std::collections::BTreeMap;
 
-use planish_core::Pinhole;
-use planish_estimate::vector3::dot;
+use planish_core::{DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 
 use super::crossings::{Crossing, Crossings};
@@ -103,7 +102,7 @@ pub struct GridReadings {
     /// Counts of rejected spots.
     pub rejected: GridRejected,
     /// The camera's centre.
-    pub viewpoint: [f64; 3],
+    pub viewpoint: DVec3,
 }
 
 /// Finds the stripes in an image and computes points, normals and curvatures at their crossings.
@@ -241,11 +240,12 @@ impl Residual {
     /// Distance of a crossing to its epipolar line; x is the σ of places of strength one.
     fn of_line(crossing: &Crossing, grid: &GridCamera, lines: &EpipolarLines, stripes: [i32; 2]) -> Self {
         let line = lines.line(grid.pattern.crossing(stripes.map(f64::from)));
-        let [a, b, c] = line.unwrap_or([f64::INFINITY; 3]);
+        let line = line.unwrap_or(DVec3::INFINITY);
+        let DVec3 { x: a, y: b, .. } = line;
         let [x, y] = crossing.image;
         let s = &crossing.covariance;
         Self {
-            square: dot([a, b, c], [x, y, 1.0]).powi(2),
+            square: line.dot(DVec3::new(x, y, 1.0)).powi(2),
             // For both images.
             known: 2.0 * grid.sigma_px.powi(2),
             scaled: a * a * s[0][0] + 2.0 * a * b * s[0][1] + b * b * s[1][1],
@@ -394,7 +394,7 @@ impl GridReadings {
     pub fn scan(&self, name: &str) -> Scan {
         let of = |r: &GridReading| r.orientation;
         let curvatures = self.readings.iter().map(|r| {
-            r.curvature.map_or(PrincipalCurvatures { values: [0.0; 2], direction: [0.0; 3] }, |c| {
+            r.curvature.map_or(PrincipalCurvatures { values: [0.0; 2], direction: DVec3::ZERO }, |c| {
                 PrincipalCurvatures { values: [c.k1, c.k2], direction: c.d1 }
             })
         });

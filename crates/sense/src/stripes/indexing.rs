@@ -11,13 +11,11 @@
 //! # References
 //! - Hartley and Zisserman, *Multiple View Geometry*, 2004, section 9.1, for epipolar lines.
 
-use planish_estimate::vector3::{cross, dot, sub};
-
 use super::crossings::Crossing;
 use super::network::Knot;
 use super::pattern::StripePattern;
-use planish_core::Pinhole;
-use planish_core::matrix3::{inverse, times, transposed_times};
+use planish_core::matrix3::{from_rows, inverse, times, transposed_times};
+use planish_core::{DVec3, Pinhole};
 
 /// Limit of the distance of a crossing from its line, in pixels, so that outliers do not dominate the mean
 /// square.
@@ -33,7 +31,7 @@ pub(super) const MIN_KNOTS: usize = 6;
 
 /// Two views of one scene: lines of one for pixels of the other.
 pub(super) struct EpipolarLines {
-    baseline: [f64; 3],
+    baseline: DVec3,
     /// From a projector's pixel to a direction in the world.
     ray: [[f64; 3]; 3],
     /// From a plane through both centres to a line of the camera's image.
@@ -43,21 +41,21 @@ pub(super) struct EpipolarLines {
 impl EpipolarLines {
     /// `None` if a matrix of intrinsics is singular.
     pub fn new(camera: &Pinhole, projector: &Pinhole) -> Option<Self> {
-        let rows = |m: &[[f64; 3]; 3], k: usize| m.map(|row| row[k]);
+        let column = |m: &[[f64; 3]; 3], k: usize| DVec3::from_array(m.map(|row| row[k]));
         let (of_projector, of_camera) = (inverse(&projector.k)?, inverse(&camera.k)?);
         // Rᵀ K⁻¹ and K⁻ᵀ R, row by row.
-        let ray = [0, 1, 2].map(|i| transposed_times(&of_projector, rows(&projector.r, i)));
-        let line = [0, 1, 2].map(|i| transposed_times(&camera.r, rows(&of_camera, i)));
-        Some(Self { baseline: sub(projector.center(), camera.center()), ray, line })
+        let ray = from_rows([0, 1, 2].map(|i| transposed_times(&of_projector, column(&projector.r, i))));
+        let line = from_rows([0, 1, 2].map(|i| transposed_times(&camera.r, column(&of_camera, i))));
+        Some(Self { baseline: projector.center() - camera.center(), ray, line })
     }
 
     /// The line `l · (x, y, 1) = 0` of a projector's pixel, with a unit normal: the product is a distance in
     /// pixels.
-    pub fn line(&self, projector: [f64; 2]) -> Option<[f64; 3]> {
-        let along = times(&self.ray, [projector[0], projector[1], 1.0]);
-        let line = times(&self.line, cross(self.baseline, along));
+    pub fn line(&self, projector: [f64; 2]) -> Option<DVec3> {
+        let along = times(&self.ray, DVec3::new(projector[0], projector[1], 1.0));
+        let line = times(&self.line, self.baseline.cross(along));
         let length = line[0].hypot(line[1]);
-        (length > 0.0).then(|| line.map(|c| c / length))
+        (length > 0.0).then(|| line / length)
     }
 }
 
@@ -90,7 +88,7 @@ pub(super) fn index(
     // Lines depend only on the crossing of the pattern, and each is used by many hypotheses.
     let [[a0, a1], [b0, b1]] = pattern.range;
     let width = (b1 - b0 + 1) as usize;
-    let known: Vec<Option<[f64; 3]>> = (a0..=a1)
+    let known: Vec<Option<DVec3>> = (a0..=a1)
         .flat_map(|a| (b0..=b1).map(move |b| [a, b]))
         .map(|of| lines.line(pattern.crossing(of.map(f64::from))))
         .collect();
@@ -111,8 +109,8 @@ pub(super) fn index(
             for other in b0 - low1..=b1 - high1 {
                 let off = |(k, r): (&Knot, &[i32; 2])| {
                     let [x, y] = crossings[k.crossing].image;
-                    let distance =
-                        line([first + r[0], other + r[1]]).map_or(f64::INFINITY, |l| dot(l, [x, y, 1.0]));
+                    let distance = line([first + r[0], other + r[1]])
+                        .map_or(f64::INFINITY, |l| l.dot(DVec3::new(x, y, 1.0)));
                     distance.powi(2).min(FAR_OFF_PX * FAR_OFF_PX)
                 };
                 let mean = piece.iter().zip(&relative).map(off).sum::<f64>() / piece.len() as f64;
@@ -148,15 +146,22 @@ mod tests {
     #[test]
     fn corresponding_pixels_satisfy_the_epipolar_constraint() {
         let k = [[900.0, 2.0, 310.0], [0.0, 910.0, 250.0], [0.0, 0.0, 1.0]];
-        let camera =
-            Pinhole { k, r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]], t: [3.0, -4.0, 10.0] };
-        let projector =
-            Pinhole { k, r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]], t: [-90.0, 20.0, 30.0] };
+        let camera = Pinhole {
+            k,
+            r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]],
+            t: DVec3::new(3.0, -4.0, 10.0),
+        };
+        let projector = Pinhole {
+            k,
+            r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]],
+            t: DVec3::new(-90.0, 20.0, 30.0),
+        };
         let lines = EpipolarLines::new(&camera, &projector).unwrap();
         for point in [[10.0, 20.0, 500.0], [-60.0, -30.0, 420.0], [80.0, 60.0, 610.0]] {
+            let point = DVec3::from_array(point);
             let (seen, thrown) = (camera.project(point).unwrap(), projector.project(point).unwrap());
             let line = lines.line(thrown).unwrap();
-            assert!(dot(line, [seen[0], seen[1], 1.0]).abs() < 1e-9);
+            assert!(line.dot(DVec3::new(seen[0], seen[1], 1.0)).abs() < 1e-9);
         }
     }
 }

@@ -6,45 +6,46 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use planish_core::Pinhole;
 use planish_core::SymmetricMatrix3;
-use planish_core::matrix3::{times, transposed_times};
+use planish_core::matrix3::{IDENTITY, from_rows, times, transposed_times};
 
 const K: [[f64; 3]; 3] = [[1200.0, 0.0, 320.0], [0.0, 1200.0, 240.0], [0.0, 0.0, 1.0]];
 const STRIPES: [[f64; 2]; 2] = [[0.0, 1.0], [1.0, 0.0]];
 
 fn camera() -> Pinhole {
-    Pinhole { k: K, r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], t: [0.0; 3] }
+    Pinhole { k: K, r: IDENTITY, t: DVec3::ZERO }
 }
 
 /// 150 to the right and 60 up, turned towards the axis at a distance of 500.
 fn projector() -> Pinhole {
-    let centre = [150.0, -60.0, 0.0];
-    let z = unit(sub([0.0, 0.0, 500.0], centre)).unwrap();
-    let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
-    let r = [x, cross(z, x), z];
-    Pinhole { k: K, r, t: times(&r, centre).map(|c| -c) }
+    let centre = DVec3::new(150.0, -60.0, 0.0);
+    let z = (DVec3::new(0.0, 0.0, 500.0) - centre).try_normalize().unwrap();
+    let x = DVec3::Y.cross(z).try_normalize().unwrap();
+    let r = from_rows([x, z.cross(x), z]);
+    Pinhole { k: K, r, t: -times(&r, centre) }
 }
 
 /// The intersection of a ray with an ellipsoid around (0, 0, 560), and the normal there.
-const AXES: [f64; 3] = [90.0, 70.0, 80.0];
+const AXES: DVec3 = DVec3::new(90.0, 70.0, 80.0);
+const MIDDLE: DVec3 = DVec3::new(0.0, 0.0, 560.0);
 
-fn hit(from: [f64; 3], along: [f64; 3]) -> Option<[f64; 3]> {
-    let o: [f64; 3] = std::array::from_fn(|k| (from[k] - [0.0, 0.0, 560.0][k]) / AXES[k]);
-    let d: [f64; 3] = std::array::from_fn(|k| along[k] / AXES[k]);
-    let (a, b, c) = (dot(d, d), dot(o, d), dot(o, o) - 1.0);
+fn hit(from: DVec3, along: DVec3) -> Option<DVec3> {
+    let o = (from - MIDDLE) / AXES;
+    let d = along / AXES;
+    let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - 1.0);
     let root = b * b - a * c;
     (root > 0.0).then(|| {
         let s = (-b - root.sqrt()) / a;
-        std::array::from_fn(|k| from[k] + s * along[k])
+        from + s * along
     })
 }
 
-fn surface_normal(p: [f64; 3]) -> [f64; 3] {
-    unit(std::array::from_fn(|k| (p[k] - [0.0, 0.0, 560.0][k]) / AXES[k].powi(2))).unwrap()
+fn surface_normal(p: DVec3) -> DVec3 {
+    ((p - MIDDLE) / (AXES * AXES)).try_normalize().unwrap()
 }
 
-fn lit(pixel: [f64; 2]) -> Option<[f64; 3]> {
+fn lit(pixel: [f64; 2]) -> Option<DVec3> {
     let p = projector();
-    let inside = [(pixel[0] - 320.0) / 1200.0, (pixel[1] - 240.0) / 1200.0, 1.0];
+    let inside = DVec3::new((pixel[0] - 320.0) / 1200.0, (pixel[1] - 240.0) / 1200.0, 1.0);
     hit(p.center(), transposed_times(&p.r, inside))
 }
 
@@ -89,8 +90,8 @@ fn point_and_normal_are_exact_without_noise() {
     for pixel in [[320.0, 240.0], [250.0, 200.0], [400.0, 300.0]] {
         let found = oriented(&junction(pixel).unwrap());
         let truth = lit(pixel).unwrap();
-        assert!(norm(sub(found.point, truth)) < 1e-6, "{:?} {truth:?}", found.point);
-        let angle = dot(found.normal, surface_normal(truth)).clamp(-1.0, 1.0).acos();
+        assert!((found.point - truth).length() < 1e-6, "{:?} {truth:?}", found.point);
+        let angle = found.normal.dot(surface_normal(truth)).clamp(-1.0, 1.0).acos();
         assert!(angle < 1e-5, "{angle}");
     }
 }
@@ -103,12 +104,12 @@ fn covariances_match_a_simulation() {
         let stated = oriented(&exact);
         let (e1, e2) = tangents(stated.normal);
         let draws = 8000;
-        let (mut place, mut turn) = ([0.0; 3], 0.0);
+        let (mut place, mut turn) = (DVec3::ZERO, 0.0);
         for _ in 0..draws {
             let found = oriented(&noisy(&exact, &SIGMA, &mut rng));
-            let e = sub(found.point, stated.point);
+            let e = found.point - stated.point;
             (0..3).for_each(|k| place[k] += e[k] * e[k] / f64::from(draws));
-            turn += 0.5 * (dot(found.normal, e1).powi(2) + dot(found.normal, e2).powi(2)) / f64::from(draws);
+            turn += 0.5 * (found.normal.dot(e1).powi(2) + found.normal.dot(e2).powi(2)) / f64::from(draws);
         }
         let SymmetricMatrix3 { xx, yy, zz, .. } = stated.covariance;
         for (k, variance) in [xx, yy, zz].into_iter().enumerate() {
@@ -128,10 +129,10 @@ fn pairs(pixel: [f64; 2], step: f64, see: &mut dyn FnMut([f64; 2]) -> Orientatio
 
 /// Principal curvatures of the ellipsoid from its Gaussian and mean curvature in implicit form (Goldman
 /// 2005).
-fn true_curvatures(p: [f64; 3]) -> (f64, f64) {
-    let g: [f64; 3] = std::array::from_fn(|k| 2.0 * (p[k] - [0.0, 0.0, 560.0][k]) / AXES[k].powi(2));
+fn true_curvatures(p: DVec3) -> (f64, f64) {
+    let g = 2.0 * (p - MIDDLE) / (AXES * AXES);
     let h = AXES.map(|a| 2.0 / (a * a));
-    let square = dot(g, g);
+    let square = g.length_squared();
     let gauss = (g[0] * g[0] * h[1] * h[2] + g[1] * g[1] * h[0] * h[2] + g[2] * g[2] * h[0] * h[1])
         / (square * square);
     let along: f64 = (0..3).map(|k| g[k] * g[k] * h[k]).sum();
@@ -152,7 +153,7 @@ fn curvatures_of_an_ellipsoid_are_accurate() {
             (found.k1 / k1 - 1.0).abs() < 0.02 && (found.k2 / k2 - 1.0).abs() < 0.02,
             "{found:?} {k1} {k2}"
         );
-        assert!(dot(found.d1, middle.normal).abs() < 1e-9);
+        assert!(found.d1.dot(middle.normal).abs() < 1e-9);
     }
 }
 

@@ -14,7 +14,7 @@
 use super::Deformation;
 use crate::natural_neighbour::{BOX_CORNERS, NaturalNeighbours};
 use nalgebra::DMatrix;
-use planish_estimate::vector3::{add, norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// Controls are degenerate in directions where their spread is below this share of the largest. The threshold
@@ -29,7 +29,7 @@ const AFFINE: usize = 4;
 /// ```
 /// use nalgebra::DVector;
 /// use planish_shell::{Deformation, Dirichlet, displacements};
-/// let controls = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [2.0, 2.0, 2.0]];
+/// let controls = [DVec3::ZERO, [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [2.0, 2.0, 2.0]];
 /// let vertices = [[0.5, 0.5, 0.5], [2.0, 0.0, 0.0], [9.0, 9.0, 9.0]];
 /// let made = Dirichlet::new(&controls, &vertices)?;
 /// // A translation of all controls translates all vertices, inside and outside of the controls.
@@ -41,7 +41,7 @@ const AFFINE: usize = 4;
 /// ```
 #[derive(Debug, Clone)]
 pub struct Dirichlet {
-    controls: Vec<[f64; 3]>,
+    controls: Vec<DVec3>,
     /// First weight of each vertex. Handles are the controls, then the four of an affine motion.
     start: Vec<u32>,
     weights: Vec<(u32, f64)>,
@@ -53,9 +53,9 @@ impl Dirichlet {
     ///
     /// # Errors
     /// `Input` for controls or vertices that are not finite, or no controls.
-    pub fn new(controls: &[[f64; 3]], vertices: &[[f64; 3]]) -> Result<Self> {
-        if let Some(v) = vertices.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
-            return Err(Error::input(format!("vertex {v} is not finite: {:?}", vertices[v])));
+    pub fn new(controls: &[DVec3], vertices: &[DVec3]) -> Result<Self> {
+        if let Some(v) = vertices.iter().position(|v| !v.is_finite()) {
+            return Err(Error::input(format!("vertex {v} is not finite: {:?}", vertices[v].to_array())));
         }
         let neighbours = NaturalNeighbours::new(controls, vertices)?;
         let (center, size, fit) = affine_fit(controls);
@@ -71,7 +71,7 @@ impl Dirichlet {
                 if (w.site as usize) < BOX_CORNERS {
                     // A corner of the box contributes through four affine functions, not through the controls
                     // themselves: rows stay short, and the dependence on all controls is in the reduction.
-                    let [x, y, z] = scale(1.0 / size, sub(neighbours.site(w.site), center));
+                    let DVec3 { x, y, z } = 1.0 / size * (neighbours.site(w.site) - center);
                     for (sum, value) in affine.iter_mut().zip([1.0, x, y, z]) {
                         *sum += w.weight * value;
                     }
@@ -119,9 +119,9 @@ impl Deformation for Dirichlet {
         self.start.len() - 1
     }
 
-    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+    fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64)) {
         for &(handle, weight) in self.of_vertex(vertex) {
-            for (axis, d) in direction.into_iter().enumerate() {
+            for (axis, d) in direction.to_array().into_iter().enumerate() {
                 if d != 0.0 {
                     visit(3 * handle as usize + axis, weight * d);
                 }
@@ -133,17 +133,17 @@ impl Deformation for Dirichlet {
         Some(&self.reduction)
     }
 
-    fn controls(&self) -> Option<&[[f64; 3]]> {
+    fn controls(&self) -> Option<&[DVec3]> {
         Some(&self.controls)
     }
 }
 
 /// The affine motion `a0 + A (x − center)/size` that best fits displacements of the controls, as four rows to
 /// be multiplied by the displacements. If several motions fit equally well, that of minimum norm.
-fn affine_fit(controls: &[[f64; 3]]) -> ([f64; 3], f64, DMatrix<f64>) {
+fn affine_fit(controls: &[DVec3]) -> (DVec3, f64, DMatrix<f64>) {
     let count = controls.len();
-    let center = scale(1.0 / count as f64, controls.iter().fold([0.0; 3], |sum, p| add(sum, *p)));
-    let reach = controls.iter().map(|p| norm(sub(*p, center))).fold(0.0, f64::max);
+    let center = 1.0 / count as f64 * controls.iter().sum::<DVec3>();
+    let reach = controls.iter().map(|p| (*p - center).length()).fold(0.0, f64::max);
     let size = if reach > 0.0 { reach } else { 1.0 };
     let off = DMatrix::from_fn(count, 3, |row, axis| (controls[row][axis] - center[axis]) / size);
     // The pseudo-inverse leaves directions in which the controls have no extent at zero; normal equations
@@ -162,48 +162,54 @@ mod tests {
     use super::*;
     use crate::displacements;
     use nalgebra::{DVector, Rotation3, Vector3};
-    use planish_estimate::vector3::distance;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    fn random_points(count: usize, seed: u64, size: f64) -> Vec<[f64; 3]> {
+    fn random_points(count: usize, seed: u64, size: f64) -> Vec<DVec3> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        (0..count).map(|_| std::array::from_fn(|_| random.random_range(-size..size))).collect()
+        (0..count)
+            .map(|_| DVec3::from_array(std::array::from_fn(|_| random.random_range(-size..size))))
+            .collect()
     }
 
     /// A rigid motion of all controls moves every vertex by the same motion, inside the hull of the controls
     /// and far outside.
     #[test]
     fn rigid_motions_of_all_controls_move_every_vertex_rigidly() {
-        let grid: Vec<[f64; 3]> =
-            (0..64).map(|k| [k % 4, k / 4 % 4, k / 16].map(|i| f64::from(i) - 1.5)).collect();
+        let grid: Vec<DVec3> = (0..64)
+            .map(|k| DVec3::from_array([k % 4, k / 4 % 4, k / 16].map(|i| f64::from(i) - 1.5)))
+            .collect();
         let mut twice = random_points(20, 2, 1.0);
         twice.extend(twice.clone());
         let rotation = Rotation3::from_euler_angles(0.4, -1.1, 2.0);
         let turned =
-            |p: [f64; 3]| -> [f64; 3] { (rotation * Vector3::from(p) + Vector3::new(3.0, -1.0, 0.5)).into() };
+            |p: DVec3| -> DVec3 { (rotation * Vector3::from(p) + Vector3::new(3.0, -1.0, 0.5)).into() };
         let vertices = random_points(2000, 3, 4.0);
         for controls in [random_points(200, 1, 1.0), grid, twice, random_points(4, 5, 1.0)] {
             let made = Dirichlet::new(&controls, &vertices).unwrap();
-            let q =
-                DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
+            let q = DVector::from_iterator(
+                made.parameters(),
+                controls.iter().flat_map(|p| (turned(*p) - *p).to_array()),
+            );
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
-                let off = distance(add(*vertex, by), turned(*vertex));
+                let off = (*vertex + by).distance(turned(*vertex));
                 assert!(off < 1e-9, "{vertex:?}: {off:e}");
             }
         }
         // In the plane of coplanar controls, and on the line of collinear ones, too.
-        let flat: Vec<[f64; 3]> = random_points(30, 6, 1.0).iter().map(|p| [p[0], p[1], 0.25]).collect();
-        let line: Vec<[f64; 3]> =
-            random_points(5, 7, 1.0).iter().map(|p| [p[0], 2.0 * p[0], -p[0]]).collect();
-        let on_flat: Vec<[f64; 3]> = vertices.iter().map(|p| [p[0], p[1], 0.25]).collect();
-        let on_line: Vec<[f64; 3]> = vertices.iter().map(|p| [p[0], 2.0 * p[0], -p[0]]).collect();
+        let flat: Vec<DVec3> = random_points(30, 6, 1.0).iter().map(|p| DVec3::new(p.x, p.y, 0.25)).collect();
+        let line: Vec<DVec3> =
+            random_points(5, 7, 1.0).iter().map(|p| DVec3::new(p.x, 2.0 * p.x, -p.x)).collect();
+        let on_flat: Vec<DVec3> = vertices.iter().map(|p| DVec3::new(p.x, p.y, 0.25)).collect();
+        let on_line: Vec<DVec3> = vertices.iter().map(|p| DVec3::new(p.x, 2.0 * p.x, -p.x)).collect();
         for (controls, vertices) in [(flat, on_flat), (line, on_line)] {
             let made = Dirichlet::new(&controls, &vertices).unwrap();
-            let q =
-                DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
+            let q = DVector::from_iterator(
+                made.parameters(),
+                controls.iter().flat_map(|p| (turned(*p) - *p).to_array()),
+            );
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
-                let off = distance(add(*vertex, by), turned(*vertex));
+                let off = (*vertex + by).distance(turned(*vertex));
                 assert!(off < 1e-8, "{vertex:?}: {off:e}");
             }
         }
@@ -217,8 +223,8 @@ mod tests {
         let mut q = DVector::zeros(made.parameters());
         q[3 * 17 + 1] = 1.0;
         for (control, by) in displacements(&made, &q).into_iter().enumerate() {
-            let wanted = if control == 17 { [0.0, 1.0, 0.0] } else { [0.0; 3] };
-            assert!(distance(by, wanted) < 1e-12, "control {control}: {by:?}");
+            let wanted = if control == 17 { DVec3::Y } else { DVec3::ZERO };
+            assert!(by.distance(wanted) < 1e-12, "control {control}: {by:?}");
         }
     }
 }

@@ -7,6 +7,7 @@
 //! The box of the lattice encloses the vertices, so none lies outside.
 
 use super::Deformation;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 
@@ -26,7 +27,7 @@ pub enum LatticeBasis {
 /// ```
 /// use nalgebra::DVector;
 /// use planish_shell::{Deformation, Lattice, LatticeBasis, displacements};
-/// let vertices = [[0.0; 3], [1.0, 2.0, 3.0]];
+/// let vertices = [DVec3::ZERO, [1.0, 2.0, 3.0]];
 /// let lattice = Lattice::new(&vertices, [2, 2, 2], LatticeBasis::Bernstein)?;
 /// let q = DVector::from_element(lattice.parameters(), 0.5);
 /// assert!(displacements(&lattice, &q).iter().flatten().all(|d| (d - 0.5).abs() < 1e-12));
@@ -35,7 +36,7 @@ pub enum LatticeBasis {
 #[derive(Debug, Clone)]
 pub struct Lattice {
     points: [usize; 3],
-    controls: Vec<[f64; 3]>,
+    controls: Vec<DVec3>,
     /// For each vertex and axis the first function that is nonzero there, and the values from it on.
     values: Vec<[(u32, Vec<f64>); 3]>,
 }
@@ -46,7 +47,7 @@ impl Lattice {
     /// # Errors
     /// `Input` for fewer than two points along an axis (four for splines), more than 100 000 in total, no
     /// vertices, or vertices that are not finite.
-    pub fn new(vertices: &[[f64; 3]], points: [usize; 3], basis: LatticeBasis) -> Result<Self> {
+    pub fn new(vertices: &[DVec3], points: [usize; 3], basis: LatticeBasis) -> Result<Self> {
         let minimum = match basis {
             LatticeBasis::Bernstein => 2,
             LatticeBasis::CubicBSpline => 4,
@@ -59,17 +60,14 @@ impl Lattice {
             )));
         }
         let bounds = BoundingBox::from_points(vertices)
-            .filter(|b| {
-                b.min.iter().chain(&b.max).all(|x| x.is_finite())
-                    && vertices.iter().flatten().all(|x| x.is_finite())
-            })
+            .filter(|b| b.min.is_finite() && b.max.is_finite() && vertices.iter().all(|v| v.is_finite()))
             .ok_or_else(|| Error::input("a lattice needs vertices with finite coordinates"))?;
         let size = bounds.diagonal();
         // The box of a flat object gets a small thickness, so that coordinates stay finite.
         let min_extent = if size > 0.0 { 1e-3 * size } else { 1.0 };
-        let extent: [f64; 3] = std::array::from_fn(|k| (bounds.max[k] - bounds.min[k]).max(min_extent));
+        let extent = bounds.extent().map(|side| side.max(min_extent));
         let middle = bounds.center();
-        let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * extent[k]);
+        let low = middle - 0.5 * extent;
         let place = |axis: usize, index: usize| {
             // Greville abscissae: with these, an affine motion of the controls moves all vertices by the same
             // one.
@@ -82,7 +80,7 @@ impl Lattice {
         let controls = (0..count)
             .map(|n| {
                 let index = [n % points[0], n / points[0] % points[1], n / (points[0] * points[1])];
-                std::array::from_fn(|axis| place(axis, index[axis]))
+                DVec3::from_array(std::array::from_fn(|axis| place(axis, index[axis])))
             })
             .collect();
         let values = vertices
@@ -110,14 +108,14 @@ impl Deformation for Lattice {
         self.values.len()
     }
 
-    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+    fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64)) {
         let [u, v, w] = &self.values[vertex as usize];
         for (k, c) in w.1.iter().enumerate() {
             for (j, b) in v.1.iter().enumerate() {
                 for (i, a) in u.1.iter().enumerate() {
                     let [i, j, k] = [(u.0, i), (v.0, j), (w.0, k)].map(|(first, n)| first as usize + n);
                     let control = i + self.points[0] * (j + self.points[1] * k);
-                    for (axis, d) in direction.into_iter().enumerate() {
+                    for (axis, d) in direction.to_array().into_iter().enumerate() {
                         if d != 0.0 {
                             visit(3 * control + axis, a * b * c * d);
                         }
@@ -127,7 +125,7 @@ impl Deformation for Lattice {
         }
     }
 
-    fn controls(&self) -> Option<&[[f64; 3]]> {
+    fn controls(&self) -> Option<&[DVec3]> {
         Some(&self.controls)
     }
 }
@@ -166,7 +164,6 @@ mod tests {
     use super::*;
     use crate::displacements;
     use nalgebra::DVector;
-    use planish_estimate::vector3::distance;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -174,22 +171,23 @@ mod tests {
     #[test]
     fn affine_motions_are_reproduced() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let vertices: Vec<[f64; 3]> =
-            (0..500).map(|_| [1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0))).collect();
-        let moved = |[x, y, z]: [f64; 3]| [0.3 + 0.2 * y - z, 0.1 * x, 1.0 - 0.5 * x + 0.25 * y];
+        let vertices: Vec<DVec3> = (0..500)
+            .map(|_| DVec3::from_array([1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0))))
+            .collect();
+        let moved = |DVec3 { x, y, z }: DVec3| [0.3 + 0.2 * y - z, 0.1 * x, 1.0 - 0.5 * x + 0.25 * y];
         for (basis, points) in [(LatticeBasis::Bernstein, [3, 4, 2]), (LatticeBasis::CubicBSpline, [4, 7, 5])]
         {
             let made = Lattice::new(&vertices, points, basis).unwrap();
             let q = DVector::from_iterator(made.parameters(), made.controls.iter().flat_map(|p| moved(*p)));
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
-                assert!(distance(by, moved(*vertex)) < 1e-12, "{vertex:?} {by:?}");
+                assert!(by.distance(DVec3::from(moved(*vertex))) < 1e-12, "{vertex:?} {by:?}");
             }
         }
     }
 
     #[test]
     fn too_few_points_are_rejected() {
-        let vertices = [[0.0; 3], [1.0; 3]];
+        let vertices = [DVec3::ZERO, DVec3::splat(1.0)];
         for (basis, points) in [(LatticeBasis::Bernstein, [1, 4, 2]), (LatticeBasis::CubicBSpline, [3, 7, 5])]
         {
             assert!(
@@ -198,6 +196,8 @@ mod tests {
         }
         assert!(Lattice::new(&[], [2; 3], LatticeBasis::Bernstein).is_err());
         // A flat mesh is valid.
-        assert!(Lattice::new(&[[0.0; 3], [1.0, 1.0, 0.0]], [2; 3], LatticeBasis::Bernstein).is_ok());
+        assert!(
+            Lattice::new(&[DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0)], [2; 3], LatticeBasis::Bernstein).is_ok()
+        );
     }
 }

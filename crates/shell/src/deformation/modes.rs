@@ -8,7 +8,7 @@
 
 use super::Deformation;
 use nalgebra::DMatrix;
-use planish_estimate::vector3::{add, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// Modes below this share of the largest standard deviation are rounding errors. The eigenvalues are squares,
@@ -20,17 +20,17 @@ const ROUNDING: f64 = 1e-7;
 /// # Examples
 /// ```
 /// use planish_shell::{Deformation, Modes};
-/// let family: Vec<Vec<[f64; 3]>> = [-1.0, 0.0, 1.0].iter().map(|z| vec![[0.0, 0.0, *z]; 4]).collect();
+/// let family: Vec<Vec<DVec3>> = DVec3::new(-1.0, 0.0, 1.0).iter().map(|z| vec![[0.0, 0.0, *z]; 4]).collect();
 /// let modes = Modes::from_meshes(&family, 5)?;
 /// assert_eq!(modes.parameters(), 1);
-/// assert_eq!(modes.mean()[0], [0.0; 3]);
+/// assert_eq!(modes.mean()[0], DVec3::ZERO);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct Modes {
-    mean: Vec<[f64; 3]>,
+    mean: Vec<DVec3>,
     /// For each mode the displacement of each vertex.
-    modes: Vec<Vec<[f64; 3]>>,
+    modes: Vec<Vec<DVec3>>,
     deviations: Vec<f64>,
 }
 
@@ -41,7 +41,7 @@ impl Modes {
     /// # Errors
     /// `Input` for fewer than two members, or members with different numbers of vertices; `Undetermined` if
     /// all are equal.
-    pub fn from_meshes(family: &[Vec<[f64; 3]>], max_modes: usize) -> Result<Self> {
+    pub fn from_meshes(family: &[Vec<DVec3>], max_modes: usize) -> Result<Self> {
         let Some(first) = family.first().filter(|_| family.len() > 1) else {
             return Err(Error::input("principal modes need at least two meshes"));
         };
@@ -53,14 +53,11 @@ impl Modes {
             )));
         }
         let count = family.len();
-        let mean: Vec<[f64; 3]> = (0..first.len())
-            .map(|v| {
-                scale(1.0 / count as f64, family.iter().fold([0.0; 3], |sum, member| add(sum, member[v])))
-            })
+        let mean: Vec<DVec3> = (0..first.len())
+            .map(|v| 1.0 / count as f64 * family.iter().fold(DVec3::ZERO, |sum, member| sum + member[v]))
             .collect();
-        let off: Vec<Vec<[f64; 3]>> = (family.iter())
-            .map(|member| member.iter().zip(&mean).map(|(p, m)| sub(*p, *m)).collect())
-            .collect();
+        let off: Vec<Vec<DVec3>> =
+            (family.iter()).map(|member| member.iter().zip(&mean).map(|(p, m)| *p - *m).collect()).collect();
         // There are few meshes with many vertices: the small Gram matrix has the same nonzero eigenvalues as
         // the large covariance.
         let products = DMatrix::from_fn(count, count, |i, j| {
@@ -85,8 +82,8 @@ impl Modes {
                 (0..first.len())
                     .map(|v| {
                         let sum = (0..count)
-                            .fold([0.0; 3], |sum, i| add(sum, scale(eigen.eigenvectors[(i, k)], off[i][v])));
-                        scale(factor, sum)
+                            .fold(DVec3::ZERO, |sum, i| sum + eigen.eigenvectors[(i, k)] * off[i][v]);
+                        factor * sum
                     })
                     .collect()
             })
@@ -96,7 +93,7 @@ impl Modes {
 
     /// The mean of the family, to be used as `V0`.
     #[must_use]
-    pub fn mean(&self) -> &[[f64; 3]] {
+    pub fn mean(&self) -> &[DVec3] {
         &self.mean
     }
 
@@ -117,7 +114,7 @@ impl Deformation for Modes {
         self.mean.len()
     }
 
-    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+    fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64)) {
         for (m, mode) in self.modes.iter().enumerate() {
             let by = mode[vertex as usize];
             visit(m, (0..3).map(|k| by[k] * direction[k]).sum());
@@ -128,13 +125,13 @@ impl Deformation for Modes {
 /// Every vertex moves independently: three parameters each.
 #[derive(Debug, Clone)]
 pub struct VertexDisplacements {
-    vertices: Vec<[f64; 3]>,
+    vertices: Vec<DVec3>,
 }
 
 impl VertexDisplacements {
     /// A deformation of these vertices.
     #[must_use]
-    pub fn new(vertices: &[[f64; 3]]) -> Self {
+    pub fn new(vertices: &[DVec3]) -> Self {
         Self { vertices: vertices.to_vec() }
     }
 }
@@ -148,13 +145,13 @@ impl Deformation for VertexDisplacements {
         self.vertices.len()
     }
 
-    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
-        for (axis, d) in direction.into_iter().enumerate() {
+    fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64)) {
+        for (axis, d) in direction.to_array().into_iter().enumerate() {
             visit(3 * vertex as usize + axis, d);
         }
     }
 
-    fn controls(&self) -> Option<&[[f64; 3]]> {
+    fn controls(&self) -> Option<&[DVec3]> {
         Some(&self.vertices)
     }
 }
@@ -164,7 +161,6 @@ mod tests {
     use super::*;
     use crate::displacements;
     use nalgebra::DVector;
-    use planish_estimate::vector3::distance;
     use planish_mesh::icosphere;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -174,10 +170,10 @@ mod tests {
     fn meshes_stretched_in_two_directions_have_two_modes() {
         let ball = icosphere(1.0, 2).positions;
         let mut random = ChaCha8Rng::seed_from_u64(4);
-        let family: Vec<Vec<[f64; 3]>> = (0..12)
+        let family: Vec<Vec<DVec3>> = (0..12)
             .map(|_| {
                 let [a, b] = [0.5, 0.1].map(|size| 1.0 + size * random.random_range(-1.0..1.0));
-                ball.iter().map(|p| [a * p[0], b * p[1], p[2]]).collect()
+                ball.iter().map(|p| DVec3::new(a * p.x, b * p.y, p.z)).collect()
             })
             .collect();
         let modes = Modes::from_meshes(&family, 10).unwrap();
@@ -194,7 +190,7 @@ mod tests {
             });
             assert!(q.amax() < 3.5);
             for ((by, mean), p) in displacements(&modes, &q).iter().zip(modes.mean()).zip(member) {
-                assert!(distance(add(*mean, *by), *p) < 1e-9);
+                assert!((*mean + *by).distance(*p) < 1e-9);
             }
         }
         assert!(Modes::from_meshes(&family[..1], 3).is_err());
@@ -205,7 +201,7 @@ mod tests {
                 .contains("the same")
         );
         assert!(
-            Modes::from_meshes(&[ball.clone(), vec![[0.0; 3]]], 3)
+            Modes::from_meshes(&[ball.clone(), vec![DVec3::ZERO]], 3)
                 .unwrap_err()
                 .to_string()
                 .contains("mesh 1")

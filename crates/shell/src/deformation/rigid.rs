@@ -17,7 +17,7 @@
 
 use super::{Deformation, displacements};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
-use planish_estimate::vector3::{add, add_scaled, cross, distance, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use rayon::prelude::*;
@@ -44,7 +44,7 @@ pub struct RigidPart {
 /// A part with its centre and the index of its parameters.
 #[derive(Debug, Clone)]
 struct Part {
-    center: [f64; 3],
+    center: DVec3,
     /// Largest distance of its vertices from the centre.
     radius: f64,
     /// Index of the first of its six parameters, counted after those of the inner deformation.
@@ -71,7 +71,7 @@ struct Part {
 /// ```
 pub struct RigidParts<'a> {
     inner: Box<dyn Deformation + 'a>,
-    rest: Vec<[f64; 3]>,
+    rest: Vec<DVec3>,
     parts: Vec<Part>,
     /// For each vertex its weight of the inner deformation, and the parts that it follows with their weights.
     own: Vec<f64>,
@@ -130,8 +130,8 @@ impl<'a> RigidParts<'a> {
                 return Err(Error::input(format!("rigid part {index} has no vertices")));
             }
             let places = || part.vertices.iter().map(|v| mesh.positions[*v as usize]);
-            let center = scale(1.0 / part.vertices.len() as f64, places().fold([0.0; 3], add));
-            let radius = places().map(|p| distance(p, center)).fold(0.0, f64::max);
+            let center = 1.0 / part.vertices.len() as f64 * places().sum::<DVec3>();
+            let radius = places().map(|p| p.distance(center)).fold(0.0, f64::max);
             let first = (part.motion == PartMotion::Free).then(|| {
                 free += NUMBERS;
                 free - NUMBERS
@@ -208,18 +208,18 @@ impl<'a> RigidParts<'a> {
         for part in &self.parts {
             let Some(first) = part.first else { continue };
             let per = 1.0 / part.vertices.len() as f64;
-            let moved = |v: &u32| add(self.rest[*v as usize], by[*v as usize]);
-            let center = scale(per, part.vertices.iter().map(moved).fold([0.0; 3], add));
+            let moved = |v: &u32| self.rest[*v as usize] + by[*v as usize];
+            let center = per * part.vertices.iter().map(moved).sum::<DVec3>();
             let mut products = Matrix3::zeros();
             for v in &part.vertices {
-                let from = Vector3::from(sub(self.rest[*v as usize], part.center));
-                products += Vector3::from(sub(moved(v), center)) * from.transpose();
+                let from = Vector3::from(self.rest[*v as usize] - part.center);
+                products += Vector3::from(moved(v) - center) * from.transpose();
             }
             let rotation =
                 Rotation3::from_matrix_eps(&nearest_rotation(&products), 1e-12, 100, Rotation3::identity());
             // Times the radius, so that all parameters are lengths and damping treats them alike.
             let turn = rotation.scaled_axis() * part.radius;
-            let slide = sub(center, part.center);
+            let slide = center - part.center;
             for k in 0..3 {
                 q[inner.len() + first + k] = slide[k];
                 q[inner.len() + first + 3 + k] = turn[k];
@@ -230,7 +230,7 @@ impl<'a> RigidParts<'a> {
 
     /// Positions of the vertices, with exact rotations of the parts.
     #[must_use]
-    pub fn positions(&self, q: &DVector<f64>) -> Vec<[f64; 3]> {
+    pub fn positions(&self, q: &DVector<f64>) -> Vec<DVec3> {
         let count = self.inner.parameters();
         let by = displacements(&*self.inner, &q.rows(0, count).into_owned());
         let motions: Vec<(Rotation3<f64>, Vector3<f64>)> = (self.parts.iter())
@@ -245,11 +245,11 @@ impl<'a> RigidParts<'a> {
         (0..self.rest.len())
             .into_par_iter()
             .map(|v| {
-                let mut moved = add_scaled(self.rest[v], self.own[v], by[v]);
+                let mut moved = self.rest[v] + self.own[v] * by[v];
                 for &(part, weight) in &self.following[v] {
                     let (rotation, slide) = &motions[part as usize];
-                    let off = Vector3::from(sub(self.rest[v], self.parts[part as usize].center));
-                    moved = add_scaled(moved, weight, (rotation * off - off + slide).into());
+                    let off = Vector3::from(self.rest[v] - self.parts[part as usize].center);
+                    moved += weight * DVec3::from(rotation * off - off + slide);
                 }
                 moved
             })
@@ -270,7 +270,7 @@ impl Deformation for RigidParts<'_> {
         self.rest.len()
     }
 
-    fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64)) {
+    fn row(&self, vertex: u32, direction: DVec3, visit: &mut dyn FnMut(usize, f64)) {
         let v = vertex as usize;
         if self.own[v] > 0.0 {
             self.inner.row(vertex, direction.map(|d| self.own[v] * d), visit);
@@ -279,7 +279,7 @@ impl Deformation for RigidParts<'_> {
             let part = &self.parts[part as usize];
             let Some(first) = part.first else { continue };
             // `d·(ω × r) = ω·(r × d)`.
-            let turn = cross(sub(self.rest[v], part.center), direction);
+            let turn = (self.rest[v] - part.center).cross(direction);
             for k in 0..3 {
                 visit(self.inner.basis() + first + k, weight * direction[k]);
                 visit(self.inner.basis() + first + 3 + k, weight * turn[k] / part.radius);
@@ -356,13 +356,13 @@ mod tests {
                 3 * controls.len(),
                 (controls.iter().enumerate()).flat_map(|(k, p)| {
                     let bulge = if k == 3 { 1.3 } else { 1.0 };
-                    sub((bulge * (turn * Vector3::from(*p))).into(), *p)
+                    (bulge * (turn * Vector3::from(*p))).into() - *p
                 }),
             );
             let moved = made.positions(&made.rigid_start(&q));
             for pair in part.windows(2) {
                 let [a, b] = [pair[0] as usize, pair[1] as usize];
-                let [before, after] = [&ball.positions, &moved].map(|p| distance(p[a], p[b]));
+                let [before, after] = [&ball.positions, &moved].map(|p| p[a].distance(p[b]));
                 assert!((before - after).abs() < 1e-12);
                 if motion == PartMotion::Fixed {
                     assert_eq!(moved[a], ball.positions[a]);
@@ -391,7 +391,7 @@ mod tests {
             q[k] = 1e-4;
             let exact = made.positions(&q);
             for (v, by) in displacements(&made, &q).into_iter().enumerate() {
-                assert!(distance(exact[v], add(ball.positions[v], by)) < 1e-7, "{k} {v}");
+                assert!(exact[v].distance(ball.positions[v] + by) < 1e-7, "{k} {v}");
             }
         }
     }

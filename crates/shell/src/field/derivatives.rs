@@ -5,7 +5,7 @@
 
 use super::{FacetShare, Metaball, Over, Shell, ShellDistance, away};
 use nalgebra::{Matrix3, Vector3};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use planish_core::DVec3;
 use planish_mesh::NearFacet;
 
 impl Shell<'_> {
@@ -13,7 +13,7 @@ impl Shell<'_> {
     /// `∇D = Σ p_i (n_i − k (s_i − D) u_i)`,
     /// with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
     #[must_use]
-    pub fn hessian(&self, at: [f64; 3], shares: &[FacetShare], of: &ShellDistance) -> Matrix3<f64> {
+    pub fn hessian(&self, at: DVec3, shares: &[FacetShare], of: &ShellDistance) -> Matrix3<f64> {
         let k = self.options.sharpness;
         let facing = self.facets[of.facet as usize].normal.into();
         let gradient = Vector3::from(of.gradient);
@@ -46,7 +46,7 @@ impl Shell<'_> {
             match within[..] {
                 [_] => {}
                 [a, b] => {
-                    let along = Vector3::from(sub(corners[b], corners[a])).normalize();
+                    let along = Vector3::from(corners[b] - corners[a]).normalize();
                     flat -= along * along.transpose();
                 }
                 _ => return Matrix3::zeros(),
@@ -59,10 +59,10 @@ impl Shell<'_> {
     /// times.
     pub fn by_vertices(
         &self,
-        at: [f64; 3],
+        at: DVec3,
         shares: &[FacetShare],
         of: &ShellDistance,
-        mut visit: impl FnMut(u32, [f64; 3]),
+        mut visit: impl FnMut(u32, DVec3),
     ) {
         let k = self.options.sharpness;
         let facing = self.facets[of.facet as usize].normal.into();
@@ -74,7 +74,7 @@ impl Shell<'_> {
             let (height, normal) = self.height(at, &one.near, facing);
             let above = height - of.distance;
             let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
-            let off = Vector3::from(sub(at, one.near.point));
+            let off = Vector3::from(at - one.near.point);
             // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has no normal
             // to rotate.
             let by_m = if twice > 0.0 {
@@ -89,7 +89,7 @@ impl Shell<'_> {
             let by_skeleton = -one.share * (normal - k * above * away);
             for corner in 0..3 {
                 // m changes by dV × (the side opposite, turned back).
-                let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
+                let side = Vector3::from(corners[(corner + 2) % 3] - corners[(corner + 1) % 3]);
                 let by_corner = match self.skeletons.get(one.near.facet as usize) {
                     // The nearest point of the facet moves too, but in its plane and perpendicular to the
                     // direction, so it contributes nothing.
@@ -102,48 +102,48 @@ impl Shell<'_> {
     }
 
     /// The height of a point over the plane of a facet, and the distance of its foot point from the facet.
-    pub(crate) fn over(&self, at: [f64; 3], one: &FacetShare) -> Over {
+    pub(crate) fn over(&self, at: DVec3, one: &FacetShare) -> Over {
         let facet = &self.facets[one.near.facet as usize];
-        let off = sub(at, one.near.point);
-        let height = dot(facet.normal, off);
+        let off = at - one.near.point;
+        let height = facet.normal.dot(off);
         Over {
             height,
             normal: facet.normal,
-            across: (dot(off, off) - height * height).max(0.0).sqrt(),
+            across: (off.length_squared() - height * height).max(0.0).sqrt(),
             area: facet.area,
         }
     }
 
     /// The signed distances of the foot point of a point from the sides of a facet; positive inside.
-    pub(crate) fn within(&self, at: [f64; 3], one: &FacetShare) -> [f64; 3] {
+    pub(crate) fn within(&self, at: DVec3, one: &FacetShare) -> [f64; 3] {
         let normal = self.facets[one.near.facet as usize].normal;
         let corners = self.mesh.corners(one.near.facet as usize);
-        [0, 1, 2].map(|k| {
-            let side = sub(corners[(k + 1) % 3], corners[k]);
-            dot(cross(normal, side), sub(at, corners[k])) / norm(side).max(f64::MIN_POSITIVE)
-        })
+        DVec3::from_array([0, 1, 2].map(|k| {
+            let side = corners[(k + 1) % 3] - corners[k];
+            normal.cross(side).dot(at - corners[k]) / side.length().max(f64::MIN_POSITIVE)
+        }))
     }
 
     /// `∂h/∂V_j` of the height over a facet's plane, times `share`.
     pub(crate) fn height_by_vertices(
         &self,
-        at: [f64; 3],
+        at: DVec3,
         one: &FacetShare,
         share: f64,
-        visit: &mut impl FnMut(u32, [f64; 3]),
+        visit: &mut impl FnMut(u32, DVec3),
     ) {
         let facet = &self.facets[one.near.facet as usize];
         let vertices = self.mesh.triangles[one.near.facet as usize];
         let corners = self.mesh.corners(one.near.facet as usize);
         let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
-        let off = Vector3::from(sub(at, one.near.point));
+        let off = Vector3::from(at - one.near.point);
         if twice <= 0.0 {
             return;
         }
         let by_m = (share / twice) * (off - off.dot(&own) * own);
         let by_skeleton = -share * own;
         for corner in 0..3 {
-            let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
+            let side = Vector3::from(corners[(corner + 2) % 3] - corners[(corner + 1) % 3]);
             let by_corner = match self.skeletons.get(one.near.facet as usize) {
                 None => one.near.barycentric[corner] * by_skeleton,
                 Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),

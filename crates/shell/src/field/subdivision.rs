@@ -3,7 +3,7 @@
 //! In: a mesh. Out: facets with separate vertices, and the vertices of the mesh with which each of them
 //! moves.
 
-use planish_estimate::vector3::distance;
+use planish_core::DVec3;
 use planish_mesh::TriangleMesh;
 
 /// Subdivides the facets of a mesh into similar ones until no circle around a facet is larger than `radius`,
@@ -35,7 +35,7 @@ pub fn subdivide_for_spheres(
     let pieces: Vec<usize> = (mesh.triangles.iter())
         .map(|t| {
             let corners = t.map(|c| mesh.positions[c as usize]);
-            let longest = (0..3).map(|k| distance(corners[k], corners[(k + 1) % 3])).fold(0.0, f64::max);
+            let longest = (0..3).map(|k| corners[k].distance(corners[(k + 1) % 3])).fold(0.0, f64::max);
             // The circle about a piece is at most half of its longest side where it is obtuse, and less than
             // 0.58 of it anywhere.
             let along = (longest / (1.73 * radius)).ceil().clamp(1.0, 1e4) as usize;
@@ -60,7 +60,7 @@ pub fn subdivide_for_spheres(
                 let at = std::array::from_fn(|k| {
                     (0..3).map(|i| weights[i] * mesh.positions[t[i] as usize][k]).sum()
                 });
-                positions.push(at);
+                positions.push(DVec3::from_array(at));
                 origins.push(std::array::from_fn(|i| (t[i], weights[i])));
             }
         }

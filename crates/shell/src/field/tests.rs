@@ -1,5 +1,4 @@
 use super::*;
-use planish_estimate::vector3::distance;
 use planish_mesh::{MeshSearch, grid_sheet, icosphere};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,9 +16,9 @@ fn rough_mesh() -> TriangleMesh {
     mesh
 }
 
-fn places(count: usize, seed: u64) -> Vec<[f64; 3]> {
+fn places(count: usize, seed: u64) -> Vec<DVec3> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    (0..count).map(|_| std::array::from_fn(|_| random.random_range(-1.5..1.5))).collect()
+    (0..count).map(|_| DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.5..1.5)))).collect()
 }
 
 /// Derivatives with respect to the position and all vertices agree with finite differences at a thousand
@@ -35,9 +34,9 @@ fn derivatives_agree_with_differences() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         for at in places(1000, 4) {
             let made = shell.distance(at, &mut shares).unwrap();
-            let mut by_vertex = vec![[0.0; 3]; mesh.positions.len()];
+            let mut by_vertex = vec![DVec3::ZERO; mesh.positions.len()];
             shell.by_vertices(at, &shares, &made, |vertex, by| {
-                by_vertex[vertex as usize] = planish_estimate::vector3::add(by_vertex[vertex as usize], by);
+                by_vertex[vertex as usize] += by;
             });
             // The sign is that of the nearest facet. Halfway between two facets it jumps and has no
             // derivative.
@@ -73,8 +72,8 @@ fn derivatives_agree_with_differences() {
                 );
             }
             let hessian = shell.hessian(at, &shares, &made);
-            let [up, down] =
-                [step, -step].map(|by| shell.distance([at[0] + by, at[1], at[2]], &mut Vec::new()).unwrap());
+            let [up, down] = [step, -step]
+                .map(|by| shell.distance(DVec3::new(at[0] + by, at[1], at[2]), &mut Vec::new()).unwrap());
             // Above the border between face and edge the curvature of the distance jumps.
             let near_jump =
                 shares.iter().any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
@@ -101,8 +100,8 @@ fn a_translation_of_the_mesh_is_the_opposite_motion_of_the_position() {
         for at in places(200, 9) {
             let made = shell.distance(at, &mut shares).unwrap();
             let mut sum = made.gradient;
-            shell.by_vertices(at, &shares, &made, |_, by| sum = planish_estimate::vector3::add(sum, by));
-            assert!(norm(sum) < 1e-9, "{at:?}: {sum:?}");
+            shell.by_vertices(at, &shares, &made, |_, by| sum += by);
+            assert!(sum.length() < 1e-9, "{at:?}: {sum:?}");
         }
     }
 }
@@ -115,10 +114,10 @@ fn thickness_and_bulge_are_as_stated() {
     let k = 12.0;
     let spherical = Shell::new(&sheet, &ShellOptions::new(Metaball::Spherical, k)).unwrap();
     let triangular = Shell::new(&sheet, &ShellOptions::new(Metaball::Triangular, k)).unwrap();
-    let middle = sheet.positions.iter().fold([0.0; 3], |sum, p| planish_estimate::vector3::add(sum, *p));
-    let middle = scale(1.0 / sheet.positions.len() as f64, middle);
+    let middle = sheet.positions.iter().sum::<DVec3>();
+    let middle = 1.0 / sheet.positions.len() as f64 * middle;
     for height in [0.0, 0.01, 0.2, 1.0] {
-        let at = [middle[0] + 0.013, middle[1] + 0.027, middle[2] + height];
+        let at = middle + DVec3::new(0.013, 0.027, height);
         for shell in [&spherical, &triangular] {
             let made = shell.distance(at, &mut Vec::new()).unwrap();
             assert!((made.distance.abs() - height).abs() < 1e-12);
@@ -127,7 +126,7 @@ fn thickness_and_bulge_are_as_stated() {
         assert!(triangular.field(at) < -1.0 || height > 0.2);
     }
     let one = TriangleMesh {
-        positions: vec![[0.0; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]],
+        positions: vec![DVec3::ZERO, DVec3::new(9.0, 0.0, 0.0), DVec3::new(0.0, 9.0, 0.0)],
         triangles: vec![[0, 1, 2]],
     };
     let options =
@@ -135,8 +134,8 @@ fn thickness_and_bulge_are_as_stated() {
     let shell = Shell::new(&one, &options).unwrap();
     let sheet_at = options.thickness - options.threshold.ln() / options.sharpness;
     for side in [1.0, -1.0] {
-        assert!(shell.field([2.0, 2.0, side * sheet_at]).abs() < 1e-12);
-        assert!(shell.field([2.0, 2.0, side * 0.9 * sheet_at]) < 0.0);
+        assert!(shell.field(DVec3::new(2.0, 2.0, side * sheet_at)).abs() < 1e-12);
+        assert!(shell.field(DVec3::new(2.0, 2.0, side * 0.9 * sheet_at)) < 0.0);
     }
 }
 
@@ -155,15 +154,15 @@ fn sharp_shells_have_the_distance_of_the_mesh() {
         if closest.feature == planish_mesh::Feature::Face && closest.barycentric.iter().all(|b| *b > 0.1) {
             compared += 1;
             assert!((made.distance - closest.signed_distance).abs() < 1e-3, "{at:?} {made:?} {closest:?}");
-            assert!((norm(made.gradient) - 1.0).abs() < 1e-2);
+            assert!((made.gradient.length() - 1.0).abs() < 1e-2);
         }
     }
     assert!(compared * 5 > all, "{compared} of {all}");
-    for at in [[1e6, 2e6, -3e6], [1e-3, 0.0, 0.0]] {
+    for at in [DVec3::new(1e6, 2e6, -3e6), DVec3::new(1e-3, 0.0, 0.0)] {
         let made = shell.distance(at, &mut Vec::new()).unwrap();
-        assert!(made.distance.is_finite() && made.gradient.iter().all(|x| x.is_finite()));
+        assert!(made.distance.is_finite() && made.gradient.is_finite());
     }
-    assert!(shell.distance([f64::NAN, 0.0, 0.0], &mut Vec::new()).is_none());
+    assert!(shell.distance(DVec3::new(f64::NAN, 0.0, 0.0), &mut Vec::new()).is_none());
 }
 
 /// The truncation error against the complete sum is below its bound.
@@ -195,7 +194,7 @@ fn subdivision_keeps_the_surface() {
         (0..mesh.triangles.len())
             .map(|t| {
                 let [a, b, c] = mesh.corners(t);
-                0.5 * norm(cross(sub(b, a), sub(c, a)))
+                0.5 * (b - a).cross(c - a).length()
             })
             .sum::<f64>()
     };
@@ -204,10 +203,8 @@ fn subdivision_keeps_the_surface() {
         assert!(skeleton(&fine.corners(t)).radius <= 0.05);
     }
     for (position, origin) in fine.positions.iter().zip(&origins) {
-        let again = origin.iter().fold([0.0; 3], |sum, (v, w)| {
-            planish_estimate::vector3::add_scaled(sum, *w, mesh.positions[*v as usize])
-        });
-        assert!(distance(again, *position) < 1e-12);
+        let again = origin.iter().fold(DVec3::ZERO, |sum, (v, w)| sum + *w * mesh.positions[*v as usize]);
+        assert!(again.distance(*position) < 1e-12);
     }
     let (bounded, _) = subdivide_for_spheres(&mesh, 1e-4, 5000);
     assert!(bounded.triangles.len() <= 5000);
@@ -225,7 +222,7 @@ fn invalid_meshes_and_options_are_rejected() {
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(&mesh, ShellOptions::new(Metaball::Triangular, k)).contains("sharpness"));
     }
-    let line = TriangleMesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0]], triangles: vec![[0, 1, 1]] };
+    let line = TriangleMesh { positions: vec![DVec3::ZERO, DVec3::X], triangles: vec![[0, 1, 1]] };
     assert!(refused(&line, ShellOptions::new(Metaball::Spherical, 1.0)).contains("area"));
     let nowhere = ShellOptions { reach: Some(f64::NAN), ..ShellOptions::new(Metaball::Triangular, 1.0) };
     assert!(refused(&mesh, nowhere).contains("reach"));

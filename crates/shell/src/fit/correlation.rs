@@ -15,6 +15,7 @@
 //! Not guaranteed: shape finer than the spacing of readings looks like noise, and unresolved shape without
 //! readings is not detected.
 
+use planish_core::DVec3;
 use planish_estimate::NestedBatches;
 
 /// Significance, in σ, from which a mean product counts as correlation. Lower values call noise unresolved
@@ -31,7 +32,7 @@ const MIN_RESIDUALS: usize = 30;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
     /// Position; neighbours by it are neighbours on the object.
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// Residual as a distance.
     pub distance: f64,
     /// The σ of its noise.
@@ -70,7 +71,7 @@ impl ResidualCorrelation {
         if !(variance > 0.0 && variance.is_finite()) {
             return Self::NONE;
         }
-        let places: Vec<[f64; 3]> = residuals.iter().map(|r| r.at).collect();
+        let places: Vec<DVec3> = residuals.iter().map(|r| r.at).collect();
         let batches = NestedBatches::new(&places);
         let products = |of: &dyn Fn(&Residual) -> f64| {
             let values: Vec<f64> = residuals.iter().map(of).collect();
@@ -127,7 +128,7 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         (0..count)
             .map(|_| {
-                let at = [random.random::<f64>(), random.random::<f64>(), 0.0];
+                let at = DVec3::new(random.random::<f64>(), random.random::<f64>(), 0.0);
                 let sigma = random.random_range(1.0..3.0);
                 let noise: f64 = StandardNormal.sample(&mut random);
                 let turn = std::f64::consts::TAU / length;
@@ -177,7 +178,7 @@ mod tests {
     fn the_fits_own_correlation_is_compensated() {
         let (count, waves) = (4000, 12);
         let mut random = ChaCha8Rng::seed_from_u64(9);
-        let at: Vec<[f64; 3]> = (0..count).map(|_| [random.random(), random.random(), 0.0]).collect();
+        let at: Vec<DVec3> = (0..count).map(|_| DVec3::new(random.random(), random.random(), 0.0)).collect();
         let cosine = |k: usize, x: f64| (std::f64::consts::PI * k as f64 * x).cos();
         let design = DMatrix::from_fn(count, waves * waves, |i, k| {
             cosine(k / waves, at[i][0]) * cosine(k % waves, at[i][1])

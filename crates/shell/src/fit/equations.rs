@@ -8,11 +8,12 @@
 
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
+use planish_core::DVec3;
 use planish_estimate::Loss;
 use rayon::prelude::*;
 
 /// A vertex, and the derivative by its position.
-pub(super) type ByVertex = (u32, [f64; 3]);
+pub(super) type ByVertex = (u32, DVec3);
 /// An index of a pose in the state, and the derivative by its six parameters.
 pub(super) type ByPose = (u32, [f64; 6]);
 
@@ -88,7 +89,7 @@ impl Equation {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Equations {
     pub list: Vec<Equation>,
-    by_vertices: Vec<(u32, [f64; 3])>,
+    by_vertices: Vec<(u32, DVec3)>,
     by_poses: Vec<(u32, [f64; 6])>,
 }
 
@@ -99,7 +100,7 @@ impl Equations {
         source: Source,
         reading: u32,
         (distance, sigma): (f64, f64),
-        vertices: &mut Vec<(u32, [f64; 3])>,
+        vertices: &mut Vec<(u32, DVec3)>,
         poses: &[(u32, [f64; 6])],
     ) {
         // The sort is stable, so that sums have a fixed order.
@@ -108,7 +109,7 @@ impl Equations {
         for (vertex, by) in vertices.drain(..) {
             match self.by_vertices[start..].last_mut() {
                 Some((last, sum)) if *last == vertex => {
-                    sum.iter_mut().zip(by).for_each(|(sum, by)| *sum += by);
+                    *sum += by;
                 }
                 _ => self.by_vertices.push((vertex, by)),
             }

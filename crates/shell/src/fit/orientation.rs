@@ -7,8 +7,9 @@
 //!
 //! Not guaranteed: parts that no ray hits, and sheets that are hit equally from both sides, stay unchanged.
 
+use planish_core::DVec3;
+use planish_core::vector3::tangents;
 use planish_estimate::Result;
-use planish_estimate::vector3::{add_scaled, dot, tangents};
 use planish_mesh::{DisjointSets, MeshSearch, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -59,15 +60,15 @@ pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
             let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
             let (sin, cos) = (2.4 * k as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            let way = [r * cos, r * sin, z];
+            let way = DVec3::new(r * cos, r * sin, z);
             let (across, up) = tangents(way);
-            let from = add_scaled(center, -2.0 * radius, way);
+            let from = center - 2.0 * radius * way;
             let share = |i: usize| (2 * i + 1) as f64 / RAYS as f64 - 1.0;
             (0..RAYS * RAYS)
                 .filter_map(|i| {
-                    let at = add_scaled(from, radius * share(i / RAYS), across);
-                    let hit = search.first_hit(add_scaled(at, radius * share(i % RAYS), up), way)?;
-                    Some((part[hit.triangle as usize], dot(hit.normal, way) > 0.0))
+                    let at = from + radius * share(i / RAYS) * across;
+                    let hit = search.first_hit(at + radius * share(i % RAYS) * up, way)?;
+                    Some((part[hit.triangle as usize], hit.normal.dot(way) > 0.0))
                 })
                 .collect()
         })
@@ -100,7 +101,7 @@ mod tests {
         for (radius, at) in [(0.5, 3.0), (0.2, 0.0)] {
             let first = right.positions.len() as u32;
             let other = icosphere(radius, 2);
-            (right.positions).extend(other.positions.iter().map(|p| [p[0] + at, p[1], p[2] + 0.3]));
+            (right.positions).extend(other.positions.iter().map(|p| DVec3::new(p.x + at, p.y, p.z + 0.3)));
             (right.triangles).extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         }
         let mut wrong = right.clone();

@@ -4,6 +4,7 @@
 //! facets, vertices and weights of one point are still in the cache for the next.
 
 use super::readings::PointReading;
+use planish_core::DVec3;
 use planish_core::random::{nth, unit_interval};
 use planish_mesh::BoundingBox;
 
@@ -29,7 +30,7 @@ fn hashed(i: u32) -> f64 {
 
 /// The interleaved bits of the three cell numbers; points outside of the bounds belong to the outermost
 /// cells.
-fn morton(at: [f64; 3], bounds: &BoundingBox) -> u32 {
+fn morton(at: DVec3, bounds: &BoundingBox) -> u32 {
     let cells = f64::from(1_u32 << BITS);
     let mut key = 0;
     for axis in 0..3 {
@@ -46,12 +47,11 @@ fn morton(at: [f64; 3], bounds: &BoundingBox) -> u32 {
 mod tests {
     use super::*;
     use planish_core::SymmetricMatrix3;
-    use planish_estimate::vector3::distance;
 
     fn readings(count: u32) -> Vec<PointReading> {
         (0..count)
             .map(|i| PointReading {
-                at: [0, 1, 2].map(|axis| hashed(3 * i + axis)),
+                at: DVec3::from_array([0, 1, 2].map(|axis| hashed(3 * i + axis))),
                 covariance: SymmetricMatrix3::isotropic(1.0),
             })
             .collect()
@@ -61,8 +61,8 @@ mod tests {
     #[test]
     fn all_points_are_chosen_once_where_all_are_wanted() {
         let mut points = readings(500);
-        points[7].at = [1e9, -1e9, 0.5];
-        let bounds = BoundingBox::from_points(&[[0.0; 3], [1.0; 3]]).unwrap();
+        points[7].at = DVec3::new(1e9, -1e9, 0.5);
+        let bounds = BoundingBox::from_points(&[DVec3::ZERO, DVec3::splat(1.0)]).unwrap();
         let mut chosen = chosen_points(&points, 500, &bounds);
         chosen.sort_unstable();
         assert_eq!(chosen, (0..500).collect::<Vec<u32>>());
@@ -73,13 +73,13 @@ mod tests {
     #[test]
     fn a_share_is_spread_evenly_and_follows_space() {
         let points = readings(8000);
-        let bounds = BoundingBox::from_points(&[[0.0; 3], [1.0; 3]]).unwrap();
+        let bounds = BoundingBox::from_points(&[DVec3::ZERO, DVec3::splat(1.0)]).unwrap();
         let chosen = chosen_points(&points, 2000, &bounds);
         assert!((1800..2200).contains(&chosen.len()), "{}", chosen.len());
         let early = chosen.iter().filter(|i| **i < 4000).count();
         assert!((900..1100).contains(&early), "{early}");
         let way = |order: &[u32]| -> f64 {
-            (order.windows(2)).map(|w| distance(points[w[0] as usize].at, points[w[1] as usize].at)).sum()
+            (order.windows(2)).map(|w| points[w[0] as usize].at.distance(points[w[1] as usize].at)).sum()
         };
         let mut unordered = chosen.clone();
         unordered.sort_unstable();

@@ -20,7 +20,7 @@ use crate::camera::Camera;
 use crate::deformation::{Deformation, displaced_positions};
 use crate::field::{FacetShare, Shell, ShellOptions};
 use nalgebra::DVector;
-use planish_estimate::vector3::scale;
+use planish_core::DVec3;
 use planish_estimate::{Error, Loss, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use rayon::prelude::*;
@@ -84,17 +84,16 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn add(&mut self, vertex: u32, by: [f64; 3]) {
+    fn add(&mut self, vertex: u32, by: DVec3) {
         let v = vertex as usize;
         if v >= self.places.len() {
             self.places.resize(v + 1, 0);
         }
         if self.places[v] == 0 {
-            self.list.push((vertex, [0.0; 3]));
+            self.list.push((vertex, DVec3::ZERO));
             self.places[v] = self.list.len() as u32;
         }
-        let sum = &mut self.list[self.places[v] as usize - 1].1;
-        sum.iter_mut().zip(by).for_each(|(sum, by)| *sum += by);
+        self.list[self.places[v] as usize - 1].1 += by;
     }
 
     /// Returns the sums and resets the index.
@@ -138,9 +137,9 @@ impl Problem<'_> {
         let subdivided = self.origins.map(|origins| TriangleMesh {
             positions: (origins.iter())
                 .map(|origin| {
-                    std::array::from_fn(|k| {
+                    DVec3::from_array(std::array::from_fn(|k| {
                         origin.iter().map(|(v, w)| w * own.positions[*v as usize][k]).sum()
-                    })
+                    }))
                 })
                 .collect(),
             triangles: self.triangles.to_vec(),
@@ -203,8 +202,7 @@ impl Problem<'_> {
                 }
             }
             (Work::Tracks(a, b), _) => {
-                let give =
-                    |vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>| self.give(vertex, by, to);
+                let give = |vertex: u32, by: DVec3, to: &mut Vec<(u32, DVec3)>| self.give(vertex, by, to);
                 for (i, track) in self.readings.tracks.iter().enumerate().take(b).skip(a) {
                     let cameras = (&state.cameras[..], self.slots);
                     // A track behind a camera, or seen from one direction only, has no equation at this
@@ -349,7 +347,7 @@ impl Problem<'_> {
             let gradient = camera.by_place(hit.point, along);
             let mut vertices: Vec<ByVertex> = (self.mesh.triangles[hit.triangle as usize].into_iter())
                 .zip(hit.barycentric)
-                .map(|(vertex, weight)| (vertex, scale(weight, gradient)))
+                .map(|(vertex, weight)| (vertex, weight * gradient))
                 .collect();
             // The negative sign: a motion of the camera moves the image opposite to a motion of the mesh.
             let by_pose = self.slots[v].map(|slot| (slot, camera.by_pose(hit.point, gradient).map(|x| -x)));
@@ -381,7 +379,7 @@ impl Problem<'_> {
                 let triangle = self.mesh.triangles[foot.triangle as usize];
                 for (vertex, weight) in triangle.into_iter().zip(foot.barycentric) {
                     if weight != 0.0 {
-                        vertices.push((vertex, scale(-weight, touch.gradient)));
+                        vertices.push((vertex, -weight * touch.gradient));
                     }
                 }
             }
@@ -390,7 +388,7 @@ impl Problem<'_> {
                     // `shares` belongs to the last evaluated point, which may be another one.
                     if sight.shell.distance(*at, shares).is_some() {
                         (sight.shell).by_vertices(*at, shares, found, |v, by| {
-                            self.give(v, scale(*share, by), &mut vertices);
+                            self.give(v, *share * by, &mut vertices);
                         });
                     }
                 }
@@ -406,11 +404,11 @@ impl Problem<'_> {
     }
 
     /// Converts a derivative by a vertex of the wrapped mesh to derivatives by vertices of the deformed mesh.
-    fn give(&self, vertex: u32, by: [f64; 3], to: &mut Vec<ByVertex>) {
+    fn give(&self, vertex: u32, by: DVec3, to: &mut Vec<ByVertex>) {
         self.each_own(vertex, by, |vertex, by| to.push((vertex, by)));
     }
 
-    fn each_own(&self, vertex: u32, by: [f64; 3], mut visit: impl FnMut(u32, [f64; 3])) {
+    fn each_own(&self, vertex: u32, by: DVec3, mut visit: impl FnMut(u32, DVec3)) {
         match self.origins {
             None => visit(vertex, by),
             Some(origins) => {

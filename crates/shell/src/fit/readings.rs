@@ -1,23 +1,23 @@
 //! The readings that a shell is fitted to: points, outlines in views, and features tracked over views.
 
 use crate::camera::Camera;
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 
 /// A measured point with its covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointReading {
     /// Position, in the unit of the mesh.
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// Its covariance.
     pub covariance: SymmetricMatrix3,
 }
 
 impl PointReading {
     /// σ along a direction that need not be a unit vector.
-    pub(super) fn sigma(&self, along: [f64; 3]) -> f64 {
+    pub(super) fn sigma(&self, along: DVec3) -> f64 {
         let SymmetricMatrix3 { xx, xy, xz, yy, yz, zz } = self.covariance;
-        let [x, y, z] = along;
+        let DVec3 { x, y, z } = along;
         let variance = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z);
         // Gradients of the field are shorter than one near edges; the σ belongs to the unit direction.
         let length = (x * x + y * y + z * z).sqrt();
@@ -119,7 +119,7 @@ impl ShellReadings<'_> {
         // infinite weight.
         for (i, point) in self.points.iter().enumerate() {
             let SymmetricMatrix3 { xx, yy, zz, .. } = point.covariance;
-            let finite = point.at.iter().all(|x| x.is_finite()) && point.covariance.is_finite();
+            let finite = point.at.is_finite() && point.covariance.is_finite();
             if !finite || xx + yy + zz <= 0.0 || xx.min(yy).min(zz) < 0.0 {
                 return Err(Error::input(format!(
                     "point {i} is not finite or has no positive variance: {:?}, {:?}",

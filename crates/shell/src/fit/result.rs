@@ -10,7 +10,7 @@ use super::problem::State;
 use super::residual_leverage::{Signs, leverage_of_signs};
 use super::{ShellFit, SourceFit, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
-use planish_estimate::vector3::{add, add_scaled, dot};
+use planish_core::DVec3;
 use planish_estimate::{Result, Termination};
 use planish_mesh::TriangleMesh;
 
@@ -85,9 +85,9 @@ fn misfits(
 ) -> [ResidualCorrelation; SCALES] {
     let readings = priors.readings;
     // The third coordinate keeps views apart, so that only pixels of one view are neighbours.
-    let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
+    let pixels: Vec<DVec3> = (readings.views.iter().enumerate())
         .flat_map(|(v, view)| {
-            (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64])
+            (view.outline.iter()).map(move |place| DVec3::new(place.pixel[0], place.pixel[1], 1e6 * v as f64))
         })
         .collect();
     let mut all = [ResidualCorrelation::NONE; SCALES];
@@ -116,10 +116,10 @@ fn misfits(
 ///
 /// Neighbours are found by foot points, not by the points themselves. Nearest points in space tend to have
 /// the same height over the mesh, which correlates their noise.
-fn foot(at: [f64; 3], height: f64, by_vertices: &[ByVertex]) -> [f64; 3] {
-    let against = (by_vertices.iter()).fold([0.0; 3], |sum, (_, by)| add(sum, *by));
-    let square = dot(against, against);
-    if square > 0.0 { add_scaled(at, height / square, against) } else { at }
+fn foot(at: DVec3, height: f64, by_vertices: &[ByVertex]) -> DVec3 {
+    let against = (by_vertices.iter()).fold(DVec3::ZERO, |sum, (_, by)| sum + *by);
+    let square = against.length_squared();
+    if square > 0.0 { at + height / square * against } else { at }
 }
 
 fn source_fit(

@@ -24,8 +24,8 @@
 //! with the mesh is neglected, and so is the information lost by not knowing the sheet.
 
 use crate::field::{FacetShare, Shell};
+use planish_core::DVec3;
 use planish_estimate::Loss;
-use planish_estimate::vector3::dot;
 use std::f64::consts::TAU;
 
 /// Minimum cosine between the normals of facets of one sheet: 26°. A smaller cosine joins the sides of edges,
@@ -42,7 +42,7 @@ const ASIDE: f64 = 5.7;
 /// A facet near the point, as a member of a sheet.
 #[derive(Debug, Clone, Copy)]
 struct Member {
-    normal: [f64; 3],
+    normal: DVec3,
     height: f64,
     /// Mass `m` of the facet around the foot point.
     mass: f64,
@@ -59,7 +59,7 @@ pub(super) struct Sheet {
     /// The point's height over it.
     pub height: f64,
     /// The normal of its nearest facet.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// The probability that the point was measured on it.
     pub probability: f64,
     /// `ln(p/m)`, with masses `m` that sum to one over the sheets.
@@ -107,7 +107,7 @@ impl Sheets {
     pub(super) fn find(
         &mut self,
         shell: &Shell<'_>,
-        at: [f64; 3],
+        at: DVec3,
         shares: &[FacetShare],
         sigma: f64,
         loss: &Loss,
@@ -137,7 +137,7 @@ impl Sheets {
         for &i in order.iter() {
             let own = members[i];
             let found = (self.list.iter()).position(|sheet| {
-                dot(sheet.normal, own.normal) > SAME_DIRECTION
+                sheet.normal.dot(own.normal) > SAME_DIRECTION
                     && (sheet.first - own.height).abs() < SAME_HEIGHT * sigma
             });
             let g = found.unwrap_or(self.list.len());
@@ -182,9 +182,9 @@ impl Sheets {
         &self,
         g: usize,
         shell: &Shell<'_>,
-        at: [f64; 3],
+        at: DVec3,
         shares: &[FacetShare],
-        mut visit: impl FnMut(u32, [f64; 3]),
+        mut visit: impl FnMut(u32, DVec3),
     ) {
         for (one, member) in shares.iter().zip(&self.members) {
             if member.sheet == g && member.part > 1e-3 {
@@ -198,7 +198,6 @@ impl Sheets {
 mod tests {
     use super::*;
     use crate::field::{Metaball, ShellOptions};
-    use planish_estimate::vector3::{cross, norm, sub};
     use planish_mesh::TriangleMesh;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -209,14 +208,14 @@ mod tests {
     /// A floor, facets 0 and 1, and a fin along `y` that rises from it.
     fn floor_with_a_fin() -> TriangleMesh {
         let positions = vec![
-            [-1.0, -1.0, 0.0],
-            [1.0, -1.0, 0.0],
-            [1.0, 1.0, 0.0],
-            [-1.0, 1.0, 0.0],
-            [0.0, -1.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, 1.0, 1.0],
-            [0.0, -1.0, 1.0],
+            DVec3::new(-1.0, -1.0, 0.0),
+            DVec3::new(1.0, -1.0, 0.0),
+            DVec3::new(1.0, 1.0, 0.0),
+            DVec3::new(-1.0, 1.0, 0.0),
+            DVec3::new(0.0, -1.0, 0.0),
+            DVec3::Y,
+            DVec3::new(0.0, 1.0, 1.0),
+            DVec3::new(0.0, -1.0, 1.0),
         ];
         TriangleMesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]] }
     }
@@ -233,7 +232,7 @@ mod tests {
         let (mut by_probability, mut by_nearest, mut squares, count) = (0.0, 0.0, 0.0, 40_000);
         for _ in 0..count {
             let (s, y) = (random.random_range(-0.25..0.5), random.random_range(-0.5..0.5));
-            let on = if s < 0.25 { [s, y, 0.0] } else { [0.0, y, s - 0.25] };
+            let on = if s < 0.25 { DVec3::new(s, y, 0.0) } else { DVec3::new(0.0, y, s - 0.25) };
             let at = on.map(|x| {
                 let noise: f64 = StandardNormal.sample(&mut random);
                 x + SIGMA * noise
@@ -264,13 +263,14 @@ mod tests {
     fn derivatives_agree_with_the_height() {
         let mut mesh = floor_with_a_fin();
         mesh.triangles = vec![[0, 1, 2]];
-        let height = |mesh: &TriangleMesh, at: [f64; 3]| {
+        let height = |mesh: &TriangleMesh, at: DVec3| {
             let [a, b, c] = mesh.corners(0);
-            let m = cross(sub(b, a), sub(c, a));
-            dot(m, sub(at, a)) / norm(m)
+            let m = (b - a).cross(c - a);
+            m.dot(at - a) / m.length()
         };
         for at in [[0.3, -0.2, 0.1], [1.1, 0.3, -0.05], [-0.3, 0.2, 0.2], [1.05, 1.1, 0.1]] {
-            let mut by = [[0.0; 3]; 3];
+            let at = DVec3::from_array(at);
+            let mut by = [DVec3::ZERO; 3];
             {
                 let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
                 let (mut shares, mut sheets) = (Vec::new(), Sheets::default());
@@ -282,7 +282,7 @@ mod tests {
                 });
             }
             for (v, by) in by.iter().enumerate() {
-                for (k, by) in by.iter().enumerate() {
+                for (k, by) in by.to_array().into_iter().enumerate() {
                     let moved = |step: f64| {
                         let mut other = mesh.clone();
                         other.positions[v][k] += step;
@@ -302,13 +302,12 @@ mod tests {
         let mut mesh = floor_with_a_fin();
         mesh.triangles.truncate(2);
         for k in 0..4 {
-            let [x, y, _] = mesh.positions[k];
-            mesh.positions[4 + k] = [x, y, 3.0 * SIGMA];
+            mesh.positions[4 + k] = mesh.positions[k].with_z(3.0 * SIGMA);
         }
         mesh.triangles.extend([[4, 5, 6], [4, 6, 7]]);
         let shell = Shell::new(&mesh, &ShellOptions::new(Metaball::Triangular, 20.0)).unwrap();
         let (mut shares, mut sheets) = (Vec::new(), Sheets::default());
-        let at = [0.3, -0.2, SIGMA];
+        let at = DVec3::new(0.3, -0.2, SIGMA);
         shell.distance(at, &mut shares).unwrap();
         sheets.find(&shell, at, &shares, SIGMA, &Loss::Gaussian);
         assert_eq!(sheets.list.len(), 2, "{:?}", sheets.list);

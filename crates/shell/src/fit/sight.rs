@@ -14,7 +14,7 @@
 //! Not guaranteed: minima closer together than the stated width are merged.
 
 use crate::field::{FacetShare, Shell, ShellDistance};
-use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
+use planish_core::DVec3;
 use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch, RayHit};
 
 /// Initial intervals of a line. More cost distance queries on every line; fewer leave more to the bounds.
@@ -39,11 +39,11 @@ const MAX_STEPS: usize = 24;
 /// A point where a line of sight is nearest to the shell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// `D` there.
     pub distance: f64,
     /// `∇D` there.
-    pub gradient: [f64; 3],
+    pub gradient: DVec3,
     pub made_of: MadeOf,
 }
 
@@ -52,7 +52,7 @@ pub(super) struct Touch {
 pub(super) enum MadeOf {
     /// The shell at the point, or on either side of it if the slope of `D` jumps: position, distance and
     /// share of each.
-    Shell([([f64; 3], ShellDistance, f64); 2]),
+    Shell([(DVec3, ShellDistance, f64); 2]),
     /// One foot point on the mesh: beyond boundaries and at sharp edges, where heights over planes are not
     /// distances.
     Foot(ClosestPoint),
@@ -62,7 +62,7 @@ pub(super) enum MadeOf {
 pub(super) struct Sight<'a> {
     pub shell: &'a Shell<'a>,
     pub search: &'a MeshSearch,
-    center: [f64; 3],
+    center: DVec3,
     radius: f64,
     /// Minimum length of an interval.
     width: f64,
@@ -89,27 +89,27 @@ impl<'a> Sight<'a> {
     }
 
     /// The range of `t ≥ 0` in which a line may be near the mesh.
-    fn span(&self, origin: [f64; 3], direction: [f64; 3]) -> (f64, f64) {
-        let middle = dot(sub(self.center, origin), direction);
-        let away = norm(sub(add_scaled(origin, middle, direction), self.center));
+    fn span(&self, origin: DVec3, direction: DVec3) -> (f64, f64) {
+        let middle = (self.center - origin).dot(direction);
+        let away = (origin + middle * direction - self.center).length();
         let half = (self.radius * self.radius - away * away).max(0.04 * self.radius * self.radius).sqrt();
         ((middle - half).max(0.0), (middle + half).max(self.width))
     }
 
-    fn height(&self, at: [f64; 3], signs: bool) -> f64 {
+    fn height(&self, at: DVec3, signs: bool) -> f64 {
         (self.search.closest(at)).map_or(f64::INFINITY, |foot| height_of(&foot, signs))
     }
 
     /// The hit farthest from the origin.
-    pub(super) fn last_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
-        let beyond = norm(sub(self.center, origin)) + 2.0 * self.radius;
-        let back = (self.search).first_hit(add_scaled(origin, beyond, direction), scale(-1.0, direction))?;
+    pub(super) fn last_hit(&self, origin: DVec3, direction: DVec3) -> Option<RayHit> {
+        let beyond = (self.center - origin).length() + 2.0 * self.radius;
+        let back = (self.search).first_hit(origin + beyond * direction, -direction)?;
         Some(RayHit { distance: beyond - back.distance, ..back })
     }
 
     /// The range of a line that contains its minimum, and whether distances have a sign there. Signs are used
     /// only between the first hit and the last, because an open mesh has no inside far away.
-    fn within(&self, origin: [f64; 3], direction: [f64; 3]) -> ((f64, f64), bool) {
+    fn within(&self, origin: DVec3, direction: DVec3) -> ((f64, f64), bool) {
         let Some(first) = self.search.first_hit(origin, direction) else {
             return (self.span(origin, direction), false);
         };
@@ -121,12 +121,12 @@ impl<'a> Sight<'a> {
     /// The minimum of `D` on a line; `None` if no value is finite.
     pub(super) fn minimum(
         &self,
-        origin: [f64; 3],
-        direction: [f64; 3],
+        origin: DVec3,
+        direction: DVec3,
         shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
         let ((from, to), signs) = self.within(origin, direction);
-        let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
+        let along = |t: f64| self.height(origin + t * direction, signs);
         // Lower bound over an interval from the values at its ends, as the distance is 1-Lipschitz.
         let bound = |a: f64, b: f64, at_a: f64, at_b: f64| 0.5 * (at_a + at_b - (b - a));
         let mut open: Vec<[f64; 5]> = Vec::with_capacity(32);
@@ -172,16 +172,11 @@ impl<'a> Sight<'a> {
     }
 
     /// All minima of `D` on a line.
-    pub(super) fn minima(
-        &self,
-        origin: [f64; 3],
-        direction: [f64; 3],
-        shares: &mut Vec<FacetShare>,
-    ) -> Vec<Touch> {
+    pub(super) fn minima(&self, origin: DVec3, direction: DVec3, shares: &mut Vec<FacetShare>) -> Vec<Touch> {
         let (from, to) = self.span(origin, direction);
         let step = (to - from) / FINE_PIECES as f64;
         let heights: Vec<f64> = (0..=FINE_PIECES)
-            .map(|k| self.height(add_scaled(origin, from + step * k as f64, direction), true))
+            .map(|k| self.height(origin + (from + step * k as f64) * direction, true))
             .collect();
         (0..=FINE_PIECES)
             .filter(|&k| {
@@ -196,16 +191,16 @@ impl<'a> Sight<'a> {
     /// The minimum of `D` within `reach` of a position on a line.
     fn refined(
         &self,
-        origin: [f64; 3],
-        direction: [f64; 3],
+        origin: DVec3,
+        direction: DVec3,
         (near, reach): (f64, f64),
         signs: bool,
         shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
         let mut look = |t: f64| {
-            let at = add_scaled(origin, t, direction);
+            let at = origin + t * direction;
             let found = self.shell.distance(at, shares)?;
-            Some((t, dot(found.gradient, direction), found))
+            Some((t, found.gradient.dot(direction), found))
         };
         let (mut low, mut high) = (look((near - reach).max(0.0))?, look(near + reach)?);
         let mut best = look(near)?;
@@ -262,13 +257,13 @@ impl<'a> Sight<'a> {
             low = best;
             1.0
         };
-        let at = add_scaled(origin, best.0, direction);
+        let at = origin + best.0 * direction;
         let found = best.2;
         let foot = self.search.closest(at)?;
         let sharp = height_of(&foot, signs);
         // Far from an open mesh, heights over planes decrease without bound and may lead away from the
         // object.
-        let nearest = self.height(add_scaled(origin, near, direction), signs);
+        let nearest = self.height(origin + near * direction, signs);
         let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
             || sharp > nearest + 2.0 * self.softness;
         if foot.on_boundary || odd {
@@ -278,23 +273,20 @@ impl<'a> Sight<'a> {
         Some(Touch {
             at,
             distance: found.distance,
-            gradient: (sides.iter())
-                .fold([0.0; 3], |sum, (side, share)| add_scaled(sum, *share, side.2.gradient)),
-            made_of: MadeOf::Shell(
-                sides.map(|(side, share)| (add_scaled(origin, side.0, direction), side.2, share)),
-            ),
+            gradient: (sides.iter()).fold(DVec3::ZERO, |sum, (side, share)| sum + *share * side.2.gradient),
+            made_of: MadeOf::Shell(sides.map(|(side, share)| (origin + side.0 * direction, side.2, share))),
         })
     }
 
     /// The minimum of the mesh's signed distance within `reach` of a position on a line, by golden section.
     fn sharp_minimum(
         &self,
-        origin: [f64; 3],
-        direction: [f64; 3],
+        origin: DVec3,
+        direction: DVec3,
         (near, reach): (f64, f64),
         signs: bool,
     ) -> Option<Touch> {
-        let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
+        let along = |t: f64| self.height(origin + t * direction, signs);
         let (mut low, mut high) = ((near - reach).max(0.0), near + reach);
         let mut best = (along(near), near);
         let inner = |low: f64, high: f64| [GOLDEN, 1.0 - GOLDEN].map(|share| high - share * (high - low));
@@ -317,17 +309,13 @@ impl<'a> Sight<'a> {
                 distances = [distances[1], along(at[1])];
             }
         }
-        let at = add_scaled(origin, best.1, direction);
+        let at = origin + best.1 * direction;
         let foot = self.search.closest(at)?;
         let distance = height_of(&foot, signs);
         Some(Touch {
             at,
             distance,
-            gradient: if foot.distance > 0.0 {
-                scale(1.0 / distance, sub(at, foot.point))
-            } else {
-                foot.normal
-            },
+            gradient: if foot.distance > 0.0 { 1.0 / distance * (at - foot.point) } else { foot.normal },
             made_of: MadeOf::Foot(foot),
         })
     }

@@ -23,6 +23,7 @@ use super::{ShellFit, ShellFitOptions, ShellProgress, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
 use crate::field::{Metaball, ShellOptions, subdivide_for_spheres};
 use nalgebra::{DMatrix, DVector};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result, Termination, gated_scale};
 use planish_mesh::TriangleMesh;
 
@@ -141,7 +142,7 @@ fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
 
 /// Checks that the centre of the mesh is in front of every camera.
 fn check_cameras(mesh: &TriangleMesh, readings: &ShellReadings<'_>) -> Result<()> {
-    let middle = mesh.surface_bounds().map_or([0.0; 3], |b| b.center());
+    let middle = mesh.surface_bounds().map_or(DVec3::ZERO, |b| b.center());
     for (v, view) in readings.views.iter().enumerate() {
         if view.camera.project(middle).is_none() {
             return Err(Error::input(format!(

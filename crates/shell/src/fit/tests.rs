@@ -3,8 +3,6 @@ use crate::controls::{automatic_controls, stiffness};
 use crate::deformation::displacements;
 use crate::deformation::{Dirichlet, Lattice, LatticeBasis};
 use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::add;
-use planish_estimate::vector3::{dot, sub};
 use planish_mesh::{MeshSearch, icosphere, sample_points};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -49,7 +47,7 @@ fn truth(points: usize, seed: u64) -> Truth {
     );
     let by = displacements(&deformation, &q);
     let deformed = TriangleMesh {
-        positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+        positions: mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect(),
         triangles: mesh.triangles.clone(),
     };
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1000);
@@ -66,7 +64,7 @@ fn truth(points: usize, seed: u64) -> Truth {
             })
         };
         let v = SIGMA * SIGMA;
-        readings.push(PointReading { at, covariance: SymmetricMatrix3::isotropic(v) });
+        readings.push(PointReading { at: DVec3::from_array(at), covariance: SymmetricMatrix3::isotropic(v) });
         sources.push((!gross).then_some((sample.triangle, sample.barycentric)));
     }
     Truth { mesh, deformed, deformation, stiffness, readings, sources }
@@ -74,24 +72,23 @@ fn truth(points: usize, seed: u64) -> Truth {
 
 /// The linear fit with known correspondences: either of each point along the true normal, as for a shell, or
 /// of all three coordinates.
-fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[f64; 3]> {
+fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<DVec3> {
     let normals = truth.deformed.face_normals();
     let basis = truth.deformation.basis();
     let (mut information, mut vector) = (DMatrix::zeros(basis, basis), DVector::zeros(basis));
     for (reading, source) in truth.readings.iter().zip(&truth.sources) {
         let Some((facet, weights)) = source else { continue };
         let vertices = truth.mesh.triangles[*facet as usize];
-        let rest = (0..3).fold([0.0; 3], |sum, k| {
-            planish_estimate::vector3::add_scaled(sum, weights[k], truth.mesh.positions[vertices[k] as usize])
-        });
-        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let rest =
+            (0..3).fold(DVec3::ZERO, |sum, k| sum + weights[k] * truth.mesh.positions[vertices[k] as usize]);
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
         let normal = [normals[*facet as usize]];
         for &direction in if normals_only { &normal[..] } else { &axes[..] } {
             let mut row = DVector::zeros(basis);
             for (vertex, w) in vertices.iter().zip(weights) {
                 truth.deformation.row(*vertex, direction, &mut |k, entry| row[k] += w * entry);
             }
-            let residual = dot(sub(reading.at, rest), direction);
+            let residual = (reading.at - rest).dot(direction);
             vector.axpy(residual / (SIGMA * SIGMA), &row, 1.0);
             information.ger(1.0 / (SIGMA * SIGMA), &row, &row, 1.0);
         }
@@ -100,12 +97,12 @@ fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[
     let equations = r.tr_mul(&(information * r)) + weight * &truth.stiffness;
     let q = equations.cholesky().unwrap().solve(&r.tr_mul(&vector));
     let by = displacements(&truth.deformation, &q);
-    truth.mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
+    truth.mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect()
 }
 
 /// Distance of each vertex from the true surface. (Not from the true vertex, because readings do not
 /// determine tangential positions.)
-fn heights(truth: &Truth, positions: &[[f64; 3]]) -> Vec<f64> {
+fn heights(truth: &Truth, positions: &[DVec3]) -> Vec<f64> {
     let search = MeshSearch::try_new(&truth.deformed).unwrap();
     positions.iter().map(|p| search.closest(*p).unwrap().signed_distance).collect()
 }
@@ -203,13 +200,13 @@ fn a_lattice_is_fitted() {
 fn messages_name_the_invalid_value() {
     let mesh = icosphere(1.0, 1);
     let deformation = Dirichlet::new(&mesh.positions[..4], &mesh.positions).unwrap();
-    let good = PointReading { at: [1.0, 0.0, 0.0], covariance: SymmetricMatrix3::isotropic(1.0) };
+    let good = PointReading { at: DVec3::X, covariance: SymmetricMatrix3::isotropic(1.0) };
     let refused = |points: &[PointReading], options: &ShellFitOptions| {
         fit_points(&mesh, &deformation, points, options).unwrap_err().to_string()
     };
     let usual = ShellFitOptions::default();
     assert!(refused(&[], &usual).contains("no points"));
-    let bad = PointReading { at: [f64::NAN, 0.0, 0.0], ..good };
+    let bad = PointReading { at: DVec3::new(f64::NAN, 0.0, 0.0), ..good };
     assert!(refused(&[good, bad], &usual).contains("point 1"));
     let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..usual.clone() };
     assert!(refused(&[good], &small).contains("2 × 2"));

@@ -15,6 +15,7 @@ use super::readings::FeatureTrack;
 use crate::camera::Camera;
 use crate::field::{FacetShare, Shell};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use planish_core::DVec3;
 
 /// Maximum number of Gauss–Newton steps for the position of a feature.
 const STEPS: usize = 10;
@@ -63,7 +64,7 @@ fn linearized(
 }
 
 /// Converts a derivative by a vertex of the wrapped mesh to derivatives by vertices of the deformed mesh.
-type Give<'a> = dyn Fn(u32, [f64; 3], &mut Vec<ByVertex>) + 'a;
+type Give<'a> = dyn Fn(u32, DVec3, &mut Vec<ByVertex>) + 'a;
 
 /// Adds the equations of one track. `slots` gives the index of each camera's pose in the state; `give`
 /// converts derivatives to the deformed mesh.
@@ -108,7 +109,7 @@ pub(super) fn add(
     for column in 0..rows - 3 {
         let n = null.column(column);
         let on_surface = n[rows - 1] / track.sigma_surface;
-        let mut own: Vec<(u32, [f64; 3])> =
+        let mut own: Vec<(u32, DVec3)> =
             (vertices.iter()).map(|(vertex, by)| (*vertex, by.map(|x| on_surface * x))).collect();
         let mut poses = Vec::new();
         for (k, seen) in track.observations.iter().enumerate() {

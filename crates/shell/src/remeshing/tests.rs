@@ -1,5 +1,4 @@
 use super::*;
-use planish_estimate::vector3::norm;
 use planish_mesh::icosphere;
 
 /// The region between two planes, or outside of them.
@@ -10,11 +9,11 @@ struct Slab {
 }
 
 impl Region for Slab {
-    fn depth(&self, at: [f64; 3]) -> f64 {
+    fn depth(&self, at: DVec3) -> f64 {
         self.sign * (at[0] - self.from).min(self.to - at[0])
     }
 
-    fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+    fn may_contain_boundary(&self, at: DVec3, reach: f64) -> bool {
         self.depth(at).abs() <= reach
     }
 }
@@ -32,7 +31,7 @@ fn crossing() -> TriangleMesh {
     for (radius, x) in [(1.0, 1.2), (0.5, 0.0)] {
         let first = all.positions.len() as u32;
         let ball = icosphere(radius, 4);
-        all.positions.extend(ball.positions.iter().map(|p| [p[0] + x, p[1], p[2]]));
+        all.positions.extend(ball.positions.iter().map(|p| DVec3::new(p.x + x, p.y, p.z)));
         (all.triangles).extend(ball.triangles.iter().map(|t| t.map(|v| v + first)));
     }
     all
@@ -47,7 +46,7 @@ fn self_intersections_become_one_surface() {
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
     assert_eq!((check.components, check.euler_characteristic), (1, 2));
     for p in &made.positions {
-        let nearest = norm(*p).min(norm([p[0] - 1.2, p[1], p[2]]));
+        let nearest = p.length().min(DVec3::new(p[0] - 1.2, p[1], p[2]).length());
         assert!((nearest - 1.0).abs() < 0.02, "{p:?}");
     }
     assert!(made.signed_volume().unwrap() > 0.0);
@@ -79,7 +78,7 @@ fn meshes_grow_only_outside_of_the_covered_region() {
     let made = remesh(&icosphere(1.0, 4), &flow).unwrap();
     assert!(made.check().watertight);
     for p in &made.positions {
-        let radius = norm(*p);
+        let radius = p.length();
         if p[0] > 0.1 {
             assert!((radius - 1.3).abs() < 0.02, "{p:?}");
         } else if p[0] < -0.1 {
@@ -98,7 +97,7 @@ fn smoothing_does_not_shrink() {
     }
     let spread = |smoothing_passes| {
         let made = remesh(&rough, &RemeshOptions { smoothing_passes, ..options(&EVERYWHERE) }).unwrap();
-        let radii: Vec<f64> = made.positions.iter().map(|p| norm(*p)).collect();
+        let radii: Vec<f64> = made.positions.iter().map(|p| p.length()).collect();
         let mean = radii.iter().sum::<f64>() / radii.len() as f64;
         let variance = radii.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / radii.len() as f64;
         (mean, variance.sqrt())

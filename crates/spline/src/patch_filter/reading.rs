@@ -160,7 +160,7 @@ impl SurfaceReading {
             )));
         }
         match directions.iter().find(|d| !is_unit(d)) {
-            Some(d) => Err(Error::input(format!("{d:?} is not a unit vector"))),
+            Some(d) => Err(Error::input(format!("{:?} is not a unit vector", d.to_array()))),
             None => Ok(()),
         }
     }

@@ -127,8 +127,8 @@ impl LineComplex {
             normals: Matrix3::identity() * (1e-9 * facets.all.len() as f64),
         };
         for facet in &facets.all {
-            let n = Vector3::from(facet.normal.to_array());
-            let moment = Vector3::from((facet.point - middle).cross(facet.normal).to_array());
+            let n = Vector3::from(facet.normal);
+            let moment = Vector3::from((facet.point - middle).cross(facet.normal));
             made.moments += moment * moment.transpose();
             made.mixed += n * moment.transpose();
             made.normals += n * n.transpose();
@@ -152,6 +152,6 @@ impl LineComplex {
 
     /// A point of the axis of this direction, from the middle.
     fn point(&self, d: DVec3) -> DVec3 {
-        d.cross(DVec3::from_slice(self.moment(Vector3::from(d.to_array())).as_slice()))
+        d.cross(self.moment(Vector3::from(d)).into())
     }
 }

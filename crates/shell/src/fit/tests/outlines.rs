@@ -13,16 +13,16 @@ pub(super) const FOCAL: f64 = 800.0;
 const SIGMA_PX: f64 = 1.0;
 
 /// A camera at `from` that looks at the origin, turned about its axis by `roll`.
-pub(super) fn looking(from: [f64; 3], roll: f64) -> Camera {
+pub(super) fn looking(from: DVec3, roll: f64) -> Camera {
     let from = Vector3::from(from);
     let z = -from.normalize();
     let x = Vector3::new(-from.y, from.x, 0.3).cross(&z).cross(&z).normalize();
     let y = z.cross(&x);
     let (sin, cos) = roll.sin_cos();
     let rows = [cos * x + sin * y, cos * y - sin * x, z];
-    let t: [f64; 3] = std::array::from_fn(|k| -rows[k].dot(&from));
-    Camera::new([[FOCAL, 2.0, 320.0], [0.0, 1.02 * FOCAL, 240.0], [0.0, 0.0, 1.0]], rows.map(Into::into), t)
-        .unwrap()
+    let t = DVec3::from_array(std::array::from_fn(|k| -rows[k].dot(&from)));
+    let k = [[FOCAL, 2.0, 320.0], [0.0, 1.02 * FOCAL, 240.0], [0.0, 0.0, 1.0]];
+    Camera::new(k, rows.map(Into::into), t).unwrap()
 }
 
 /// Cameras all around, at about `distance`.
@@ -32,7 +32,7 @@ pub(super) fn around(count: usize, distance: f64) -> Vec<Camera> {
             let z = 1.0 - (2 * k + 1) as f64 / count as f64;
             let (sin, cos) = (2.4 * k as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            looking([distance * r * cos, distance * r * sin, distance * z], 0.1 * k as f64)
+            looking(DVec3::new(distance * r * cos, distance * r * sin, distance * z), 0.1 * k as f64)
         })
         .collect()
 }
@@ -46,7 +46,7 @@ pub(super) fn borders(
     mut noise: impl FnMut() -> f64,
 ) -> ShellView {
     let search = MeshSearch::try_new(mesh).unwrap();
-    let (middle, _) = camera.project([0.0; 3]).unwrap();
+    let (middle, _) = camera.project(DVec3::ZERO).unwrap();
     let hits = |pixel: [f64; 2]| search.first_hit(camera.center(), camera.direction(pixel)).is_some();
     let outline = (0..count)
         .map(|k| {
@@ -241,7 +241,7 @@ fn derivatives_agree_with_differences() {
             (views.iter()).map(|view| view.camera.moved(std::array::from_fn(|_| 0.01 * normal()))).collect();
         let state = State { q, cameras };
         let mut own = views.clone();
-        let at: [f64; 3] = std::array::from_fn(|_| random.random_range(-0.6..0.6));
+        let at: DVec3 = DVec3::from_array(std::array::from_fn(|_| random.random_range(-0.6..0.6)));
         let mut tracked = Vec::new();
         for (v, view) in own.iter_mut().enumerate() {
             let angle: f64 = random.random_range(0.0..6.3);
@@ -320,7 +320,7 @@ fn derivatives_agree_with_differences() {
     }
 }
 
-type Slope<'a> = &'a dyn Fn(&[(u32, [f64; 3])], &[(u32, [f64; 6])]) -> f64;
+type Slope<'a> = &'a dyn Fn(&[(u32, DVec3)], &[(u32, [f64; 6])]) -> f64;
 
 fn compare(
     here: &Equations,
@@ -367,7 +367,7 @@ fn bust() -> TriangleMesh {
         let r = (1.0 - up * up).sqrt() + 0.04 * f64::from(ring);
         for k in 0..around {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(around)).sin_cos();
-            mesh.positions.push([r * cos, r * sin, up]);
+            mesh.positions.push(DVec3::new(r * cos, r * sin, up));
             if ring > 0 {
                 let at = |ring: u32, k: u32| first + ring * around + k % around;
                 let [a, b] = [at(ring as u32 - 1, k), at(ring as u32 - 1, k + 1)];
@@ -399,7 +399,8 @@ fn objects_beyond_the_images_are_fitted() {
     let views: Vec<ShellView> = (0..8)
         .map(|k| {
             let (sin, cos) = (0.7 * f64::from(k)).sin_cos();
-            let mut view = borders(&deformed, &looking([5.0 * cos, 5.0 * sin, 0.6], 0.0), 90, &mut noise);
+            let mut view =
+                borders(&deformed, &looking(DVec3::new(5.0 * cos, 5.0 * sin, 0.6), 0.0), 90, &mut noise);
             let camera = view.camera;
             // The border of the image: lines of sight there meet the axis at this depth.
             let shown = |pixel: [f64; 2]| {
@@ -425,7 +426,7 @@ fn objects_beyond_the_images_are_fitted() {
     let readings = ShellReadings { views: &views, ..ShellReadings::default() };
     let made = fit_shell(&mesh, &deformation, &readings, &options).unwrap();
     let search = MeshSearch::try_new(&deformed).unwrap();
-    let off = |positions: &[[f64; 3]]| {
+    let off = |positions: &[DVec3]| {
         let seen = (0..positions.len()).filter(|v| mesh.positions[*v][2] > 0.0);
         rms(&seen.map(|v| search.closest(positions[v]).unwrap().distance).collect::<Vec<_>>())
     };

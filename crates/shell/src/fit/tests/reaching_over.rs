@@ -14,8 +14,8 @@ fn a_plate_larger_than_its_outline_is_reduced() {
     mesh.positions.iter_mut().for_each(|p| p[2] *= 0.02);
     let controls = automatic_controls(&mesh, 12).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
-    let camera = looking([0.1, 0.0, 5.0], 0.3);
-    let (middle, _) = camera.project([0.0; 3]).unwrap();
+    let camera = looking(DVec3::new(0.1, 0.0, 5.0), 0.3);
+    let (middle, _) = camera.project(DVec3::ZERO).unwrap();
     let towards = |k: usize, r: f64| {
         let (sin, cos) = (std::f64::consts::TAU * k as f64 / 360.0).sin_cos();
         [middle[0] + r * cos, middle[1] + r * sin]
@@ -47,7 +47,7 @@ fn a_plate_larger_than_its_outline_is_reduced() {
     let search = MeshSearch::try_new(&mesh).unwrap();
     let first = search.first_hit(camera.center(), camera.direction(views[0].outside[0])).unwrap();
     let along = towards(77, 1.0);
-    let in_picture = |at: [f64; 3]| {
+    let in_picture = |at: DVec3| {
         let (pixel, _) = camera.project(at).unwrap();
         (pixel[0] - middle[0]) * (along[0] - middle[0]) + (pixel[1] - middle[1]) * (along[1] - middle[1])
     };
@@ -60,8 +60,9 @@ fn a_plate_larger_than_its_outline_is_reduced() {
         // A common motion of all vertices changes the value by the motion in the image.
         for k in 0..3 {
             let stated: f64 = vertices.iter().map(|(_, by)| by[k]).sum();
-            let moved = |by: f64| std::array::from_fn(|j| first.point[j] + if j == k { by } else { 0.0 });
-            let difference = (in_picture(moved(1e-5)) - in_picture(moved(-1e-5))) / 2e-5;
+            let axis = [DVec3::X, DVec3::Y, DVec3::Z][k];
+            let moved = |by: f64| in_picture(first.point + by * axis);
+            let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
             // The far side is 1 % farther from the camera.
             assert!((stated - difference).abs() < 0.02 * FOCAL / 5.0, "{stated} {difference}");
         }

@@ -8,7 +8,7 @@ use planish_core::SymmetricMatrix3;
 const CONTROLS: usize = 20;
 
 /// Positions of the controls of a swaying, breathing ball at a time.
-fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
+fn swaying(controls: &[DVec3], time: f64) -> DVector<f64> {
     DVector::from_iterator(
         3 * controls.len(),
         controls.iter().flat_map(|p| {
@@ -52,7 +52,7 @@ fn a_moving_object_is_tracked() {
             let q = swaying(&controls.points, f64::from(frame));
             let by = displacements(&deformation, &q);
             let truth = TriangleMesh {
-                positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+                positions: mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect(),
                 triangles: mesh.triangles.clone(),
             };
             let views: Vec<ShellView> =
@@ -67,7 +67,7 @@ fn a_moving_object_is_tracked() {
             let readings =
                 ShellReadings { points: if with_points { &points } else { &[] }, views: &views, tracks: &[] };
             let search = MeshSearch::try_new(&truth).unwrap();
-            let off = |positions: &[[f64; 3]]| {
+            let off = |positions: &[DVec3]| {
                 rms(&positions.iter().map(|p| search.closest(*p).unwrap().distance).collect::<Vec<_>>())
             };
             let single = fit_shell(&mesh, &deformation, &readings, &options).unwrap();
