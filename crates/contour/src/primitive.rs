@@ -17,10 +17,12 @@
 //! A sphere of radius 5 from 200 simulated rays:
 //! ```
 //! use planish_contour::planar::ContourFitOptions;
+//! use planish_core::DVec3;
 //! use planish_contour::primitive::{PrimitiveKind, SimulatedPrimitive, SpaceSensor, fit, rays};
 //!
 //! let shape = PrimitiveKind::Sphere;
-//! let sphere = SimulatedPrimitive { shape, center: [1.0, 2.0, 3.0], turn: [0.0; 3], size: [5.0, 0.0, 0.0] };
+//! let center = DVec3::new(1.0, 2.0, 3.0);
+//! let sphere = SimulatedPrimitive { shape, center, turn: DVec3::ZERO, size: [5.0, 0.0, 0.0] };
 //! let sensor = SpaceSensor {
 //!     standoff: 20.0,
 //!     sigma_position: 0.01,

@@ -468,7 +468,7 @@ impl ParametricDrawing {
     /// Tolerances are relative to it; 1 avoids a division by zero.
     #[must_use]
     pub fn extent(&self) -> f64 {
-        let mut bounds: BoundingBox<2> = self.points().map(|point| self.position(point)).collect();
+        let mut bounds: BoundingBox<[f64; 2]> = self.points().map(|point| self.position(point)).collect();
         // The absolute value of a radius, as it may become negative while a solver runs.
         for circle in self.circles() {
             let center = self.position(self.centre(circle));

@@ -96,7 +96,7 @@ pub(super) fn marginal_likelihood(
     let gap = usual_gap(readings);
     let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &measured_points, gap);
     let observed = observed_lengths(&strokes, &measured_points, 0.5 * gap);
-    let bounds: BoundingBox<2> = measured_points.iter().map(|measured| measured.point).collect();
+    let bounds: BoundingBox<[f64; 2]> = measured_points.iter().map(|measured| measured.point).collect();
     let size = bounds.extent();
     // The steps along an outline far larger than the readings can miss the observed part. Its length is at
     // least the extent of the readings.

@@ -5,6 +5,7 @@ use super::shape::{Chart, PrimitiveKind};
 use super::start::starts;
 use crate::planar::{ContourFitOptions, GatedResiduals, Method};
 use nalgebra::{DMatrix, DVector};
+use planish_core::DVec3;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
 
@@ -71,7 +72,7 @@ pub fn fit(shape: PrimitiveKind, rays: &[Ray], options: &ContourFitOptions) -> R
             shape.unknowns()
         )));
     }
-    let points: Vec<[f64; 3]> = rays.iter().map(Ray::point).collect();
+    let points: Vec<DVec3> = rays.iter().map(Ray::point).collect();
     let mut best: Option<PrimitiveFit> = None;
     for (chart, start) in starts(shape, &points) {
         let Ok(found) = fit_from(shape, &chart, rays, &start, options) else {

@@ -2,6 +2,7 @@
 
 use super::shape::{Chart, PrimitiveKind, distance, overshoot, within};
 use nalgebra::{Matrix3, Vector3};
+use planish_core::DVec3;
 use planish_estimate::implicit::{ImplicitReading, MAX_STATE};
 
 /// The measured values of a reading in space with their σ.
@@ -10,7 +11,7 @@ pub enum RayTarget {
     /// A range from an uncertain pose; the point is `origin + range (cos e cos a, cos e sin a, sin e)`.
     Range {
         /// Measured position of the sensor.
-        origin: [f64; 3],
+        origin: DVec3,
         /// Measured direction of the ray: azimuth `a` (counter-clockwise from +x about +z) and elevation `e`.
         direction_rad: [f64; 2],
         /// Measured distance along the ray.
@@ -21,7 +22,7 @@ pub enum RayTarget {
     /// A point.
     Point {
         /// Measured coordinates.
-        position: [f64; 3],
+        position: DVec3,
         /// σ of each coordinate.
         sigma: f64,
     },
@@ -39,7 +40,7 @@ pub struct Ray {
 impl Ray {
     /// The measured point, without any correction.
     #[must_use]
-    pub fn point(&self) -> [f64; 3] {
+    pub fn point(&self) -> DVec3 {
         self.place(&[0.0; 6]).0.into()
     }
 

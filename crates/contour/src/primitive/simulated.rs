@@ -3,6 +3,7 @@
 use super::ray::{Ray, RayTarget};
 use super::shape::PrimitiveKind;
 use nalgebra::{Rotation3, Vector3};
+use planish_core::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -13,10 +14,10 @@ pub struct SimulatedPrimitive {
     /// Kind of the shape.
     pub shape: PrimitiveKind,
     /// Centre of the shape.
-    pub center: [f64; 3],
+    pub center: DVec3,
     /// Rotation vector (radians), world from the axes of the shape. The third axis is the normal of a plane
     /// and the axis of a cylinder.
-    pub turn: [f64; 3],
+    pub turn: DVec3,
     /// Sizes. Box: length, width, height. Sphere: radius. Cylinder: radius, observed length. Plane: the two
     /// sides of the observed rectangle. Further values are ignored.
     pub size: [f64; 3],
@@ -54,7 +55,7 @@ impl SimulatedPrimitive {
             // The sign convention of the fit, so that both can be compared.
             if n[n.iamax()] < 0.0 { -n } else { n }
         };
-        let mut values = self.center.to_vec();
+        let mut values = self.center.to_array().to_vec();
         match self.shape {
             PrimitiveKind::Plane => {
                 let n = axis(2);
@@ -140,7 +141,7 @@ pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed
         let sigma = [position, position, position, angle, angle, sigma_range];
         let mut error = |sigma: f64| sigma * random.sample::<f64, _>(StandardNormal);
         let noisy = RayTarget::Range {
-            origin: [0, 1, 2].map(|k| origin[k] + error(position)),
+            origin: DVec3::from_array([0, 1, 2].map(|k| origin[k] + error(position))),
             direction_rad: direction_rad.map(|d| d + error(angle)),
             range: range + error(sigma_range),
             sigma,

@@ -3,6 +3,7 @@
 use super::shape::{Chart, PrimitiveKind};
 use crate::planar::circle_of_points;
 use nalgebra::{Matrix3, Matrix4, Rotation3, Unit, UnitQuaternion, Vector3, Vector4};
+use planish_core::DVec3;
 
 /// Number of axis directions tried for a cylinder, spread over a half sphere: one per about 0.04 sr, 0.2 rad
 /// apart. The fit converges from there.
@@ -18,7 +19,7 @@ const ROTATIONS: usize = 500;
 ///
 /// # References
 /// Kåsa 1976, *A circle fitting procedure and its error analysis*; Taubin 1991.
-pub(crate) fn starts(shape: PrimitiveKind, points: &[[f64; 3]]) -> Vec<(Chart, Vec<f64>)> {
+pub(crate) fn starts(shape: PrimitiveKind, points: &[DVec3]) -> Vec<(Chart, Vec<f64>)> {
     let points: Vec<Vector3<f64>> = points.iter().map(|&p| Vector3::from(p)).collect();
     // Charts are centred on the points, so that lever arms of the rotations are short.
     let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;

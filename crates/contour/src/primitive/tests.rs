@@ -6,6 +6,7 @@ use super::shape::Chart;
 use super::*;
 use crate::planar::{ContourFitOptions, Method};
 use nalgebra::Vector3;
+use planish_core::DVec3;
 use planish_estimate::implicit::ImplicitReading;
 
 const SENSOR: SpaceSensor =
@@ -13,7 +14,7 @@ const SENSOR: SpaceSensor =
 
 fn solids() -> Vec<SimulatedPrimitive> {
     let solid =
-        |shape, size| SimulatedPrimitive { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
+        |shape, size| SimulatedPrimitive { shape, center: DVec3::new(0.3, -0.2, 0.5), turn: DVec3::new(0.3, -0.5, 0.7), size };
     vec![
         solid(PrimitiveKind::Plane, [1.5, 1.2, 0.0]),
         solid(PrimitiveKind::Sphere, [0.8, 0.0, 0.0]),

@@ -118,10 +118,10 @@ impl Shell<'_> {
     pub(crate) fn within(&self, at: DVec3, one: &FacetShare) -> [f64; 3] {
         let normal = self.facets[one.near.facet as usize].normal;
         let corners = self.mesh.corners(one.near.facet as usize);
-        DVec3::from_array([0, 1, 2].map(|k| {
+        [0, 1, 2].map(|k| {
             let side = corners[(k + 1) % 3] - corners[k];
             normal.cross(side).dot(at - corners[k]) / side.length().max(f64::MIN_POSITIVE)
-        }))
+        })
     }
 
     /// `∂h/∂V_j` of the height over a facet's plane, times `share`.

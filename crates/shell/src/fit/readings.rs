@@ -123,7 +123,7 @@ impl ShellReadings<'_> {
             if !finite || xx + yy + zz <= 0.0 || xx.min(yy).min(zz) < 0.0 {
                 return Err(Error::input(format!(
                     "point {i} is not finite or has no positive variance: {:?}, {:?}",
-                    point.at,
+                    point.at.to_array(),
                     point.covariance.to_array()
                 )));
             }

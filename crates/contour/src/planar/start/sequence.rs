@@ -277,7 +277,7 @@ fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
 
 /// A grid of view points within the bounding box of the points.
 fn view_points(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
-    let bounds: BoundingBox<2> = points.iter().copied().collect();
+    let bounds: BoundingBox<[f64; 2]> = points.iter().copied().collect();
     let (low, sides) = (bounds.min, bounds.extent());
     (0..GRID * GRID).map(move |k| {
         let share = |i: usize| (i as f64 + 0.5) / GRID as f64;
