@@ -21,14 +21,13 @@ mod measures;
 mod trimmed;
 mod turned;
 
-use planish_core::DisjointSets;
+use planish_core::{DVec3, DisjointSets};
 
 pub use bodies::Body;
 pub use contact::Contact;
 pub(crate) use geometry::unit;
 pub use geometry::{EdgeCurve, FaceSurface};
 pub use measures::Measures;
-pub(crate) use planish_estimate::vector3::add_scaled as along;
 pub(crate) use trimmed::TrimmedFace;
 #[cfg(test)]
 pub(crate) use trimmed::met_by_distance;
@@ -83,7 +82,7 @@ impl Face {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solid {
     /// Points where edges meet.
-    pub vertices: Vec<[f64; 3]>,
+    pub vertices: Vec<DVec3>,
     /// Edges between them, each used by two loops.
     pub edges: Vec<Edge>,
     /// Faces.
@@ -105,7 +104,7 @@ impl Solid {
     #[must_use]
     pub(crate) fn scaled(&self, factor: f64) -> Self {
         let mut solid = self.clone();
-        let at = |p: &mut [f64; 3]| *p = p.map(|c| factor * c);
+        let at = |p: &mut DVec3| *p = p.map(|c| factor * c);
         solid.vertices.iter_mut().for_each(at);
         for edge in &mut solid.edges {
             match &mut edge.curve {
@@ -200,8 +199,8 @@ impl Solid {
     /// A face needs a loop in STEP and in Euler's formula; seams make one.
     pub(crate) fn add_whole(&mut self, surface: FaceSurface, outward: bool) {
         use std::f64::consts::{FRAC_PI_2, TAU};
-        let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
-            let [a, b] = [p, q].map(|p| planish_estimate::vector3::sub(p, center));
+        let arc = |center: DVec3, p: DVec3, q: DVec3| {
+            let [a, b] = [p, q].map(|p| p - center);
             EdgeCurve::Ellipse { center, a, b }
         };
         let mut add = |curve: EdgeCurve, range: [f64; 2], ends: [usize; 2]| {
@@ -220,7 +219,7 @@ impl Solid {
             FaceSurface::Torus { center, x, major, .. } => {
                 self.vertices.push(at(0.0, 0.0));
                 let around = arc(center, at(0.0, 0.0), at(FRAC_PI_2, 0.0));
-                let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));
+                let tube = arc(center + major * x, at(0.0, 0.0), at(0.0, FRAC_PI_2));
                 let ends = [first, first];
                 let (u, v) = (add(around, [0.0, TAU], ends), add(tube, [0.0, TAU], ends));
                 // The face is left of the loop, seen from outside. A normal that points inwards reverses it.

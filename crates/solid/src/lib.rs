@@ -43,8 +43,8 @@
 //! use planish_solid::brep::FaceSurface;
 //! use planish_solid::parametric::{Fineness, ParametricFace, ParametricShape, ParametricSurface};
 //!
-//! let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
-//! let sphere = FaceSurface::Sphere { center: [0.0; 3], axis, x, radius: 2.0 };
+//! let (axis, x) = (DVec3::Z, DVec3::X);
+//! let sphere = FaceSurface::Sphere { center: DVec3::ZERO, axis, x, radius: 2.0 };
 //! let ball = ParametricFace {
 //!     name: "ball".to_owned(),
 //!     surface: ParametricSurface::Elementary(sphere),
@@ -53,7 +53,7 @@
 //! };
 //! let shape = ParametricShape { faces: vec![ball], ..ParametricShape::default() };
 //! let meshed = shape.triangles(&Fineness { chord: 0.01, longest: f64::INFINITY })?;
-//! let distance = |p: &[f64; 3]| (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
+//! let distance = |p: &DVec3| (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
 //! assert!(meshed.parts[0].positions.iter().all(|p| (distance(p) - 2.0).abs() < 1e-12));
 //! # Ok::<(), planish_estimate::Error>(())
 //! ```

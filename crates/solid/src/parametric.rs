@@ -28,7 +28,7 @@ mod weld;
 
 pub use curve::ParametricCurve;
 pub use mesh::{Meshed, Part, SkippedFace};
-use planish_core::BoundingBox;
+use planish_core::{BoundingBox, DVec3};
 pub use spline::{MAX_DEGREE, SplineCurve, SplineSurface};
 pub use surface::{ParametricSurface, Pole};
 
@@ -70,7 +70,7 @@ pub struct ParametricFace {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ParametricShape {
     /// Points where edges meet.
-    pub vertices: Vec<[f64; 3]>,
+    pub vertices: Vec<DVec3>,
     /// Edges between them.
     pub edges: Vec<ParametricEdge>,
     /// Faces bounded by the edges.

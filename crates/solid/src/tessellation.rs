@@ -23,7 +23,7 @@ mod whole;
 
 use crate::brep::{Coedge, Edge, EdgeCurve, Solid};
 pub use effort::{MAX_TRIANGLES, min_tolerance, triangles_needed};
-use planish_estimate::vector3::{norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use std::collections::HashMap;
@@ -43,7 +43,7 @@ const TRIES: usize = 4;
 
 /// Points of the mesh under construction: first those of the edges, each created once, then those in faces.
 struct Points {
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     /// Points along each edge in the direction of its curve, including its vertices.
     of_edge: Vec<Vec<u32>>,
 }
@@ -77,7 +77,7 @@ impl Points {
         Self { positions, of_edge }
     }
 
-    fn add(&mut self, p: [f64; 3]) -> u32 {
+    fn add(&mut self, p: DVec3) -> u32 {
         self.positions.push(p);
         (self.positions.len() - 1) as u32
     }
@@ -102,7 +102,7 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
         EdgeCurve::Ellipse { a, .. } => {
             // The error of a chord over the angle θ is r (1 − cos θ/2). For an ellipse, `a` is the longer
             // semi-axis, which is on the safe side.
-            let widest = 2.0 * (1.0 - (tolerance / norm(*a)).min(1.0)).acos();
+            let widest = 2.0 * (1.0 - (tolerance / a.length()).min(1.0)).acos();
             let n = ((to - from) / widest.clamp(1e-5, WIDEST_CHORD)).ceil() as usize;
             // A closed edge needs three chords to enclose an area, and an arc two to differ from its chord.
             n.max(if edge.start == edge.end { 3 } else { 2 })
@@ -115,7 +115,7 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
                         edge.curve.point(from + (to - from) * (k as f64 + share) / pieces as f64)
                     };
                     let (a, m, b) = (at(0.0), at(0.5), at(1.0));
-                    norm(sub(m, [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)))
+                    (m - (a + b) / 2.0).length()
                 })
                 .fold(0.0, f64::max);
             // The chord error falls with the square of the length. The bound of 64 limits the number of
@@ -222,5 +222,5 @@ fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<Triangle
 fn steps(surface: &crate::brep::FaceSurface, [u, v]: [f64; 2]) -> [f64; 2] {
     let h = 1e-6;
     let p = surface.point([u, v]);
-    [[u + h, v], [u, v + h]].map(|q| norm(scale(1.0 / h, sub(surface.point(q), p))).max(1e-12))
+    [[u + h, v], [u, v + h]].map(|q| (1.0 / h * (surface.point(q) - p)).length().max(1e-12))
 }

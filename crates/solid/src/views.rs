@@ -73,6 +73,7 @@ pub use crate::drawing::{
 };
 use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::joined;
+use planish_core::DVec3;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
 pub use sheet::{Projection, views_of_sheet};
@@ -144,7 +145,7 @@ impl Solution {
     /// True if the other solid has the same vertices and the same number of faces of each kind.
     fn has_vertices_of(&self, other: &Self) -> bool {
         let near = 1e-6 * self.measures.area.sqrt();
-        let has = |solid: &Solid, p: [f64; 3]| {
+        let has = |solid: &Solid, p: DVec3| {
             let mut vertices = solid.vertices.iter();
             vertices.any(|v| (0..3).all(|k| (v[k] - p[k]).abs() <= near))
         };

@@ -27,7 +27,7 @@ fn solids() -> Vec<SimulatedPrimitive> {
 fn derivatives_match_differences() {
     let ray = Ray {
         target: RayTarget::Range {
-            origin: [2.0, 1.0, 0.4],
+            origin: DVec3::new(2.0, 1.0, 0.4),
             direction_rad: [3.5, -0.2],
             range: 1.3,
             sigma: [0.02, 0.03, 0.01, 0.04, 0.05, 0.02],

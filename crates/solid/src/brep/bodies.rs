@@ -1,10 +1,10 @@
 //! The bodies of a solid: its connected parts, each with the voids within it.
 
 use super::{Solid, TrimmedFace, along};
-use planish_estimate::vector3::{norm, sub};
+use planish_core::DVec3;
 
 /// Direction of rays. It is oblique to all usual faces, so that a ray does not run along one.
-const RAY: [f64; 3] = [0.577_31, 0.211_93, 0.788_54];
+const RAY: DVec3 = DVec3::new(0.577_31, 0.211_93, 0.788_54);
 
 /// A connected part of a solid.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,14 +56,14 @@ impl Solid {
         });
         // No face bulges beyond this margin. The seam of a whole sphere or torus has vertices, too, so even
         // such a shell has a box of a comparable size.
-        let far = 4.0 * norm(sub(hi, lo));
+        let far = 4.0 * (hi - lo).length();
         let reach = [lo.map(|c| c - far), hi.map(|c| c + far)];
         let crossings: usize = shell
             .iter()
             .map(|f| {
                 let face = TrimmedFace::new(self, &self.faces[*f], reach);
                 let met = face.met(from, RAY, [0.0, 3.0 * far]);
-                met.into_iter().filter(|t| *t > 0.0 && face.contains(along(from, *t, RAY))).count()
+                met.into_iter().filter(|t| *t > 0.0 && face.contains(from + *t * RAY)).count()
             })
             .sum();
         crossings % 2 == 1

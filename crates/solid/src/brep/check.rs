@@ -1,7 +1,6 @@
 //! Checks of the topology and geometry of a solid.
 
 use super::Solid;
-use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
 use std::collections::BTreeSet;
 
@@ -60,7 +59,7 @@ impl Solid {
     fn check_edge(&self, face: usize, index: usize, tolerance: f64) -> Result<()> {
         let edge = &self.edges[index];
         for (vertex, t) in [(edge.start, edge.range[0]), (edge.end, edge.range[1])] {
-            let apart = norm(sub(self.vertices[vertex], edge.curve.point(t)));
+            let apart = (self.vertices[vertex] - edge.curve.point(t)).length();
             if apart > tolerance {
                 return Err(Error::input(format!("edge {index} ends {apart:e} away from vertex {vertex}")));
             }

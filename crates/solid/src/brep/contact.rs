@@ -9,13 +9,12 @@
 //! found. Its faces are manifold as they are written.
 
 use super::{Edge, EdgeCurve, Solid, along};
-use planish_core::BoundingBox;
-use planish_estimate::vector3::{dot, norm, sub};
+use planish_core::{BoundingBox, DVec3};
 
 /// Sample points of an edge that must all lie on another edge, as shares of its range.
 ///
 /// Edges that only cross have isolated points in common, which do not include all three samples.
-const SHARES: [f64; 3] = [0.23, 0.5, 0.77];
+const SHARES: DVec3 = DVec3::new(0.23, 0.5, 0.77);
 /// Number of pieces of a curved edge between which the nearest point is searched.
 const PIECES: usize = 24;
 
@@ -23,7 +22,7 @@ const PIECES: usize = 24;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// A point of the contact.
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// True if two edges coincide; false if two vertices do.
     pub is_line: bool,
     /// True if the contact is between two bodies.
@@ -86,7 +85,7 @@ impl Solid {
         for a in 0..self.vertices.len() {
             for b in 0..a {
                 let at = self.vertices[a];
-                if norm(sub(at, self.vertices[b])) <= tolerance {
+                if (at - self.vertices[b]).length() <= tolerance {
                     found.push(Contact {
                         at,
                         is_line: false,
@@ -104,7 +103,7 @@ impl Solid {
 /// bulge farther between two sample points.
 fn bounds(edge: &Edge, margin: f64) -> BoundingBox {
     let points = points(edge);
-    let longest = points.windows(2).map(|p| norm(sub(p[1], p[0]))).fold(0.0, f64::max);
+    let longest = points.windows(2).map(|p| (p[1] - p[0]).length()).fold(0.0, f64::max);
     let more = margin
         + match edge.curve {
             EdgeCurve::Line { .. } => 0.0,
@@ -116,7 +115,7 @@ fn bounds(edge: &Edge, margin: f64) -> BoundingBox {
 }
 
 /// Points along an edge, at equal steps of its parameter.
-fn points(edge: &Edge) -> Vec<[f64; 3]> {
+fn points(edge: &Edge) -> Vec<DVec3> {
     let [from, to] = edge.range;
     let n = match edge.curve {
         EdgeCurve::Line { .. } => 1,
@@ -129,23 +128,23 @@ impl Edge {
     /// The distance of a point from the edge, by Gauss–Newton steps from the nearest sample point.
     ///
     /// The result is not larger than the distance to that sample, also if the iteration fails.
-    fn distance(&self, p: [f64; 3]) -> f64 {
+    fn distance(&self, p: DVec3) -> f64 {
         let [from, to] = self.range;
         let points = points(self);
         let step = (to - from) / (points.len() - 1) as f64;
-        let off = |k: &usize| norm(sub(points[*k], p));
+        let off = |k: &usize| (points[*k] - p).length();
         let nearest = (0..points.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let mut t = from + step * nearest as f64;
         // Gauss–Newton converges fast for points near the edge; farther ones need no exact distance.
         for _ in 0..8 {
             let d = self.curve.derivative(t);
-            let square = dot(d, d);
+            let square = d.length_squared();
             if square == 0.0 {
                 break;
             }
-            t = (t + dot(sub(p, self.curve.point(t)), d) / square).clamp(from, to);
+            t = (t + (p - self.curve.point(t)).dot(d) / square).clamp(from, to);
         }
-        let straight = along(p, -1.0, self.curve.point(t));
-        norm(straight).min(off(&nearest))
+        let straight = p - self.curve.point(t);
+        straight.length().min(off(&nearest))
     }
 }

@@ -1,7 +1,7 @@
 //! Curves and surfaces of faces: lines, circles, ellipses, splines; planes, cylinders, cones, spheres and
 //! tori.
 
-use planish_estimate::vector3::{add_scaled as along, cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A curve of an edge.
@@ -10,32 +10,32 @@ pub enum EdgeCurve {
     /// `origin + t direction`, the direction of unit length.
     Line {
         /// The point at parameter 0.
-        origin: [f64; 3],
+        origin: DVec3,
         /// A unit vector.
-        direction: [f64; 3],
+        direction: DVec3,
     },
     /// `center + a cos t + b sin t` with orthogonal a and b: a circle if they have equal lengths, else an
     /// ellipse.
     Ellipse {
         /// Centre.
-        center: [f64; 3],
+        center: DVec3,
         /// Semi-axis, not shorter than `b`.
-        a: [f64; 3],
+        a: DVec3,
         /// The other semi-axis.
-        b: [f64; 3],
+        b: DVec3,
     },
     /// A cubic Hermite spline with one piece for each unit of the parameter.
     Spline {
         /// The points at parameters 0, 1, 2 …
-        points: Vec<[f64; 3]>,
+        points: Vec<DVec3>,
         /// The derivatives at these points.
-        derivatives: Vec<[f64; 3]>,
+        derivatives: Vec<DVec3>,
     },
 }
 
 /// `a` scaled to unit length; zero if `a` is zero.
-pub(crate) fn unit(a: [f64; 3]) -> [f64; 3] {
-    scale(1.0 / norm(a).max(f64::MIN_POSITIVE), a)
+pub(crate) fn unit(a: DVec3) -> DVec3 {
+    1.0 / a.length().max(f64::MIN_POSITIVE) * a
 }
 
 impl EdgeCurve {
@@ -44,14 +44,14 @@ impl EdgeCurve {
     /// ```
     /// use planish_solid::brep::EdgeCurve;
     ///
-    /// let circle = EdgeCurve::Ellipse { center: [1.0, 0.0, 0.0], a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] };
+    /// let circle = EdgeCurve::Ellipse { center: DVec3::X, a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] };
     /// assert_eq!(circle.point(0.0), [3.0, 0.0, 0.0]);
     /// ```
     #[must_use]
-    pub fn point(&self, t: f64) -> [f64; 3] {
+    pub fn point(&self, t: f64) -> DVec3 {
         match self {
-            Self::Line { origin, direction } => along(*origin, t, *direction),
-            Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
+            Self::Line { origin, direction } => *origin + t * *direction,
+            Self::Ellipse { center, a, b } => *center + t.cos() * *a + t.sin() * *b,
             // Cubic Hermite basis. Points and derivatives are shared by neighbouring pieces, so the curve has
             // a continuous tangent.
             Self::Spline { points, derivatives } => {
@@ -65,10 +65,10 @@ impl EdgeCurve {
 
     /// The derivative at a parameter.
     #[must_use]
-    pub fn derivative(&self, t: f64) -> [f64; 3] {
+    pub fn derivative(&self, t: f64) -> DVec3 {
         match self {
             Self::Line { direction, .. } => *direction,
-            Self::Ellipse { a, b, .. } => along(scale(-t.sin(), *a), t.cos(), *b),
+            Self::Ellipse { a, b, .. } => -t.sin() * *a + t.cos() * *b,
             // The derivatives of the Hermite basis above.
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
@@ -93,7 +93,7 @@ fn piece(points: usize, t: f64) -> (usize, f64) {
 }
 
 /// Weighted sum of the ends and derivatives of a piece.
-fn hermite(points: &[[f64; 3]], derivatives: &[[f64; 3]], k: usize, w: [f64; 4]) -> [f64; 3] {
+fn hermite(points: &[DVec3], derivatives: &[DVec3], k: usize, w: [f64; 4]) -> DVec3 {
     [0, 1, 2].map(|c| {
         w[0] * points[k][c]
             + w[1] * derivatives[k][c]
@@ -108,31 +108,31 @@ pub enum FaceSurface {
     /// All points with `normal · (p − origin) = 0`.
     Plane {
         /// A point of the plane.
-        origin: [f64; 3],
+        origin: DVec3,
         /// Unit normal.
-        normal: [f64; 3],
+        normal: DVec3,
         /// Unit vector in the plane, the direction of u.
-        x: [f64; 3],
+        x: DVec3,
     },
     /// All points at a distance from an axis.
     Cylinder {
         /// A point of the axis.
-        origin: [f64; 3],
+        origin: DVec3,
         /// Unit vector along the axis.
-        axis: [f64; 3],
+        axis: DVec3,
         /// Unit vector across the axis, the direction of angle 0.
-        x: [f64; 3],
+        x: DVec3,
         /// Radius.
         radius: f64,
     },
     /// All points whose distance from an axis is `radius + height tan(half_angle)`, where this is positive.
     Cone {
         /// The point of the axis at height 0.
-        origin: [f64; 3],
+        origin: DVec3,
         /// Unit vector along the axis, towards the wider end.
-        axis: [f64; 3],
+        axis: DVec3,
         /// Unit vector across the axis, the direction of angle 0.
-        x: [f64; 3],
+        x: DVec3,
         /// Radius at height 0, ≥ 0.
         radius: f64,
         /// Angle between the axis and the surface, in radians, in (0, π/2).
@@ -141,22 +141,22 @@ pub enum FaceSurface {
     /// All points at a distance from a centre.
     Sphere {
         /// Centre.
-        center: [f64; 3],
+        center: DVec3,
         /// Unit vector from the south to the north pole.
-        axis: [f64; 3],
+        axis: DVec3,
         /// Unit vector across the axis, the direction of longitude 0.
-        x: [f64; 3],
+        x: DVec3,
         /// Radius.
         radius: f64,
     },
     /// All points at the minor radius from a circle with the major radius around an axis.
     Torus {
         /// Centre.
-        center: [f64; 3],
+        center: DVec3,
         /// Unit vector along the axis.
-        axis: [f64; 3],
+        axis: DVec3,
         /// Unit vector across the axis, the direction of angle 0.
-        x: [f64; 3],
+        x: DVec3,
         /// Radius of the circle around the axis, not less than the minor radius.
         major: f64,
         /// Radius of the tube.
@@ -165,15 +165,15 @@ pub enum FaceSurface {
 }
 
 /// Coordinates relative to an axis: along x, along axis × x, and along the axis.
-fn about(p: [f64; 3], origin: [f64; 3], axis: [f64; 3], x: [f64; 3]) -> [f64; 3] {
-    let d = sub(p, origin);
-    [dot(d, x), dot(d, cross(axis, x)), dot(d, axis)]
+fn about(p: DVec3, origin: DVec3, axis: DVec3, x: DVec3) -> DVec3 {
+    let d = p - origin;
+    [d.dot(x), d.dot(axis.cross(x)), d.dot(axis)]
 }
 
 /// The point at an angle around an axis, a distance from it and a height.
-fn around(origin: [f64; 3], axis: [f64; 3], x: [f64; 3], [angle, distance, height]: [f64; 3]) -> [f64; 3] {
-    let across = along(scale(distance * angle.cos(), x), distance * angle.sin(), cross(axis, x));
-    along(along(origin, 1.0, across), height, axis)
+fn around(origin: DVec3, axis: DVec3, x: DVec3, [angle, distance, height]: DVec3) -> DVec3 {
+    let across = distance * angle.cos() * x + distance * angle.sin() * axis.cross(x);
+    origin + 1.0 * across + height * axis
 }
 
 impl FaceSurface {
@@ -186,21 +186,21 @@ impl FaceSurface {
     /// ```
     /// use planish_solid::brep::FaceSurface;
     ///
-    /// let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
-    /// let cylinder = FaceSurface::Cylinder { origin: [0.0; 3], axis, x, radius: 2.0 };
+    /// let (axis, x) = (DVec3::Z, DVec3::X);
+    /// let cylinder = FaceSurface::Cylinder { origin: DVec3::ZERO, axis, x, radius: 2.0 };
     /// assert_eq!(cylinder.parameters([2.0, 0.0, 5.0]), [0.0, 5.0]);
     /// assert_eq!(cylinder.point([0.0, 5.0]), [2.0, 0.0, 5.0]);
     /// ```
     #[must_use]
-    pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
+    pub fn parameters(&self, p: DVec3) -> [f64; 2] {
         match self {
             Self::Plane { origin, normal, x } => {
-                let d = sub(p, *origin);
-                [dot(d, *x), dot(d, cross(*normal, *x))]
+                let d = p - *origin;
+                [d.dot(*x), d.dot(normal.cross(*x))]
             }
             Self::Cylinder { origin, axis, x, .. } => {
-                let d = sub(p, *origin);
-                [dot(d, cross(*axis, *x)).atan2(dot(d, *x)), dot(d, *axis)]
+                let d = p - *origin;
+                [d.dot(axis.cross(*x)).atan2(d.dot(*x)), d.dot(*axis)]
             }
             Self::Cone { origin, axis, x, .. } => {
                 let [a, b, h] = about(p, *origin, *axis, *x);
@@ -220,12 +220,12 @@ impl FaceSurface {
 
     /// The point at parameters (u, v).
     #[must_use]
-    pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
+    pub fn point(&self, [u, v]: [f64; 2]) -> DVec3 {
         match self {
-            Self::Plane { origin, normal, x } => along(along(*origin, u, *x), v, cross(*normal, *x)),
+            Self::Plane { origin, normal, x } => *origin + u * *x + v * normal.cross(*x),
             Self::Cylinder { origin, axis, x, radius } => {
-                let across = along(scale(radius * u.cos(), *x), radius * u.sin(), cross(*axis, *x));
-                along(along(*origin, 1.0, across), v, *axis)
+                let across = radius * u.cos() * *x + radius * u.sin() * axis.cross(*x);
+                *origin + 1.0 * across + v * *axis
             }
             Self::Cone { origin, axis, x, radius, half_angle_rad } => {
                 around(*origin, *axis, *x, [u, radius + v * half_angle_rad.tan(), v])
@@ -242,25 +242,25 @@ impl FaceSurface {
     /// Unit normal at a point: that of a plane, else away from the axis, the centre of a sphere, or the
     /// centre line of a torus.
     #[must_use]
-    pub fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+    pub fn normal(&self, p: DVec3) -> DVec3 {
         match self {
             Self::Plane { normal, .. } => *normal,
             Self::Cylinder { origin, axis, .. } => {
-                let d = sub(p, *origin);
-                unit(along(d, -dot(d, *axis), *axis))
+                let d = p - *origin;
+                unit(d - d.dot(*axis) * *axis)
             }
             // The gradient of the signed distance: outwards and, since the cone widens along the axis,
             // against it.
             Self::Cone { origin, axis, half_angle_rad, .. } => {
-                let d = sub(p, *origin);
-                let out = unit(along(d, -dot(d, *axis), *axis));
-                along(scale(half_angle_rad.cos(), out), -half_angle_rad.sin(), *axis)
+                let d = p - *origin;
+                let out = unit(d - d.dot(*axis) * *axis);
+                half_angle_rad.cos() * out - half_angle_rad.sin() * *axis
             }
-            Self::Sphere { center, .. } => unit(sub(p, *center)),
+            Self::Sphere { center, .. } => unit(p - *center),
             Self::Torus { center, axis, major, .. } => {
-                let d = sub(p, *center);
-                let out = unit(along(d, -dot(d, *axis), *axis));
-                unit(along(d, -major, out))
+                let d = p - *center;
+                let out = unit(d - d.dot(*axis) * *axis);
+                unit(d - major * out)
             }
         }
     }
@@ -270,17 +270,17 @@ impl FaceSurface {
     /// ```
     /// use planish_solid::brep::FaceSurface;
     ///
-    /// let (axis, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
-    /// let torus = FaceSurface::Torus { center: [0.0; 3], axis, x, major: 5.0, minor: 1.0 };
+    /// let (axis, x) = (DVec3::Z, DVec3::X);
+    /// let torus = FaceSurface::Torus { center: DVec3::ZERO, axis, x, major: 5.0, minor: 1.0 };
     /// assert_eq!(torus.distance([5.0, 0.0, 3.0]), 2.0);
     /// ```
     #[must_use]
-    pub fn distance(&self, p: [f64; 3]) -> f64 {
+    pub fn distance(&self, p: DVec3) -> f64 {
         match self {
-            Self::Plane { origin, normal, .. } => dot(sub(p, *origin), *normal),
+            Self::Plane { origin, normal, .. } => (p - *origin).dot(*normal),
             Self::Cylinder { origin, axis, radius, .. } => {
-                let d = sub(p, *origin);
-                norm(along(d, -dot(d, *axis), *axis)) - radius
+                let d = p - *origin;
+                (d - d.dot(*axis) * *axis).length() - radius
             }
             // Measured in the half plane of the point and the axis, from the line of the cone extended beyond
             // the apex. There, the nearest point of the cone is the apex itself, which is farther away.
@@ -288,7 +288,7 @@ impl FaceSurface {
                 let [a, b, h] = about(p, *origin, *axis, *x);
                 (a.hypot(b) - radius) * half_angle_rad.cos() - h * half_angle_rad.sin()
             }
-            Self::Sphere { center, radius, .. } => norm(sub(p, *center)) - radius,
+            Self::Sphere { center, radius, .. } => (p - *center).length() - radius,
             Self::Torus { center, axis, x, major, minor } => {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 (a.hypot(b) - major).hypot(h) - minor

@@ -8,7 +8,7 @@
 //! The results depend on the boundary only, so no mesh and no tolerance is needed.
 
 use super::{Coedge, Face, FaceSurface, Solid};
-use planish_estimate::vector3::{dot, sub};
+use planish_core::DVec3;
 use std::f64::consts::PI;
 
 /// Volume, area and centroid of a solid.
@@ -19,7 +19,7 @@ pub struct Measures {
     /// Area of all faces.
     pub area: f64,
     /// Centroid of the volume.
-    pub centroid: [f64; 3],
+    pub centroid: DVec3,
 }
 
 /// Nodes on (−1, 1) and weights of Gauss–Legendre quadrature. Ten points are exact up to degree 19.
@@ -42,7 +42,7 @@ impl Solid {
     pub fn measures(&self) -> Measures {
         // An origin near the solid. Far from it, the integrals over opposite faces nearly cancel.
         let origin = self.vertices.first().copied().unwrap_or_default();
-        let (mut area, mut flux, mut moments) = (0.0, 0.0, [0.0; 3]);
+        let (mut area, mut flux, mut moments) = (0.0, 0.0, DVec3::ZERO);
         for face in &self.faces {
             let found = self.integrals(face, origin);
             area += found[0];
@@ -52,7 +52,7 @@ impl Solid {
             }
         }
         let volume = flux / 3.0;
-        Measures { volume, area, centroid: [0, 1, 2].map(|k| origin[k] + moments[k] / (2.0 * volume)) }
+        Measures { volume, area, centroid: origin + moments / (2.0 * volume) }
     }
 
     /// The volume that some faces enclose; negative for the inside of a void.
@@ -73,7 +73,7 @@ impl Solid {
     ///
     /// By the divergence theorem, the second gives three times the volume, and the last ones twice the
     /// moments of the volume.
-    fn integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
+    fn integrals(&self, face: &Face, origin: DVec3) -> [f64; 5] {
         let sign = if face.outward { 1.0 } else { -1.0 };
         let mut sum = [0.0; 5];
         if !matches!(face.surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. }) {
@@ -94,7 +94,7 @@ impl Solid {
     }
 
     /// Integrals along a coedge of a face on a plane or cylinder.
-    fn along_edge(&self, face: &Face, coedge: Coedge, origin: [f64; 3]) -> [f64; 5] {
+    fn along_edge(&self, face: &Face, coedge: Coedge, origin: DVec3) -> [f64; 5] {
         let edge = &self.edges[coedge.edge];
         let [from, to] = edge.range;
         let pieces = pieces(edge);
@@ -127,16 +127,16 @@ pub(super) fn pieces(edge: &super::Edge) -> usize {
 }
 
 /// `−F du/dt` for the five integrands, with the normal and orientation of the surface itself.
-fn integrands(surface: &FaceSurface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> [f64; 5] {
+fn integrands(surface: &FaceSurface, p: DVec3, d: DVec3, origin: DVec3) -> [f64; 5] {
     let [_, v] = surface.parameters(p);
     match surface {
         FaceSurface::Cone { .. } | FaceSurface::Sphere { .. } | FaceSurface::Torus { .. } => [0.0; 5],
         FaceSurface::Plane { origin: at, normal, x, .. } => {
-            let y = planish_estimate::vector3::cross(*normal, *x);
-            let du = dot(d, *x);
-            let level = dot(sub(*at, origin), *normal);
+            let y = normal.cross(*x);
+            let du = d.dot(*x);
+            let level = (*at - origin).dot(*normal);
             // p_k is q_k + v y_k, with q at v = 0, and its square is integrated over v.
-            let q = sub(super::along(p, -v, y), origin);
+            let q = p - v * y - origin;
             let second = |k: usize| {
                 normal[k] * (q[k] * q[k] * v + q[k] * y[k] * v * v + y[k] * y[k] * v * v * v / 3.0)
             };
@@ -145,9 +145,9 @@ fn integrands(surface: &FaceSurface, p: [f64; 3], d: [f64; 3], origin: [f64; 3])
         FaceSurface::Cylinder { origin: at, axis, radius, .. } => {
             let n = surface.normal(p);
             // du is (axis × n) · dp / r, and an element of area is r du dv: the radii cancel.
-            let du = dot(d, planish_estimate::vector3::cross(*axis, n));
-            let q = sub(super::along(p, -v, *axis), origin);
-            let level = dot(sub(*at, origin), n) + radius;
+            let du = d.dot(axis.cross(n));
+            let q = p - v * *axis - origin;
+            let level = (*at - origin).dot(n) + radius;
             let second = |k: usize| {
                 n[k] * (q[k] * q[k] * v + q[k] * axis[k] * v * v + axis[k] * axis[k] * v * v * v / 3.0)
             };

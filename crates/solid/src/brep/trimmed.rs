@@ -7,7 +7,7 @@
 //! their left. On spheres and tori, the first parameter is used if no loop has the point's first parameter.
 
 use super::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use planish_core::DVec3;
 use std::f64::consts::{PI, TAU};
 
 /// Direction in which planes are scanned, in radians. It is unusual in drawings, so loops do not run along
@@ -34,7 +34,7 @@ pub(crate) struct TrimmedFace<'a> {
     /// True if the second parameter is an angle, too.
     second_is_angle: bool,
     /// Minimum and maximum coordinates of the face.
-    pub(crate) bounds: [[f64; 3]; 2],
+    pub(crate) bounds: [DVec3; 2],
 }
 
 /// The difference of two angles in (−π, π].
@@ -44,8 +44,8 @@ fn turn(angle: f64) -> f64 {
 
 impl<'a> TrimmedFace<'a> {
     /// Prepares a face. If its surface may bulge beyond its loops, `reach` is its bounding box.
-    pub(crate) fn new(solid: &'a Solid, face: &'a Face, reach: [[f64; 3]; 2]) -> Self {
-        let scanned = |p: [f64; 3]| scan_parameters(&face.surface, p);
+    pub(crate) fn new(solid: &'a Solid, face: &'a Face, reach: [DVec3; 2]) -> Self {
+        let scanned = |p: DVec3| scan_parameters(&face.surface, p);
         let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
         let coedges = face
             .loops
@@ -79,7 +79,7 @@ impl<'a> TrimmedFace<'a> {
             // The box is that of sample points. Between these, at most 15° apart, an arc of radius r bulges
             // by less than r (1 − cos 7.5°) = 0.009 r.
             true => {
-                let more = 0.01 * norm(sub(bounds[1], bounds[0]));
+                let more = 0.01 * (bounds[1] - bounds[0]).length();
                 bounds = [bounds[0].map(|c| c - more), bounds[1].map(|c| c + more)];
             }
             false => bounds = reach,
@@ -98,7 +98,7 @@ impl<'a> TrimmedFace<'a> {
     }
 
     /// The normal that points out of the solid.
-    pub(crate) fn outward(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn outward(&self, p: DVec3) -> DVec3 {
         let n = self.face.surface.normal(p);
         if self.face.outward { n } else { n.map(|c| -c) }
     }
@@ -117,7 +117,7 @@ impl<'a> TrimmedFace<'a> {
     }
 
     /// True if a point of the surface lies in the face.
-    pub(crate) fn contains(&self, p: [f64; 3]) -> bool {
+    pub(crate) fn contains(&self, p: DVec3) -> bool {
         if self.coedges.is_empty() {
             return true;
         }
@@ -236,7 +236,7 @@ impl<'a> TrimmedFace<'a> {
     /// For a point without a loop above or below it: true if it is on the left of the nearest point of the
     /// loops. This is so for the cap of a ball and the apex of a cone. On planes and cylinders such a point
     /// is outside of the face.
-    fn is_left_of_nearest(&self, p: [f64; 3]) -> bool {
+    fn is_left_of_nearest(&self, p: DVec3) -> bool {
         if self.is_ruled() {
             return false;
         }
@@ -245,11 +245,11 @@ impl<'a> TrimmedFace<'a> {
             let curve = &self.solid.edges[coedge.edge].curve;
             for pair in points.windows(2) {
                 let [a, b] = [curve.point(pair[0].t), curve.point(pair[1].t)];
-                let d = sub(b, a);
-                let share = (dot(sub(p, a), d) / dot(d, d).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-                let q = along(a, share, d);
-                let far = norm(sub(p, q));
-                let side = dot(unit(cross(self.outward(q), d)), sub(p, q));
+                let d = b - a;
+                let share = ((p - a).dot(d) / d.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                let q = a + share * d;
+                let far = (p - q).length();
+                let side = unit(self.outward(q).cross(d)).dot(p - q);
                 // At a corner, two pieces are equally near. The one to which the point is more nearly
                 // perpendicular decides; the other one would give the sign of rounding.
                 let is_tie = (far - nearest.0).abs() < 1e-9 * far;
@@ -264,25 +264,25 @@ impl<'a> TrimmedFace<'a> {
     /// Distances along a ray at which it meets the surface, within the face or not.
     ///
     /// `range` limits the search on surfaces without a closed form.
-    pub(crate) fn met(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Vec<f64> {
+    pub(crate) fn met(&self, origin: DVec3, direction: DVec3, range: [f64; 2]) -> Vec<f64> {
         match &self.face.surface {
             FaceSurface::Plane { normal, .. } => {
-                let speed = dot(*normal, direction);
+                let speed = normal.dot(direction);
                 if speed.abs() < 1e-9 {
                     return Vec::new();
                 }
                 vec![-self.face.surface.distance(origin) / speed]
             }
             FaceSurface::Cylinder { origin: at, axis, radius, .. } => {
-                let across = |a: [f64; 3]| along(a, -dot(a, *axis), *axis);
-                let (d, o) = (across(direction), across(sub(origin, *at)));
-                let square = dot(d, d);
+                let across = |a: DVec3| a - a.dot(*axis) * *axis;
+                let (d, o) = (across(direction), across(origin - *at));
+                let square = d.length_squared();
                 if square < 1e-18 {
                     return Vec::new();
                 }
-                let middle = -dot(o, d) / square;
-                let off = along(o, middle, d);
-                let left = (radius * radius - dot(off, off)) / square;
+                let middle = -o.dot(d) / square;
+                let off = o + middle * d;
+                let left = (radius * radius - off.length_squared()) / square;
                 if left <= 0.0 {
                     return Vec::new();
                 }
@@ -301,11 +301,11 @@ impl<'a> TrimmedFace<'a> {
 /// omitted.
 pub(crate) fn met_by_distance(
     surface: &FaceSurface,
-    origin: [f64; 3],
-    direction: [f64; 3],
+    origin: DVec3,
+    direction: DVec3,
     [from, to]: [f64; 2],
 ) -> Vec<f64> {
-    let value = |t: f64| surface.distance(along(origin, t, direction));
+    let value = |t: f64| surface.distance(origin + t * direction);
     let finest = FINEST * (to - from);
     let mut open = vec![[from, to]];
     let mut found = Vec::new();
@@ -350,7 +350,7 @@ fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2])
 }
 
 /// The parameters of a surface in which faces are scanned; those of planes are rotated.
-fn scan_parameters(surface: &FaceSurface, p: [f64; 3]) -> [f64; 2] {
+fn scan_parameters(surface: &FaceSurface, p: DVec3) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     match surface {
         FaceSurface::Plane { .. } => {

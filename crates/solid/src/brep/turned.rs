@@ -10,7 +10,7 @@
 
 use super::measures::{GAUSS, pieces};
 use super::{Face, FaceSurface, Solid};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use planish_core::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Values at a quadrature point of the boundary of a face, in the parameters of its surface.
@@ -34,7 +34,7 @@ enum Base {
 impl Solid {
     /// Integrals of 1, `p · n` and `p_k² n_k` over a face of a cone, sphere or torus, with the normal of the
     /// surface and the direction of the loops.
-    pub(super) fn turned_integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
+    pub(super) fn turned_integrals(&self, face: &Face, origin: DVec3) -> [f64; 5] {
         let sense = if face.outward { 1.0 } else { -1.0 };
         if face.is_whole() {
             return whole(&face.surface, origin).map(|value| sense * value);
@@ -101,7 +101,7 @@ impl Solid {
 }
 
 /// The integrals over a whole sphere or torus: `∬ p · n = 3 V` and `∬ p_k² n_k = 2 V c_k` with the centre c.
-fn whole(surface: &FaceSurface, origin: [f64; 3]) -> [f64; 5] {
+fn whole(surface: &FaceSurface, origin: DVec3) -> [f64; 5] {
     let (area, volume, center) = match *surface {
         FaceSurface::Sphere { center, radius, .. } => {
             let area = 4.0 * PI * radius * radius;
@@ -113,12 +113,12 @@ fn whole(surface: &FaceSurface, origin: [f64; 3]) -> [f64; 5] {
         }
         _ => return [0.0; 5],
     };
-    let [x, y, z] = sub(center, origin).map(|c| 2.0 * volume * c);
+    let [x, y, z] = (center - origin).map(|c| 2.0 * volume * c);
     [area, 3.0 * volume, x, y, z]
 }
 
 /// Origin (or centre) and axis of a surface.
-fn frame(surface: &FaceSurface) -> ([f64; 3], [f64; 3]) {
+fn frame(surface: &FaceSurface) -> (DVec3, DVec3) {
     match surface {
         FaceSurface::Plane { origin, normal, .. } => (*origin, *normal),
         FaceSurface::Cylinder { origin, axis, .. } | FaceSurface::Cone { origin, axis, .. } => {
@@ -131,19 +131,19 @@ fn frame(surface: &FaceSurface) -> ([f64; 3], [f64; 3]) {
 }
 
 /// Derivatives of both parameters for the derivative `d` of a point.
-fn derivatives(surface: &FaceSurface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
+fn derivatives(surface: &FaceSurface, p: DVec3, d: DVec3) -> [f64; 2] {
     let (center, axis) = frame(surface);
-    let from = sub(p, center);
-    let across = super::along(from, -dot(from, axis), axis);
-    let distance = norm(across).max(f64::MIN_POSITIVE);
+    let from = p - center;
+    let across = from - from.dot(axis) * axis;
+    let distance = across.length().max(f64::MIN_POSITIVE);
     let out = across.map(|c| c / distance);
-    let du = dot(d, cross(axis, out)) / distance;
+    let du = d.dot(axis.cross(out)) / distance;
     let v = surface.parameters(p)[1];
-    let along_v = |radius: f64| (dot(d, axis) * v.cos() - dot(d, out) * v.sin()) / radius;
+    let along_v = |radius: f64| (d.dot(axis) * v.cos() - d.dot(out) * v.sin()) / radius;
     let dv = match surface {
         FaceSurface::Sphere { radius, .. } => along_v(*radius),
         FaceSurface::Torus { minor, .. } => along_v(*minor),
-        _ => dot(d, axis),
+        _ => d.dot(axis),
     };
     [du, dv]
 }
@@ -161,17 +161,17 @@ fn element(surface: &FaceSurface, v: f64) -> f64 {
 }
 
 /// The integrands at parameters, with the area element.
-fn integrands(surface: &FaceSurface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5] {
+fn integrands(surface: &FaceSurface, at: [f64; 2], origin: DVec3) -> [f64; 5] {
     let p = surface.point(at);
     let n = surface.normal(p);
-    let q = sub(p, origin);
+    let q = p - origin;
     let area = element(surface, at[1]);
     let moment = |k: usize| area * q[k] * q[k] * n[k];
-    [area, area * dot(q, n), moment(0), moment(1), moment(2)]
+    [area, area * q.dot(n), moment(0), moment(1), moment(2)]
 }
 
 /// The integrals over a face from a base: the inner integral at each node, weighted by the outer quadrature.
-fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3]) -> [f64; 5] {
+fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: DVec3) -> [f64; 5] {
     let lifted = |value: f64, cut: f64| cut + (value - cut).rem_euclid(TAU);
     let mut sum = [0.0; 5];
     for node in nodes {

@@ -6,7 +6,7 @@
 use super::ConsistentViews;
 use crate::brep::{EdgeCurve, Solid};
 use planish_contour::constraint::Place;
-use planish_estimate::vector3::norm;
+use planish_core::DVec3;
 use serde::Serialize;
 
 /// A vertex of the solid.
@@ -15,7 +15,7 @@ pub struct SpaceVertex {
     /// `V1` and so on.
     pub name: String,
     /// Position.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// σ of each coordinate; `None` if no view shows the coordinate.
     pub sigma: [Option<f64>; 3],
     /// Points and circles of the views with these coordinates, such as `x of front P1`.
@@ -100,8 +100,8 @@ impl ConsistentViews {
         for edge in &solid.edges {
             match &edge.curve {
                 EdgeCurve::Line { .. } => found.push(self.length(solid, edge.start, edge.end)),
-                EdgeCurve::Ellipse { center, a, b } if (norm(*a) - norm(*b)).abs() <= self.same() => {
-                    let radius = norm(*a);
+                EdgeCurve::Ellipse { center, a, b } if (a.length() - b.length()).abs() <= self.same() => {
+                    let radius = a.length();
                     // Both ends of a hole, and several holes of one diameter, give one entry.
                     let known = found.iter().any(|d: &SpaceDimension| {
                         d.kind == DimensionKind::Diameter && (d.value - 2.0 * radius).abs() <= self.same()
@@ -119,7 +119,7 @@ impl ConsistentViews {
     /// The length of an edge between two vertices.
     fn length(&self, solid: &Solid, start: usize, end: usize) -> SpaceDimension {
         let (a, b) = (solid.vertices[start], solid.vertices[end]);
-        let along: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
+        let along: DVec3 = std::array::from_fn(|k| b[k] - a[k]);
         let length = along.iter().map(|d| d * d).sum::<f64>().sqrt();
         let (from, to) = (self.coordinates(a), self.coordinates(b));
         let mut terms = Vec::new();
@@ -147,7 +147,7 @@ impl ConsistentViews {
     }
 
     /// The diameter of a circle. Its σ is that of a circle of the same radius in the drawing.
-    fn diameter(&self, center: [f64; 3], radius: f64) -> SpaceDimension {
+    fn diameter(&self, center: DVec3, radius: f64) -> SpaceDimension {
         let circle = self
             .drawing
             .circles()
@@ -164,7 +164,7 @@ impl ConsistentViews {
     }
 
     /// For each coordinate of a point, the places of the views that have this coordinate.
-    fn coordinates(&self, position: [f64; 3]) -> [Option<&Vec<Place>>; 3] {
+    fn coordinates(&self, position: DVec3) -> [Option<&Vec<Place>>; 3] {
         std::array::from_fn(|axis| {
             let near = self.levels[axis].iter().min_by(|a, b| {
                 let off = |level: &super::AxisCoordinate| (level.value - position[axis]).abs();

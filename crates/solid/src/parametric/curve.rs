@@ -1,7 +1,7 @@
 //! Curves of edges: points, derivatives, nearest points, and division into chords.
 
 use super::{Fineness, SplineCurve};
-use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
+use planish_core::DVec3;
 use std::f64::consts::{FRAC_PI_6, TAU};
 
 /// Maximum number of halvings of a piece between two breaks. It bounds the number of chords.
@@ -18,36 +18,36 @@ pub enum ParametricCurve {
     /// `origin + t along`.
     Line {
         /// The point at parameter 0.
-        origin: [f64; 3],
+        origin: DVec3,
         /// Derivative, of any length.
-        along: [f64; 3],
+        along: DVec3,
     },
     /// `center + a cos t + b sin t`, the axes orthogonal.
     Ellipse {
         /// Centre.
-        center: [f64; 3],
+        center: DVec3,
         /// Semi-axis at parameter 0.
-        a: [f64; 3],
+        a: DVec3,
         /// Semi-axis at parameter π/2.
-        b: [f64; 3],
+        b: DVec3,
     },
     /// `center + a cosh t + b sinh t`, the axes orthogonal.
     Hyperbola {
         /// Centre.
-        center: [f64; 3],
+        center: DVec3,
         /// Semi-axis towards the vertex of the branch.
-        a: [f64; 3],
+        a: DVec3,
         /// Semi-axis across it.
-        b: [f64; 3],
+        b: DVec3,
     },
     /// `vertex + t² a + 2 t b`, the axes orthogonal and of the focal length.
     Parabola {
         /// Vertex.
-        vertex: [f64; 3],
+        vertex: DVec3,
         /// Axis towards the focus.
-        a: [f64; 3],
+        a: DVec3,
         /// Axis across it.
-        b: [f64; 3],
+        b: DVec3,
     },
     /// A rational B-spline.
     Spline(SplineCurve),
@@ -56,7 +56,7 @@ pub enum ParametricCurve {
 impl ParametricCurve {
     /// The point at a parameter.
     #[must_use]
-    pub fn point(&self, t: f64) -> [f64; 3] {
+    pub fn point(&self, t: f64) -> DVec3 {
         self.at(t).0
     }
 
@@ -65,16 +65,16 @@ impl ParametricCurve {
     /// ```
     /// use planish_solid::parametric::ParametricCurve;
     ///
-    /// let line = ParametricCurve::Line { origin: [1.0, 0.0, 0.0], along: [0.0, 2.0, 0.0] };
+    /// let line = ParametricCurve::Line { origin: DVec3::X, along: [0.0, 2.0, 0.0] };
     /// assert_eq!(line.at(1.5), ([1.0, 3.0, 0.0], [0.0, 2.0, 0.0]));
     /// ```
     #[must_use]
-    pub fn at(&self, t: f64) -> ([f64; 3], [f64; 3]) {
-        let pair = |p: [f64; 3], x: [f64; 2], a: [f64; 3], y: [f64; 2], b: [f64; 3]| {
-            (add_scaled(add_scaled(p, x[0], a), y[0], b), add_scaled(scale(x[1], a), y[1], b))
+    pub fn at(&self, t: f64) -> (DVec3, DVec3) {
+        let pair = |p: DVec3, x: [f64; 2], a: DVec3, y: [f64; 2], b: DVec3| {
+            (p + x[0] * a + y[0] * b, x[1] * a + y[1] * b)
         };
         match self {
-            Self::Line { origin, along } => (add_scaled(*origin, t, *along), *along),
+            Self::Line { origin, along } => (*origin + t * *along, *along),
             Self::Ellipse { center, a, b } => {
                 let (sin, cos) = t.sin_cos();
                 pair(*center, [cos, -sin], *a, [sin, cos], *b)
@@ -105,19 +105,19 @@ impl ParametricCurve {
     /// ```
     /// use planish_solid::parametric::ParametricCurve;
     ///
-    /// let line = ParametricCurve::Line { origin: [1.0, 0.0, 0.0], along: [0.0, 2.0, 0.0] };
+    /// let line = ParametricCurve::Line { origin: DVec3::X, along: [0.0, 2.0, 0.0] };
     /// assert_eq!(line.parameter([7.0, 3.0, 0.0], None), 1.5);
     /// ```
     #[must_use]
-    pub fn parameter(&self, p: [f64; 3], guess: Option<f64>) -> f64 {
+    pub fn parameter(&self, p: DVec3, guess: Option<f64>) -> f64 {
         let along =
-            |center: &[f64; 3], a: &[f64; 3]| dot(sub(p, *center), *a) / dot(*a, *a).max(f64::MIN_POSITIVE);
+            |center: &DVec3, a: &DVec3| (p - *center).dot(*a) / a.length_squared().max(f64::MIN_POSITIVE);
         match self {
             Self::Line { origin, along: d } => along(origin, d),
             Self::Ellipse { center, a, b } => along(center, b).atan2(along(center, a)),
             Self::Hyperbola { center, b, .. } => along(center, b).asinh(),
             Self::Parabola { vertex, b, .. } => 0.5 * along(vertex, b),
-            Self::Spline(_) => self.nearest(&|q| sub(q, p), &|d| d, guess),
+            Self::Spline(_) => self.nearest(&|q| q - p, &|d| d, guess),
         }
     }
 
@@ -128,15 +128,15 @@ impl ParametricCurve {
     /// several times.
     pub(super) fn nearest(
         &self,
-        residual: &dyn Fn([f64; 3]) -> [f64; 3],
-        turned: &dyn Fn([f64; 3]) -> [f64; 3],
+        residual: &dyn Fn(DVec3) -> DVec3,
+        turned: &dyn Fn(DVec3) -> DVec3,
         guess: Option<f64>,
     ) -> f64 {
         let period = self.period();
         let [lo, hi] = self.domain();
         let square = |t: f64| {
             let r = residual(self.point(t));
-            dot(r, r)
+            r.length_squared()
         };
         let inside = |t: f64| if period.is_some() { t } else { t.clamp(lo, hi) };
         let refine = |mut t: f64| {
@@ -146,7 +146,7 @@ impl ParametricCurve {
             for _ in 0..40 {
                 let (q, d) = self.at(t);
                 let (r, d) = (residual(q), turned(d));
-                let mut step = -dot(r, d) / dot(d, d).max(f64::MIN_POSITIVE);
+                let mut step = -r.dot(d) / d.length_squared().max(f64::MIN_POSITIVE);
                 let mut next = inside(t + step);
                 // A step that does not come nearer is halved.
                 while square(next) > value && (next - t).abs() > 1e-15 * (hi - lo) {
@@ -248,7 +248,7 @@ impl ParametricCurve {
     /// On a periodic curve it is ascending. On others, the ends are the parameters of the points, in this
     /// order.
     #[must_use]
-    pub fn range(&self, [from, to]: [[f64; 3]; 2], is_closed: bool) -> [f64; 2] {
+    pub fn range(&self, [from, to]: [DVec3; 2], is_closed: bool) -> [f64; 2] {
         let first = self.parameter(from, None);
         // Equal ends of an open periodic range mean a whole turn, not none.
         match self.period() {
@@ -270,7 +270,7 @@ impl ParametricCurve {
     /// ```
     /// use planish_solid::parametric::{Fineness, ParametricCurve};
     ///
-    /// let line = ParametricCurve::Line { origin: [0.0; 3], along: [1.0, 0.0, 0.0] };
+    /// let line = ParametricCurve::Line { origin: DVec3::ZERO, along: DVec3::X };
     /// let fineness = Fineness { chord: 0.1, longest: 3.0 };
     /// assert_eq!(line.chords([0.0, 4.0], &fineness), [2.0]);
     /// ```
@@ -295,12 +295,12 @@ impl ParametricCurve {
     /// Halves a range until its chord is short and accurate, and collects the parameters.
     fn halve(&self, [from, to]: [f64; 2], fineness: &Fineness, depth: usize, found: &mut Vec<f64>) {
         let (a, b) = (self.point(from), self.point(to));
-        let chord = sub(b, a);
-        let square = dot(chord, chord).max(f64::MIN_POSITIVE);
+        let chord = b - a;
+        let square = chord.length_squared().max(f64::MIN_POSITIVE);
         let misses = |share: f64| {
-            let d = sub(self.point(from + share * (to - from)), a);
-            let along = (dot(d, chord) / square).clamp(0.0, 1.0);
-            norm(add_scaled(d, -along, chord)) > 0.5 * fineness.chord
+            let d = self.point(from + share * (to - from)) - a;
+            let along = (d.dot(chord) / square).clamp(0.0, 1.0);
+            (d - along * chord).length() > 0.5 * fineness.chord
         };
         // Three points are tested: the middle alone would find an S-shaped piece straight.
         let is_long = square.sqrt() > fineness.longest;
@@ -317,16 +317,15 @@ impl ParametricCurve {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::distance;
 
     fn wave() -> ParametricCurve {
-        let poles: Vec<[f64; 3]> = (0..12)
+        let poles: Vec<DVec3> = (0..12)
             .map(|k| {
                 let t = f64::from(k) / 11.0 * TAU;
                 [t.cos() * (2.0 + (3.0 * t).sin()), t.sin() * 3.0, 0.5 * (2.0 * t).cos()]
             })
             .collect();
-        let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
+        let knots: Vec<f64> = DVec3::ZERO.into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
         ParametricCurve::Spline(SplineCurve::try_new(3, knots, &poles, None).unwrap())
     }
 
@@ -334,9 +333,9 @@ mod tests {
     fn parameters_of_points_on_curves_are_recovered() {
         let shapes = [
             ParametricCurve::Line { origin: [1.0, 2.0, 3.0], along: [0.5, -2.0, 0.25] },
-            ParametricCurve::Ellipse { center: [1.0, 0.0, 0.0], a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
-            ParametricCurve::Hyperbola { center: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
-            ParametricCurve::Parabola { vertex: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 1.0, 0.0] },
+            ParametricCurve::Ellipse { center: DVec3::X, a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
+            ParametricCurve::Hyperbola { center: DVec3::ZERO, a: DVec3::X, b: [0.0, 2.0, 0.0] },
+            ParametricCurve::Parabola { vertex: DVec3::ZERO, a: DVec3::X, b: DVec3::Y },
             wave(),
         ];
         for curve in shapes {
@@ -344,8 +343,8 @@ mod tests {
                 let t = 0.15 * f64::from(k);
                 let (p, d) = curve.at(t);
                 let h = 1e-6;
-                let by = sub(curve.point(t + h), curve.point(t - h)).map(|x| x / (2.0 * h));
-                assert!(norm(sub(by, d)) < 1e-7 * norm(d).max(1.0), "{curve:?} at {t}");
+                let by = (curve.point(t + h) - curve.point(t - h)).map(|x| x / (2.0 * h));
+                assert!((by - d).length() < 1e-7 * d.length().max(1.0), "{curve:?} at {t}");
                 assert!((curve.parameter(p, None) - t).abs() < 1e-7, "{curve:?} at {t}");
             }
         }
@@ -364,10 +363,10 @@ mod tests {
             at.push(range[1]);
             for pair in at.windows(2) {
                 let (a, b) = (curve.point(pair[0]), curve.point(pair[1]));
-                assert!(distance(a, b) <= 0.2);
+                assert!(a.distance(b) <= 0.2);
                 let m = curve.point(0.5 * (pair[0] + pair[1]));
-                let d = sub(b, a);
-                let off = norm(add_scaled(sub(m, a), -dot(sub(m, a), d) / dot(d, d), d));
+                let d = b - a;
+                let off = (m - a - (m - a).dot(d) / d.length_squared() * d).length();
                 assert!(off <= 0.5e-3, "{off}");
                 assert!((pair[1] > pair[0]) == (range[1] > range[0]));
             }

@@ -2,7 +2,7 @@
 
 use super::surface::{Feet, Pole};
 use crate::tessellation::polygon::Corner;
-use planish_estimate::vector3::distance;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// Maximum distance of a point that counts as a pole, relative to the size of its loop.
@@ -67,11 +67,11 @@ impl Lifter<'_> {
     ///
     /// # Errors
     /// `Unsupported` if the loop leaves the surface, or contains only poles.
-    pub(super) fn lift(&mut self, ring: &Ring, positions: &[[f64; 3]]) -> Result<Lifted> {
-        let points: Vec<[f64; 3]> = ring.vertices.iter().map(|v| positions[*v as usize]).collect();
+    pub(super) fn lift(&mut self, ring: &Ring, positions: &[DVec3]) -> Result<Lifted> {
+        let points: Vec<DVec3> = ring.vertices.iter().map(|v| positions[*v as usize]).collect();
         let n = points.len();
-        let size = points.iter().map(|p| distance(*p, points[0])).fold(0.0, f64::max);
-        let pole_at = |p: [f64; 3]| self.poles.iter().find(|pole| distance(p, pole.point) <= AT_POLE * size);
+        let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f64::max);
+        let pole_at = |p: DVec3| self.poles.iter().find(|pole| p.distance(pole.point) <= AT_POLE * size);
         let at_pole: Vec<Option<Pole>> = points.iter().map(|p| pole_at(*p).copied()).collect();
         // At a pole, one parameter is undetermined, so the loop begins at another point. A pole gets two
         // corners: with the parameter of the point before it, and with that of the point after it.
@@ -120,9 +120,9 @@ impl Lifter<'_> {
     }
 
     /// Parameters of the foot point of a point.
-    fn foot(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, size: f64) -> Result<[f64; 2]> {
+    fn foot(&mut self, p: DVec3, guess: Option<[f64; 2]>, size: f64) -> Result<[f64; 2]> {
         let at = self.feet.foot(p, guess, self.close);
-        let off = distance(p, self.feet.surface().point(at));
+        let off = p.distance(self.feet.surface().point(at));
         match off <= (MAX_OFF * size).max(100.0 * self.close) {
             true => Ok(at),
             false => Err(Error::unsupported(format!("a loop is {off:.3e} off its surface"))),

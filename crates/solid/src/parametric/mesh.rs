@@ -5,6 +5,7 @@ use super::outline::Outliner;
 use super::seeds::seeds;
 use super::{Fineness, ParametricCurve, ParametricEdge, ParametricFace, ParametricShape};
 use crate::tessellation::fill::Filling;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -20,7 +21,7 @@ const TRIES: u8 = 3;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Part {
     /// Positions.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// Triangles, counter-clockwise as seen from the outer side.
     pub triangles: Vec<[u32; 3]>,
     /// Indices of its faces, ascending.
@@ -53,13 +54,13 @@ const OWN: u32 = 1 << 31;
 /// Triangles of one face. Corners are indices of points of edges or, with [`OWN`], of inner points.
 #[derive(Debug, Clone, Default)]
 struct Filled {
-    own: Vec<[f64; 3]>,
+    own: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
 }
 
 /// Points along edges; the vertices come first.
 struct EdgePoints {
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     of_edge: Vec<Vec<u32>>,
 }
 
@@ -121,7 +122,7 @@ impl EdgePoints {
 }
 
 /// Points of an edge between its ends, in its direction.
-fn inner_points(shape: &ParametricShape, edge: &ParametricEdge, fineness: &Fineness) -> Vec<[f64; 3]> {
+fn inner_points(shape: &ParametricShape, edge: &ParametricEdge, fineness: &Fineness) -> Vec<DVec3> {
     let [a, b] = edge.ends.map(|v| shape.vertices[v]);
     let is_closed = edge.ends[0] == edge.ends[1];
     if is_closed && matches!(edge.curve, ParametricCurve::Line { .. }) {
@@ -129,7 +130,7 @@ fn inner_points(shape: &ParametricShape, edge: &ParametricEdge, fineness: &Finen
     }
     let range = edge.curve.range(if edge.is_forward { [a, b] } else { [b, a] }, is_closed);
     let at = edge.curve.chords(range, fineness);
-    let mut points: Vec<[f64; 3]> = at.into_iter().map(|t| edge.curve.point(t)).collect();
+    let mut points: Vec<DVec3> = at.into_iter().map(|t| edge.curve.point(t)).collect();
     if !edge.is_forward {
         points.reverse();
     }
@@ -146,17 +147,17 @@ impl ParametricShape {
     /// };
     ///
     /// // A unit square in the plane z = 0.
-    /// let vertices = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
     /// let edge = |k: usize| {
     ///     let (a, b) = (vertices[k], vertices[(k + 1) % 4]);
     ///     let along = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
     ///     let curve = ParametricCurve::Line { origin: a, along };
     ///     ParametricEdge { curve, ends: [k, (k + 1) % 4], is_forward: true }
     /// };
-    /// let (normal, x) = ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]);
+    /// let (normal, x) = (DVec3::Z, DVec3::X);
     /// let face = ParametricFace {
     ///     name: "square".to_owned(),
-    ///     surface: ParametricSurface::Elementary(FaceSurface::Plane { origin: [0.0; 3], normal, x }),
+    ///     surface: ParametricSurface::Elementary(FaceSurface::Plane { origin: DVec3::ZERO, normal, x }),
     ///     is_outward: true,
     ///     loops: vec![(0..4).map(|k| (k, true)).collect()],
     /// };
@@ -260,7 +261,7 @@ impl ParametricShape {
                 (global.len() - 1) as u32
             });
         }
-        let mut positions: Vec<[f64; 3]> = global.iter().map(|v| points.positions[*v as usize]).collect();
+        let mut positions: Vec<DVec3> = global.iter().map(|v| points.positions[*v as usize]).collect();
         let outline = Outliner::new(face, &mut positions, *fineness).outline(&rings)?;
         let inner = seeds(&face.surface, &outline, fineness, MAX_POINTS, &mut positions)?;
         let steps = outline.steps;

@@ -10,7 +10,7 @@ use super::{Fineness, ParametricFace};
 use crate::tessellation::polygon::{
     Corner, contains, part_touching, segments_cross, shift_into_outer, signed_area,
 };
-use planish_estimate::vector3::{distance, norm};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// Number of corners of the loop that represents a pole; all of them are one vertex.
@@ -33,15 +33,11 @@ pub(super) struct Outliner<'a> {
     surface: &'a ParametricSurface,
     lifter: Lifter<'a>,
     fineness: Fineness,
-    positions: &'a mut Vec<[f64; 3]>,
+    positions: &'a mut Vec<DVec3>,
 }
 
 impl<'a> Outliner<'a> {
-    pub(super) fn new(
-        face: &'a ParametricFace,
-        positions: &'a mut Vec<[f64; 3]>,
-        fineness: Fineness,
-    ) -> Self {
+    pub(super) fn new(face: &'a ParametricFace, positions: &'a mut Vec<DVec3>, fineness: Fineness) -> Self {
         let surface = &face.surface;
         let lifter = Lifter {
             feet: Feet::new(surface),
@@ -313,7 +309,7 @@ impl<'a> Outliner<'a> {
             let place = |c: &Corner| self.positions[c.vertex as usize];
             let (here, last, first) = (place(&polygon[i]), polygon[i - 1], polygon[0]);
             for other in [last, first] {
-                if distance(here, place(&other)) <= 1e-9 * norm(here) {
+                if here.distance(place(&other)) <= 1e-9 * here.length() {
                     polygon[i].vertex = other.vertex;
                 }
             }
@@ -347,8 +343,8 @@ impl<'a> Outliner<'a> {
         while n < MAX_SIDES {
             let is_fine = (0..n).all(|i| {
                 let [a, m, b] = [0.0, 0.5, 1.0].map(|h| point((i as f64 + h) / n as f64));
-                let flat = [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]));
-                distance(m, flat) <= self.fineness.chord && distance(a, b) <= self.fineness.longest
+                let flat = 0.5 * (a + b);
+                m.distance(flat) <= self.fineness.chord && a.distance(b) <= self.fineness.longest
             });
             if is_fine {
                 break;
@@ -459,7 +455,7 @@ impl<'a> Outliner<'a> {
             // At a pole, a derivative is zero and says nothing about the size of the face.
             let (_, slopes) = self.surface.at(corner.at);
             for c in 0..2 {
-                let length = norm(slopes[c]);
+                let length = slopes[c].length();
                 if length > 1e-12 {
                     sums[c] += length;
                     counts[c] += 1.0;

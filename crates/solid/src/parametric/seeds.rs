@@ -6,8 +6,7 @@
 use super::outline::{Outline, is_in};
 use super::{Fineness, ParametricSurface};
 use crate::tessellation::polygon::Corner;
-use planish_core::BoundingBox;
-use planish_estimate::vector3::norm;
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 
 /// Number of intervals along each parameter at which second differences are taken.
@@ -31,7 +30,7 @@ pub(super) fn seeds(
     outline: &Outline,
     fineness: &Fineness,
     limit: usize,
-    positions: &mut Vec<[f64; 3]>,
+    positions: &mut Vec<DVec3>,
 ) -> Result<Vec<Corner>> {
     let steps = outline.steps;
     let bounds: BoundingBox<2> = outline.polygons.iter().flatten().map(|corner| corner.at).collect();
@@ -88,9 +87,9 @@ fn spacings(
         let mut bends = Vec::with_capacity(5 * PROBES);
         // Not at 0 and 1, where poles have no curvature.
         for across in [0.03, 0.25, 0.5, 0.75, 0.97] {
-            let line: Vec<[f64; 3]> = (0..=PROBES).map(|k| at(h * k as f64, across)).collect();
+            let line: Vec<DVec3> = (0..=PROBES).map(|k| at(h * k as f64, across)).collect();
             for t in line.windows(3) {
-                bends.push(norm([0, 1, 2].map(|x| t[0][x] - 2.0 * t[1][x] + t[2][x])) / (h * h));
+                bends.push((t[0] - 2.0 * t[1] + t[2]).length() / (h * h));
             }
         }
         bends.sort_by(f64::total_cmp);

@@ -7,7 +7,7 @@
 //! de Boor 1972, *On calculating with B-splines* (recurrence); Piegl and Tiller 1997, *The NURBS Book*, eqs.
 //! 2.5 and 2.7 (basis and its derivative), 4.1 and 4.11 (rational curves and surfaces).
 
-use planish_estimate::vector3::distance;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// Maximum degree. Values of the basis functions are in arrays of this size, without allocation.
@@ -123,7 +123,7 @@ impl Knots {
 }
 
 /// Homogeneous control points: coordinates times weight, and the weight.
-fn homogeneous(poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>> {
+fn homogeneous(poles: &[DVec3], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>> {
     if weights.is_some_and(|w| w.len() != poles.len()) {
         return Err(Error::input(format!(
             "needed a weight for each of {} control points, found {}",
@@ -148,10 +148,10 @@ fn homogeneous(poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Vec<[f64; 
 }
 
 /// Point and derivatives from homogeneous ones, by the quotient rule.
-fn projected<const N: usize>(value: [f64; 4], slopes: [[f64; 4]; N]) -> ([f64; 3], [[f64; 3]; N]) {
+fn projected<const N: usize>(value: [f64; 4], slopes: [[f64; 4]; N]) -> (DVec3, [DVec3; N]) {
     let w = value[3];
-    let point = [0, 1, 2].map(|c| value[c] / w);
-    (point, slopes.map(|s| [0, 1, 2].map(|c| (s[c] - s[3] * point[c]) / w)))
+    let point = value / w;
+    (point, slopes.map(|s| (s - s[3] * point) / w))
 }
 
 /// A rational B-spline curve `C(t) = Σ Nᵢ(t) wᵢ Pᵢ / Σ Nᵢ(t) wᵢ`.
@@ -170,7 +170,7 @@ impl SplineCurve {
     /// use planish_solid::parametric::SplineCurve;
     ///
     /// // A quarter of the unit circle.
-    /// let poles = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+    /// let poles = [DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
     /// let weights = [1.0, 0.5_f64.sqrt(), 1.0];
     /// let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0];
     /// let arc = SplineCurve::try_new(2, knots, &poles, Some(&weights))?;
@@ -182,12 +182,7 @@ impl SplineCurve {
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input) if the numbers of knots, control points and weights do
     /// not fit together, or values are not valid.
-    pub fn try_new(
-        degree: usize,
-        knots: Vec<f64>,
-        poles: &[[f64; 3]],
-        weights: Option<&[f64]>,
-    ) -> Result<Self> {
+    pub fn try_new(degree: usize, knots: Vec<f64>, poles: &[DVec3], weights: Option<&[f64]>) -> Result<Self> {
         let mut made = Self {
             knots: Knots::try_new(degree, knots, poles.len())?,
             poles: homogeneous(poles, weights)?,
@@ -196,7 +191,7 @@ impl SplineCurve {
         let [lo, hi] = made.domain();
         let [from, to, one, other] = [lo, hi, 0.5 * (lo + hi), lo + 0.3 * (hi - lo)].map(|t| made.at(t).0);
         // The size comes from two inner points: at a symmetric one alone, a closed curve may pass its start.
-        made.is_closed = distance(from, to) <= CLOSED * distance(from, one).max(distance(from, other));
+        made.is_closed = from.distance(to) <= CLOSED * from.distance(one).max(from.distance(other));
         Ok(made)
     }
 
@@ -205,14 +200,14 @@ impl SplineCurve {
     /// ```
     /// use planish_solid::parametric::SplineCurve;
     ///
-    /// let line = SplineCurve::polyline(&[[0.0; 3], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0]])?;
-    /// assert_eq!(line.at(1.5).0, [1.0, 1.0, 0.0]);
+    /// let line = SplineCurve::polyline(&[DVec3::ZERO, DVec3::X, [1.0, 2.0, 0.0]])?;
+    /// assert_eq!(line.at(1.5).0, DVec3::new(1.0, 1.0, 0.0));
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
     ///
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two points.
-    pub fn polyline(points: &[[f64; 3]]) -> Result<Self> {
+    pub fn polyline(points: &[DVec3]) -> Result<Self> {
         let last = points.len().saturating_sub(1);
         let ends = (0..=last).map(|k| k as f64);
         let knots = std::iter::once(0.0).chain(ends).chain([last as f64]).collect();
@@ -246,7 +241,7 @@ impl SplineCurve {
 
     /// The point and the derivative at a parameter. A closed curve continues periodically beyond its ends.
     #[must_use]
-    pub fn at(&self, t: f64) -> ([f64; 3], [f64; 3]) {
+    pub fn at(&self, t: f64) -> (DVec3, DVec3) {
         let basis = self.knots.basis(self.knots.wrapped(t, self.is_closed));
         let (mut value, mut slope) = ([0.0; 4], [0.0; 4]);
         for r in 0..=self.knots.degree {
@@ -278,7 +273,7 @@ impl SplineSurface {
     /// use planish_solid::parametric::SplineSurface;
     ///
     /// // A bilinear patch over the unit square.
-    /// let poles = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 1.0]];
+    /// let poles = [DVec3::ZERO, DVec3::Y, DVec3::X, DVec3::new(1.0, 1.0, 1.0)];
     /// let knots = vec![0.0, 0.0, 1.0, 1.0];
     /// let patch = SplineSurface::try_new([1, 1], [knots.clone(), knots], &poles, None)?;
     /// assert_eq!(patch.at([0.5, 0.5]).0, [0.5, 0.5, 0.25]);
@@ -291,7 +286,7 @@ impl SplineSurface {
     pub fn try_new(
         degrees: [usize; 2],
         [knots_u, knots_v]: [Vec<f64>; 2],
-        poles: &[[f64; 3]],
+        poles: &[DVec3],
         weights: Option<&[f64]>,
     ) -> Result<Self> {
         // The numbers of control points follow from the knots, and their product is checked against the list.
@@ -328,8 +323,8 @@ impl SplineSurface {
         // The size is the largest distance from the side to the middle. A surface without extent along this
         // direction is not closed.
         let shares = || (0..=16).map(|i| f64::from(i) / 16.0);
-        let size = shares().map(|s| distance(at(lo, s), at(0.5 * (lo + hi), s))).fold(0.0, f64::max);
-        size > 0.0 && shares().all(|s| distance(at(lo, s), at(hi, s)) <= CLOSED * size)
+        let size = shares().map(|s| at(lo, s).distance(at(0.5 * (lo + hi), s))).fold(0.0, f64::max);
+        size > 0.0 && shares().all(|s| at(lo, s).distance(at(hi, s)) <= CLOSED * size)
     }
 
     /// Period of each parameter; `None` if the surface is not closed along it.
@@ -361,7 +356,7 @@ impl SplineSurface {
 
     /// The point and the derivatives along u and v at parameters. A closed surface continues beyond its seam.
     #[must_use]
-    pub fn at(&self, at: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
+    pub fn at(&self, at: [f64; 2]) -> (DVec3, [DVec3; 2]) {
         let [a, b] = [0, 1].map(|k| self.knots[k].basis(self.knots[k].wrapped(at[k], self.is_closed[k])));
         let n_v = self.knots[1].n;
         let (mut value, mut slopes) = ([0.0; 4], [[0.0; 4]; 2]);
@@ -382,27 +377,32 @@ impl SplineSurface {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::{norm, sub};
 
     #[test]
     fn a_rational_quadratic_is_a_circle_and_its_derivative_agrees_with_differences() {
         let h = 0.5_f64.sqrt();
-        let poles = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
+        let poles = [
+            DVec3::X,
+            DVec3::new(1.0, 1.0, 0.0),
+            DVec3::Y,
+            DVec3::new(-1.0, 1.0, 0.0),
+            DVec3::new(-1.0, 0.0, 0.0),
+        ];
         let weights = [1.0, h, 1.0, h, 1.0];
         let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
         let half = SplineCurve::try_new(2, knots, &poles, Some(&weights)).unwrap();
         for k in 0..=40 {
             let t = f64::from(k) / 20.0;
             let (p, d) = half.at(t);
-            assert!((norm(p) - 1.0).abs() < 1e-14, "{p:?}");
+            assert!((p.length() - 1.0).abs() < 1e-14, "{p:?}");
             if k % 20 != 0 {
                 let step = 1e-6;
-                let by = sub(half.at(t + step).0, half.at(t - step).0).map(|x| x / (2.0 * step));
-                assert!(norm(sub(by, d)) < 1e-8, "{by:?} is not {d:?}");
+                let by = (half.at(t + step).0 - half.at(t - step).0).map(|x| x / (2.0 * step));
+                assert!((by - d).length() < 1e-8, "{by:?} is not {d:?}");
             }
         }
         assert_eq!(half.breaks(), [0.0, 1.0, 2.0]);
-        assert_eq!(half.at(2.0).0, [-1.0, 0.0, 0.0]);
+        assert_eq!(half.at(2.0).0, DVec3::new(-1.0, 0.0, 0.0));
     }
 
     #[test]
@@ -410,20 +410,23 @@ mod tests {
         // Greville's abscissae as control points give the identity.
         let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.5, 3.0, 3.0, 3.0, 3.0];
         let greville: Vec<f64> = (0..6).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0).collect();
-        let poles: Vec<[f64; 3]> =
+        let poles: Vec<DVec3> =
             greville.iter().flat_map(|u| greville.iter().map(move |v| [*u, *v, 2.0 * u - 3.0 * v])).collect();
         let plane = SplineSurface::try_new([3, 3], [knots.clone(), knots], &poles, None).unwrap();
         for at in [[0.0, 0.0], [0.3, 2.9], [1.0, 2.5], [3.0, 3.0]] {
             let (p, [u, v]) = plane.at(at);
-            let miss = norm(sub(p, [at[0], at[1], 2.0 * at[0] - 3.0 * at[1]]));
+            let miss = (p - DVec3::new(at[0], at[1], 2.0 * at[0] - 3.0 * at[1])).length();
             assert!(miss < 1e-14, "{p:?} at {at:?}");
-            assert!(norm(sub(u, [1.0, 0.0, 2.0])) < 1e-13 && norm(sub(v, [0.0, 1.0, -3.0])) < 1e-13);
+            assert!(
+                (u - DVec3::new(1.0, 0.0, 2.0)).length() < 1e-13
+                    && (v - DVec3::new(0.0, 1.0, -3.0)).length() < 1e-13
+            );
         }
     }
 
     #[test]
     fn inconsistent_knots_poles_and_weights_are_errors() {
-        let line = [[0.0; 3], [1.0; 3]];
+        let line = [DVec3::ZERO, [1.0; 3]];
         for (degree, knots, weights) in [
             (0, vec![0.0, 1.0], None),
             (1, vec![0.0, 1.0, 1.0], None),

@@ -2,7 +2,7 @@
 
 use super::{ParametricCurve, SplineSurface};
 use crate::brep;
-use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
+use planish_core::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Maximum size of a side of a spline that counts as a point, relative to the size of the spline.
@@ -26,16 +26,16 @@ pub enum ParametricSurface {
         /// Curve.
         curve: ParametricCurve,
         /// Derivative along v.
-        along: [f64; 3],
+        along: DVec3,
     },
     /// `C(v)` turned by the angle u about an axis.
     Revolution {
         /// Curve.
         curve: ParametricCurve,
         /// A point of the axis.
-        origin: [f64; 3],
+        origin: DVec3,
         /// Unit vector along the axis.
-        axis: [f64; 3],
+        axis: DVec3,
     },
     /// `S(u, v) + distance n(u, v)`.
     Offset {
@@ -56,20 +56,20 @@ pub struct Pole {
     /// True if the pole is at the lower end of this parameter.
     pub is_low: bool,
     /// Position of the pole.
-    pub point: [f64; 3],
+    pub point: DVec3,
 }
 
 /// `p` turned about an axis through the origin (Rodrigues' formula).
-fn turned(p: [f64; 3], axis: [f64; 3], angle: f64) -> [f64; 3] {
+fn turned(p: DVec3, axis: DVec3, angle: f64) -> DVec3 {
     let (sin, cos) = angle.sin_cos();
-    let across = add_scaled(scale(cos, p), sin, cross(axis, p));
-    add_scaled(across, (1.0 - cos) * dot(axis, p), axis)
+    let across = cos * p + sin * axis.cross(p);
+    across + (1.0 - cos) * axis.dot(p) * axis
 }
 
 /// The angle about an axis from one point to another.
-fn angle_between(from: [f64; 3], to: [f64; 3], axis: [f64; 3]) -> f64 {
-    let [a, b] = [from, to].map(|p| add_scaled(p, -dot(p, axis), axis));
-    dot(cross(a, b), axis).atan2(dot(a, b))
+fn angle_between(from: DVec3, to: DVec3, axis: DVec3) -> f64 {
+    let [a, b] = [from, to].map(|p| p - p.dot(axis) * axis);
+    a.cross(b).dot(axis).atan2(a.dot(b))
 }
 
 impl ParametricSurface {
@@ -78,22 +78,22 @@ impl ParametricSurface {
     /// ```
     /// use planish_solid::parametric::{ParametricCurve, ParametricSurface};
     ///
-    /// let curve = ParametricCurve::Line { origin: [0.0; 3], along: [1.0, 0.0, 0.0] };
+    /// let curve = ParametricCurve::Line { origin: DVec3::ZERO, along: DVec3::X };
     /// let plane = ParametricSurface::Extrusion { curve, along: [0.0, 0.0, 2.0] };
     /// assert_eq!(plane.point([3.0, 0.5]), [3.0, 0.0, 1.0]);
     /// ```
     #[must_use]
-    pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
+    pub fn point(&self, [u, v]: [f64; 2]) -> DVec3 {
         match self {
             Self::Elementary(surface) => surface.point([u, v]),
             Self::Spline(spline) => spline.at([u, v]).0,
-            Self::Extrusion { curve, along } => add_scaled(curve.point(u), v, *along),
+            Self::Extrusion { curve, along } => curve.point(u) + v * *along,
             Self::Revolution { curve, origin, axis } => {
-                add_scaled(*origin, 1.0, turned(sub(curve.point(v), *origin), *axis, u))
+                *origin + 1.0 * turned(curve.point(v) - *origin, *axis, u)
             }
             Self::Offset { base, distance } => {
                 let p = base.point([u, v]);
-                base.normal([u, v]).map_or(p, |n| add_scaled(p, *distance, n))
+                base.normal([u, v]).map_or(p, |n| p + *distance * n)
             }
         }
     }
@@ -101,17 +101,17 @@ impl ParametricSurface {
     /// The point at parameters and the derivatives along u and v. Those of elementary and offset surfaces are
     /// computed by differences.
     #[must_use]
-    pub fn at(&self, [u, v]: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
+    pub fn at(&self, [u, v]: [f64; 2]) -> (DVec3, [DVec3; 2]) {
         match self {
             Self::Spline(spline) => spline.at([u, v]),
             Self::Extrusion { curve, along } => {
                 let (p, d) = curve.at(u);
-                (add_scaled(p, v, *along), [d, *along])
+                (p + v * *along, [d, *along])
             }
             Self::Revolution { curve, origin, axis } => {
                 let (p, d) = curve.at(v);
-                let arm = turned(sub(p, *origin), *axis, u);
-                (add_scaled(*origin, 1.0, arm), [cross(*axis, arm), turned(d, *axis, u)])
+                let arm = turned(p - *origin, *axis, u);
+                (*origin + 1.0 * arm, [axis.cross(arm), turned(d, *axis, u)])
             }
             Self::Elementary(_) | Self::Offset { .. } => {
                 let domain = self.domain();
@@ -128,7 +128,7 @@ impl ParametricSurface {
                         at[k] = x;
                         (x, self.point(at))
                     });
-                    scale(1.0 / (ends[1].0 - ends[0].0), sub(ends[1].1, ends[0].1))
+                    1.0 / (ends[1].0 - ends[0].0) * (ends[1].1 - ends[0].1)
                 };
                 (self.point([u, v]), [slope(0), slope(1)])
             }
@@ -136,11 +136,13 @@ impl ParametricSurface {
     }
 
     /// The unit normal `S_u × S_v`; at a pole, where a derivative vanishes, that of a point beside it.
-    fn normal(&self, at: [f64; 2]) -> Option<[f64; 3]> {
+    fn normal(&self, at: [f64; 2]) -> Option<DVec3> {
         // Nearly parallel derivatives give a normal that is only rounding, so they count as a pole, too.
         let of = |at: [f64; 2]| {
             let (_, [u, v]) = self.at(at);
-            unit(cross(u, v)).filter(|_| norm(cross(u, v)) > 1e-9 * (dot(u, u) + dot(v, v)))
+            u.cross(v)
+                .try_normalize()
+                .filter(|_| u.cross(v).length() > 1e-9 * (u.length_squared() + v.length_squared()))
         };
         let domain = self.domain();
         let inward = |k: usize| domain[k].map_or(at[k], |[lo, hi]| at[k] + 1e-5 * (0.5 * (lo + hi) - at[k]));
@@ -209,12 +211,12 @@ impl ParametricSurface {
                     return Vec::new();
                 };
                 let [lo, hi] = spline.domain();
-                let size = distance(curve.point(lo), curve.point(0.5 * (lo + hi)));
+                let size = curve.point(lo).distance(curve.point(0.5 * (lo + hi)));
                 [(lo, true), (hi, false)]
                     .into_iter()
                     .filter(|(t, _)| {
-                        let d = sub(curve.point(*t), *origin);
-                        norm(add_scaled(d, -dot(d, *axis), *axis)) <= CLOSED * size
+                        let d = curve.point(*t) - *origin;
+                        (d - d.dot(*axis) * *axis).length() <= CLOSED * size
                     })
                     .map(|(t, low)| pole(1, t, low))
                     .collect()
@@ -230,7 +232,7 @@ impl ParametricSurface {
         // The size is a distance to the middle of the surface: a corner may coincide with another corner.
         let size = match domain {
             [Some(u), Some(v)] => {
-                distance(self.point([u[0], v[0]]), self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]))
+                self.point([u[0], v[0]]).distance(self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]))
             }
             _ => 0.0,
         };
@@ -248,7 +250,7 @@ impl ParametricSurface {
                     self.point(at)
                 };
                 let first = at(0.0);
-                (1..=8).all(|i| distance(first, at(f64::from(i) / 8.0)) <= CLOSED * size)
+                (1..=8).all(|i| first.distance(at(f64::from(i) / 8.0)) <= CLOSED * size)
             })
             .map(|(k, value, low, _)| (k, value, low))
             .collect::<Vec<_>>()
@@ -290,7 +292,7 @@ pub(super) struct Feet<'a> {
     surface: &'a ParametricSurface,
     periods: [Option<f64>; 2],
     /// Samples of a spline: parameters and points. Made when the first search needs them.
-    places: Vec<([f64; 2], [f64; 3])>,
+    places: Vec<([f64; 2], DVec3)>,
 }
 
 impl<'a> Feet<'a> {
@@ -305,7 +307,7 @@ impl<'a> Feet<'a> {
     /// Parameters of the point nearest to `p`. A foot near `guess` is accepted if it is within `close`.
     ///
     /// The foot on an offset surface is that on its base, since both have the same normals.
-    pub(super) fn foot(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
+    pub(super) fn foot(&mut self, p: DVec3, guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
         let mut base = self.surface;
         while let ParametricSurface::Offset { base: inner, .. } = base {
             base = inner;
@@ -313,27 +315,27 @@ impl<'a> Feet<'a> {
         match base {
             ParametricSurface::Elementary(surface) => elementary(surface, p),
             ParametricSurface::Extrusion { curve, along } => {
-                let n = unit(*along).unwrap_or([0.0, 0.0, 1.0]);
+                let n = along.try_normalize().unwrap_or(DVec3::Z);
                 // Projected along the direction of extrusion, the surface is the curve.
-                let across = |d: [f64; 3]| add_scaled(d, -dot(d, n), n);
-                let u = curve.nearest(&|q| across(sub(q, p)), &across, guess.map(|g| g[0]));
-                let v = dot(sub(p, curve.point(u)), *along) / dot(*along, *along).max(f64::MIN_POSITIVE);
+                let across = |d: DVec3| d - d.dot(n) * n;
+                let u = curve.nearest(&|q| across(q - p), &across, guess.map(|g| g[0]));
+                let v = (p - curve.point(u)).dot(*along) / along.length_squared().max(f64::MIN_POSITIVE);
                 [u, v]
             }
             ParametricSurface::Revolution { curve, origin, axis } => {
                 // In the plane of radius and height, the surface is its profile.
-                let place = |q: [f64; 3]| {
-                    let d = sub(q, *origin);
-                    let h = dot(d, *axis);
-                    [norm(add_scaled(d, -h, *axis)), h]
+                let place = |q: DVec3| {
+                    let d = q - *origin;
+                    let h = d.dot(*axis);
+                    [(d - h * *axis).length(), h]
                 };
                 let [r, h] = place(p);
-                let residual = |q: [f64; 3]| {
+                let residual = |q: DVec3| {
                     let [a, b] = place(q);
                     [a - r, b - h, 0.0]
                 };
                 let v = on_profile(curve, &residual, guess.map(|g| g[1]));
-                let u = angle_between(sub(curve.point(v), *origin), sub(p, *origin), *axis);
+                let u = angle_between(curve.point(v) - *origin, p - *origin, *axis);
                 [u, v]
             }
             ParametricSurface::Spline(_) | ParametricSurface::Offset { .. } => {
@@ -348,7 +350,7 @@ impl<'a> Feet<'a> {
     fn on_spline(
         &mut self,
         surface: &ParametricSurface,
-        p: [f64; 3],
+        p: DVec3,
         guess: Option<[f64; 2]>,
         close: f64,
     ) -> [f64; 2] {
@@ -363,7 +365,7 @@ impl<'a> Feet<'a> {
             self.places = places(surface);
         }
         let mut order: Vec<(f64, [f64; 2])> =
-            self.places.iter().map(|(at, q)| (distance(p, *q), *at)).collect();
+            self.places.iter().map(|(at, q)| (p.distance(*q), *at)).collect();
         // A selection instead of a sort: only the six nearest of up to 25,921 samples are needed.
         let few = order.len().min(6);
         if few > 0 {
@@ -377,19 +379,19 @@ impl<'a> Feet<'a> {
 
 /// Parameters of a point on an elementary surface, including parts that have crossed its axis: beyond the
 /// apex of a cone, and the inner part of a torus whose minor radius exceeds the major one.
-fn elementary(surface: &brep::FaceSurface, p: [f64; 3]) -> [f64; 2] {
+fn elementary(surface: &brep::FaceSurface, p: DVec3) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     let beyond = match *surface {
         brep::FaceSurface::Cone { .. } => (v < surface.range_v()[0]).then_some([u + PI, v]),
         brep::FaceSurface::Torus { center, axis, major, minor, .. } if minor > major => {
-            let d = sub(p, center);
-            let h = dot(d, axis);
-            let across = norm(add_scaled(d, -h, axis));
+            let d = p - center;
+            let h = d.dot(axis);
+            let across = (d - h * axis).length();
             Some([u + PI, h.atan2(-across - major)])
         }
         _ => None,
     };
-    let off = |at: [f64; 2]| distance(p, surface.point(at));
+    let off = |at: [f64; 2]| p.distance(surface.point(at));
     beyond.filter(|b| off(*b) < off([u, v])).unwrap_or([u, v])
 }
 
@@ -397,7 +399,7 @@ fn elementary(surface: &brep::FaceSurface, p: [f64; 3]) -> [f64; 2] {
 /// steps from the best starting points.
 ///
 /// Derivatives are differences, because the radius has no derivative on the axis.
-fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Option<f64>) -> f64 {
+fn on_profile(curve: &ParametricCurve, residual: &dyn Fn(DVec3) -> DVec3, guess: Option<f64>) -> f64 {
     let mut best = (f64::MAX, 0.0);
     let ends = match curve {
         ParametricCurve::Line { .. } => {
@@ -413,7 +415,7 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], 
     };
     let square = |t: f64| {
         let r = residual(curve.point(t));
-        dot(r, r)
+        r.length_squared()
     };
     let mut order: Vec<(f64, f64)> = ends.into_iter().map(|t| (square(t), t)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -429,8 +431,8 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], 
             let h = 1e-6 * (1.0 + t.abs());
             let (a, b) = ((t - h).max(lo), (t + h).min(hi));
             let r = residual(curve.point(t));
-            let d = scale(1.0 / (b - a), sub(residual(curve.point(b)), residual(curve.point(a))));
-            let mut step = -dot(r, d) / dot(d, d).max(f64::MIN_POSITIVE);
+            let d = 1.0 / (b - a) * (residual(curve.point(b)) - residual(curve.point(a)));
+            let mut step = -r.dot(d) / d.length_squared().max(f64::MIN_POSITIVE);
             let mut next = (t + step).clamp(lo, hi);
             for _ in 0..30 {
                 if square(next) <= value {
@@ -457,7 +459,7 @@ fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], 
 }
 
 /// Samples of a spline.
-fn places(surface: &ParametricSurface) -> Vec<([f64; 2], [f64; 3])> {
+fn places(surface: &ParametricSurface) -> Vec<([f64; 2], DVec3)> {
     let ParametricSurface::Spline(spline) = surface else {
         return Vec::new();
     };
@@ -481,7 +483,7 @@ fn places(surface: &ParametricSurface) -> Vec<([f64; 2], [f64; 3])> {
 /// distance and its parameters.
 fn foot(
     surface: &ParametricSurface,
-    p: [f64; 3],
+    p: DVec3,
     start: [f64; 2],
     periods: &[Option<f64>; 2],
 ) -> (f64, [f64; 2]) {
@@ -496,17 +498,17 @@ fn foot(
     };
     let mut at = inside(start);
     let (mut q, mut slopes) = surface.at(at);
-    let mut value = distance(p, q);
+    let mut value = p.distance(q);
     let mut damping = 1e-9;
     for _ in 0..60 {
-        let r = sub(p, q);
+        let r = p - q;
         let [a, b] = slopes;
-        let (aa, ab, bb) = (dot(a, a), dot(a, b), dot(b, b));
+        let (aa, ab, bb) = (a.length_squared(), a.dot(b), b.length_squared());
         let (m, n) = (aa * (1.0 + damping) + 1e-300, bb * (1.0 + damping) + 1e-300);
         let determinant = m * n - ab * ab;
         // Where both derivatives are nearly parallel, as near a pole, the system is singular. Half of the
         // gradient step in each parameter is used there.
-        let (x, y) = (dot(r, a), dot(r, b));
+        let (x, y) = (r.dot(a), r.dot(b));
         let step = match determinant > 1e-14 * m * n {
             true => [(x * n - y * ab) / determinant, (y * m - x * ab) / determinant],
             false => [x / (2.0 * m), y / (2.0 * n)],
@@ -514,11 +516,11 @@ fn foot(
         let next = inside([at[0] + step[0], at[1] + step[1]]);
         let moved = [0, 1].map(|k| (next[k] - at[k]).abs());
         let (to, to_slopes) = surface.at(next);
-        let off = distance(p, to);
+        let off = p.distance(to);
         // Converged if the last step moved the point by rounding only, measured in space: lengths of
         // parameters are arbitrary. A worse step is repeated with more damping.
         if off <= value {
-            let is_still = moved[0] * aa.sqrt() + moved[1] * bb.sqrt() <= 1e-13 * (1.0 + norm(q));
+            let is_still = moved[0] * aa.sqrt() + moved[1] * bb.sqrt() <= 1e-13 * (1.0 + q.length());
             (at, q, slopes, value) = (next, to, to_slopes, off);
             damping = (damping * 0.1).max(1e-12);
             if is_still {

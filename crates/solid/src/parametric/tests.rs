@@ -1,5 +1,4 @@
 use super::*;
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 use planish_mesh::TriangleMesh;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -12,25 +11,25 @@ fn elementary(surface: crate::brep::FaceSurface) -> ParametricSurface {
 fn sphere() -> ParametricSurface {
     elementary(crate::brep::FaceSurface::Sphere {
         center: [1.0, 2.0, 3.0],
-        axis: [0.0, 0.0, 1.0],
-        x: [1.0, 0.0, 0.0],
+        axis: DVec3::Z,
+        x: DVec3::X,
         radius: 2.0,
     })
 }
 
 fn torus() -> ParametricSurface {
     elementary(crate::brep::FaceSurface::Torus {
-        center: [0.0; 3],
-        axis: [0.0, 0.0, 1.0],
-        x: [1.0, 0.0, 0.0],
+        center: DVec3::ZERO,
+        axis: DVec3::Z,
+        x: DVec3::X,
         major: 3.0,
         minor: 1.0,
     })
 }
 
 /// A circle as a closed edge, which begins at parameter 0.
-fn circle(shape: &mut ParametricShape, center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> usize {
-    shape.vertices.push(add_scaled(center, 1.0, a));
+fn circle(shape: &mut ParametricShape, center: DVec3, a: DVec3, b: DVec3) -> usize {
+    shape.vertices.push(center + 1.0 * a);
     let v = shape.vertices.len() - 1;
     shape.edges.push(ParametricEdge {
         curve: ParametricCurve::Ellipse { center, a, b },
@@ -53,7 +52,7 @@ fn meshed(shape: &ParametricShape, fineness: &Fineness) -> (TriangleMesh, f64, p
     let mesh = TriangleMesh::try_new(part.positions, part.triangles).unwrap();
     let area = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-        0.5 * norm(cross(sub(b, a), sub(c, a)))
+        0.5 * (b - a).cross(c - a).length()
     };
     let area = mesh.triangles.iter().map(area).sum();
     let check = mesh.check();
@@ -98,7 +97,7 @@ fn cap_contains_the_pole_on_the_left_of_its_loop() {
         assert!((top > 4.9) == is_upper, "{top}");
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-            let out = dot(cross(sub(b, a), sub(c, a)), sub(a, [1.0, 2.0, 3.0]));
+            let out = (b - a).cross(c - a).dot(a - DVec3::new(1.0, 2.0, 3.0));
             assert!((out > 0.0) == is_outward || out.abs() < 1e-12);
         }
     }
@@ -136,7 +135,7 @@ fn loops_select_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
         let mut shape = ParametricShape::default();
         let mut ring = |angle: f64| {
             let out = [angle.cos(), angle.sin(), 0.0];
-            circle(&mut shape, scale(3.0, out), out, [0.0, 0.0, 1.0])
+            circle(&mut shape, 3.0 * out, out, DVec3::Z)
         };
         let edges = [ring(0.0), ring(TAU / 3.0)];
         // v grows to the left of −u: the first circle has larger angles to its right where it runs on.
@@ -150,9 +149,9 @@ fn loops_select_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
 #[test]
 fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
     let cylinder = elementary(crate::brep::FaceSurface::Cylinder {
-        origin: [0.0; 3],
-        axis: [0.0, 0.0, 1.0],
-        x: [1.0, 0.0, 0.0],
+        origin: DVec3::ZERO,
+        axis: DVec3::Z,
+        x: DVec3::X,
         radius: 2.0,
     });
     for ways in [[true, false], [false, true], [true, true], [false, false]] {
@@ -167,11 +166,11 @@ fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
         near(area, 20.0 * PI, 1e-3);
         assert_eq!(check.boundary_loops, 2);
         let [a, b, c] = mesh.triangles[0].map(|v| mesh.positions[v as usize]);
-        assert!(dot(cross(sub(b, a), sub(c, a)), [a[0], a[1], 0.0]) > 0.0);
+        assert!((b - a).cross(c - a).dot(DVec3::new(a[0], a[1], 0.0)) > 0.0);
     }
     // One loop alone bounds no face of a cylinder.
     let mut shape = ParametricShape::default();
-    let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+    let edge = circle(&mut shape, DVec3::ZERO, [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
     assert!(made.skipped[0].reason.contains("one loop runs around the surface"), "{:?}", made.skipped);
@@ -180,18 +179,18 @@ fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
 #[test]
 fn faces_of_a_cone_at_and_beyond_its_apex_are_filled() {
     let cone = elementary(crate::brep::FaceSurface::Cone {
-        origin: [0.0; 3],
-        axis: [0.0, 0.0, 1.0],
-        x: [1.0, 0.0, 0.0],
+        origin: DVec3::ZERO,
+        axis: DVec3::Z,
+        x: DVec3::X,
         radius: 1.0,
         half_angle_rad: PI / 4.0,
     });
     let mut shape = ParametricShape::default();
-    let edge = circle(&mut shape, [0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+    let edge = circle(&mut shape, DVec3::Z, [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cone.clone(), true, vec![vec![(edge, false)]]));
     let (mesh, area, _) = meshed(&shape, &FINE);
     near(area, 4.0 * PI * 2_f64.sqrt(), 1e-3);
-    assert!(mesh.positions.iter().any(|p| norm(sub(*p, [0.0, 0.0, -1.0])) < 1e-12));
+    assert!(mesh.positions.iter().any(|p| (*p - DVec3::new(0.0, 0.0, -1.0)).length() < 1e-12));
     // Beyond the apex, radii are negative and angles differ by half a turn.
     let mut shape = ParametricShape::default();
     let loops = [-2.0, -4.0].map(|z: f64| {
@@ -212,8 +211,8 @@ fn turned_spline() -> (ParametricSurface, SplineCurve) {
     let half = SplineCurve::try_new(2, knots, &poles, Some(&[1.0, h, 1.0, h, 1.0])).unwrap();
     let surface = ParametricSurface::Revolution {
         curve: ParametricCurve::Spline(half.clone()),
-        origin: [0.0; 3],
-        axis: [0.0, 0.0, 1.0],
+        origin: DVec3::ZERO,
+        axis: DVec3::Z,
     };
     (surface, half)
 }
@@ -236,7 +235,7 @@ fn revolution_between_poles_is_a_ball_and_its_offset_a_larger_one() {
 #[test]
 fn foot_points_of_surface_points_are_their_parameters() {
     let (ball, profile) = turned_spline();
-    let wave: Vec<[f64; 3]> = (0..36)
+    let wave: Vec<DVec3> = (0..36)
         .map(|k| {
             let (i, j) = (f64::from(k / 6), f64::from(k % 6));
             [i, j, (1.3 * i).sin() * (0.9 * j).cos()]
@@ -250,8 +249,8 @@ fn foot_points_of_surface_points_are_their_parameters() {
         ParametricSurface::Extrusion { curve: ParametricCurve::Spline(profile), along: [0.3, 1.0, 0.1] },
         ParametricSurface::Revolution {
             curve: ParametricCurve::Line { origin: [2.0, 0.0, 0.0], along: [0.5, 1.0, 2.0] },
-            origin: [0.0; 3],
-            axis: [0.0, 0.0, 1.0],
+            origin: DVec3::ZERO,
+            axis: DVec3::Z,
         },
         sphere(),
         torus(),
@@ -262,11 +261,11 @@ fn foot_points_of_surface_points_are_their_parameters() {
             let (a, b) = (f64::from(k % 14) / 14.0, f64::from(k % 11) / 11.0);
             let at = [0.1 + 2.7 * a, 0.1 + 1.2 * b];
             let (p, [u, v]) = surface.at(at);
-            let n = cross(u, v);
-            let off = add_scaled(p, 0.02 / norm(n), n);
+            let n = u.cross(v);
+            let off = p + 0.02 / n.length() * n;
             let guess = (k % 2 == 0).then(|| [at[0] + 0.05, at[1] - 0.04]);
             let found = feet.foot(off, guess, 1e-3);
-            let miss = norm(sub(surface.point(found), p));
+            let miss = (surface.point(found) - p).length();
             assert!(miss < 1e-6, "{} at {at:?}: {found:?} is {miss} off", surface.kind());
         }
     }
@@ -284,16 +283,16 @@ fn welded_faces_share_edges() {
             let ends = [4 * k + side, 4 * k + (side + 1) % 4];
             let [from, to] = ends.map(|v| shape.vertices[v]);
             shape.edges.push(ParametricEdge {
-                curve: ParametricCurve::Line { origin: from, along: sub(to, from) },
+                curve: ParametricCurve::Line { origin: from, along: to - from },
                 ends,
                 is_forward: true,
             });
             ring.push((shape.edges.len() - 1, true));
         }
         let plane = elementary(crate::brep::FaceSurface::Plane {
-            origin: [0.0; 3],
-            normal: [0.0, 0.0, 1.0],
-            x: [1.0, 0.0, 0.0],
+            origin: DVec3::ZERO,
+            normal: DVec3::Z,
+            x: DVec3::X,
         });
         shape.faces.push(face(plane, true, vec![ring]));
     }
@@ -306,7 +305,7 @@ fn welded_faces_share_edges() {
     assert!(mesh.triangles.len() > 300);
     let longest = mesh.triangles.iter().flat_map(|t| {
         let p = t.map(|v| mesh.positions[v as usize]);
-        [norm(sub(p[0], p[1])), norm(sub(p[1], p[2])), norm(sub(p[2], p[0]))]
+        [(p[0] - p[1]).length(), (p[1] - p[2]).length(), (p[2] - p[0]).length()]
     });
     assert!(longest.fold(0.0, f64::max) < 2.0 * 0.11);
 }
@@ -319,16 +318,13 @@ fn invalid_indices_are_errors_and_invalid_faces_are_skipped() {
     assert_eq!(shape.triangles(&FINE).unwrap_err().to_string(), "there is no edge 3");
     // A loop far from its surface.
     let mut shape = ParametricShape::default();
-    let edge = circle(&mut shape, [9.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+    let edge = circle(&mut shape, [9.0; 3], DVec3::X, DVec3::Y);
     shape.faces.push(face(sphere(), true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
     assert!(made.parts.is_empty() && made.skipped[0].reason.contains("off its surface"));
     // A whole plane.
-    let plane = elementary(crate::brep::FaceSurface::Plane {
-        origin: [0.0; 3],
-        normal: [0.0, 0.0, 1.0],
-        x: [1.0, 0.0, 0.0],
-    });
+    let plane =
+        elementary(crate::brep::FaceSurface::Plane { origin: DVec3::ZERO, normal: DVec3::Z, x: DVec3::X });
     let mut shape = ParametricShape::default();
     shape.faces.push(face(plane, true, Vec::new()));
     let reason = "the face has no loops and its surface is unbounded";

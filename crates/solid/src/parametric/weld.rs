@@ -1,29 +1,29 @@
 //! Merges vertices and edges that a file contains more than once.
 
 use super::{ParametricEdge, ParametricShape};
-use planish_estimate::vector3::distance;
+use planish_core::DVec3;
 use std::collections::HashMap;
 
 /// For each point, the index of the first earlier point within a tolerance, or its own index.
 ///
 /// A hash of grid cells with twice the tolerance finds candidates in constant time.
-fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
+fn same_points(points: &[DVec3], tolerance: f64) -> Vec<usize> {
     let side = tolerance.max(f64::MIN_POSITIVE) * 2.0;
-    let cell = |p: [f64; 3]| p.map(|x| (x / side).floor());
+    let cell = |p: DVec3| p.map(|x| (x / side).floor());
     let mut cells: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
     // Cells as floating-point numbers: far coordinates over a small tolerance would overflow integers.
     // Adding zero turns −0 into 0.
-    let key = |c: [f64; 3]| c.map(|x| (x + 0.0).to_bits());
+    let key = |c: DVec3| c.map(|x| (x + 0.0).to_bits());
     let mut same = Vec::with_capacity(points.len());
     for (k, p) in points.iter().enumerate() {
         let at = cell(*p);
         let mut found = None;
-        'search: for dx in [0.0, -1.0, 1.0] {
-            for dy in [0.0, -1.0, 1.0] {
-                for dz in [0.0, -1.0, 1.0] {
+        'search: for dx in DVec3::new(0.0, -1.0, 1.0) {
+            for dy in DVec3::new(0.0, -1.0, 1.0) {
+                for dz in DVec3::new(0.0, -1.0, 1.0) {
                     let beside = key([at[0] + dx, at[1] + dy, at[2] + dz]);
                     let mut there = cells.get(&beside).into_iter().flatten();
-                    if let Some(other) = there.find(|o| distance(points[**o], *p) <= tolerance) {
+                    if let Some(other) = there.find(|o| points[**o].distance(*p) <= tolerance) {
                         found = Some(*other);
                         break 'search;
                     }
@@ -47,17 +47,17 @@ impl ParametricShape {
         for edge in &mut self.edges {
             edge.ends = edge.ends.map(|v| vertex[v]);
         }
-        let middles: Vec<[f64; 3]> = self.edges.iter().map(|e| self.middle(e)).collect();
+        let middles: Vec<DVec3> = self.edges.iter().map(|e| self.middle(e)).collect();
         let mut between: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
         let mut same: Vec<(usize, bool)> = Vec::with_capacity(self.edges.len());
         for (k, edge) in self.edges.iter().enumerate() {
             let [a, b] = edge.ends;
             let candidates = between.entry([a.min(b), a.max(b)]).or_default();
             // Middles agree less than ends: two curves of one edge may have different parametrisations.
-            let size = distance(self.vertices[a], middles[k]).max(tolerance);
+            let size = self.vertices[a].distance(middles[k]).max(tolerance);
             let near = (10.0 * tolerance).max(1e-6 * size);
             // Equal ends are not enough: two half circles have the same ends.
-            let found = candidates.iter().find(|o| distance(middles[**o], middles[k]) <= near);
+            let found = candidates.iter().find(|o| middles[**o].distance(middles[k]) <= near);
             match found {
                 Some(other) if a != b => same.push((*other, self.edges[*other].ends != edge.ends)),
                 Some(other) => same.push((*other, self.runs_back(&self.edges[*other], edge))),
@@ -83,7 +83,7 @@ impl ParametricShape {
     }
 
     /// The point at the middle of the parameter range.
-    fn middle(&self, edge: &ParametricEdge) -> [f64; 3] {
+    fn middle(&self, edge: &ParametricEdge) -> DVec3 {
         let [from, to] = self.span(edge);
         edge.curve.point(0.5 * (from + to))
     }
@@ -101,6 +101,6 @@ impl ParametricShape {
             edge.curve.point(from + share * (to - from))
         };
         let p = early(one);
-        distance(p, late(other)) < distance(p, early(other))
+        p.distance(late(other)) < p.distance(early(other))
     }
 }

@@ -8,6 +8,7 @@ use super::{Disagreement, ReprojectionOptions};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
 use crate::drawing::{Curve2, Drawing, LineStyle, View};
+use planish_core::DVec3;
 use std::collections::BTreeMap;
 
 pub(super) fn disagreements(
@@ -34,7 +35,7 @@ pub(super) fn disagreements(
 
 /// A box around a solid. The margin (the size of the drawing) covers faces that bulge beyond their edges,
 /// such as a sphere, of which the samples show only a few points.
-fn reach(solid: &Solid, size: f64) -> [[f64; 3]; 2] {
+fn reach(solid: &Solid, size: f64) -> [DVec3; 2] {
     let points = solid.edges.iter().flat_map(|e| {
         let [from, to] = e.range;
         [0.0, 0.25, 0.5, 0.75].map(|s| e.curve.point(from + s * (to - from)))
@@ -249,7 +250,7 @@ impl<'a> Compared<'a> {
     /// True if a line of the solid is visible at a point of it.
     fn is_seen(&self, line: usize, piece: usize, share: f64) -> bool {
         let [a, b] = [self.lines[line].points[piece], self.lines[line].points[piece + 1]];
-        let p = [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]));
+        let p = a + share * (b - a);
         let [from, to] = [self.eye.seen(a), self.eye.seen(b)];
         let d = [to[0] - from[0], to[1] - from[1]];
         let length = d[0].hypot(d[1]);

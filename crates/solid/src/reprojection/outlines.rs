@@ -3,9 +3,8 @@
 
 use super::scene::Eye;
 use crate::brep::TrimmedFace;
-use crate::brep::{Coedge, EdgeCurve, FaceSurface, Solid, along, unit};
-use planish_core::BoundingBox;
-use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use crate::brep::{Coedge, EdgeCurve, FaceSurface, Solid, unit};
+use planish_core::{BoundingBox, DVec3};
 use std::f64::consts::{PI, TAU};
 
 /// Faces continue each other smoothly if the cosine between their normals differs from ±1 by less than this
@@ -37,7 +36,7 @@ const HALVINGS: usize = 4;
 /// A line of the solid in a view.
 pub(super) struct Outline {
     /// Points along the line, in space.
-    pub(super) points: Vec<[f64; 3]>,
+    pub(super) points: Vec<DVec3>,
     /// True if a drawing must show the line; optional lines may be drawn.
     pub(super) is_required: bool,
     /// Number shared by the lines of one edge, or of the outline of one face.
@@ -49,7 +48,7 @@ pub(super) struct Edges {
     /// The faces and coedges that use each edge.
     uses: Vec<Vec<(usize, Coedge)>>,
     /// Points along each edge.
-    chains: Vec<Vec<[f64; 3]>>,
+    chains: Vec<Vec<DVec3>>,
     /// For each edge, true if another one coincides with it. Drawing conventions differ for these.
     is_double: Vec<bool>,
 }
@@ -62,7 +61,7 @@ impl Edges {
                 uses[coedge.edge].push((index, *coedge));
             }
         }
-        let chains: Vec<Vec<[f64; 3]>> = solid.edges.iter().map(|e| chain(e, size)).collect();
+        let chains: Vec<Vec<DVec3>> = solid.edges.iter().map(|e| chain(e, size)).collect();
         let near = BESIDE * size;
         let middle = |k: usize| {
             let edge = &solid.edges[k];
@@ -70,10 +69,10 @@ impl Edges {
         };
         // Coincident edges may be divided differently, so each middle is compared with the whole other edge,
         // and in both directions: a short edge may lie on a long one.
-        let middles: Vec<[f64; 3]> = (0..solid.edges.len()).map(middle).collect();
-        let touches = |k: usize, p: [f64; 3]| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
+        let middles: Vec<DVec3> = (0..solid.edges.len()).map(middle).collect();
+        let touches = |k: usize, p: DVec3| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
         let boxes: Vec<Option<BoundingBox>> = chains.iter().map(|c| BoundingBox::from_points(c)).collect();
-        let in_box = |b: &Option<BoundingBox>, p: [f64; 3]| {
+        let in_box = |b: &Option<BoundingBox>, p: DVec3| {
             b.is_some_and(|b| (0..3).all(|c| p[c] > b.min[c] - near && p[c] < b.max[c] + near))
         };
         let is_double = (0..chains.len())
@@ -90,14 +89,14 @@ impl Edges {
 }
 
 /// The distance of a point to the segment between two points.
-fn far_from(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
-    let d = sub(b, a);
-    let share = (dot(sub(p, a), d) / dot(d, d).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    norm(sub(p, along(a, share, d)))
+fn far_from(p: DVec3, a: DVec3, b: DVec3) -> f64 {
+    let d = b - a;
+    let share = ((p - a).dot(d) / d.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    (p - (a + share * d)).length()
 }
 
 /// Points along an edge, with a chord error of at most [`CHORD`].
-fn chain(edge: &crate::brep::Edge, size: f64) -> Vec<[f64; 3]> {
+fn chain(edge: &crate::brep::Edge, size: f64) -> Vec<DVec3> {
     let [from, to] = edge.range;
     let pieces = edge.pieces();
     let mut points = vec![edge.curve.point(from)];
@@ -168,15 +167,15 @@ fn of_edge(
         let t = edge.range[0] + (edge.range[1] - edge.range[0]) * share;
         let p = edge.curve.point(t);
         let normals = [faces[f].outward(p), faces[g].outward(p)];
-        let cosine = dot(normals[0], normals[1]);
+        let cosine = normals[0].dot(normals[1]);
         if cosine > 1.0 - SMOOTH {
             let tangent = unit(edge.curve.derivative(t));
-            let facing = |face: &TrimmedFace<'_>, coedge: Coedge, normal: [f64; 3]| {
+            let facing = |face: &TrimmedFace<'_>, coedge: Coedge, normal: DVec3| {
                 let run = if coedge.forward { tangent } else { tangent.map(|c| -c) };
                 // The normals at the edge itself agree, so they are compared beside it. A face is on the left
                 // of its loop.
-                let beside = along(p, BESIDE * size, unit(cross(normal, run)));
-                let towards = dot(face.outward(beside), eye.towards());
+                let beside = p + BESIDE * size * unit(normal.cross(run));
+                let towards = face.outward(beside).dot(eye.towards());
                 if towards.abs() < EDGE_ON { 0.0 } else { towards.signum() }
             };
             let turns = facing(&faces[f], first, normals[0]) != facing(&faces[g], second, normals[1]);
@@ -212,7 +211,7 @@ fn is_tangent(solid: &Solid, f: usize, g: usize) -> bool {
 /// Outlines of a curved face: `n · e = 0`, with the face on both sides.
 ///
 /// Outlines of spheres, and of tori along or across their axis, are circles; exact ones avoid the search.
-fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
+fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<DVec3>> {
     if let Some(circles) = touching_circles(face.surface(), eye.towards()) {
         return circles
             .iter()
@@ -225,27 +224,27 @@ fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
 /// The circles along which the line of sight touches a sphere, or a torus with its axis along or across it;
 /// `None` for any other surface.
 fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>> {
-    let circle = |center: [f64; 3], a: [f64; 3], b: [f64; 3], radius: f64| EdgeCurve::Ellipse {
+    let circle = |center: DVec3, a: DVec3, b: DVec3, radius: f64| EdgeCurve::Ellipse {
         center,
-        a: scale(radius, a),
-        b: scale(radius, b),
+        a: radius * a,
+        b: radius * b,
     };
     match *surface {
         FaceSurface::Sphere { center, axis, x, radius } => {
-            let a = if dot(axis, e).abs() < 0.9 { axis } else { x };
-            let a = unit(along(a, -dot(a, e), e));
-            Some(vec![circle(center, a, cross(e, a), radius)])
+            let a = if axis.dot(e).abs() < 0.9 { axis } else { x };
+            let a = unit(a - a.dot(e) * e);
+            Some(vec![circle(center, a, e.cross(a), radius)])
         }
         FaceSurface::Torus { center, axis, x, major, minor } => {
-            let y = cross(axis, x);
-            let tilt = dot(axis, e).abs();
+            let y = axis.cross(x);
+            let tilt = axis.dot(e).abs();
             if tilt > 1.0 - 1e-9 {
                 let rings = [major - minor, major + minor].into_iter().filter(|r| *r > 0.0);
                 Some(rings.map(|r| circle(center, x, y, r)).collect())
             } else if tilt < 1e-9 {
-                let w = unit(cross(axis, e));
-                let tubes = [-major, major].map(|r| circle(along(center, r, w), w, axis, minor));
-                let rims = [-minor, minor].map(|h| circle(along(center, h, axis), x, y, major));
+                let w = unit(axis.cross(e));
+                let tubes = [-major, major].map(|r| circle(center + r * w, w, axis, minor));
+                let rims = [-minor, minor].map(|h| circle(center + h * axis, x, y, major));
                 Some(tubes.into_iter().chain(rims).collect())
             } else {
                 None
@@ -256,14 +255,14 @@ fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>
 }
 
 /// The parts of a circle of contact that have the face on both sides.
-fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size: f64) -> Vec<Vec<[f64; 3]>> {
+fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size: f64) -> Vec<Vec<DVec3>> {
     let surface = face.surface();
     let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
     let is_in = |k: usize| {
         let q = circle.point(TAU * (k as f64 + 0.5) / AROUND as f64);
         // The line of sight is a tangent of the surface there, and crosses the outline.
         [-1.0, 1.0].into_iter().all(|side| {
-            let beside = surface.parameters(along(q, side * BESIDE * size, e));
+            let beside = surface.parameters(q + side * BESIDE * size * e);
             face.contains(surface.point(beside))
         })
     };
@@ -272,7 +271,7 @@ fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size
     let Some(gap) = inside.iter().position(|i| !i) else {
         return vec![(0..=AROUND).map(point).collect()];
     };
-    let mut found: Vec<Vec<[f64; 3]>> = Vec::new();
+    let mut found: Vec<Vec<DVec3>> = Vec::new();
     let mut runs = false;
     for k in gap..gap + AROUND {
         let is_in = inside[k % AROUND];
@@ -287,9 +286,9 @@ fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size
 }
 
 /// Outlines of any surface, in the cells of its parameters at whose corners `n · e` has both signs.
-fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
+fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<DVec3>> {
     let surface = face.surface();
-    let towards = |uv: [f64; 2]| dot(surface.normal(surface.point(uv)), eye.towards());
+    let towards = |uv: [f64; 2]| surface.normal(surface.point(uv)).dot(eye.towards());
     let [from, to] = second_range(face);
     let [columns, rows] = CELLS;
     let at = |i: usize, j: usize| {
@@ -357,7 +356,7 @@ fn part_in_face(
     towards: &dyn Fn([f64; 2]) -> f64,
     ends: [[f64; 2]; 2],
     size: f64,
-) -> Option<Vec<[f64; 3]>> {
+) -> Option<Vec<DVec3>> {
     let surface = face.surface();
     // Points in between, moved across the chord to the zero of the function. Small moves are tried first, so
     // that another branch of the outline is not taken.
@@ -379,17 +378,17 @@ fn part_in_face(
         // one parameter, steps along parameters would run along the outline.
         [-1.0, 1.0].into_iter().all(|s| {
             let h = 1e-6;
-            let du = sub(surface.point([uv[0] + h, uv[1]]), q).map(|c| c / h);
-            let dv = sub(surface.point([uv[0], uv[1] + h]), q).map(|c| c / h);
+            let du = (surface.point([uv[0] + h, uv[1]]) - q).map(|c| c / h);
+            let dv = (surface.point([uv[0], uv[1] + h]) - q).map(|c| c / h);
             let gradient = [
-                (towards([uv[0] + h, uv[1]]) - towards([uv[0] - h, uv[1]])) / norm(du).max(1e-300),
-                (towards([uv[0], uv[1] + h]) - towards([uv[0], uv[1] - h])) / norm(dv).max(1e-300),
+                (towards([uv[0] + h, uv[1]]) - towards([uv[0] - h, uv[1]])) / du.length().max(1e-300),
+                (towards([uv[0], uv[1] + h]) - towards([uv[0], uv[1] - h])) / dv.length().max(1e-300),
             ];
             let length = gradient[0].hypot(gradient[1]);
-            let step = (BESIDE * size).min(0.02 * norm(du));
+            let step = (BESIDE * size).min(0.02 * du.length());
             let beside = [
-                uv[0] + s * step * gradient[0] / length / norm(du).max(1e-300),
-                uv[1] + s * step * gradient[1] / length / norm(dv).max(1e-300),
+                uv[0] + s * step * gradient[0] / length / du.length().max(1e-300),
+                uv[1] + s * step * gradient[1] / length / dv.length().max(1e-300),
             ];
             face.contains(surface.point(beside))
         })

@@ -2,7 +2,7 @@
 
 use crate::brep::TrimmedFace;
 use crate::drawing::ViewKind;
-use planish_estimate::vector3::dot;
+use planish_core::DVec3;
 
 /// Distance of rays from the line that they pass, relative to the size.
 ///
@@ -24,19 +24,19 @@ impl Eye {
     }
 
     /// The unit vector to the eye.
-    pub(super) fn towards(self) -> [f64; 3] {
-        let mut e = [0.0; 3];
+    pub(super) fn towards(self) -> DVec3 {
+        let mut e = DVec3::ZERO;
         e[self.axes[2]] = self.sign;
         e
     }
 
     /// Image of a point in the view.
-    pub(super) fn seen(self, p: [f64; 3]) -> [f64; 2] {
+    pub(super) fn seen(self, p: DVec3) -> [f64; 2] {
         [p[self.axes[0]], p[self.axes[1]]]
     }
 
     /// Coordinate towards the eye; larger is nearer.
-    fn nearness(self, p: [f64; 3]) -> f64 {
+    fn nearness(self, p: DVec3) -> f64 {
         self.sign * p[self.axes[2]]
     }
 }
@@ -46,7 +46,7 @@ pub(super) struct Scene<'a> {
     pub(super) faces: Vec<TrimmedFace<'a>>,
     pub(super) size: f64,
     /// Minimum and maximum corner of a box around the solid.
-    pub(super) reach: [[f64; 3]; 2],
+    pub(super) reach: [DVec3; 2],
 }
 
 impl Scene<'_> {
@@ -55,12 +55,12 @@ impl Scene<'_> {
     ///
     /// The ray through the point itself touches the faces at the line, so rounding would decide. An outline
     /// also has its own face on one side.
-    pub(super) fn is_visible(&self, eye: Eye, p: [f64; 3], across: [f64; 2]) -> bool {
+    pub(super) fn is_visible(&self, eye: Eye, p: DVec3, across: [f64; 2]) -> bool {
         [-1.0, 1.0].into_iter().any(|side| !self.is_covered(eye, p, across, side * ASIDE * self.size))
     }
 
     /// True if a ray from a point, moved by `aside` along `across`, meets a face before the eye.
-    fn is_covered(&self, eye: Eye, p: [f64; 3], across: [f64; 2], aside: f64) -> bool {
+    fn is_covered(&self, eye: Eye, p: DVec3, across: [f64; 2], aside: f64) -> bool {
         let mut from = p;
         from[eye.axes[0]] += aside * across[0];
         from[eye.axes[1]] += aside * across[1];
@@ -81,11 +81,11 @@ impl Scene<'_> {
                 if t <= 0.0 {
                     return false;
                 }
-                let hit = crate::brep::along(from, t, direction);
+                let hit = from + t * direction;
                 // A face through the line that slopes towards the eye is met in front of the line, although
                 // it does not cover it. This is at most `aside` times the slope away; the factor leaves room
                 // for curved faces.
-                let facing = dot(face.surface().normal(hit), direction).abs().max(1e-9);
+                let facing = face.surface().normal(hit).dot(direction).abs().max(1e-9);
                 let slope = (1.0 - facing * facing).max(0.0).sqrt() / facing;
                 t > aside.abs() * (1.0 + 4.0 * slope) && face.contains(hit)
             })

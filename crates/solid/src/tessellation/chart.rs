@@ -5,7 +5,7 @@
 //! A face of a cone that contains the apex is projected along its axis.
 
 use crate::brep::{FaceSurface, unit};
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 
 /// A map from a surface to a plane.
 #[derive(Debug, Clone, Copy)]
@@ -15,23 +15,23 @@ pub(super) enum Chart {
     Parameters { surface: FaceSurface, steps: [f64; 2], is_swapped: bool },
     /// A sphere, projected from `center + radius pole` to the tangent plane at the opposite point.
     Sphere {
-        center: [f64; 3],
+        center: DVec3,
         radius: f64,
-        pole: [f64; 3],
+        pole: DVec3,
         /// Two directions of the plane. Seen from outside of the sphere, the second is left of the first.
-        plane: [[f64; 3]; 2],
+        plane: [DVec3; 2],
     },
     /// A cone, seen from its apex along the axis.
-    Cone { tip: [f64; 3], axis: [f64; 3], plane: [[f64; 3]; 2], slope: f64 },
+    Cone { tip: DVec3, axis: DVec3, plane: [DVec3; 2], slope: f64 },
 }
 
 impl Chart {
     /// The stereographic projection of a sphere from a pole (a unit vector).
-    pub(super) fn sphere(center: [f64; 3], radius: f64, pole: [f64; 3]) -> Self {
+    pub(super) fn sphere(center: DVec3, radius: f64, pole: DVec3) -> Self {
         // An axis at an angle of at least 44° to the pole, so that the cross product is accurate.
-        let aside = if pole[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-        let x = unit(cross(aside, pole));
-        Self::Sphere { center, radius, pole, plane: [x, cross(x, pole)] }
+        let aside = if pole[0].abs() < 0.7 { DVec3::X } else { DVec3::Y };
+        let x = unit(aside.cross(pole));
+        Self::Sphere { center, radius, pole, plane: [x, x.cross(pole)] }
     }
 
     /// The projection of a cone along its axis; `None` for other surfaces.
@@ -40,16 +40,11 @@ impl Chart {
             return None;
         };
         let slope = half_angle_rad.tan();
-        Some(Self::Cone {
-            tip: add_scaled(origin, -radius / slope, axis),
-            axis,
-            plane: [x, cross(x, axis)],
-            slope,
-        })
+        Some(Self::Cone { tip: origin - radius / slope * axis, axis, plane: [x, x.cross(axis)], slope })
     }
 
     /// The point of the plane for a point on the surface. Of periodic parameters, those in (−π, π] are used.
-    pub(super) fn at(&self, p: [f64; 3]) -> [f64; 2] {
+    pub(super) fn at(&self, p: DVec3) -> [f64; 2] {
         match self {
             Self::Parameters { surface, steps, is_swapped } => {
                 let [u, v] = surface.parameters(p);
@@ -57,17 +52,17 @@ impl Chart {
                 [at[0] * steps[0], at[1] * steps[1]]
             }
             Self::Sphere { center, radius, pole, plane } => {
-                let d = unit(sub(p, *center));
+                let d = unit(p - *center);
                 // The pole itself is at infinity; the bound keeps the division finite there.
-                let stretch = 2.0 * radius / (1.0 - dot(d, *pole)).max(f64::MIN_POSITIVE);
-                plane.map(|x| stretch * dot(d, x))
+                let stretch = 2.0 * radius / (1.0 - d.dot(*pole)).max(f64::MIN_POSITIVE);
+                plane.map(|x| stretch * d.dot(x))
             }
-            Self::Cone { tip, plane, .. } => plane.map(|x| dot(sub(p, *tip), x)),
+            Self::Cone { tip, plane, .. } => plane.map(|x| (p - *tip).dot(x)),
         }
     }
 
     /// The point of the surface for a point of the plane.
-    pub(super) fn point(&self, at: [f64; 2]) -> [f64; 3] {
+    pub(super) fn point(&self, at: [f64; 2]) -> DVec3 {
         match self {
             Self::Parameters { surface, steps, is_swapped } => {
                 let [a, b] = [at[0] / steps[0], at[1] / steps[1]];
@@ -76,13 +71,13 @@ impl Chart {
             Self::Sphere { center, radius, pole, plane } => {
                 let q = at.map(|c| c / (2.0 * radius));
                 let square = q[0] * q[0] + q[1] * q[1];
-                let across = add_scaled(scale(2.0 * q[0], plane[0]), 2.0 * q[1], plane[1]);
-                let d = scale(1.0 / (square + 1.0), add_scaled(across, square - 1.0, *pole));
-                add_scaled(*center, *radius, d)
+                let across = 2.0 * q[0] * plane[0] + 2.0 * q[1] * plane[1];
+                let d = 1.0 / (square + 1.0) * (across + (square - 1.0) * *pole);
+                *center + *radius * d
             }
             Self::Cone { tip, axis, plane, slope } => {
-                let across = add_scaled(scale(at[0], plane[0]), at[1], plane[1]);
-                add_scaled(add_scaled(*tip, 1.0, across), norm(across) / slope, *axis)
+                let across = at[0] * plane[0] + at[1] * plane[1];
+                *tip + 1.0 * across + across.length() / slope * *axis
             }
         }
     }
@@ -102,7 +97,7 @@ mod tests {
         FaceSurface::Cone {
             origin: [1.0, 2.0, 3.0],
             axis: [0.0, 0.6, 0.8],
-            x: [1.0, 0.0, 0.0],
+            x: DVec3::X,
             radius: 2.0,
             half_angle_rad: 0.4,
         }
@@ -110,12 +105,8 @@ mod tests {
 
     #[test]
     fn charts_invert_and_keep_the_orientation() {
-        let sphere = FaceSurface::Sphere {
-            center: [1.0, -2.0, 0.5],
-            axis: [0.0, 0.0, 1.0],
-            x: [1.0, 0.0, 0.0],
-            radius: 3.0,
-        };
+        let sphere =
+            FaceSurface::Sphere { center: [1.0, -2.0, 0.5], axis: DVec3::Z, x: DVec3::X, radius: 3.0 };
         let charts = [
             (Chart::sphere([1.0, -2.0, 0.5], 3.0, unit([0.3, -0.5, 0.8])), sphere),
             (Chart::cone(&cone()).unwrap(), cone()),
@@ -127,9 +118,8 @@ mod tests {
                 let back = chart.at(p);
                 assert!((0..2).all(|k| (back[k] - at[k]).abs() < 1e-12), "{back:?} is not {at:?}");
                 let h = 1e-5;
-                let [right, up] =
-                    [[h, 0.0], [0.0, h]].map(|d| sub(chart.point([at[0] + d[0], at[1] + d[1]]), p));
-                assert!(dot(cross(right, up), surface.normal(p)) > 0.0);
+                let [right, up] = [[h, 0.0], [0.0, h]].map(|d| chart.point([at[0] + d[0], at[1] + d[1]]) - p);
+                assert!(right.cross(up).dot(surface.normal(p)) > 0.0);
             }
         }
     }

@@ -8,7 +8,7 @@ use super::Points;
 use super::chart::Chart;
 use super::polygon::{Corner, part_touching, segments_cross, shift_into_outer, signed_area};
 use crate::brep::{Face, FaceSurface, unit};
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
@@ -62,17 +62,11 @@ fn flat(chart: &Chart, points: &Points, rings: &[Vec<u32>]) -> Vec<Vec<Corner>> 
 }
 
 /// The region of a face of a sphere, projected from the point outside of the face farthest from its loops.
-fn on_sphere(
-    face: &Face,
-    points: &Points,
-    rings: &[Vec<u32>],
-    center: [f64; 3],
-    radius: f64,
-) -> Result<Domain> {
+fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: DVec3, radius: f64) -> Result<Domain> {
     let sense = if face.outward { 1.0 } else { -1.0 };
-    let direction = |vertex: &u32| unit(sub(points.positions[*vertex as usize], center));
-    let of: Vec<Vec<[f64; 3]>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
-    let mut poles: Vec<[f64; 3]> = (0..DIRECTIONS)
+    let direction = |vertex: &u32| unit(points.positions[*vertex as usize] - center);
+    let of: Vec<Vec<DVec3>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
+    let mut poles: Vec<DVec3> = (0..DIRECTIONS)
         .map(|k| {
             // Fibonacci lattice: points spread evenly over the sphere.
             let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
@@ -82,20 +76,20 @@ fn on_sphere(
         })
         .collect();
     for ring in &of {
-        let sum = ring.iter().fold([0.0; 3], |sum, d| add(sum, *d));
-        if norm(sum) > 1e-9 {
-            poles.extend([unit(sum), unit(scale(-1.0, sum))]);
+        let sum = ring.iter().sum::<DVec3>();
+        if sum.length() > 1e-9 {
+            poles.extend([unit(sum), unit(-sum)]);
         }
         for k in 0..ring.len() {
             // A point just to the right of the loop, seen from outside. It is outside of the face, also if
             // the face covers nearly all of the sphere and none of the directions above is outside.
             let (a, b) = (ring[k], ring[(k + 1) % ring.len()]);
-            let right = cross(sub(b, a), scale(sense, add(a, b)));
-            poles.push(unit(add_scaled(add(a, b), 0.5, right)));
+            let right = (b - a).cross(sense * (a + b));
+            poles.push(unit(a + b + 0.5 * right));
         }
     }
-    let clearance = |pole: &[f64; 3]| of.iter().flatten().map(|d| -dot(*d, *pole)).fold(f64::MAX, f64::min);
-    let mut order: Vec<(f64, [f64; 3])> = poles.into_iter().map(|p| (clearance(&p), p)).collect();
+    let clearance = |pole: &DVec3| of.iter().flatten().map(|d| -d.dot(*pole)).fold(f64::MAX, f64::min);
+    let mut order: Vec<(f64, DVec3)> = poles.into_iter().map(|p| (clearance(&p), p)).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, pole) in order {
         let chart = Chart::sphere(center, radius, pole);

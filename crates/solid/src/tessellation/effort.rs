@@ -2,7 +2,6 @@
 
 use super::WIDEST_CHORD;
 use crate::brep::{Edge, EdgeCurve, FaceSurface, Solid};
-use planish_estimate::vector3::norm;
 
 /// Maximum number of triangles of a mesh. It bounds memory and time; finer tolerances are rejected.
 pub const MAX_TRIANGLES: f64 = 1e6;
@@ -66,7 +65,7 @@ fn chords(edge: &Edge, tolerance: f64) -> f64 {
     let range = edge.range[1] - edge.range[0];
     match &edge.curve {
         EdgeCurve::Line { .. } => 1.0,
-        EdgeCurve::Ellipse { a, .. } => range / widest(norm(*a), tolerance),
+        EdgeCurve::Ellipse { a, .. } => range / widest(a.length(), tolerance),
         EdgeCurve::Spline { .. } => super::chords(edge, tolerance) as f64,
     }
 }

@@ -4,7 +4,7 @@ use super::Points;
 use super::domain::Domain;
 use super::polygon::Corner;
 use crate::brep::{Face, FaceSurface};
-use planish_estimate::vector3::{norm, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
@@ -21,7 +21,7 @@ pub(crate) struct Filling<'a> {
     /// Points inside that must be vertices.
     pub(crate) inner: &'a [Corner],
     /// The point of the surface for a point of the plane.
-    pub(crate) on_surface: &'a dyn Fn([f64; 2]) -> [f64; 3],
+    pub(crate) on_surface: &'a dyn Fn([f64; 2]) -> DVec3,
     /// True for a plane, where all triangles are exact.
     pub(crate) is_flat: bool,
     /// Maximum distance of triangles from the surface.
@@ -75,7 +75,7 @@ impl Filling<'_> {
     /// Triangles that are counter-clockwise in the plane. Added points are appended to the positions.
     ///
     /// No point is added on a polygon side, because the neighbouring face has the same chords there.
-    pub(crate) fn triangles(&self, positions: &mut Vec<[f64; 3]>) -> Result<Vec<[u32; 3]>> {
+    pub(crate) fn triangles(&self, positions: &mut Vec<DVec3>) -> Result<Vec<[u32; 3]>> {
         let mut made = bounded(self.polygons, self.inner)?;
         // After the last round, triangles may still exceed the tolerance; `tessellate` checks the volume.
         for _ in 0..if self.is_flat { 0 } else { ROUNDS } {
@@ -170,8 +170,8 @@ fn inside(made: &Triangles) -> Vec<bool> {
 /// Points in triangles alone would keep long sides; points on sides shorten these first.
 fn missing(
     made: &Triangles,
-    positions: &[[f64; 3]],
-    on_surface: &dyn Fn([f64; 2]) -> [f64; 3],
+    positions: &[DVec3],
+    on_surface: &dyn Fn([f64; 2]) -> DVec3,
     tolerance: f64,
 ) -> Vec<[f64; 2]> {
     let inside = inside(made);
@@ -180,7 +180,7 @@ fn missing(
         let at = [0, 1].map(|k| corners.iter().map(|c| c.at[k]).sum::<f64>() / n);
         let flat =
             [0, 1, 2].map(|k| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n);
-        (at, norm(sub(on_surface(at), flat)))
+        (at, (on_surface(at) - flat).length())
     };
     let mut wanted = Vec::new();
     for edge in made.undirected_edges().filter(|e| !e.is_constraint_edge()) {

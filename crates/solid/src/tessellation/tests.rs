@@ -139,9 +139,9 @@ fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
 fn half_a_cone() -> Solid {
     let tip = [0.0, 0.0, 30.0];
     let [right, left] = [[10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]];
-    let line = |from: [f64; 3], to: [f64; 3], ends: [usize; 2]| {
-        let span = planish_estimate::vector3::sub(to, from);
-        let length = planish_estimate::vector3::norm(span);
+    let line = |from: DVec3, to: DVec3, ends: [usize; 2]| {
+        let span = to - from;
+        let length = span.length();
         Edge {
             curve: EdgeCurve::Line { origin: from, direction: span.map(|c| c / length) },
             range: [0.0, length],
@@ -150,7 +150,7 @@ fn half_a_cone() -> Solid {
         }
     };
     let arc = Edge {
-        curve: EdgeCurve::Ellipse { center: [0.0; 3], a: right, b: [0.0, 10.0, 0.0] },
+        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: right, b: [0.0, 10.0, 0.0] },
         range: [0.0, std::f64::consts::PI],
         start: 1,
         end: 2,
@@ -160,11 +160,11 @@ fn half_a_cone() -> Solid {
         outward: true,
         loops: vec![ring.iter().map(|&(edge, forward)| Coedge { edge, forward }).collect()],
     };
-    let plane = |normal: [f64; 3]| FaceSurface::Plane { origin: [0.0; 3], normal, x: [1.0, 0.0, 0.0] };
+    let plane = |normal: DVec3| FaceSurface::Plane { origin: DVec3::ZERO, normal, x: DVec3::X };
     let cone = FaceSurface::Cone {
-        origin: [0.0; 3],
-        axis: [0.0, 0.0, -1.0],
-        x: [1.0, 0.0, 0.0],
+        origin: DVec3::ZERO,
+        axis: DVec3::new(0.0, 0.0, -1.0),
+        x: DVec3::X,
         radius: 10.0,
         half_angle_rad: (1.0_f64 / 3.0).atan(),
     };
@@ -172,8 +172,8 @@ fn half_a_cone() -> Solid {
         vertices: vec![tip, right, left],
         edges: vec![arc, line(left, right, [2, 1]), line(right, tip, [1, 0]), line(left, tip, [2, 0])],
         faces: vec![
-            face(plane([0.0, 0.0, -1.0]), &[(0, false), (1, false)]),
-            face(plane([0.0, -1.0, 0.0]), &[(1, true), (2, true), (3, false)]),
+            face(plane(DVec3::new(0.0, 0.0, -1.0)), &[(0, false), (1, false)]),
+            face(plane(DVec3::new(0.0, -1.0, 0.0)), &[(1, true), (2, true), (3, false)]),
             face(cone, &[(0, true), (3, true), (2, false)]),
         ],
     };
@@ -226,8 +226,7 @@ fn faces_over_poles_and_apexes_are_closed() {
 #[test]
 fn too_fine_tolerance_is_rejected_with_the_smallest_possible_one() {
     let mut ball = Solid::default();
-    let surface =
-        FaceSurface::Sphere { center: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 10.0 };
+    let surface = FaceSurface::Sphere { center: DVec3::ZERO, axis: DVec3::Z, x: DVec3::X, radius: 10.0 };
     ball.add_whole(surface, true);
     let message = tessellate(&ball, 1e-9).unwrap_err().to_string();
     assert!(message.contains("needs about") && message.contains("as with a tolerance of"), "{message}");

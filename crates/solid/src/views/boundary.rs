@@ -14,8 +14,8 @@ use super::rings::faces;
 use super::search::Assignment;
 use super::surfaces::Curve3;
 use super::turned_rings::{turned_faces, with_free_poles};
-use crate::brep::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use crate::brep::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
@@ -58,12 +58,12 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> 
 }
 
 impl BoundaryBuilder<'_> {
-    pub(super) fn is_solid(&self, p: [f64; 3]) -> bool {
+    pub(super) fn is_solid(&self, p: DVec3) -> bool {
         self.assignment.get(&self.cells.at(p)).copied().unwrap_or(false)
     }
 
     /// True if a wall, or a piece other than `but`, is nearer to a point of a box than `near`.
-    fn touched(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
+    fn touched(&self, p: DVec3, cell: [usize; 3], near: f64, but: Option<(usize, u32)>) -> bool {
         let plan = self.cells.plan;
         let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
@@ -75,7 +75,7 @@ impl BoundaryBuilder<'_> {
     }
 
     /// True if a wall other than `but` is nearer to a point of a box than `near`.
-    fn touched_by_wall(&self, p: [f64; 3], cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
+    fn touched_by_wall(&self, p: DVec3, cell: [usize; 3], near: f64, but: Option<u16>) -> bool {
         let plan = self.cells.plan;
         let mut walls = plan.walls_in(cell).iter().filter(|w| Some(w.0) != but);
         walls.any(|&(wall, side)| plan.walls[wall as usize].is_near(side, p, near))
@@ -90,7 +90,7 @@ impl BoundaryBuilder<'_> {
             let [a, b] = across(along_axis);
             for s in SAMPLES {
                 for t in SAMPLES {
-                    let mut p = [0.0; 3];
+                    let mut p = DVec3::ZERO;
                     p[a] = lo[a] + s * (hi[a] - lo[a]);
                     p[b] = lo[b] + t * (hi[b] - lo[b]);
                     for depth in wall.crossings(side, along_axis, p, 0.0) {
@@ -102,7 +102,7 @@ impl BoundaryBuilder<'_> {
                             continue;
                         }
                         let n = wall.normal(p);
-                        if self.is_solid(along(p, step, n)) != self.is_solid(along(p, -step, n)) {
+                        if self.is_solid(p + step * n) != self.is_solid(p - step * n) {
                             return true;
                         }
                     }
@@ -113,7 +113,7 @@ impl BoundaryBuilder<'_> {
     }
 
     /// True if a piece, or a wall other than `wall`, is nearer to a point of a box than `near`.
-    fn touched_but(&self, p: [f64; 3], cell: [usize; 3], near: f64, wall: u16) -> bool {
+    fn touched_but(&self, p: DVec3, cell: [usize; 3], near: f64, wall: u16) -> bool {
         let plan = self.cells.plan;
         let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
@@ -139,7 +139,7 @@ impl BoundaryBuilder<'_> {
                     let cell = [i, j, k];
                     let lo = [0, 1, 2].map(|a| plan.grid[a][cell[a]]);
                     let hi = [0, 1, 2].map(|a| plan.grid[a][cell[a] + 1]);
-                    let at = |shares: [f64; 3]| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * shares[a]);
+                    let at = |shares: [f64; 3]| lo + (hi - lo) * shares;
                     let plain = is_plain(plan, cell);
                     let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
                     for axis in (0..3).filter(|a| cell[*a] > 0) {
@@ -245,15 +245,15 @@ impl BoundaryBuilder<'_> {
     }
 
     /// Cuts a curve at points and keeps the intervals that are edges.
-    fn cut(&mut self, curve: &Curve3, points: Vec<[f64; 3]>, pair: [usize; 2]) {
+    fn cut(&mut self, curve: &Curve3, points: Vec<DVec3>, pair: [usize; 2]) {
         let near = self.tolerance;
-        let mut cuts: Vec<(f64, [f64; 3])> = Vec::new();
+        let mut cuts: Vec<(f64, DVec3)> = Vec::new();
         for p in points {
             let Some(t) = curve.parameter(p, near) else {
                 continue;
             };
             // Several surfaces may pass through one vertex, and each finds it with its own rounding.
-            if !cuts.iter().any(|c| norm(sub(c.1, p)) < 20.0 * near) {
+            if !cuts.iter().any(|c| (c.1 - p).length() < 20.0 * near) {
                 cuts.push((t, p));
             }
         }
@@ -280,18 +280,12 @@ impl BoundaryBuilder<'_> {
     ///
     /// The states around the middle decide: no other surface crosses an interval between two cuts. Several
     /// wedges (where the solid touches itself) give several coincident edges.
-    fn add_stretch(
-        &mut self,
-        curve: &Curve3,
-        range: [f64; 2],
-        ends: Option<[[f64; 3]; 2]>,
-        pair: [usize; 2],
-    ) {
+    fn add_stretch(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[DVec3; 2]>, pair: [usize; 2]) {
         let middle = (range[0] + range[1]) / 2.0;
         let m = curve.point(middle);
         // By central differences, as curves of all kinds have points but not all have derivatives.
         let h = 1e-4 * (range[1] - range[0]);
-        let tangent = unit(sub(curve.point(middle + h), curve.point(middle - h)));
+        let tangent = unit(curve.point(middle + h) - curve.point(middle - h));
         let step = 1e-5 * self.cells.plan.size;
         let halves = self.halves(m, tangent, step);
         let count = halves.len();
@@ -300,11 +294,11 @@ impl BoundaryBuilder<'_> {
         }
         // Angles run counter-clockwise about the tangent, in the same frame as those of `halves`.
         let (e1, e2) = planish_estimate::vector3::tangents(tangent);
-        let (e1, e2) = match dot(cross(e1, e2), tangent) > 0.0 {
+        let (e1, e2) = match e1.cross(e2).dot(tangent) > 0.0 {
             true => (e1, e2),
             false => (e2, e1),
         };
-        let at = |angle: f64| along(along(m, step * angle.cos(), e1), step * angle.sin(), e2);
+        let at = |angle: f64| m + step * angle.cos() * e1 + step * angle.sin() * e2;
         let states: Vec<bool> = (0..count)
             .map(|k| {
                 let next = halves[(k + 1) % count].0 + if k + 1 == count { TAU } else { 0.0 };
@@ -331,18 +325,18 @@ impl BoundaryBuilder<'_> {
             let edge = self.add_edge(curve, range, ends);
             for (half, begins) in [(a, true), (b, false)] {
                 let (sin, cos) = half.0.sin_cos();
-                let w = along(along([0.0; 3], cos, e1), sin, e2);
-                let outward = if begins { cross(w, tangent) } else { cross(tangent, w) };
-                let same = dot(outward, self.surfaces[half.1].normal(m)) > 0.0;
+                let w = DVec3::ZERO + cos * e1 + sin * e2;
+                let outward = if begins { w.cross(tangent) } else { tangent.cross(w) };
+                let same = outward.dot(self.surfaces[half.1].normal(m)) > 0.0;
                 self.coedges.entry((half.1, same)).or_default().push(Coedge { edge, forward: !begins });
             }
         }
     }
 
     /// Half-surfaces around a point of a curve: angle about the tangent and surface, ascending.
-    fn halves(&self, m: [f64; 3], tangent: [f64; 3], step: f64) -> Vec<(f64, usize)> {
+    fn halves(&self, m: DVec3, tangent: DVec3, step: f64) -> Vec<(f64, usize)> {
         let (e1, e2) = planish_estimate::vector3::tangents(tangent);
-        let (e1, e2) = match dot(cross(e1, e2), tangent) > 0.0 {
+        let (e1, e2) = match e1.cross(e2).dot(tangent) > 0.0 {
             true => (e1, e2),
             false => (e2, e1),
         };
@@ -352,19 +346,19 @@ impl BoundaryBuilder<'_> {
                 continue;
             }
             // On an apex or an axis, a surface has no normal.
-            let across = cross(tangent, surface.normal(m));
-            if norm(across) < 1e-6 {
+            let across = tangent.cross(surface.normal(m));
+            if across.length() < 1e-6 {
                 continue;
             }
             // A step along the tangent plane, then Newton's method back to the surface: curved surfaces leave
             // their tangent planes, and two that touch differ only by this.
             for sign in [-1.0, 1.0] {
-                let mut p = along(m, sign * step, unit(across));
+                let mut p = m + sign * step * unit(across);
                 for _ in 0..3 {
-                    p = along(p, -surface.value(p), surface.normal(p));
+                    p -= surface.value(p) * surface.normal(p);
                 }
-                let d = sub(p, m);
-                halves.push((dot(d, e2).atan2(dot(d, e1)), index));
+                let d = p - m;
+                halves.push((d.dot(e2).atan2(d.dot(e1)), index));
             }
         }
         halves.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -374,9 +368,9 @@ impl BoundaryBuilder<'_> {
     /// The vertex at a point, added if there is none yet.
     ///
     /// The distance is twice that of distinct cuts, so that cuts of several curves at one vertex agree.
-    pub(super) fn vertex(&mut self, p: [f64; 3]) -> usize {
+    pub(super) fn vertex(&mut self, p: DVec3) -> usize {
         let near = 40.0 * self.tolerance;
-        match self.solid.vertices.iter().position(|v| norm(sub(*v, p)) < near) {
+        match self.solid.vertices.iter().position(|v| (*v - p).length() < near) {
             Some(found) => found,
             None => {
                 self.solid.vertices.push(p);
@@ -385,7 +379,7 @@ impl BoundaryBuilder<'_> {
         }
     }
 
-    fn add_edge(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> usize {
+    fn add_edge(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[DVec3; 2]>) -> usize {
         let [start, end] = match ends {
             Some([p, q]) => [self.vertex(p), self.vertex(q)],
             None => [self.vertex(curve.point(range[0])); 2],
@@ -395,7 +389,7 @@ impl BoundaryBuilder<'_> {
                 (EdgeCurve::Line { origin: *origin, direction: *direction }, range)
             }
             // The first semi-axis of an edge is not the shorter one (see `EdgeCurve::Ellipse`).
-            Curve3::Ellipse { center, a, b } => match norm(*a) >= norm(*b) * (1.0 - 1e-12) {
+            Curve3::Ellipse { center, a, b } => match a.length() >= b.length() * (1.0 - 1e-12) {
                 true => (EdgeCurve::Ellipse { center: *center, a: *a, b: *b }, range),
                 // t = s + π/2 turns (a, b) into (b, −a).
                 false => (
@@ -452,7 +446,7 @@ impl BoundaryBuilder<'_> {
             let mut states = places.map(|[i, j]| {
                 let p = surface.point([TAU * share(i), height * (share(j) - 0.5)]);
                 let n = surface.normal(p);
-                [-step, step].map(|s| self.is_solid(along(p, s, n)))
+                [-step, step].map(|s| self.is_solid(p + s * n))
             });
             let Some(first) = states.next().filter(|s| s[0] != s[1]) else {
                 continue;
@@ -523,15 +517,15 @@ impl BoundaryBuilder<'_> {
             let [lo, hi] = edge.range;
             let near_lo = coedge.forward == from_start;
             let t = if near_lo { lo + 0.01 * (hi - lo) } else { hi - 0.01 * (hi - lo) };
-            unit(sub(edge.curve.point(t), p))
+            unit(edge.curve.point(t) - p)
         };
         let back = away(last, false);
-        let side = cross(n, back);
+        let side = n.cross(back);
         // Angle clockwise from the direction in which the loop came. Back along the same way is a whole turn,
         // the last choice.
         let turn = |coedge: Coedge| {
             let d = away(coedge, true);
-            let angle = -dot(d, side).atan2(dot(d, back));
+            let angle = -d.dot(side).atan2(d.dot(back));
             if angle <= 1e-9 { angle + TAU } else { angle }
         };
         let limit = closing.map_or(f64::MAX, turn);

@@ -7,6 +7,7 @@
 use super::oblique_wall::Oblique;
 use super::turned_wall::Turned;
 use crate::brep::FaceSurface;
+use planish_core::DVec3;
 
 /// Selects a half of the tube of a torus; other surfaces use `Both`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -59,7 +60,7 @@ impl CandidateSurface {
     }
 
     /// Signed distance from the whole, unlimited surface.
-    pub(crate) fn value(&self, p: [f64; 3]) -> f64 {
+    pub(crate) fn value(&self, p: DVec3) -> f64 {
         match self {
             Self::Turned(wall) => wall.value(p),
             Self::Oblique(wall) => wall.value(p),
@@ -70,7 +71,7 @@ impl CandidateSurface {
     ///
     /// If only a half of a tube or a sector of a cylinder is used, the surface continues as a tangent plane
     /// beyond its ends. The whole surface would divide space a second time, behind the part that is used.
-    pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
+    pub(crate) fn value_of(&self, side: Side, p: DVec3) -> f64 {
         match self {
             Self::Turned(wall) => wall.value_of(side, p),
             Self::Oblique(wall) => wall.value_of(p),
@@ -80,7 +81,7 @@ impl CandidateSurface {
     /// True if a point is nearer to the used part of the wall than a distance.
     ///
     /// Its tangent continuation (see [`CandidateSurface::value_of`]) cannot be a face, so it does not count.
-    pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
+    pub(crate) fn is_near(&self, side: Side, p: DVec3, near: f64) -> bool {
         match self {
             // The half is tested first: beside the other half of the tube there is no wall.
             Self::Turned(wall) => wall.is_on_side(side, p) && wall.value(p).abs() < near,
@@ -89,7 +90,7 @@ impl CandidateSurface {
     }
 
     /// The gradient of [`CandidateSurface::value_of`] on the wall.
-    pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn normal_of(&self, p: DVec3) -> DVec3 {
         match self {
             Self::Turned(wall) => wall.normal(p),
             Self::Oblique(wall) => wall.normal_of(p),
@@ -97,7 +98,7 @@ impl CandidateSurface {
     }
 
     /// The gradient of the signed distance from the unlimited surface.
-    pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn normal(&self, p: DVec3) -> DVec3 {
         match self {
             Self::Turned(wall) => wall.normal(p),
             Self::Oblique(wall) => wall.normal(p),
@@ -107,7 +108,7 @@ impl CandidateSurface {
     /// Coordinates at which the line along an axis through a point meets the wall.
     ///
     /// A line that touches the wall within `touching` meets it once.
-    pub(crate) fn crossings(&self, side: Side, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
+    pub(crate) fn crossings(&self, side: Side, along: usize, p: DVec3, touching: f64) -> Vec<f64> {
         match self {
             Self::Turned(wall) => wall.crossings(side, along, p, touching),
             Self::Oblique(wall) => wall.crossings(along, p, touching),
@@ -115,7 +116,7 @@ impl CandidateSurface {
     }
 
     /// The part of the wall that passes through a box, if any.
-    pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
+    pub(crate) fn passes(&self, lo: DVec3, hi: DVec3, tolerance: f64) -> Option<Side> {
         match self {
             Self::Turned(wall) => wall.passes(lo, hi, tolerance),
             // The sector of an oblique cylinder is tested by `value_of`, so the wall needs no halves.

@@ -9,8 +9,8 @@ use super::quadrics::quadrics;
 use super::surfaces::{Curve3, Extruded, Meeting, meet, meetings, triple};
 use super::traced::traced;
 use super::turned_wall::Turned;
-use crate::brep::{FaceSurface, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use crate::brep::{FaceSurface, unit};
+use planish_core::DVec3;
 use std::f64::consts::TAU;
 
 /// Number of samples of a curve between which intersections are searched.
@@ -42,7 +42,7 @@ impl Candidate {
     }
 
     /// Signed distance.
-    pub(super) fn value(&self, p: [f64; 3]) -> f64 {
+    pub(super) fn value(&self, p: DVec3) -> f64 {
         match self {
             Self::Extruded(s) => s.value(p),
             Self::Wall(s) => s.value(p),
@@ -50,7 +50,7 @@ impl Candidate {
     }
 
     /// The gradient of the signed distance.
-    pub(super) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(super) fn normal(&self, p: DVec3) -> DVec3 {
         match self {
             Self::Extruded(s) => s.normal(p),
             Self::Wall(s) => s.normal(p),
@@ -92,7 +92,7 @@ pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) ->
 }
 
 /// Curves with points at which lines must be cut.
-fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[[f64; 3]]) -> Vec<Meeting> {
+fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[DVec3]) -> Vec<Meeting> {
     let meeting = |curve: Curve3| Meeting {
         ends: if matches!(curve, Curve3::Line { .. }) { ends_of_lines.to_vec() } else { Vec::new() },
         curve,
@@ -106,7 +106,7 @@ pub(super) fn corners(
     curve: &Curve3,
     bounds: [[f64; 2]; 3],
     tolerance: f64,
-) -> Vec<[f64; 3]> {
+) -> Vec<DVec3> {
     match three {
         [Candidate::Extruded(s), Candidate::Extruded(t), Candidate::Extruded(u)] => {
             triple([s, t, u], tolerance)
@@ -116,12 +116,12 @@ pub(super) fn corners(
 }
 
 /// Points of a curve that lie on a candidate; none if all of the curve does.
-fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<[f64; 3]> {
+fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<DVec3> {
     let [from, to] = match curve {
         Curve3::Line { origin, .. } => {
             let far =
                 [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
-            [-norm(far), norm(far)]
+            [-far.length(), far.length()]
         }
         Curve3::Ellipse { .. } => [0.0, TAU],
         Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
@@ -195,8 +195,8 @@ fn circle(wall: &Turned, [distance, height]: [f64; 2]) -> Option<Curve3> {
     let center = wall.point(0.0, [0.0, height]);
     (distance > 1e-9).then(|| Curve3::Ellipse {
         center,
-        a: sub(wall.point(0.0, [distance, height]), center),
-        b: sub(wall.point(TAU / 4.0, [distance, height]), center),
+        a: wall.point(0.0, [distance, height]) - center,
+        b: wall.point(TAU / 4.0, [distance, height]) - center,
     })
 }
 
@@ -244,7 +244,7 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
             }
             let middle = wall.point(0.0, [0.0, 0.0]);
             let holds_axis =
-                normal[wall.axis].abs() < 1e-9 && dot(sub(middle, origin), normal).abs() < tolerance;
+                normal[wall.axis].abs() < 1e-9 && (middle - origin).dot(normal).abs() < tolerance;
             holds_axis.then(|| meridians(wall, normal))
         }
         _ => None,
@@ -268,14 +268,14 @@ fn sphere_about(wall: &Turned, other: &Turned, tolerance: f64) -> Option<Turned>
 /// touch); `None` if the axis does not.
 fn sphere_and_cylinder(
     wall: &Turned,
-    origin: [f64; 3],
-    axis: [f64; 3],
+    origin: DVec3,
+    axis: DVec3,
     radius: f64,
     tolerance: f64,
 ) -> Option<Vec<Curve3>> {
     let (center, of_sphere) = sphere_of(wall);
-    let from = sub(center, origin);
-    if norm(along(from, -dot(from, axis), axis)) > tolerance {
+    let from = center - origin;
+    if (from - from.dot(axis) * axis).length() > tolerance {
         return None;
     }
     let heights = match of_sphere - radius {
@@ -287,51 +287,47 @@ fn sphere_and_cylinder(
         _ => Vec::new(),
     };
     let circles =
-        heights.into_iter().flat_map(|h| sphere_and_plane(wall, along(center, h, axis), axis, tolerance));
+        heights.into_iter().flat_map(|h| sphere_and_plane(wall, center + h * axis, axis, tolerance));
     Some(circles.collect())
 }
 
 /// Centre and radius of a wall that is a sphere.
-fn sphere_of(wall: &Turned) -> ([f64; 3], f64) {
+fn sphere_of(wall: &Turned) -> (DVec3, f64) {
     match wall.profile {
         Profile::Circle { center, radius } => (wall.point(0.0, [0.0, center[1]]), radius),
-        Profile::Line { .. } => ([0.0; 3], 0.0),
+        Profile::Line { .. } => (DVec3::ZERO, 0.0),
     }
 }
 
 /// The circle in which a sphere intersects a plane; none if they only touch, as a point is no edge.
-fn sphere_and_plane(wall: &Turned, origin: [f64; 3], normal: [f64; 3], tolerance: f64) -> Vec<Curve3> {
+fn sphere_and_plane(wall: &Turned, origin: DVec3, normal: DVec3, tolerance: f64) -> Vec<Curve3> {
     let (center, radius) = sphere_of(wall);
-    let off = dot(sub(center, origin), normal);
+    let off = (center - origin).dot(normal);
     if off.abs() >= radius - tolerance {
         return Vec::new();
     }
     // Any direction in the plane serves as the start of the circle; the axis least parallel to the normal
     // gives the most accurate one.
     let distance = (radius * radius - off * off).sqrt();
-    let x = unit(cross(normal, if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }));
-    vec![Curve3::Ellipse {
-        center: along(center, -off, normal),
-        a: scale(distance, x),
-        b: scale(distance, cross(normal, x)),
-    }]
+    let x = unit(normal.cross(if normal[0].abs() < 0.9 { DVec3::X } else { DVec3::Y }));
+    vec![Curve3::Ellipse { center: center - off * normal, a: distance * x, b: distance * normal.cross(x) }]
 }
 
 /// The circle in which two spheres intersect. It lies in the plane of equal power.
 fn two_spheres(first: &Turned, second: &Turned, tolerance: f64) -> Vec<Curve3> {
     let ((a, r), (b, s)) = (sphere_of(first), sphere_of(second));
-    let apart = norm(sub(b, a));
+    let apart = (b - a).length();
     if apart < tolerance {
         return Vec::new();
     }
-    let normal = unit(sub(b, a));
+    let normal = unit(b - a);
     // Subtracting both equations leaves a plane at this distance from the first centre.
     let off = (apart * apart + r * r - s * s) / (2.0 * apart);
-    sphere_and_plane(first, along(a, off, normal), normal, tolerance)
+    sphere_and_plane(first, a + off * normal, normal, tolerance)
 }
 
 /// Intersection of a wall with a plane through its axis: the profile on both sides.
-fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
+fn meridians(wall: &Turned, normal: DVec3) -> Vec<Curve3> {
     let [a, b] = across(wall.axis);
     let angle = normal[b].atan2(normal[a]) + TAU / 4.0;
     [angle, angle + TAU / 2.0]
@@ -343,13 +339,13 @@ fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
                     let middle = at(center);
                     Curve3::Ellipse {
                         center: middle,
-                        a: sub(at([center[0] + radius, center[1]]), middle),
-                        b: sub(at([center[0], center[1] + radius]), middle),
+                        a: at([center[0] + radius, center[1]]) - middle,
+                        b: at([center[0], center[1] + radius]) - middle,
                     }
                 }
                 Profile::Line { .. } => {
                     let p = at(wall.profile.point(0.0));
-                    Curve3::Line { origin: p, direction: unit(sub(at(wall.profile.point(1.0)), p)) }
+                    Curve3::Line { origin: p, direction: unit(at(wall.profile.point(1.0)) - p) }
                 }
             }
         })
@@ -381,7 +377,7 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
         (TAU * smallest / STEPS_AROUND).max(TAU * reach / MAX_AROUND).min((height[1] - height[0]) / 8.0);
     // Curves are followed a few steps beyond the wall, so that its end cuts them between two points.
     let margin = 3.0 * step + 1e-3 * size;
-    let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
+    let inside = |p: DVec3| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
     // The lattice extends one step beyond both ends, as curves may begin just there. It is shifted by odd
     // shares, so that no point lies on a plane of symmetry.
     let mut profile: Vec<Vec<[f64; 2]>> = Vec::new();
@@ -428,12 +424,12 @@ fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> 
     let surfaces = [Candidate::Wall(of), other.clone()];
     let step = TAU * radius / STEPS_AROUND;
     let margin = 3.0 * step + 1e-3 * size;
-    let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
+    let inside = |p: DVec3| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
     let lattice = wall.lattice(ROWS, STEPS_AROUND as usize);
     let mut seeds = Vec::new();
-    let mut seed = |p: [f64; 3], q: [f64; 3]| {
+    let mut seed = |p: DVec3, q: DVec3| {
         if (other.value(p) > 0.0) != (other.value(q) > 0.0) {
-            seeds.push(scale(0.5, planish_estimate::vector3::add(p, q)));
+            seeds.push(0.5 * (p + q));
         }
     };
     for (k, row) in lattice.iter().enumerate() {

@@ -6,7 +6,7 @@
 
 use super::column::SurfaceId;
 use super::drawing_grid::DrawingGrid;
-use planish_core::DisjointSets;
+use planish_core::{DVec3, DisjointSets};
 use planish_estimate::{Error, Result};
 use std::collections::HashSet;
 
@@ -105,7 +105,7 @@ impl<'a> Cells<'a> {
                 let [a, b] = [(along + 1) % 3, (along + 2) % 3];
                 for s in SHARES {
                     for t in SHARES {
-                        let mut p = [0.0; 3];
+                        let mut p = DVec3::ZERO;
                         p[a] = lo[a] + s * (hi[a] - lo[a]);
                         p[b] = lo[b] + t * (hi[b] - lo[b]);
                         let mut cuts: Vec<f64> = self.cuts(cell, along, p).into_iter().map(|c| c.0).collect();
@@ -128,7 +128,7 @@ impl<'a> Cells<'a> {
     }
 
     /// True if no surface in a box, and no side of the box, is near a point of it in any direction.
-    fn has_room(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
+    fn has_room(&self, cell: [usize; 3], p: DVec3) -> bool {
         let room = 10.0 * self.plan.tolerance;
         let (lo, hi) = self.plan.bounds(cell);
         (0..3).all(|a| p[a] > lo[a] + room && p[a] < hi[a] - room) && !self.is_near_cut(cell, p, room)
@@ -149,7 +149,7 @@ impl<'a> Cells<'a> {
     }
 
     /// Intersections of the line along an axis through a point with the surfaces in a box; not sorted.
-    pub(crate) fn cuts(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, SurfaceId)> {
+    pub(crate) fn cuts(&self, cell: [usize; 3], along: usize, p: DVec3) -> Vec<(f64, SurfaceId)> {
         let plan = self.plan;
         let mut cuts: Vec<(f64, SurfaceId)> = Vec::new();
         for (v, view) in plan.views.iter().enumerate() {
@@ -175,7 +175,7 @@ impl<'a> Cells<'a> {
     /// The atom of a point in a box: one bit for the sign of each surface in the box.
     ///
     /// The order of the bits (views, pieces, walls) must be the same as when the atoms were counted.
-    fn atom(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
+    fn atom(&self, cell: [usize; 3], p: DVec3) -> u32 {
         let n = [1, 2].map(|a| self.plan.intervals(a));
         let mut bits = 0;
         let mut place = 0;
@@ -195,17 +195,17 @@ impl<'a> Cells<'a> {
     }
 
     /// The grid box that contains a point.
-    pub(crate) fn box_of(&self, p: [f64; 3]) -> [usize; 3] {
+    pub(crate) fn box_of(&self, p: DVec3) -> [usize; 3] {
         [0, 1, 2].map(|a| self.plan.interval(a, p[a]))
     }
 
     /// The cell of a point. All points of a cell have the same number.
-    pub(crate) fn at(&self, p: [f64; 3]) -> u32 {
+    pub(crate) fn at(&self, p: DVec3) -> u32 {
         self.cell_of_atom[self.atom(self.box_of(p), p) as usize]
     }
 
     /// The cell of a point whose box is known.
-    pub(crate) fn at_in(&self, cell: [usize; 3], p: [f64; 3]) -> u32 {
+    pub(crate) fn at_in(&self, cell: [usize; 3], p: DVec3) -> u32 {
         self.cell_of_atom[self.atom(cell, p) as usize]
     }
 
@@ -234,12 +234,12 @@ impl<'a> Cells<'a> {
     }
 
     /// True if a point is so near a surface of its box that rounding may put it on either side.
-    fn near_piece(&self, cell: [usize; 3], p: [f64; 3]) -> bool {
+    fn near_piece(&self, cell: [usize; 3], p: DVec3) -> bool {
         self.is_near_cut(cell, p, 0.1 * self.plan.tolerance)
     }
 
     /// True if a piece or a wall of a box is nearer to a point than a distance.
-    fn is_near_cut(&self, cell: [usize; 3], p: [f64; 3], near: f64) -> bool {
+    fn is_near_cut(&self, cell: [usize; 3], p: DVec3, near: f64) -> bool {
         let at_piece = self.plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             let q = [p[axes[0]], p[axes[1]]];
@@ -251,7 +251,7 @@ impl<'a> Cells<'a> {
     }
 
     /// Intersections of the line along an axis through a point with the walls of a box.
-    pub(crate) fn wall_crossings(&self, cell: [usize; 3], along: usize, p: [f64; 3]) -> Vec<(f64, usize)> {
+    pub(crate) fn wall_crossings(&self, cell: [usize; 3], along: usize, p: DVec3) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
         for &(wall, side) in self.plan.walls_in(cell) {
             let crossings = self.plan.walls[wall as usize].crossings(side, along, p, 0.0);
@@ -329,7 +329,7 @@ impl<'a> Cells<'a> {
         let walled = [before, behind].iter().any(|c| !plan.walls_in(*c).is_empty());
         let curved = curved || walled;
         if walled {
-            let mut p = [0.0; 3];
+            let mut p = DVec3::ZERO;
             p[axis] = value;
             // Walls may enter a strip through its ends; their crossings there are cuts as well.
             for border in [across_b[0], across_b[across_b.len() - 1]] {
@@ -348,12 +348,12 @@ impl<'a> Cells<'a> {
             let mut cuts = across_b.clone();
             for cell in [before, behind] {
                 cuts.extend(self.crossed(cell, axis, a, x));
-                let mut p = [0.0; 3];
+                let mut p = DVec3::ZERO;
                 (p[axis], p[a]) = (value, x);
                 cuts.extend(self.wall_crossings(cell, b, p).into_iter().map(|c| c.0));
             }
             for y in samples(&within(cuts, &across_b), 1, least) {
-                let mut p = [0.0; 3];
+                let mut p = DVec3::ZERO;
                 (p[a], p[b]) = (x, y);
                 // On the plane itself: between a point beside it and the plane, there may be a surface that
                 // touches the plane.

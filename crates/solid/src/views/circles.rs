@@ -11,7 +11,7 @@ use crate::brep::{along, unit};
 use crate::drawing::{Curve2, Drawing, distance_to_segment};
 use nalgebra::{DMatrix, DVector};
 use planish_contour::planar::circle_of_points;
-use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
+use planish_core::{DVec3, vector3::tangents};
 use std::f64::consts::TAU;
 
 /// Minimum component of a plane's normal along the line of sight for curves to be lifted into the plane.
@@ -40,20 +40,20 @@ const STEPS: usize = 8;
 
 /// A plane in which ends of cylinders may lie.
 struct Plane {
-    normal: [f64; 3],
+    normal: DVec3,
     offset: f64,
 }
 
 /// A circle across an axis on which a curve lies, seen along it.
 struct Circle {
-    axis: [f64; 3],
-    center: [f64; 3],
+    axis: DVec3,
+    center: DVec3,
     radius: f64,
     /// Maximum distance of the points from the circle.
     off: f64,
     /// Index of the plane of the points.
     plane: usize,
-    points: Vec<[f64; 3]>,
+    points: Vec<DVec3>,
 }
 
 /// Cylinders with ends in oblique planes, or in planes that one view sees edge-on as slanted lines.
@@ -75,13 +75,13 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
             if (0..2).any(|k| (a[k] - b[k]).abs() <= near) {
                 continue;
             }
-            let mut normal = [0.0; 3];
+            let mut normal = DVec3::ZERO;
             (normal[axes[0]], normal[axes[1]]) = (a[1] - b[1], b[0] - a[0]);
             let normal = unit(normal);
             let offset = normal[axes[0]] * a[0] + normal[axes[1]] * a[1];
             // Compared over the size of the drawing, as an angle has no unit of length.
             let same =
-                |p: &Plane| norm(cross(p.normal, normal)) * size < near && (p.offset - offset).abs() < near;
+                |p: &Plane| p.normal.cross(normal).length() * size < near && (p.offset - offset).abs() < near;
             if !planes.iter().any(same) {
                 planes.push(Plane { normal, offset });
             }
@@ -93,11 +93,11 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
         // Ends of one cylinder have parallel axes, equal radii, and centres on one line along the axis.
         let same = |group: &Vec<Circle>| {
             let known = &group[0];
-            let d = sub(circle.center, known.center);
-            let beside = along(d, -dot(d, known.axis), known.axis);
-            norm(cross(known.axis, circle.axis)) < ROUGH
+            let d = circle.center - known.center;
+            let beside = d - d.dot(known.axis) * known.axis;
+            known.axis.cross(circle.axis).length() < ROUGH
                 && (known.radius - circle.radius).abs() < 2.0 * ROUGH * size
-                && norm(beside) < 2.0 * ROUGH * size
+                && beside.length() < 2.0 * ROUGH * size
         };
         match groups.iter_mut().find(|g| same(g)) {
             Some(group) => group.push(circle),
@@ -108,15 +108,15 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
 }
 
 /// Directions of edges between ends of curves. These may run along a cylinder from end to end.
-fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
-    let mut found: Vec<[f64; 3]> = Vec::new();
+fn axes(frame: &Wireframe) -> Vec<DVec3> {
+    let mut found: Vec<DVec3> = Vec::new();
     for [i, j] in &frame.edges {
         if frame.ends_curve[*i] && frame.ends_curve[*j] {
-            let d = sub(frame.points[*j], frame.points[*i]);
-            match found.iter_mut().find(|f| norm(cross(unit(**f), d)) < PARALLEL * norm(d)) {
+            let d = frame.points[*j] - frame.points[*i];
+            match found.iter_mut().find(|f| unit(**f).cross(d).length() < PARALLEL * d.length()) {
                 // The sum of the edges weights each direction by its length: errors of the ends turn a long
                 // edge less.
-                Some(known) => *known = along(*known, dot(*known, d).signum(), d),
+                Some(known) => *known = *known + known.dot(d).signum() * d,
                 None => found.push(d),
             }
         }
@@ -126,13 +126,13 @@ fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
 
 /// The curves of all views that are circles, seen along the normal of a plane or along an axis, when lifted
 /// into the plane. Every other view must draw something at their points.
-fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]]) -> Vec<Circle> {
+fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[DVec3]) -> Vec<Circle> {
     let size = drawing.size();
     let steep = axes.iter().copied().filter(|a| {
-        let cosine = dot(*a, plane.normal).abs();
+        let cosine = a.dot(plane.normal).abs();
         cosine > MIN_STEEP && cosine < 1.0 - PARALLEL * PARALLEL
     });
-    let axes: Vec<[f64; 3]> = std::iter::once(plane.normal).chain(steep).collect();
+    let axes: Vec<DVec3> = std::iter::once(plane.normal).chain(steep).collect();
     let mut found = Vec::new();
     for (v, view) in drawing.views.iter().enumerate() {
         let [right, up, sight] = view.kind.axes();
@@ -148,16 +148,16 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
                 continue;
             }
             let lifted = |q: &[f64; 2]| {
-                let mut p = [0.0; 3];
+                let mut p = DVec3::ZERO;
                 (p[right], p[up]) = (q[0], q[1]);
-                p[sight] = (plane.offset - dot(plane.normal, p)) / lean;
+                p[sight] = (plane.offset - plane.normal.dot(p)) / lean;
                 p
             };
-            let points: Vec<[f64; 3]> = chain.iter().map(lifted).collect();
+            let points: Vec<DVec3> = chain.iter().map(lifted).collect();
             let mut is_seen = None;
             for axis in &axes {
                 let (e1, e2) = tangents(*axis);
-                let flat: Vec<[f64; 2]> = points.iter().map(|p| [dot(*p, e1), dot(*p, e2)]).collect();
+                let flat: Vec<[f64; 2]> = points.iter().map(|p| [p.dot(e1), p.dot(e2)]).collect();
                 let Some(&[x, y, radius]) = circle_of_points(&flat).as_deref() else {
                     continue;
                 };
@@ -174,7 +174,7 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
                 }
                 found.push(Circle {
                     axis: *axis,
-                    center: along(scale(center[0], e1), center[1], e2),
+                    center: center[0] * e1 + center[1] * e2,
                     radius,
                     off,
                     plane: index,
@@ -187,7 +187,7 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
 }
 
 /// True if every other view draws something at the images of some points.
-fn is_shown(drawing: &Drawing, of: usize, points: &[[f64; 3]], size: f64) -> bool {
+fn is_shown(drawing: &Drawing, of: usize, points: &[DVec3], size: f64) -> bool {
     let others = drawing.views.iter().enumerate().filter(|(v, _)| *v != of);
     others.into_iter().all(|(_, view)| {
         let [right, up, _] = view.kind.axes();
@@ -218,7 +218,7 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
     // Designed radii are usually round.
     let round = (radius * 1e4).round() / 1e4;
     let radius = if (radius - round).abs() < EXACT * size { round } else { radius };
-    let points: Vec<[f64; 3]> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
+    let points: Vec<DVec3> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
     let form = Form::Cylinder { origin, axis, radius };
     Some(Oblique {
         form,
@@ -228,11 +228,11 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
 }
 
 /// The sector of some points about an axis: the complement of the widest gap. `None` if it is too wide.
-fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Sector> {
+fn sector(axis: DVec3, origin: DVec3, points: &[DVec3]) -> Option<Sector> {
     let (e1, e2) = tangents(axis);
-    let angle = |p: &[f64; 3]| {
-        let d = sub(*p, origin);
-        dot(d, e2).atan2(dot(d, e1))
+    let angle = |p: &DVec3| {
+        let d = *p - origin;
+        d.dot(e2).atan2(d.dot(e1))
     };
     let mut angles: Vec<f64> = points.iter().map(angle).collect();
     angles.sort_by(f64::total_cmp);
@@ -241,7 +241,7 @@ fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Secto
     let (gap, after) = angles.windows(2).map(|a| (a[1] - a[0], a[1])).max_by(|a, b| a.0.total_cmp(&b.0))?;
     let half_width = (TAU - gap) / 2.0;
     let (sin, cos) = (after + half_width).sin_cos();
-    (half_width < WIDEST).then(|| Sector { middle: along(scale(cos, e1), sin, e2), half_width })
+    (half_width < WIDEST).then(|| Sector { middle: cos * e1 + sin * e2, half_width })
 }
 
 /// Axis and radius of a cylinder from straight lines, which exporters write exactly.
@@ -254,34 +254,34 @@ fn measured(
     group: &[Circle],
     best: &Circle,
     near: f64,
-) -> Option<([f64; 3], f64)> {
+) -> Option<(DVec3, f64)> {
     let size = drawing.size();
     let axis = best.axis;
     let bounds = bounds_of(&group.iter().flat_map(|c| c.points.iter().copied()).collect::<Vec<_>>());
-    let across = |d: [f64; 3]| along(d, -dot(d, axis), axis);
+    let across = |d: DVec3| d - d.dot(axis) * axis;
     let is_near = |far: f64| (far - best.radius).abs() < 2.0 * ROUGH * size;
-    let mut points: Vec<[f64; 3]> = (0..frame.points.len())
+    let mut points: Vec<DVec3> = (0..frame.points.len())
         .filter(|k| frame.ends_curve[*k])
         .map(|k| frame.points[k])
         .filter(|p| (0..3).all(|k| p[k] > bounds[k][0] - near && p[k] < bounds[k][1] + near))
-        .filter(|p| is_near(norm(across(sub(*p, best.center)))))
+        .filter(|p| is_near(across(*p - best.center).length()))
         .collect();
     // Outlines: unit vectors across the axis and the line of sight, and the coordinate of the outline along
     // them.
-    let mut lines: Vec<([f64; 3], f64)> = Vec::new();
+    let mut lines: Vec<(DVec3, f64)> = Vec::new();
     for view in &drawing.views {
         let [right, up, sight] = view.kind.axes();
-        let mut e = [0.0; 3];
+        let mut e = DVec3::ZERO;
         e[sight] = 1.0;
-        let beside = unit(cross(axis, e));
+        let beside = unit(axis.cross(e));
         for drawn in &view.curves {
             let Curve2::Segment(a, b) = drawn.curve else {
                 continue;
             };
             let at = |p: [f64; 2]| beside[right] * p[0] + beside[up] * p[1];
-            let far = at(a) - dot(beside, best.center);
+            let far = at(a) - beside.dot(best.center);
             if (at(a) - at(b)).abs() < near && is_near(far.abs()) {
-                lines.push((scale(far.signum(), beside), far.signum() * at(a)));
+                lines.push((far.signum() * beside, far.signum() * at(a)));
             }
         }
     }
@@ -306,7 +306,7 @@ fn measured(
 
 /// Adjusted position and radius of a cylinder, with the absolute residuals of all equations.
 struct Adjusted {
-    center: [f64; 3],
+    center: DVec3,
     radius: f64,
     residuals: Vec<f64>,
 }
@@ -314,10 +314,10 @@ struct Adjusted {
 /// Position of the axis and radius by least squares; `None` if points and outlines do not determine them, or
 /// if there is no redundancy (fewer than four equations for three unknowns).
 fn adjusted(
-    axis: [f64; 3],
-    (mut center, mut radius): ([f64; 3], f64),
-    points: &[[f64; 3]],
-    lines: &[([f64; 3], f64)],
+    axis: DVec3,
+    (mut center, mut radius): (DVec3, f64),
+    points: &[DVec3],
+    lines: &[(DVec3, f64)],
 ) -> Option<Adjusted> {
     let (e1, e2) = tangents(axis);
     let count = points.len() + lines.len();
@@ -328,13 +328,13 @@ fn adjusted(
     for _ in 0..STEPS {
         let mut rows = Vec::new();
         for p in points {
-            let d = sub(*p, center);
-            let d = along(d, -dot(d, axis), axis);
+            let d = *p - center;
+            let d = d - d.dot(axis) * axis;
             let n = unit(d);
-            rows.push(([-dot(n, e1), -dot(n, e2), -1.0], norm(d) - radius));
+            rows.push(([-n.dot(e1), -n.dot(e2), -1.0], d.length() - radius));
         }
         for (n, at) in lines {
-            rows.push(([-dot(*n, e1), -dot(*n, e2), -1.0], at - dot(*n, center) - radius));
+            rows.push(([-n.dot(e1), -n.dot(e2), -1.0], at - n.dot(center) - radius));
         }
         residuals = rows.iter().map(|r| r.1.abs()).collect();
         let jacobian = DMatrix::from_fn(count, 3, |i, j| rows[i].0[j]);
@@ -345,7 +345,7 @@ fn adjusted(
             return None;
         }
         let step = svd.solve(&misclosure, 1e-12).ok()?;
-        center = along(along(center, step[0], e1), step[1], e2);
+        center = center + step[0] * e1 + step[1] * e2;
         radius += step[2];
     }
     Some(Adjusted { center, radius, residuals })

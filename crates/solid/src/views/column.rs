@@ -1,6 +1,7 @@
 //! Columns: the sequence of cells along a line of sight.
 
 use super::cells::Cells;
+use planish_core::DVec3;
 
 /// A place at which a line of sight passes from one cell into another.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +40,7 @@ impl Cells<'_> {
         let mut cell = [0; 3];
         cell[right] = plan.interval(right, q[0]);
         cell[up] = plan.interval(up, q[1]);
-        let mut p = [0.0; 3];
+        let mut p = DVec3::ZERO;
         (p[right], p[up]) = (q[0], q[1]);
         let count = plan.intervals(along);
         let mut sequence: Vec<(f64, SurfaceId, u32)> = Vec::new();

@@ -9,6 +9,7 @@
 use super::candidate_surface::{CandidateSurface, Side};
 use super::profile::Profile;
 use crate::drawing::{Curve2, Drawing, LineStyle, ViewKind};
+use planish_core::DVec3;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
@@ -308,7 +309,7 @@ impl DrawingGrid {
     }
 
     /// The minimum and maximum corner of a box.
-    pub(crate) fn bounds(&self, cell: [usize; 3]) -> ([f64; 3], [f64; 3]) {
+    pub(crate) fn bounds(&self, cell: [usize; 3]) -> (DVec3, DVec3) {
         let at = |up: usize| [0, 1, 2].map(|a| self.grid[a][cell[a] + up]);
         (at(0), at(1))
     }

@@ -5,7 +5,7 @@
 use super::surfaces::Curve3;
 use super::traced::Traced;
 use crate::brep::{EdgeCurve, unit};
-use planish_estimate::vector3::{dot, norm, sub};
+use planish_core::DVec3;
 use std::f64::consts::PI;
 
 /// Number of cubic pieces of the intersection curve of two cylinders.
@@ -22,7 +22,7 @@ pub(super) fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
     let n = SPLINE_PIECES;
     let h = (to - from) / n as f64;
     let at = |k: usize| from + h * k as f64;
-    let mut points: Vec<[f64; 3]> = (0..=n).map(|k| curve.point(at(k))).collect();
+    let mut points: Vec<DVec3> = (0..=n).map(|k| curve.point(at(k))).collect();
     points[n] = curve.point(to);
     // Central differences of fourth order, and one-sided ones where these would leave the range [0, π] of the
     // parameter. A smaller step has a smaller truncation error (e⁴), but a larger rounding error (1/e).
@@ -39,7 +39,7 @@ pub(super) fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
                         curve.point(t + e),
                         curve.point(t + 2.0 * e),
                     );
-                    [0, 1, 2].map(|i| (a[i] - 8.0 * b[i] + 8.0 * c[i] - d[i]) / (12.0 * e))
+                    (a - 8.0 * b + 8.0 * c - d) / (12.0 * e)
                 }
                 false => {
                     let s = if t < 1.0 { 1.0 } else { -1.0 };
@@ -57,21 +57,21 @@ pub(super) fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
 }
 
 /// A cubic Hermite spline through equally spaced points of a traced curve, with its tangents there.
-pub(super) fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> EdgeCurve {
+pub(super) fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[DVec3; 2]>) -> EdgeCurve {
     let n = TRACED_PIECES;
-    let mut points: Vec<[f64; 3]> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
+    let mut points: Vec<DVec3> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
     // The ends are vertices that other edges share, so they are taken exactly.
     if let Some([p, q]) = ends {
         (points[0], points[n]) = (p, q);
     }
-    let chord = |k: usize| norm(sub(points[k + 1], points[k]));
+    let chord = |k: usize| (points[k + 1] - points[k]).length();
     let derivatives = (0..=n)
         .map(|k| {
             let (lo, hi) = (k.saturating_sub(1), (k + 1).min(n));
             let length = (lo..hi).map(chord).sum::<f64>() / (hi - lo) as f64;
-            let chord = unit(sub(points[hi], points[lo]));
+            let chord = unit(points[hi] - points[lo]);
             let tangent = traced.tangent(points[k]);
-            let turn = dot(tangent, chord);
+            let turn = tangent.dot(chord);
             // At an end where the surfaces touch, both normals agree and their cross product is rounding. The
             // tangent is used only if it agrees with the chord; its sign may be either.
             match turn.abs() > 0.9 {

@@ -21,7 +21,7 @@ use super::wireframe::{Wireframe, wireframe};
 use crate::brep::unit;
 use crate::drawing::{Curve2, Drawing};
 use nalgebra::{Matrix3, SymmetricEigen};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 use std::collections::BTreeSet;
 
 /// Maximum distance of ends of lines at one point, relative to the size of the drawing.
@@ -70,26 +70,26 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
         at[*i].push(*j);
         at[*j].push(*i);
     }
-    let mut tried: Vec<([f64; 3], f64)> = Vec::new();
+    let mut tried: Vec<(DVec3, f64)> = Vec::new();
     let mut found = Vec::new();
     for (i, ends) in at.iter().enumerate() {
         for (n, &j) in ends.iter().enumerate() {
             for &k in &ends[n + 1..] {
                 let p = frame.points[i];
-                let (a, b) = (unit(sub(frame.points[j], p)), unit(sub(frame.points[k], p)));
+                let (a, b) = (unit(frame.points[j] - p), unit(frame.points[k] - p));
                 // For unit vectors this is the sine of the angle between them.
-                let normal = cross(a, b);
-                if norm(normal) < MIN_ANGLE {
+                let normal = a.cross(b);
+                if normal.length() < MIN_ANGLE {
                     continue;
                 }
                 let normal = unit(normal);
                 let three = [i, j, k].map(|v| frame.points[v]);
                 let is_known =
-                    |(n, d): &([f64; 3], f64)| three.iter().all(|p| (dot(*n, *p) - d).abs() < 3.0 * near);
+                    |(n, d): &(DVec3, f64)| three.iter().all(|p| (n.dot(*p) - d).abs() < 3.0 * near);
                 if normal.iter().any(|c| c.abs() < MIN_LEAN) || tried.iter().any(is_known) {
                     continue;
                 }
-                let offset = dot(normal, p);
+                let offset = normal.dot(p);
                 tried.push((normal, offset));
                 found.extend(face_plane(frame, normal, offset, near));
             }
@@ -101,8 +101,8 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
 /// The plane fitted to the edges near a plane that continue at both ends; `None` if there are too few.
 ///
 /// Edges with a free end cannot bound a face. Removing one may free another, so this repeats.
-fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Option<Oblique> {
-    let is_in = |k: usize| (dot(normal, frame.points[k]) - offset).abs() < 3.0 * near;
+fn face_plane(frame: &Wireframe, normal: DVec3, offset: f64, near: f64) -> Option<Oblique> {
+    let is_in = |k: usize| (normal.dot(frame.points[k]) - offset).abs() < 3.0 * near;
     let mut edges: Vec<[usize; 2]> =
         frame.edges.iter().copied().filter(|e| e.iter().all(|k| is_in(*k))).collect();
     loop {
@@ -117,7 +117,7 @@ fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Op
         return None;
     }
     let ends: BTreeSet<usize> = edges.iter().flatten().copied().collect();
-    let points: Vec<[f64; 3]> = ends.into_iter().map(|k| frame.points[k]).collect();
+    let points: Vec<DVec3> = ends.into_iter().map(|k| frame.points[k]).collect();
     let (normal, offset) = plane_through(&points);
     let bounds = bounds_of(&points);
     Some(Oblique::within(Form::Plane { normal, offset }, bounds))
@@ -126,12 +126,12 @@ fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Op
 /// The plane fitted to points by least squares.
 ///
 /// `Σ (n · (p − c))²` has its minimum at the eigenvector of the smallest eigenvalue of `Σ (p − c)(p − c)ᵀ`.
-fn plane_through(points: &[[f64; 3]]) -> ([f64; 3], f64) {
+fn plane_through(points: &[DVec3]) -> (DVec3, f64) {
     let count = points.len() as f64;
     let center = [0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
     let mut moments = Matrix3::zeros();
     for p in points {
-        let d = sub(*p, center);
+        let d = *p - center;
         moments += Matrix3::from_fn(|i, j| d[i] * d[j]);
     }
     let eigen = SymmetricEigen::new(moments);
@@ -139,12 +139,12 @@ fn plane_through(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let normal = eigen.eigenvectors.column(smallest);
     let normal = unit([normal[0], normal[1], normal[2]]);
     // The sign of an eigenvector is arbitrary; this makes the result independent of the solver.
-    let normal = if normal[2] < 0.0 { scale(-1.0, normal) } else { normal };
-    (normal, dot(normal, center))
+    let normal = if normal[2] < 0.0 { -normal } else { normal };
+    (normal, normal.dot(center))
 }
 
 /// The box around some points.
-pub(super) fn bounds_of(points: &[[f64; 3]]) -> [[f64; 2]; 3] {
+pub(super) fn bounds_of(points: &[DVec3]) -> [[f64; 2]; 3] {
     [0, 1, 2].map(|k| {
         let values = points.iter().map(|p| p[k]);
         values.fold([f64::MAX, f64::MIN], |m, v| [m[0].min(v), m[1].max(v)])
@@ -171,7 +171,7 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
     let mut found = BTreeSet::new();
     for (v, view) in drawing.views.iter().enumerate() {
         let [right, up, sight] = view.kind.axes();
-        let image = |p: [f64; 3]| [p[right], p[up]];
+        let image = |p: DVec3| [p[right], p[up]];
         let outlines: Vec<[[f64; 2]; 2]> = walls
             .iter()
             .filter_map(|w| w.outlines(sight))

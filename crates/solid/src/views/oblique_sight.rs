@@ -9,13 +9,13 @@ use super::sight::SightTests;
 use super::surfaces::Curve3;
 use crate::brep::along;
 use crate::drawing::Drawing;
-use planish_estimate::vector3::{cross, norm, sub};
+use planish_core::DVec3;
 use std::f64::consts::TAU;
 
 /// Number of tests along an outline. More find shorter missing lines and take more time.
 const ALONG: usize = 24;
 /// Positions of tests between two corners, as shares of the interval.
-const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
+const SHARES: DVec3 = DVec3::new(0.13, 0.47, 0.86);
 
 impl SightTests {
     /// Adds tests along the outlines of an oblique cylinder.
@@ -28,7 +28,7 @@ impl SightTests {
         for point in points {
             for k in 0..ALONG {
                 let share = (k as f64 + 0.37) / ALONG as f64;
-                let p = along(point, from + share * (to - from), direction);
+                let p = point + (from + share * (to - from)) * direction;
                 self.at_point(cells, drawing, view, p, direction);
             }
         }
@@ -63,8 +63,8 @@ impl SightTests {
                         // Beyond the extents of a wall, the curve is no edge.
                         let stands = |k: usize| plan.walls_in(in_box).iter().any(|w| w.0 as usize == k);
                         if stands(i) && stands(j) {
-                            let tangent = cross(walls[i].normal(p), walls[j].normal(p));
-                            if norm(tangent) > 1e-6 {
+                            let tangent = walls[i].normal(p).cross(walls[j].normal(p));
+                            if tangent.length() > 1e-6 {
                                 self.at_point(cells, drawing, view, p, tangent);
                             }
                         }
@@ -91,7 +91,7 @@ fn stretches(curve: &Curve3, mut cuts: Vec<f64>) -> Vec<f64> {
         }
         cuts.push(cuts[0] + period);
     }
-    let length = |from: f64, to: f64| norm(sub(curve.point(to), curve.point(from)));
+    let length = |from: f64, to: f64| (curve.point(to) - curve.point(from)).length();
     let within = |c: &&[f64]| c[1] - c[0] > 1e-9 * TAU && length(c[0], c[1]) > 0.0 || c[1] - c[0] > 1.0;
     cuts.windows(2).filter(within).flat_map(|c| SHARES.map(|s| c[0] + s * (c[1] - c[0]))).collect()
 }

@@ -2,7 +2,6 @@
 
 use super::tests::{rectangle, segment, visible};
 use super::*;
-use planish_estimate::vector3::{add, dot, scale};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 fn only(drawing: &Drawing) -> Solution {
@@ -40,7 +39,7 @@ fn cube_without_a_corner_has_one_oblique_plane() {
 }
 
 /// Three unit vectors at right angles, none near an axis.
-const FRAME: [[f64; 3]; 3] = [
+const FRAME: [DVec3; 3] = [
     [2.0 / 15.0, 10.0 / 15.0, 11.0 / 15.0],
     [14.0 / 15.0, -5.0 / 15.0, 2.0 / 15.0],
     [5.0 / 15.0, 10.0 / 15.0, -10.0 / 15.0],
@@ -49,15 +48,15 @@ const FRAME: [[f64; 3]; 3] = [
 /// A block turned about all axes, one edge along its third direction rounded where the radius is not zero;
 /// edges of tangent faces are not drawn.
 struct Block {
-    frame: [[f64; 3]; 3],
+    frame: [DVec3; 3],
     size: [f64; 3],
     radius: f64,
 }
 
 impl Block {
-    fn at(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    fn at(&self, [x, y, z]: DVec3) -> DVec3 {
         let [a, b, c] = self.frame;
-        add(add(scale(x, a), scale(y, b)), scale(z, c))
+        x * a + y * b + z * c
     }
 
     fn drawing(&self) -> Drawing {
@@ -67,21 +66,21 @@ impl Block {
 
     fn view(&self, kind: ViewKind) -> View {
         let [right, up, sight] = kind.axes();
-        let mut eye = [0.0; 3];
+        let mut eye = DVec3::ZERO;
         eye[sight] = if kind.depth_increases_away() { -1.0 } else { 1.0 };
-        let image = |p: [f64; 3]| [self.at(p)[right], self.at(p)[up]];
-        let faces = |n: [f64; 3]| dot(self.at(n), eye) > 0.0;
+        let image = |p: DVec3| [self.at(p)[right], self.at(p)[up]];
+        let faces = |n: DVec3| self.at(n).dot(eye) > 0.0;
         let style = |is_seen: bool| {
             if is_seen { LineStyle::Visible } else { LineStyle::Hidden }
         };
         let [w, h, d] = self.size;
         let r = self.radius;
         let mut curves = Vec::new();
-        let mut line = |p: [f64; 3], q: [f64; 3], n: [f64; 3], m: [f64; 3]| {
+        let mut line = |p: DVec3, q: DVec3, n: DVec3, m: DVec3| {
             curves.push(segment(image(p), image(q), style(faces(n) || faces(m))));
         };
         // Outward normals of the sides, and corners between them; the last corner may be rounded.
-        let sides = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
+        let sides = [DVec3::new(0.0, -1.0, 0.0), DVec3::X, DVec3::Y, DVec3::new(-1.0, 0.0, 0.0)];
         let corners = [[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]];
         for k in 0..4 {
             let ([x, y], before) = (corners[k], sides[(k + 3) % 4]);
@@ -95,7 +94,7 @@ impl Block {
             if k == 2 {
                 p[0] -= r;
             }
-            for (z, n) in [(0.0, [0.0, 0.0, -1.0]), (d, [0.0, 0.0, 1.0])] {
+            for (z, n) in [(0.0, DVec3::new(0.0, 0.0, -1.0)), (d, DVec3::Z)] {
                 line([p[0], p[1], z], [q[0], q[1], z], sides[k], n);
             }
         }
@@ -103,7 +102,7 @@ impl Block {
             let around = |t: f64| [t.cos(), t.sin(), 0.0];
             let on = |t: f64, z: f64| [w - r + r * t.cos(), h - r + r * t.sin(), z];
             // Where the line of sight touches the cylinder.
-            let [x, y] = [0, 1].map(|k| dot(self.frame[k], eye));
+            let [x, y] = [0, 1].map(|k| self.frame[k].dot(eye));
             let touching = (-x).atan2(y).rem_euclid(PI);
             let mut cuts = vec![0.0, FRAC_PI_2];
             if touching < FRAC_PI_2 {
@@ -111,7 +110,7 @@ impl Block {
                 let curve = Curve2::Segment(image(on(touching, 0.0)), image(on(touching, d)));
                 curves.push(visible(curve));
             }
-            for (z, n) in [(0.0, [0.0, 0.0, -1.0]), (d, [0.0, 0.0, 1.0])] {
+            for (z, n) in [(0.0, DVec3::new(0.0, 0.0, -1.0)), (d, DVec3::Z)] {
                 for cut in cuts.windows(2) {
                     let middle = (cut[0] + cut[1]) / 2.0;
                     let t = |k: usize| cut[0] + (cut[1] - cut[0]) * k as f64 / 60.0;

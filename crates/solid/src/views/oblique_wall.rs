@@ -1,8 +1,8 @@
 //! Planes and cylinders oblique to all lines of sight.
 
 use super::candidate_surface::{Extent, Side};
-use crate::brep::{FaceSurface, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
+use crate::brep::{FaceSurface, unit};
+use planish_core::{DVec3, vector3::tangents};
 
 /// Number of steps of the search for the point of an axis nearest to a box.
 ///
@@ -13,16 +13,16 @@ const HALVINGS: usize = 60;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Form {
     /// `normal · p = offset`, the normal of unit length.
-    Plane { normal: [f64; 3], offset: f64 },
+    Plane { normal: DVec3, offset: f64 },
     /// All points at the radius from an axis of unit length.
-    Cylinder { origin: [f64; 3], axis: [f64; 3], radius: f64 },
+    Cylinder { origin: DVec3, axis: DVec3, radius: f64 },
 }
 
 /// A sector of less than half of a cylinder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sector {
     /// Unit vector across the axis, towards the middle of the sector.
-    pub(crate) middle: [f64; 3],
+    pub(crate) middle: DVec3,
     /// Angle from the middle to either end, in radians; less than π/2.
     pub(crate) half_width: f64,
 }
@@ -46,47 +46,47 @@ impl Oblique {
     /// A function whose sign is the side of the wall on which a point is.
     ///
     /// Beyond the sector of a cylinder, the wall continues as the tangent planes at its ends.
-    pub(crate) fn value_of(&self, p: [f64; 3]) -> f64 {
+    pub(crate) fn value_of(&self, p: DVec3) -> f64 {
         match (self.form, self.end_near(p)) {
             (Form::Cylinder { origin, axis, radius }, Some(end)) => {
-                dot(end, from_axis(origin, axis, p)) - radius
+                end.dot(from_axis(origin, axis, p)) - radius
             }
             _ => self.value(p),
         }
     }
 
     /// True if a point is within the sector of a cylinder, or if there is no sector.
-    pub(crate) fn is_within(&self, p: [f64; 3]) -> bool {
+    pub(crate) fn is_within(&self, p: DVec3) -> bool {
         self.end_near(p).is_none()
     }
 
     /// The gradient of [`Oblique::value_of`].
-    pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn normal_of(&self, p: DVec3) -> DVec3 {
         self.end_near(p).unwrap_or_else(|| self.normal(p))
     }
 
     /// The end of the sector beyond which a point is, as a unit vector across the axis; `None` if the point
     /// is within the sector.
-    fn end_near(&self, p: [f64; 3]) -> Option<[f64; 3]> {
+    fn end_near(&self, p: DVec3) -> Option<DVec3> {
         let (Form::Cylinder { origin, axis, .. }, Some(sector)) = (self.form, self.sector) else {
             return None;
         };
         let d = from_axis(origin, axis, p);
-        let aside = cross(axis, sector.middle);
-        let angle = dot(d, aside).atan2(dot(d, sector.middle));
+        let aside = axis.cross(sector.middle);
+        let angle = d.dot(aside).atan2(d.dot(sector.middle));
         (angle.abs() > sector.half_width).then(|| sector_end(axis, sector, angle.signum()))
     }
 
     /// Signed distance.
-    pub(crate) fn value(&self, p: [f64; 3]) -> f64 {
+    pub(crate) fn value(&self, p: DVec3) -> f64 {
         match self.form {
-            Form::Plane { normal, offset } => dot(normal, p) - offset,
-            Form::Cylinder { origin, axis, radius } => norm(from_axis(origin, axis, p)) - radius,
+            Form::Plane { normal, offset } => normal.dot(p) - offset,
+            Form::Cylinder { origin, axis, radius } => from_axis(origin, axis, p).length() - radius,
         }
     }
 
     /// The gradient of the signed distance.
-    pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn normal(&self, p: DVec3) -> DVec3 {
         match self.form {
             Form::Plane { normal, .. } => normal,
             Form::Cylinder { origin, axis, .. } => unit(from_axis(origin, axis, p)),
@@ -96,7 +96,7 @@ impl Oblique {
     /// Coordinates at which the line along an axis of the frame through a point meets the wall.
     ///
     /// A line that touches a cylinder within `touching` meets it once.
-    pub(crate) fn crossings(&self, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
+    pub(crate) fn crossings(&self, along: usize, p: DVec3, touching: f64) -> Vec<f64> {
         let mut found = self.crossings_of_all(along, p, touching);
         let (Form::Cylinder { origin, axis, radius }, Some(sector)) = (self.form, self.sector) else {
             return found;
@@ -112,28 +112,28 @@ impl Oblique {
         let mut start = p;
         start[along] = 0.0;
         for end in [-1.0, 1.0].map(|sign| sector_end(axis, sector, sign)) {
-            let depth = (radius - dot(end, from_axis(origin, axis, start))) / end[along];
+            let depth = (radius - end.dot(from_axis(origin, axis, start))) / end[along];
             // Each tangent plane counts only beyond its own end of the sector.
-            let is_on = depth.is_finite() && end_at(depth).is_some_and(|e| dot(e, end) > 1.0 - 1e-12);
+            let is_on = depth.is_finite() && end_at(depth).is_some_and(|e| e.dot(end) > 1.0 - 1e-12);
             found.extend(is_on.then_some(depth));
         }
         found
     }
 
     /// Intersections with the whole surface.
-    fn crossings_of_all(&self, along: usize, mut p: [f64; 3], touching: f64) -> Vec<f64> {
+    fn crossings_of_all(&self, along: usize, mut p: DVec3, touching: f64) -> Vec<f64> {
         p[along] = 0.0;
         match self.form {
-            Form::Plane { normal, offset } => vec![(offset - dot(normal, p)) / normal[along]],
+            Form::Plane { normal, offset } => vec![(offset - normal.dot(p)) / normal[along]],
             Form::Cylinder { origin, axis, radius } => {
                 // |b + t a| = r for the parts across the axis. The nearest point is found first: its distance
                 // gives the contact, and (r − d)(r + d) does not cancel where the line nearly touches.
-                let mut e = [0.0; 3];
+                let mut e = DVec3::ZERO;
                 e[along] = 1.0;
-                let (a, b) = (from_axis([0.0; 3], axis, e), from_axis(origin, axis, p));
-                let square = dot(a, a);
-                let nearest = -dot(a, b) / square;
-                let least = norm(crate::brep::along(b, nearest, a));
+                let (a, b) = (from_axis(DVec3::ZERO, axis, e), from_axis(origin, axis, p));
+                let square = a.length_squared();
+                let nearest = -a.dot(b) / square;
+                let least = (b + nearest * a).length();
                 if (least - radius).abs() <= touching {
                     return vec![nearest];
                 }
@@ -147,7 +147,7 @@ impl Oblique {
     }
 
     /// True if the wall passes through a box, within its extents.
-    pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> bool {
+    pub(crate) fn passes(&self, lo: DVec3, hi: DVec3, tolerance: f64) -> bool {
         self.extents.iter().any(|extent| {
             let ends = [0, 1, 2].map(|k| [lo[k].max(extent.bounds[k][0]), hi[k].min(extent.bounds[k][1])]);
             ends.iter().all(|e| e[1] - e[0] > tolerance) && self.crosses(ends, tolerance)
@@ -168,10 +168,10 @@ impl Oblique {
                 // The distance of a point of the axis from the box is convex along the axis, so a section
                 // search finds its minimum.
                 let off = |t: f64| {
-                    let p = along(origin, t, axis);
-                    norm([0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1])))
+                    let p = origin + t * axis;
+                    [0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1])).length()
                 };
-                let heights: Vec<f64> = corners.map(|p| dot(sub(p, origin), axis)).collect();
+                let heights: Vec<f64> = corners.map(|p| (p - origin).dot(axis)).collect();
                 // The nearest point of the axis lies between the corners, projected to the axis; the margin
                 // of a radius is safe.
                 let mut lo = heights.iter().copied().fold(f64::MAX, f64::min) - radius;
@@ -192,7 +192,7 @@ impl Oblique {
     pub(crate) fn surface(&self) -> FaceSurface {
         match self.form {
             Form::Plane { normal, offset } => {
-                FaceSurface::Plane { origin: scale(offset, normal), normal, x: tangents(normal).0 }
+                FaceSurface::Plane { origin: offset * normal, normal, x: tangents(normal).0 }
             }
             Form::Cylinder { origin, axis, radius } => {
                 FaceSurface::Cylinder { origin, axis, x: tangents(axis).0, radius }
@@ -201,7 +201,7 @@ impl Oblique {
     }
 
     /// A lattice of points on a cylinder, in rows along the axis; empty for a plane.
-    pub(crate) fn lattice(&self, rows: usize, around: usize) -> Vec<Vec<[f64; 3]>> {
+    pub(crate) fn lattice(&self, rows: usize, around: usize) -> Vec<Vec<DVec3>> {
         let Form::Cylinder { origin, axis, radius } = self.form else {
             return Vec::new();
         };
@@ -211,10 +211,9 @@ impl Oblique {
         let share = |k: usize, of: usize| (k as f64 + 0.213) / of as f64;
         (0..rows)
             .map(|row| {
-                let middle = along(origin, from + (to - from) * share(row, rows), axis);
+                let middle = origin + (from + (to - from) * share(row, rows)) * axis;
                 let turn = |k: usize| std::f64::consts::TAU * share(k, around);
-                let at =
-                    |k: usize| along(along(middle, radius * turn(k).cos(), x), radius * turn(k).sin(), y);
+                let at = |k: usize| middle + radius * turn(k).cos() * x + radius * turn(k).sin() * y;
                 (0..around).map(at).collect()
             })
             .collect()
@@ -228,7 +227,7 @@ impl Oblique {
         let mut span = [f64::MAX, f64::MIN];
         for extent in &self.extents {
             for c in 0..8_usize {
-                let h = dot(sub([0, 1, 2].map(|k| extent.bounds[k][c >> k & 1]), origin), axis);
+                let h = ([0, 1, 2].map(|k| extent.bounds[k][c >> k & 1]) - origin).dot(axis);
                 span = [span[0].min(h), span[1].max(h)];
             }
         }
@@ -236,25 +235,25 @@ impl Oblique {
     }
 
     /// The outlines of a cylinder along a line of sight: a point of each, and their direction.
-    pub(crate) fn outlines(&self, sight: usize) -> Option<([[f64; 3]; 2], [f64; 3])> {
+    pub(crate) fn outlines(&self, sight: usize) -> Option<([DVec3; 2], DVec3)> {
         let Form::Cylinder { origin, axis, radius } = self.form else {
             return None;
         };
-        let mut e = [0.0; 3];
+        let mut e = DVec3::ZERO;
         e[sight] = 1.0;
-        let across = unit(cross(axis, e));
-        Some(([-radius, radius].map(|r| along(origin, r, across)), axis))
+        let across = unit(axis.cross(e));
+        Some(([-radius, radius].map(|r| origin + r * across), axis))
     }
 }
 
 /// A unit vector across the axis to an end of a sector.
-fn sector_end(axis: [f64; 3], sector: Sector, sign: f64) -> [f64; 3] {
+fn sector_end(axis: DVec3, sector: Sector, sign: f64) -> DVec3 {
     let (sin, cos) = sector.half_width.sin_cos();
-    along(scale(cos, sector.middle), sign * sin, cross(axis, sector.middle))
+    cos * sector.middle + sign * sin * axis.cross(sector.middle)
 }
 
 /// The component across an axis of the vector from a point of the axis to another point.
-fn from_axis(origin: [f64; 3], axis: [f64; 3], p: [f64; 3]) -> [f64; 3] {
-    let d = sub(p, origin);
-    along(d, -dot(d, axis), axis)
+fn from_axis(origin: DVec3, axis: DVec3, p: DVec3) -> DVec3 {
+    let d = p - origin;
+    d - d.dot(axis) * axis
 }

@@ -8,6 +8,7 @@
 
 use super::cells::{Cells, pieces_in};
 use super::profile::Profile;
+use planish_core::DVec3;
 use std::collections::BTreeMap;
 
 /// Positions of samples along a piece and along the line of sight, as shares.
@@ -48,7 +49,7 @@ pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
                     let normal = profile.normal(at);
                     for t in SHARES {
                         let beside = [-1.0, 1.0].map(|sign| {
-                            let mut p = [0.0; 3];
+                            let mut p = DVec3::ZERO;
                             p[right] = at[0] + sign * 1e-6 * plan.size * normal[0];
                             p[up] = at[1] + sign * 1e-6 * plan.size * normal[1];
                             p[along] = lo[along] + t * (hi[along] - lo[along]);

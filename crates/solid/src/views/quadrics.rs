@@ -1,8 +1,8 @@
 //! Intersections of planes and cylinders in general position that are lines, circles or ellipses.
 
 use super::surfaces::Curve3;
-use crate::brep::{FaceSurface, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use crate::brep::{FaceSurface, unit};
+use planish_core::DVec3;
 
 /// Directions are parallel below this sine of the angle between them.
 ///
@@ -19,15 +19,15 @@ pub(super) fn quadrics(s: &FaceSurface, t: &FaceSurface, tolerance: f64) -> Opti
             FaceSurface::Plane { origin, normal, .. },
             FaceSurface::Plane { origin: second, normal: other, .. },
         ) => {
-            let direction = cross(normal, other);
-            let square = dot(direction, direction);
+            let direction = normal.cross(other);
+            let square = direction.length_squared();
             if square.sqrt() < PARALLEL {
                 return Some(Vec::new());
             }
             // The point of both planes that is nearest to the origin of the frame.
-            let (d, e) = (dot(normal, origin), dot(other, second));
-            let across = sub(scale(d, other), scale(e, normal));
-            let at = scale(1.0 / square, cross(across, direction));
+            let (d, e) = (normal.dot(origin), other.dot(second));
+            let across = d * other - e * normal;
+            let at = 1.0 / square * across.cross(direction);
             Some(vec![Curve3::Line { origin: at, direction: unit(direction) }])
         }
         (plane @ FaceSurface::Plane { .. }, FaceSurface::Cylinder { .. }) => {
@@ -39,16 +39,16 @@ pub(super) fn quadrics(s: &FaceSurface, t: &FaceSurface, tolerance: f64) -> Opti
         (
             FaceSurface::Cylinder { origin, axis, radius, .. },
             FaceSurface::Cylinder { origin: second, axis: other, radius: r2, .. },
-        ) if norm(cross(axis, other)) < PARALLEL => {
-            let d = sub(second, origin);
-            let d = along(d, -dot(d, axis), axis);
-            let apart = norm(d);
+        ) if axis.cross(other).length() < PARALLEL => {
+            let d = second - origin;
+            let d = d - d.dot(axis) * axis;
+            let apart = d.length();
             if apart < tolerance {
                 return Some(Vec::new());
             }
             let to = unit(d);
             let off = (apart * apart + radius * radius - r2 * r2) / (2.0 * apart);
-            let (middle, chord) = (along(origin, off, to), cross(axis, to));
+            let (middle, chord) = (origin + off * to, axis.cross(to));
             Some(lines_at_chord_ends(middle, chord, axis, off.abs(), radius, tolerance))
         }
         _ => None,
@@ -59,14 +59,14 @@ pub(super) fn quadrics(s: &FaceSurface, t: &FaceSurface, tolerance: f64) -> Opti
 ///
 /// The chord is given by its middle, its direction and its distance `off` from the centre.
 fn lines_at_chord_ends(
-    middle: [f64; 3],
-    chord: [f64; 3],
-    axis: [f64; 3],
+    middle: DVec3,
+    chord: DVec3,
+    axis: DVec3,
     off: f64,
     radius: f64,
     tolerance: f64,
 ) -> Vec<Curve3> {
-    let line = |shift: f64| Curve3::Line { origin: along(middle, shift, chord), direction: axis };
+    let line = |shift: f64| Curve3::Line { origin: middle + shift * chord, direction: axis };
     if (off - radius).abs() <= tolerance {
         return vec![line(0.0)];
     }
@@ -88,24 +88,20 @@ fn cylinder_and_plane(cylinder: &FaceSurface, plane: &FaceSurface, tolerance: f6
     else {
         return Vec::new();
     };
-    let steep = dot(*axis, *normal);
+    let steep = axis.dot(*normal);
     if steep.abs() < PARALLEL {
-        let off = dot(sub(*origin, *on_plane), *normal);
-        let middle = along(*origin, -off, *normal);
-        let chord = unit(cross(*axis, *normal));
+        let off = (*origin - *on_plane).dot(*normal);
+        let middle = *origin - off * *normal;
+        let chord = unit(axis.cross(*normal));
         return lines_at_chord_ends(middle, chord, *axis, off.abs(), *radius, tolerance);
     }
-    let center = along(*origin, dot(sub(*on_plane, *origin), *normal) / steep, *axis);
+    let center = *origin + (*on_plane - *origin).dot(*normal) / steep * *axis;
     // The minor axis lies in the plane and across the cylinder's axis. For a circle this direction is
     // undetermined, and any one serves.
-    let across = cross(*axis, *normal);
-    let b = match norm(across) > PARALLEL {
+    let across = axis.cross(*normal);
+    let b = match across.length() > PARALLEL {
         true => unit(across),
         false => planish_estimate::vector3::tangents(*axis).0,
     };
-    vec![Curve3::Ellipse {
-        center,
-        a: scale(radius / steep.abs(), unit(cross(*normal, b))),
-        b: scale(*radius, b),
-    }]
+    vec![Curve3::Ellipse { center, a: radius / steep.abs() * unit(normal.cross(b)), b: *radius * b }]
 }

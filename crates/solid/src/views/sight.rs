@@ -12,6 +12,7 @@ use super::column::{Break, Column, SurfaceId};
 use super::drawing_grid::{Carrier, runs_within};
 use super::profile::Profile;
 use crate::drawing::{Drawing, LineStyle, distance_to_segment};
+use planish_core::DVec3;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
@@ -357,9 +358,9 @@ fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
 #[derive(Clone, Copy)]
 enum Half {
     /// On the side of the first ray.
-    Before(SurfaceId, Option<[f64; 3]>),
+    Before(SurfaceId, Option<DVec3>),
     /// On the side of the second ray.
-    Behind(SurfaceId, Option<[f64; 3]>),
+    Behind(SurfaceId, Option<DVec3>),
     /// The surface between the two rays: seen edge-on from the eye.
     Wall,
 }
@@ -368,7 +369,7 @@ enum Half {
 struct Limit {
     depth: f64,
     surface: SurfaceId,
-    normal: Option<[f64; 3]>,
+    normal: Option<DVec3>,
     cell: u32,
 }
 
@@ -381,7 +382,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
     let kind = plan.views[view].kind;
     let [right, up, along] = kind.axes();
     let sign = if kind.depth_increases_away() { 1.0 } else { -1.0 };
-    let mut normal = [0.0; 3];
+    let mut normal = DVec3::ZERO;
     match entry.surface {
         SurfaceId::Grid(..) => {
             normal[along] = 1.0;
@@ -389,7 +390,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
         }
         SurfaceId::Wall(index) => {
             let wall = &plan.walls[index];
-            let mut p = [0.0; 3];
+            let mut p = DVec3::ZERO;
             (p[right], p[up]) = (at[0], at[1]);
             let here = entry.depth * sign;
             let depth = wall
@@ -427,7 +428,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
 }
 
 /// True if two surfaces have the same tangent plane, so the boundary passes from one to the other smoothly.
-fn parallel(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> bool {
+fn parallel(a: Option<DVec3>, b: Option<DVec3>) -> bool {
     let (Some(a), Some(b)) = (a, b) else { return false };
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).abs() > 1.0 - 1e-6
 }

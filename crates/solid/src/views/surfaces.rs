@@ -8,8 +8,8 @@ use super::cells::Cells;
 use super::column::SurfaceId;
 use super::profile::Profile;
 use super::traced::Traced;
-use crate::brep::{FaceSurface, along};
-use planish_estimate::vector3::norm;
+use crate::brep::FaceSurface;
+use planish_core::DVec3;
 use std::f64::consts::TAU;
 
 /// A surface extruded along an axis.
@@ -41,19 +41,19 @@ impl Extruded {
         }
     }
 
-    fn in_view(&self, p: [f64; 3]) -> [f64; 2] {
+    fn in_view(&self, p: DVec3) -> [f64; 2] {
         [p[self.axes[0]], p[self.axes[1]]]
     }
 
     /// Signed distance.
-    pub(super) fn value(&self, p: [f64; 3]) -> f64 {
+    pub(super) fn value(&self, p: DVec3) -> f64 {
         self.profile.value(self.in_view(p))
     }
 
     /// The gradient of the signed distance.
-    pub(super) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(super) fn normal(&self, p: DVec3) -> DVec3 {
         let n = self.profile.normal(self.in_view(p));
-        let mut normal = [0.0; 3];
+        let mut normal = DVec3::ZERO;
         (normal[self.axes[0]], normal[self.axes[1]]) = (n[0], n[1]);
         normal
     }
@@ -61,17 +61,17 @@ impl Extruded {
     /// The surface. Its normal is the direction of the gradient.
     pub(super) fn surface(&self) -> FaceSurface {
         let axis_of = |k: usize| {
-            let mut axis = [0.0; 3];
+            let mut axis = DVec3::ZERO;
             axis[self.axes[k]] = 1.0;
             axis
         };
         match self.profile {
             Profile::Line { normal, offset } => {
-                let normal = along(along([0.0; 3], normal[0], axis_of(0)), normal[1], axis_of(1));
-                FaceSurface::Plane { origin: along([0.0; 3], offset, normal), normal, x: axis_of(2) }
+                let normal = DVec3::ZERO + normal[0] * axis_of(0) + normal[1] * axis_of(1);
+                FaceSurface::Plane { origin: DVec3::ZERO + offset * normal, normal, x: axis_of(2) }
             }
             Profile::Circle { center, radius } => FaceSurface::Cylinder {
-                origin: along(along([0.0; 3], center[0], axis_of(0)), center[1], axis_of(1)),
+                origin: DVec3::ZERO + center[0] * axis_of(0) + center[1] * axis_of(1),
                 axis: axis_of(2),
                 // The seam is at +z, on upright cylinders at +x. A fixed rule makes solids of equal drawings
                 // identical.
@@ -131,8 +131,8 @@ fn chord_ends(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolera
 }
 
 /// The point with given values of the three axes, in any order.
-fn point_of(values: [(usize, f64); 3]) -> [f64; 3] {
-    let mut p = [0.0; 3];
+fn point_of(values: [(usize, f64); 3]) -> DVec3 {
+    let mut p = DVec3::ZERO;
     for (axis, value) in values {
         p[axis] = value;
     }
@@ -159,7 +159,7 @@ fn trace(s: &Extruded, axis: usize, value: f64, tolerance: f64) -> Option<Trace>
 }
 
 /// The points that lie on three surfaces; none if there are infinitely many.
-pub(super) fn triple(three: [&Extruded; 3], tolerance: f64) -> Vec<[f64; 3]> {
+pub(super) fn triple(three: [&Extruded; 3], tolerance: f64) -> Vec<DVec3> {
     // With a grid plane, the other two leave curves in this plane, which are intersected there.
     if let Some(at) = three.iter().position(|s| s.plane.is_some()) {
         let (axis, value) = three[at].plane.unwrap_or_default();
@@ -220,7 +220,7 @@ pub(super) fn triple(three: [&Extruded; 3], tolerance: f64) -> Vec<[f64; 3]> {
 /// two, where the signed distance to the third changes its sign. Points where the third only touches are not
 /// found. At least one profile must be a circle, which gives the parameter; three planes have no common point
 /// here.
-fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<[f64; 3]> {
+fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<DVec3> {
     let Profile::Circle { .. } = s.profile else {
         return match (t.profile, u.profile) {
             (Profile::Circle { .. }, _) => numeric([t, u, s]),
@@ -269,19 +269,19 @@ fn numeric([s, t, u]: [&Extruded; 3]) -> Vec<[f64; 3]> {
 pub(super) struct Meeting {
     pub(super) curve: Curve3,
     /// Points that must be vertices: where the curve crosses another one of the pair, or ends.
-    pub(super) ends: Vec<[f64; 3]>,
+    pub(super) ends: Vec<DVec3>,
 }
 
 /// A parametric curve in space.
 pub(super) enum Curve3 {
     Line {
-        origin: [f64; 3],
-        direction: [f64; 3],
+        origin: DVec3,
+        direction: DVec3,
     },
     Ellipse {
-        center: [f64; 3],
-        a: [f64; 3],
-        b: [f64; 3],
+        center: DVec3,
+        a: DVec3,
+        b: DVec3,
     },
     /// A part of the intersection of two cylinders: a function of the coordinate that both profiles share,
     /// with one sign of each square root. Its parameter runs from 0 to π.
@@ -307,11 +307,11 @@ fn circle(s: &Extruded) -> Option<([f64; 2], f64)> {
 /// The curves along which two surfaces intersect.
 pub(super) fn meetings(s: &Extruded, t: &Extruded, tolerance: f64) -> Vec<Meeting> {
     let unit_of = |axis: usize| {
-        let mut e = [0.0; 3];
+        let mut e = DVec3::ZERO;
         e[axis] = 1.0;
         e
     };
-    let line = |origin: [f64; 3], direction: [f64; 3]| Meeting {
+    let line = |origin: DVec3, direction: DVec3| Meeting {
         curve: Curve3::Line { origin, direction },
         ends: Vec::new(),
     };
@@ -374,7 +374,7 @@ fn oblique(s: &Extruded, t: &Extruded, shared: usize, tolerance: f64) -> Vec<Mee
             let (Some(origin), Some(end)) = (at(0.0), at(1.0)) else {
                 return Vec::new();
             };
-            let d = [0, 1, 2].map(|k| end[k] - origin[k]);
+            let d = end - origin;
             vec![Meeting {
                 curve: Curve3::Line { origin, direction: crate::brep::unit(d) },
                 ends: Vec::new(),
@@ -415,7 +415,7 @@ fn oblique(s: &Extruded, t: &Extruded, shared: usize, tolerance: f64) -> Vec<Mee
                             a: point_of([(shared, 0.0), (other[0], r1), (other[1], sign * r1)]),
                             b: flat,
                         },
-                        ends: vec![along(center, 1.0, flat), along(center, -1.0, flat)],
+                        ends: vec![center + 1.0 * flat, center - flat],
                     })
                     .into();
             }
@@ -450,10 +450,10 @@ impl Curve3 {
     }
 
     /// The point at a parameter.
-    pub(super) fn point(&self, t: f64) -> [f64; 3] {
+    pub(super) fn point(&self, t: f64) -> DVec3 {
         match self {
-            Self::Line { origin, direction } => along(*origin, t, *direction),
-            Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
+            Self::Line { origin, direction } => *origin + t * *direction,
+            Self::Ellipse { center, a, b } => *center + t.cos() * *a + t.sin() * *b,
             Self::Traced(traced) => traced.point(t),
             Self::Branch { first, second, shared, signs, range } => {
                 let half = (range[1] - range[0]) / 2.0;
@@ -463,7 +463,7 @@ impl Curve3 {
                 let (from_lo, from_hi) =
                     (2.0 * half * (t / 2.0).sin().powi(2), 2.0 * half * (t / 2.0).cos().powi(2));
                 let x = if from_lo < from_hi { range[0] + from_lo } else { range[1] - from_hi };
-                let mut p = [0.0; 3];
+                let mut p = DVec3::ZERO;
                 p[*shared] = x;
                 for (drawn, sign) in [(first, signs[0]), (second, signs[1])] {
                     let place = drawn.position(*shared).unwrap_or(0);
@@ -484,13 +484,12 @@ impl Curve3 {
     }
 
     /// The parameter of a point; `None` if the point is not on the curve.
-    pub(super) fn parameter(&self, p: [f64; 3], tolerance: f64) -> Option<f64> {
-        use planish_estimate::vector3::{dot, sub};
+    pub(super) fn parameter(&self, p: DVec3, tolerance: f64) -> Option<f64> {
         let t = match self {
-            Self::Line { origin, direction } => dot(sub(p, *origin), *direction),
+            Self::Line { origin, direction } => (p - *origin).dot(*direction),
             Self::Ellipse { center, a, b } => {
-                let d = sub(p, *center);
-                (dot(d, *b) / dot(*b, *b)).atan2(dot(d, *a) / dot(*a, *a)).rem_euclid(TAU)
+                let d = p - *center;
+                (d.dot(*b) / b.length_squared()).atan2(d.dot(*a) / a.length_squared()).rem_euclid(TAU)
             }
             Self::Traced(traced) => traced.parameter(p),
             Self::Branch { shared, range, .. } => {
@@ -501,6 +500,6 @@ impl Curve3 {
         };
         // Near its ends, a branch is nearly perpendicular to the shared coordinate, and an error of the
         // coordinate moves the point by more. Hence the larger distance.
-        (norm(sub(self.point(t), p)) < 20.0 * tolerance).then_some(t)
+        ((self.point(t) - p).length() < 20.0 * tolerance).then_some(t)
     }
 }

@@ -8,9 +8,9 @@
 //!   the face is divided at its seam.
 
 use super::boundary::BoundaryBuilder;
-use crate::brep::{Coedge, Edge, EdgeCurve, FaceSurface, along, unit};
+use crate::brep::{Coedge, Edge, EdgeCurve, FaceSurface, unit};
+use planish_core::DVec3;
 use planish_estimate::Result;
-use planish_estimate::vector3::{norm, sub};
 use std::f64::consts::PI;
 
 /// Number of intervals of an edge that are searched for a change of sign.
@@ -105,15 +105,15 @@ impl BoundaryBuilder<'_> {
             let middle = surface.point([angle, (pair[0].0 + pair[1].0) / 2.0]);
             let normal = surface.normal(middle);
             let step = 1e-5 * self.cells.plan.size;
-            let [inside, outside] = [-step, step].map(|s| self.is_solid(along(middle, s, normal)));
+            let [inside, outside] = [-step, step].map(|s| self.is_solid(middle + s * normal));
             if [inside, outside] != [key.1, !key.1] {
                 continue;
             }
             let origin = self.solid.vertices[pair[0].1];
-            let span = sub(self.solid.vertices[pair[1].1], origin);
+            let span = self.solid.vertices[pair[1].1] - origin;
             self.solid.edges.push(Edge {
                 curve: EdgeCurve::Line { origin, direction: unit(span) },
-                range: [0.0, norm(span)],
+                range: [0.0, span.length()],
                 start: pair[0].1,
                 end: pair[1].1,
             });
@@ -126,7 +126,7 @@ impl BoundaryBuilder<'_> {
     }
 
     /// Intersections of an edge on a cylinder with the straight line at an angle: parameters and points.
-    fn crossings(&self, index: usize, surface: &FaceSurface, angle: f64) -> Vec<(f64, [f64; 3])> {
+    fn crossings(&self, index: usize, surface: &FaceSurface, angle: f64) -> Vec<(f64, DVec3)> {
         let edge = &self.solid.edges[index];
         if matches!(edge.curve, EdgeCurve::Line { .. }) {
             return Vec::new();

@@ -8,7 +8,7 @@
 
 use super::candidates::Candidate;
 use crate::brep::{along, unit};
-use planish_estimate::vector3::{cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 
 /// Maximum number of steps of a curve. It bounds the time for curves that never close.
 const MAX_STEPS: usize = 4000;
@@ -20,7 +20,7 @@ const SHORTEST: f64 = 1e-3;
 /// A curve on two surfaces.
 #[derive(Clone)]
 pub(super) struct Traced {
-    pub(super) points: Vec<[f64; 3]>,
+    pub(super) points: Vec<DVec3>,
     pub(super) closed: bool,
     pub(super) surfaces: [Candidate; 2],
 }
@@ -29,7 +29,7 @@ pub(super) struct Traced {
 ///
 /// Each step goes to the nearest point of both tangent planes. Iteration stops at rounding, when the distance
 /// no longer falls, so the result is as exact as the surfaces allow.
-pub(super) fn on_both(surfaces: &[Candidate; 2], mut p: [f64; 3], within: f64) -> Option<[f64; 3]> {
+pub(super) fn on_both(surfaces: &[Candidate; 2], mut p: DVec3, within: f64) -> Option<DVec3> {
     let [s, t] = surfaces;
     let mut last = f64::MAX;
     for _ in 0..30 {
@@ -40,21 +40,21 @@ pub(super) fn on_both(surfaces: &[Candidate; 2], mut p: [f64; 3], within: f64) -
         }
         last = off;
         let (n, m) = (s.normal(p), t.normal(p));
-        let c = dot(n, m);
+        let c = n.dot(m);
         let det = 1.0 - c * c;
         if det < 1e-10 {
             return None;
         }
         let (a, b) = ((u - c * v) / det, (v - c * u) / det);
-        p = along(along(p, -a, n), -b, m);
+        p = p - a * n - b * m;
     }
     (last < within).then_some(p)
 }
 
 impl Traced {
     /// Unit tangent at a point of the curve.
-    pub(super) fn tangent(&self, p: [f64; 3]) -> [f64; 3] {
-        unit(cross(self.surfaces[0].normal(p), self.surfaces[1].normal(p)))
+    pub(super) fn tangent(&self, p: DVec3) -> DVec3 {
+        unit(self.surfaces[0].normal(p).cross(self.surfaces[1].normal(p)))
     }
 
     /// The largest parameter. A closed curve is at its start again there.
@@ -64,13 +64,13 @@ impl Traced {
     }
 
     /// The point at a parameter: the index of a traced point, plus the share of the chord to the next.
-    pub(super) fn point(&self, t: f64) -> [f64; 3] {
+    pub(super) fn point(&self, t: f64) -> DVec3 {
         let n = self.points.len();
         let t = if self.closed { t.rem_euclid(n as f64) } else { t.clamp(0.0, self.end()) };
         let k = (t.floor() as usize).min(if self.closed { n - 1 } else { n - 2 });
         let (a, b) = (self.points[k], self.points[(k + 1) % n]);
-        let guess = along(a, t - k as f64, sub(b, a));
-        on_both(&self.surfaces, guess, 1e-6 * norm(sub(b, a))).unwrap_or(guess)
+        let guess = a + (t - k as f64) * (b - a);
+        on_both(&self.surfaces, guess, 1e-6 * (b - a).length()).unwrap_or(guess)
     }
 
     /// Parameters of points that are equally spaced between two others.
@@ -79,7 +79,7 @@ impl Traced {
         knots.extend(((from.floor() as usize + 1)..=(to.ceil() as usize)).map(|k| (k as f64).min(to)));
         let mut lengths = vec![0.0];
         for pair in knots.windows(2) {
-            lengths.push(lengths[lengths.len() - 1] + norm(sub(self.point(pair[1]), self.point(pair[0]))));
+            lengths.push(lengths[lengths.len() - 1] + (self.point(pair[1]) - self.point(pair[0])).length());
         }
         let total = lengths[lengths.len() - 1];
         (0..=count)
@@ -94,15 +94,15 @@ impl Traced {
     }
 
     /// The parameter of the point of the curve nearest to a given point.
-    pub(super) fn parameter(&self, p: [f64; 3]) -> f64 {
+    pub(super) fn parameter(&self, p: DVec3) -> f64 {
         let n = self.points.len();
         let segments = if self.closed { n } else { n - 1 };
         let mut best = (f64::MAX, 0.0);
         for k in 0..segments {
             let (a, b) = (self.points[k], self.points[(k + 1) % n]);
-            let d = sub(b, a);
-            let share = (dot(sub(p, a), d) / dot(d, d)).clamp(0.0, 1.0);
-            let far = norm(sub(along(a, share, d), p));
+            let d = b - a;
+            let share = ((p - a).dot(d) / d.length_squared()).clamp(0.0, 1.0);
+            let far = (a + share * d - p).length();
             if far < best.0 {
                 best = (far, k as f64 + share);
             }
@@ -111,8 +111,8 @@ impl Traced {
         // Newton's method moves an interpolated point across the curve and hardly along it, so one correction
         // along the chord is enough.
         let k = (t.floor() as usize).min(segments - 1);
-        let d = sub(self.points[(k + 1) % n], self.points[k]);
-        let t = t + dot(sub(p, self.point(t)), d) / dot(d, d);
+        let d = self.points[(k + 1) % n] - self.points[k];
+        let t = t + (p - self.point(t)).dot(d) / d.length_squared();
         if self.closed { t.rem_euclid(n as f64) } else { t.clamp(0.0, self.end()) }
     }
 }
@@ -120,9 +120,9 @@ impl Traced {
 /// Traces the intersection curves through points near them, while they stay `inside`.
 pub(super) fn traced(
     surfaces: &[Candidate; 2],
-    seeds: &[[f64; 3]],
+    seeds: &[DVec3],
     step: f64,
-    inside: impl Fn([f64; 3]) -> bool,
+    inside: impl Fn(DVec3) -> bool,
 ) -> Vec<Traced> {
     let mut found: Vec<Traced> = Vec::new();
     for seed in seeds {
@@ -130,7 +130,7 @@ pub(super) fn traced(
             continue;
         };
         // Many seeds lie on the same curve; one within a step of it adds nothing.
-        let known = |c: &Traced| c.points.iter().any(|p| norm(sub(*p, start)) < step);
+        let known = |c: &Traced| c.points.iter().any(|p| (*p - start).length() < step);
         if !inside(start) || found.iter().any(known) {
             continue;
         }
@@ -155,28 +155,27 @@ pub(super) fn traced(
 /// Points of a curve from a start in the direction of the sign of `step`, and whether it is closed.
 fn follow(
     surfaces: &[Candidate; 2],
-    start: [f64; 3],
+    start: DVec3,
     step: f64,
-    inside: &impl Fn([f64; 3]) -> bool,
-) -> (Vec<[f64; 3]>, bool) {
+    inside: &impl Fn(DVec3) -> bool,
+) -> (Vec<DVec3>, bool) {
     let sense = step.signum();
     let whole = step.abs();
-    let normals = |p: [f64; 3]| cross(surfaces[0].normal(p), surfaces[1].normal(p));
-    let direction = |p: [f64; 3]| {
+    let normals = |p: DVec3| surfaces[0].normal(p).cross(surfaces[1].normal(p));
+    let direction = |p: DVec3| {
         let d = normals(p);
-        (norm(d) > 1e-5).then(|| scale(sense, unit(d)))
+        (d.length() > 1e-5).then(|| sense * unit(d))
     };
     // One step by the midpoint rule. `None` if the surfaces touch on the way: beyond a contact, the cross
     // product of the normals has the opposite direction, and the curve would be followed backwards.
-    let stepped = |p: [f64; 3], length: f64| {
+    let stepped = |p: DVec3, length: f64| {
         let first = direction(p)?;
-        let middle = on_both(surfaces, along(p, length / 2.0, first), 1e-6 * whole)?;
+        let middle = on_both(surfaces, p + length / 2.0 * first, 1e-6 * whole)?;
         let d = direction(middle)?;
-        let next = on_both(surfaces, along(p, length, d), 1e-6 * whole)?;
-        let moved = sub(next, p);
-        let goes_on =
-            dot(moved, d) > 0.3 * length && dot(direction(next)?, first) > 0.5 && dot(d, first) > 0.5;
-        (goes_on && norm(moved) < 1.5 * length).then_some(next)
+        let next = on_both(surfaces, p + length * d, 1e-6 * whole)?;
+        let moved = next - p;
+        let goes_on = moved.dot(d) > 0.3 * length && direction(next)?.dot(first) > 0.5 && d.dot(first) > 0.5;
+        (goes_on && moved.length() < 1.5 * length).then_some(next)
     };
     let mut points = vec![start];
     let mut p = start;
@@ -191,10 +190,10 @@ fn follow(
             continue;
         };
         // Back at the start. Instead of a very short last chord, the last one may have up to 1.5 steps.
-        let left = sub(start, next);
-        let ahead = direction(next).is_some_and(|d| dot(left, d) >= -0.3 * whole);
-        if points.len() > 3 && norm(left) < 1.01 * whole && ahead {
-            if norm(left) > 0.5 * whole {
+        let left = start - next;
+        let ahead = direction(next).is_some_and(|d| left.dot(d) >= -0.3 * whole);
+        if points.len() > 3 && left.length() < 1.01 * whole && ahead {
+            if left.length() > 0.5 * whole {
                 points.push(next);
             }
             return (points, true);
@@ -212,10 +211,10 @@ fn follow(
 ///
 /// The angle between the surfaces falls linearly towards a contact, so its zero is extrapolated from the last
 /// two points.
-fn touching_point(points: &[[f64; 3]], normals: impl Fn([f64; 3]) -> [f64; 3]) -> Option<[f64; 3]> {
+fn touching_point(points: &[DVec3], normals: impl Fn(DVec3) -> DVec3) -> Option<DVec3> {
     let [.., before, last] = points else { return None };
-    let moved = sub(*last, *before);
-    let (from, to) = (norm(normals(*before)), norm(normals(*last)));
+    let moved = *last - *before;
+    let (from, to) = (normals(*before).length(), normals(*last).length());
     let left = to / (from - to);
-    (left > 0.0 && left < 4.0).then(|| along(*last, left, moved))
+    (left > 0.0 && left < 4.0).then(|| *last + left * moved)
 }

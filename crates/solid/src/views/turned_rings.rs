@@ -5,8 +5,8 @@
 //! or the apex of a cone.
 
 use super::rings::by_face;
-use crate::brep::{Coedge, FaceSurface, Solid, along, unit};
-use planish_estimate::vector3::{cross, dot, norm, sub};
+use crate::brep::{Coedge, FaceSurface, Solid, unit};
+use planish_core::DVec3;
 use std::f64::consts::{PI, TAU};
 
 /// Number of straight pieces that approximate an edge.
@@ -119,13 +119,13 @@ pub(super) fn turned_faces(
 fn into_face(surface: &FaceSurface, outward: bool, a: [f64; 2], b: [f64; 2]) -> Option<f64> {
     let (p, q) = (surface.point(a), surface.point(b));
     let n = surface.normal(p).map(|c| if outward { c } else { -c });
-    let left = cross(n, sub(q, p));
+    let left = n.cross(q - p);
     let small = 1e-4;
-    let up = sub(surface.point([a[0], a[1] + small]), surface.point([a[0], a[1] - small]));
-    if norm(left) == 0.0 || norm(up) == 0.0 {
+    let up = surface.point([a[0], a[1] + small]) - surface.point([a[0], a[1] - small]);
+    if left.length() == 0.0 || up.length() == 0.0 {
         return None;
     }
-    let rise = dot(unit(left), unit(up));
+    let rise = unit(left).dot(unit(up));
     // Where the piece runs nearly along v, rounding would decide; other rays of the edge are used.
     (rise.abs() > 0.1).then(|| rise.signum())
 }
@@ -162,20 +162,20 @@ pub(super) fn with_free_poles(solid: &Solid, surface: FaceSurface, loops: &[Vec<
     };
     /// Maximum cosine between the directions of an edge point and a pole (3.6°).
     const FREE: f64 = 0.998;
-    let y = cross(axis, x);
-    let oblique = unit(along(along(axis, 0.61, x), 0.37, y));
-    let frames = [(axis, x), (x, y), (y, axis), (oblique, unit(cross(oblique, x)))];
-    let is_free = |axis: [f64; 3]| {
+    let y = axis.cross(x);
+    let oblique = unit(axis + 0.61 * x + 0.37 * y);
+    let frames = [(axis, x), (x, y), (y, axis), (oblique, unit(oblique.cross(x)))];
+    let is_free = |axis: DVec3| {
         loops.iter().flatten().all(|coedge| {
             let edge = &solid.edges[coedge.edge];
             (0..=PIECES).all(|k| {
                 let t = edge.range[0] + (edge.range[1] - edge.range[0]) * k as f64 / PIECES as f64;
-                dot(unit(sub(edge.curve.point(t), center)), axis).abs() < FREE
+                unit(edge.curve.point(t) - center).dot(axis).abs() < FREE
             })
         })
     };
     // Of the free axes, the one around which most loops run: readers of STEP handle such loops best.
-    let around = |frame: &([f64; 3], [f64; 3])| {
+    let around = |frame: &(DVec3, DVec3)| {
         let (axis, x) = *frame;
         let turned = FaceSurface::Sphere { center, axis, x, radius };
         let turn = |ring: &Vec<Coedge>| -> f64 {

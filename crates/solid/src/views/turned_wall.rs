@@ -8,6 +8,7 @@
 use super::candidate_surface::{Extent, Side, across};
 use super::profile::Profile;
 use crate::brep::FaceSurface;
+use planish_core::DVec3;
 
 /// A surface of revolution.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,15 +24,15 @@ pub(crate) struct Turned {
 
 impl Turned {
     /// Distance from the axis, and height along it.
-    pub(crate) fn on_profile(&self, p: [f64; 3]) -> [f64; 2] {
+    pub(crate) fn on_profile(&self, p: DVec3) -> [f64; 2] {
         let [a, b] = across(self.axis);
         [(p[a] - self.center[0]).hypot(p[b] - self.center[1]), p[self.axis]]
     }
 
     /// The point at an angle around the axis and a point of the profile.
-    pub(crate) fn point(&self, angle: f64, [distance, height]: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn point(&self, angle: f64, [distance, height]: [f64; 2]) -> DVec3 {
         let [a, b] = across(self.axis);
-        let mut p = [0.0; 3];
+        let mut p = DVec3::ZERO;
         p[a] = self.center[0] + distance * angle.cos();
         p[b] = self.center[1] + distance * angle.sin();
         p[self.axis] = height;
@@ -39,7 +40,7 @@ impl Turned {
     }
 
     /// Signed distance from the whole surface.
-    pub(crate) fn value(&self, p: [f64; 3]) -> f64 {
+    pub(crate) fn value(&self, p: DVec3) -> f64 {
         self.profile.value(self.on_profile(p))
     }
 
@@ -47,7 +48,7 @@ impl Turned {
     ///
     /// If only one half of a tube is used, the wall continues beyond it as two planes across the axis, which
     /// touch the tube.
-    pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
+    pub(crate) fn value_of(&self, side: Side, p: DVec3) -> f64 {
         let at = self.on_profile(p);
         match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => self.profile.value(at),
@@ -59,7 +60,7 @@ impl Turned {
     }
 
     /// True if a point is on the same side of the tube's centre line as the half of the tube that is used.
-    pub(crate) fn is_on_side(&self, side: Side, p: [f64; 3]) -> bool {
+    pub(crate) fn is_on_side(&self, side: Side, p: DVec3) -> bool {
         let at = self.on_profile(p);
         match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => true,
@@ -68,13 +69,13 @@ impl Turned {
     }
 
     /// The gradient of the signed distance.
-    pub(crate) fn normal(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn normal(&self, p: DVec3) -> DVec3 {
         let at = self.on_profile(p);
         let n = self.profile.normal(at);
         let [a, b] = across(self.axis);
         // On the axis the direction is undetermined; the result is then finite and along the axis.
         let distance = at[0].max(f64::MIN_POSITIVE);
-        let mut normal = [0.0; 3];
+        let mut normal = DVec3::ZERO;
         normal[a] = n[0] * (p[a] - self.center[0]) / distance;
         normal[b] = n[0] * (p[b] - self.center[1]) / distance;
         normal[self.axis] = n[1];
@@ -84,7 +85,7 @@ impl Turned {
     /// Coordinates at which the line along an axis through a point meets the wall.
     ///
     /// A line that touches the wall within `touching` meets it once.
-    pub(crate) fn crossings(&self, side: Side, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
+    pub(crate) fn crossings(&self, side: Side, along: usize, p: DVec3, touching: f64) -> Vec<f64> {
         let at = self.on_profile(p);
         let is_used = |distance: f64| match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => distance >= 0.0,
@@ -112,7 +113,7 @@ impl Turned {
     }
 
     /// The part of the wall that passes through a box, if any.
-    pub(crate) fn passes(&self, lo: [f64; 3], hi: [f64; 3], tolerance: f64) -> Option<Side> {
+    pub(crate) fn passes(&self, lo: DVec3, hi: DVec3, tolerance: f64) -> Option<Side> {
         let mut found: Option<Side> = None;
         for extent in &self.extents {
             let ends = [0, 1, 2].map(|k| [lo[k].max(extent.bounds[k][0]), hi[k].min(extent.bounds[k][1])]);
@@ -184,7 +185,7 @@ impl Turned {
     /// The surface. Its normal is the direction of the gradient.
     pub(crate) fn surface(&self) -> FaceSurface {
         let unit_of = |k: usize, sign: f64| {
-            let mut e = [0.0; 3];
+            let mut e = DVec3::ZERO;
             e[k] = sign;
             e
         };

@@ -9,12 +9,12 @@ use super::profile::Profile;
 use super::sight::{SightTestPlace, SightTests, style_near};
 use super::turned_wall::Turned;
 use crate::drawing::Drawing;
-use planish_estimate::vector3::{cross, dot, norm};
+use planish_core::DVec3;
 use std::f64::consts::TAU;
 
 /// Positions of tests along an interval, as shares of it. Unequal, so that symmetric parts are not tested at
 /// their planes of symmetry.
-const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
+const SHARES: DVec3 = DVec3::new(0.13, 0.47, 0.86);
 /// Number of tests around a circle. More find shorter missing lines and take more time.
 const AROUND: usize = 24;
 
@@ -46,15 +46,15 @@ impl SightTests {
         cells: &Cells,
         drawing: &Drawing,
         view: usize,
-        p: [f64; 3],
-        tangent: [f64; 3],
+        p: DVec3,
+        tangent: DVec3,
     ) {
         let axes = cells.plan.views[view].kind.axes();
         let at = [p[axes[0]], p[axes[1]]];
         let across = [-tangent[axes[1]], tangent[axes[0]]];
         // Along the line of sight, an edge is a point in the view and no line can be drawn for it.
         let length = across[0].hypot(across[1]);
-        if length < 1e-6 * norm(tangent) || length == 0.0 {
+        if length < 1e-6 * tangent.length() || length == 0.0 {
             return;
         }
         let normal = across.map(|c| c / length);
@@ -80,7 +80,7 @@ impl SightTests {
                     let p = wall.point(angle, [distance, center[1]]);
                     let further = wall.point(angle + TAU / 4.0, [distance, center[1]]);
                     let middle = wall.point(0.0, [0.0, center[1]]);
-                    let tangent = [0, 1, 2].map(|a| further[a] - middle[a]);
+                    let tangent = further - middle;
                     self.at_point(cells, drawing, view, p, tangent);
                 }
             }
@@ -106,7 +106,7 @@ impl SightTests {
                 for turn in [angle, angle + TAU / 2.0] {
                     let p = wall.point(turn, [distance, height]);
                     let sign = if turn == angle { 1.0 } else { -1.0 };
-                    let mut tangent = [0.0; 3];
+                    let mut tangent = DVec3::ZERO;
                     (tangent[sideways], tangent[wall.axis]) = (-n[1] * sign, n[0]);
                     self.at_point(cells, drawing, view, p, tangent);
                 }
@@ -127,22 +127,22 @@ impl SightTests {
         let wall = &plan.walls[of.0];
         let (lo, hi) = plan.bounds(cell);
         let inside =
-            |p: &[f64; 3]| (0..3).all(|a| p[a] >= lo[a] - plan.tolerance && p[a] <= hi[a] + plan.tolerance);
+            |p: &DVec3| (0..3).all(|a| p[a] >= lo[a] - plan.tolerance && p[a] <= hi[a] + plan.tolerance);
         let sight = plan.views[view].kind.axes()[2];
         // With the grid planes across the line of sight: other views see these edge-on, this one does not.
         for value in [lo[sight], hi[sight]] {
             for (along, other) in [(0, 1), (1, 0)].map(|(i, j)| (across(sight)[i], across(sight)[j])) {
                 for share in SHARES {
-                    let mut p = [0.0; 3];
+                    let mut p = DVec3::ZERO;
                     p[sight] = value;
                     p[other] = lo[other] + share * (hi[other] - lo[other]);
                     for at in wall.crossings(of.1, along, p, 0.0) {
                         let mut p = p;
                         p[along] = at;
                         if inside(&p) {
-                            let mut normal = [0.0; 3];
+                            let mut normal = DVec3::ZERO;
                             normal[sight] = 1.0;
-                            self.at_point(cells, drawing, view, p, cross(wall.normal(p), normal));
+                            self.at_point(cells, drawing, view, p, wall.normal(p).cross(normal));
                         }
                     }
                 }
@@ -157,7 +157,7 @@ impl SightTests {
                 for share in SHARES {
                     let m = profile.point(found.from + share * (found.to - found.from));
                     let n = profile.normal(m);
-                    let (mut p, mut normal) = ([0.0; 3], [0.0; 3]);
+                    let (mut p, mut normal) = (DVec3::ZERO, DVec3::ZERO);
                     for k in 0..2 {
                         p[axes[k]] = m[k];
                         normal[axes[k]] = n[k];
@@ -166,7 +166,7 @@ impl SightTests {
                         let mut p = p;
                         p[axes[2]] = at;
                         if inside(&p) {
-                            self.at_point(cells, drawing, view, p, cross(wall.normal(p), normal));
+                            self.at_point(cells, drawing, view, p, wall.normal(p).cross(normal));
                         }
                     }
                 }
@@ -179,11 +179,11 @@ impl SightTests {
             for shares in
                 [[0.1, 0.3, 0.5], [0.5, 0.9, 0.3], [0.9, 0.5, 0.7], [0.4, 0.2, 0.9], [0.7, 0.7, 0.1]]
             {
-                let start = [0, 1, 2].map(|a| lo[a] + shares[a] * (hi[a] - lo[a]));
+                let start = lo + shares * (hi - lo);
                 if let Some(p) = on_both(wall, second, start, plan.tolerance)
                     && inside(&p)
                 {
-                    let tangent = cross(wall.normal(p), second.normal(p));
+                    let tangent = wall.normal(p).cross(second.normal(p));
                     self.at_point(cells, drawing, view, p, tangent);
                 }
             }
@@ -192,7 +192,7 @@ impl SightTests {
 }
 
 /// A point on two walls near a starting point; `None` if Newton's method does not converge.
-fn on_both(a: &CandidateSurface, b: &CandidateSurface, mut p: [f64; 3], tolerance: f64) -> Option<[f64; 3]> {
+fn on_both(a: &CandidateSurface, b: &CandidateSurface, mut p: DVec3, tolerance: f64) -> Option<DVec3> {
     for _ in 0..20 {
         let (u, v) = (a.value(p), b.value(p));
         if u.abs().max(v.abs()) < 0.01 * tolerance {
@@ -200,13 +200,13 @@ fn on_both(a: &CandidateSurface, b: &CandidateSurface, mut p: [f64; 3], toleranc
         }
         let (n, m) = (a.normal(p), b.normal(p));
         // The shortest step onto both tangent planes.
-        let c = dot(n, m);
+        let c = n.dot(m);
         let det = 1.0 - c * c;
         if det < 1e-9 {
             return None;
         }
         let (s, t) = ((u - c * v) / det, (v - c * u) / det);
-        p = [0, 1, 2].map(|k| p[k] - s * n[k] - t * m[k]);
+        p = p - s * n - t * m;
     }
     None
 }

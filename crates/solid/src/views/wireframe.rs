@@ -10,7 +10,7 @@
 //! Wesley and Markowsky 1981, *Fleshing out projections*: the pseudo wireframe.
 
 use crate::drawing::{Curve2, Drawing, distance};
-use planish_estimate::vector3::{norm, sub};
+use planish_core::DVec3;
 
 /// Maximum number of points. Drawings with more are not searched for oblique faces, which bounds the time.
 const MAX_POINTS: usize = 1500;
@@ -20,7 +20,7 @@ const MAX_ON_LINE: usize = 60;
 
 /// Points and edges in space.
 pub(super) struct Wireframe {
-    pub(super) points: Vec<[f64; 3]>,
+    pub(super) points: Vec<DVec3>,
     /// Pairs of points with no third one between them.
     pub(super) edges: Vec<[usize; 2]>,
     /// For each point, true if it is the end of a curve that is not straight, in any view.
@@ -159,11 +159,7 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
 /// is of a curve.
 ///
 /// Sorted lists by the shared coordinate avoid the product of all ends of three views.
-fn points(
-    ends: &[Vec<End>],
-    [front, top, side]: [usize; 3],
-    near: f64,
-) -> Option<(Vec<[f64; 3]>, Vec<bool>)> {
+fn points(ends: &[Vec<End>], [front, top, side]: [usize; 3], near: f64) -> Option<(Vec<DVec3>, Vec<bool>)> {
     let mut by_x: Vec<&End> = ends[top].iter().collect();
     by_x.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
     let mut by_y: Vec<&End> = ends[side].iter().collect();
@@ -199,14 +195,14 @@ fn points(
 }
 
 /// True if none of some points lies between two others.
-fn is_minimal(points: &[[f64; 3]], on: &[usize], i: usize, j: usize, near: f64) -> bool {
-    let d = sub(points[j], points[i]);
-    let length = norm(d);
+fn is_minimal(points: &[DVec3], on: &[usize], i: usize, j: usize, near: f64) -> bool {
+    let d = points[j] - points[i];
+    let length = d.length();
     length > near
         && !on.iter().any(|&k| {
-            let w = sub(points[k], points[i]);
+            let w = points[k] - points[i];
             let along = (0..3).map(|c| w[c] * d[c]).sum::<f64>() / length;
-            let off = norm([0, 1, 2].map(|c| w[c] - along / length * d[c]));
+            let off = (w - along / length * d).length();
             along > near && along < length - near && off < near
         })
 }
