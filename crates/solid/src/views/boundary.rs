@@ -293,7 +293,7 @@ impl BoundaryBuilder<'_> {
             return;
         }
         // Angles run counter-clockwise about the tangent, in the same frame as those of `halves`.
-        let (e1, e2) = planish_estimate::vector3::tangents(tangent);
+        let (e1, e2) = planish_core::vector3::tangents(tangent);
         let (e1, e2) = match e1.cross(e2).dot(tangent) > 0.0 {
             true => (e1, e2),
             false => (e2, e1),
@@ -335,7 +335,7 @@ impl BoundaryBuilder<'_> {
 
     /// Half-surfaces around a point of a curve: angle about the tangent and surface, ascending.
     fn halves(&self, m: DVec3, tangent: DVec3, step: f64) -> Vec<(f64, usize)> {
-        let (e1, e2) = planish_estimate::vector3::tangents(tangent);
+        let (e1, e2) = planish_core::vector3::tangents(tangent);
         let (e1, e2) = match e1.cross(e2).dot(tangent) > 0.0 {
             true => (e1, e2),
             false => (e2, e1),

@@ -101,7 +101,7 @@ fn cylinder_and_plane(cylinder: &FaceSurface, plane: &FaceSurface, tolerance: f6
     let across = axis.cross(*normal);
     let b = match across.length() > PARALLEL {
         true => unit(across),
-        false => planish_estimate::vector3::tangents(*axis).0,
+        false => planish_core::vector3::tangents(*axis).0,
     };
     vec![Curve3::Ellipse { center, a: radius / steep.abs() * unit(normal.cross(b)), b: *radius * b }]
 }
