@@ -33,11 +33,12 @@ pub struct NearFacet {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::{FacetTree, icosphere};
 /// let ball = icosphere(1.0, 3);
 /// let tree = FacetTree::new(ball.triangles.len(), |t| ball.corners(t));
 /// let mut distances = Vec::new();
-/// tree.visit_near([0.0, 0.0, 1.5], 0.1, |near| distances.push(near.distance));
+/// tree.visit_near(1.5 * DVec3::Z, 0.1, |near| distances.push(near.distance));
 /// let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
 /// assert!((nearest - 0.5).abs() < 0.01 && distances.len() > 10);
 /// ```

@@ -78,10 +78,11 @@ fn corner_of(key: u64) -> [u32; 3] {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::{BoundingBox, isosurface};
-/// let bounds = BoundingBox { min: [-1.2; 3], max: [1.2; 3] };
-/// let radius = |p: DVec3| p.iter().map(|x| x * x).sum::<f64>().sqrt();
-/// let ball = isosurface(&bounds, 0.1, |p| radius(p) - 1.0, |p, reach| (radius(p) - 1.0).abs() <= reach)?;
+/// let bounds = BoundingBox { min: DVec3::splat(-1.2), max: DVec3::splat(1.2) };
+/// let height = |p: DVec3| p.length() - 1.0;
+/// let ball = isosurface(&bounds, 0.1, height, |p, reach| height(p).abs() <= reach)?;
 /// assert!(ball.check().watertight && ball.check().euler_characteristic == 2);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

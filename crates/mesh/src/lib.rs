@@ -24,13 +24,14 @@
 //! # Examples
 //! The signed distance of a point from a ball:
 //! ```
+//! use planish_core::DVec3;
 //! use planish_mesh::{MeshSearch, icosphere};
 //!
 //! # fn main() -> planish_estimate::Result<()> {
 //! let ball = icosphere(10.0, 4);
 //! assert!(ball.check().watertight);
 //! let search = MeshSearch::try_new(&ball)?;
-//! let foot = search.closest([0.0, 0.0, 12.0]).expect("the point is finite");
+//! let foot = search.closest(12.0 * DVec3::Z).expect("the point is finite");
 //! assert!((foot.signed_distance - 2.0).abs() < 0.05);
 //! # Ok(())
 //! # }

@@ -44,6 +44,7 @@ pub struct Distortion {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::TriangleMesh;
 /// let corners = vec![DVec3::ZERO, 2.0 * DVec3::X, DVec3::Y];
 /// let mesh = TriangleMesh::try_new(corners.clone(), vec![[0, 1, 2]])?;

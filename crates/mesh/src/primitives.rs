@@ -119,7 +119,8 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
 ///
 /// # Examples
 /// ```
-/// let edges = [DVec3::X, [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
+/// use planish_core::DVec3;
+/// let edges = [DVec3::X, 2.0 * DVec3::Y, 3.0 * DVec3::Z];
 /// let block = planish_mesh::parallelepiped(DVec3::ZERO, edges);
 /// assert_eq!(block.signed_volume(), Some(6.0));
 /// ```

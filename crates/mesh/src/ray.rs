@@ -40,6 +40,7 @@ impl MeshSearch {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_mesh::{MeshSearch, icosphere};
     /// let search = MeshSearch::try_new(&icosphere(1.0, 4))?;
     /// let hit = search.first_hit(5.0 * DVec3::Z, DVec3::NEG_Z).expect("the ball is below");

@@ -26,6 +26,7 @@ pub struct SurfacePoint {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::{SurfaceSampler, grid_sheet};
 /// let sheet = grid_sheet(2.0, 2.0, 3, 3);
 /// let sampler = SurfaceSampler::try_new(&sheet)?;

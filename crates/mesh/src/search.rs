@@ -51,12 +51,13 @@ pub struct ClosestPoint {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::{MeshSearch, icosphere};
 /// let search = MeshSearch::try_new(&icosphere(10.0, 4))?;
-/// let inside = search.closest([0.0, 0.0, 9.0]).expect("the point is finite");
+/// let inside = search.closest(9.0 * DVec3::Z).expect("the point is finite");
 /// assert!((inside.signed_distance + 1.0).abs() < 0.05);
 /// // A limit saves time if only near points matter.
-/// assert!(search.closest_within([0.0, 0.0, 9.0], 0.5).is_none());
+/// assert!(search.closest_within(9.0 * DVec3::Z, 0.5).is_none());
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///

@@ -28,9 +28,11 @@ const FAR: f64 = 3.0;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::{WindingNumbers, icosphere};
 /// let inside = WindingNumbers::new(&icosphere(1.0, 3));
-/// assert!((inside.at([0.2, 0.1, 0.0]) - 1.0).abs() < 0.02 && inside.at([2.0, 0.0, 0.0]).abs() < 0.02);
+/// assert!((inside.at(DVec3::new(0.2, 0.1, 0.0)) - 1.0).abs() < 0.02);
+/// assert!(inside.at(2.0 * DVec3::X).abs() < 0.02);
 /// ```
 #[derive(Debug, Clone)]
 pub struct WindingNumbers {

@@ -9,9 +9,10 @@ use planish_core::{DVec3, SymmetricMatrix3};
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::DepthCamera;
 /// let camera = DepthCamera { focal: [500.0; 2], center: [320.0, 240.0], scale: 0.001, sigma: None };
-/// assert_eq!(camera.point(320.0, 240.0, 1500.0), Some([0.0, 0.0, 1.5]));
+/// assert_eq!(camera.point(320.0, 240.0, 1500.0), Some(1.5 * DVec3::Z));
 /// assert_eq!(camera.point(320.0, 240.0, 0.0), None);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]

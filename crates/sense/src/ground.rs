@@ -86,12 +86,15 @@ const DEEP: f32 = 5.0;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::{Ground, GroundOptions, classify_ground};
 /// // A meadow of 30 m with a hut on it.
 /// let points: Vec<DVec3> = (0..900)
 ///     .map(|i| (f64::from(i % 30), f64::from(i / 30)))
-///     .map(|(x, y)| [x, y, if (10.0..16.0).contains(&x) && (10.0..16.0).contains(&y) { 3.0 } else { 0.05 * x
-/// }])
+///     .map(|(x, y)| {
+///         let hut = (10.0..16.0).contains(&x) && (10.0..16.0).contains(&y);
+///         DVec3::new(x, y, if hut { 3.0 } else { 0.05 * x })
+///     })
 ///     .collect();
 /// let found = classify_ground(&points, &GroundOptions::for_unit(1.0))?;
 /// assert_eq!(found.iter().filter(|g| **g == Ground::Above).count(), 36);

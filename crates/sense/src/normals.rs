@@ -66,8 +66,9 @@ pub struct ScanGeometry {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::{Viewing, ray_at};
-/// assert_eq!(ray_at(Viewing::Origin(DVec3::ZERO), [0.0, 0.0, 2.0]), Some(DVec3::Z));
+/// assert_eq!(ray_at(Viewing::Origin(DVec3::ZERO), 2.0 * DVec3::Z), Some(DVec3::Z));
 /// assert_eq!(ray_at(Viewing::Unknown, DVec3::ZERO), None);
 /// ```
 #[must_use]
@@ -237,6 +238,7 @@ const SURROUNDED: f64 = 1.0;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::cloud_geometry;
 /// let points: Vec<DVec3> = (0..100).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10), 0.0)).collect();
 /// let found = cloud_geometry(&points, 8)?;

@@ -52,10 +52,11 @@ pub struct PrincipalCurvatures {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::{Scan, Viewing};
 /// let scan = Scan {
 ///     name: "left".to_owned(),
-///     points: vec![DVec3::Z, [0.1, 0.0, 1.0]],
+///     points: vec![DVec3::Z, DVec3::new(0.1, 0.0, 1.0)],
 ///     sigma: Some(vec![0.01, 0.02]),
 ///     viewing: Viewing::Origin(DVec3::ZERO),
 ///     ..Scan::default()

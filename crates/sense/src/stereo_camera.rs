@@ -17,6 +17,7 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::StereoCamera;
 /// let camera = StereoCamera {
 ///     focal: 1000.0,
@@ -25,7 +26,7 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 ///     doffs: 0.0,
 ///     sigma_disparity: 0.1,
 /// };
-/// assert_eq!(camera.point(320.0, 240.0, 100.0), Some([0.0, 0.0, 2.0]));
+/// assert_eq!(camera.point(320.0, 240.0, 100.0), Some(2.0 * DVec3::Z));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoCamera {

@@ -16,11 +16,11 @@ use planish_estimate::{Error, Result};
 ///
 /// # Examples
 /// ```
+/// use planish_core::{DVec3, matrix3::IDENTITY};
 /// use planish_shell::Camera;
-/// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], DVec3::Z];
-/// let identity = [DVec3::X, DVec3::Y, DVec3::Z];
-/// let camera = Camera::new(k, identity, [0.0, 0.0, 2.0])?;
-/// let (pixel, depth) = camera.project([0.1, 0.0, 0.0]).expect("in front of the camera");
+/// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]];
+/// let camera = Camera::new(k, IDENTITY, 2.0 * DVec3::Z)?;
+/// let (pixel, depth) = camera.project(0.1 * DVec3::X).expect("in front of the camera");
 /// assert_eq!((pixel, depth), ([345.0, 240.0], 2.0));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

@@ -242,6 +242,7 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_shell::stiffness;
 /// let k = stiffness(&[DVec3::ZERO, DVec3::X], &[], &[[0, 1]]);
 /// assert_eq!((k[(0, 0)], k[(0, 1)]), (1.0, -1.0));
@@ -276,8 +277,9 @@ pub fn stiffness(points: &[DVec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_shell::nearest_pairs;
-/// let points = [DVec3::ZERO, DVec3::X, [3.0, 0.0, 0.0]];
+/// let points = [DVec3::ZERO, DVec3::X, 3.0 * DVec3::X];
 /// assert_eq!(nearest_pairs(&points, 1), [[0, 1], [1, 2]]);
 /// ```
 #[must_use]

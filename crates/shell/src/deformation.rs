@@ -54,11 +54,12 @@ pub trait Deformation: Sync {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use nalgebra::DVector;
 /// use planish_shell::{VertexDisplacements, displacements};
 /// let deformation = VertexDisplacements::new(&[DVec3::ZERO, DVec3::X]);
 /// let q = DVector::from_vec(vec![0.0, 0.0, 0.5, 0.0, 0.0, 0.0]);
-/// assert_eq!(displacements(&deformation, &q), [[0.0, 0.0, 0.5], DVec3::ZERO]);
+/// assert_eq!(displacements(&deformation, &q), [0.5 * DVec3::Z, DVec3::ZERO]);
 /// ```
 #[must_use]
 pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<DVec3> {
@@ -80,12 +81,13 @@ pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<DVe
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use nalgebra::DVector;
 /// use planish_shell::{VertexDisplacements, displaced_positions};
-/// let rest = [[1.0, 2.0, 3.0]];
+/// let rest = [DVec3::new(1.0, 2.0, 3.0)];
 /// let deformation = VertexDisplacements::new(&rest);
-/// let q = DVector::from_vec(vec!DVec3::Z);
-/// assert_eq!(displaced_positions(&rest, &deformation, &q), [[1.0, 2.0, 4.0]]);
+/// let q = DVector::from_vec(vec![0.0, 0.0, 1.0]);
+/// assert_eq!(displaced_positions(&rest, &deformation, &q), [DVec3::new(1.0, 2.0, 4.0)]);
 /// ```
 #[must_use]
 pub fn displaced_positions(

@@ -57,11 +57,12 @@ pub(crate) struct Cavity {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::BoundingBox;
 /// use planish_shell::Delaunay;
-/// let mut delaunay = Delaunay::new(&BoundingBox { min: DVec3::ZERO, max: [1.0; 3] })?;
+/// let mut delaunay = Delaunay::new(&BoundingBox { min: DVec3::ZERO, max: DVec3::splat(1.0) })?;
 /// assert_eq!(delaunay.tetrahedra().len(), 6);
-/// assert_eq!(delaunay.insert([0.4, 0.5, 0.6])?, 8);
+/// assert_eq!(delaunay.insert(DVec3::new(0.4, 0.5, 0.6))?, 8);
 /// assert_eq!(delaunay.points().len(), 9);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

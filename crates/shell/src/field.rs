@@ -93,11 +93,12 @@ struct Facet {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::icosphere;
 /// use planish_shell::{Metaball, Shell, ShellOptions};
 /// let ball = icosphere(10.0, 4);
 /// let shell = Shell::new(&ball, &ShellOptions::new(Metaball::Triangular, 20.0))?;
-/// let near = shell.distance([0.0, 0.0, 12.0], &mut Vec::new()).expect("the point is finite");
+/// let near = shell.distance(12.0 * DVec3::Z, &mut Vec::new()).expect("the point is finite");
 /// assert!((near.distance - 2.0).abs() < 0.1 && near.gradient[2] > 0.99);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

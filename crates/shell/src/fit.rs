@@ -237,6 +237,7 @@ pub struct ShellProgress {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_estimate::{Error, ErrorKind};
 /// use planish_mesh::icosphere;
 /// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_with_progress};
@@ -352,6 +353,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_shell::{stiffness, stiffness_for_xyz};
 /// let k = stiffness(&[DVec3::ZERO, DVec3::X], &[], &[[0, 1]]);
 /// let all = stiffness_for_xyz(&k);

@@ -48,10 +48,11 @@ pub struct Weight {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_shell::NaturalNeighbours;
 /// let sites = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, 1.0, 1.0)];
 /// let neighbours = NaturalNeighbours::new(&sites, &[])?;
-/// let place = [0.3, 0.4, 0.5];
+/// let place = DVec3::new(0.3, 0.4, 0.5);
 /// let weights = neighbours.weights(place)?;
 /// for axis in 0..3 {
 ///     let sum: f64 = weights.iter().map(|w| w.weight * neighbours.site(w.site)[axis]).sum();

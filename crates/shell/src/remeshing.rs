@@ -56,6 +56,7 @@ const INFLATING_STEP: f64 = -0.53;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_mesh::icosphere;
 /// use planish_shell::{Region, RemeshOptions, remesh};
 /// struct HalfSpace;

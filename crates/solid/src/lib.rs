@@ -40,6 +40,7 @@
 //! Faces of CAD files have surfaces of more kinds. [`parametric`] represents and triangulates these:
 //!
 //! ```
+//! use planish_core::DVec3;
 //! use planish_solid::brep::FaceSurface;
 //! use planish_solid::parametric::{Fineness, ParametricFace, ParametricShape, ParametricSurface};
 //!
@@ -53,8 +54,7 @@
 //! };
 //! let shape = ParametricShape { faces: vec![ball], ..ParametricShape::default() };
 //! let meshed = shape.triangles(&Fineness { chord: 0.01, longest: f64::INFINITY })?;
-//! let distance = |p: &DVec3| (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
-//! assert!(meshed.parts[0].positions.iter().all(|p| (distance(p) - 2.0).abs() < 1e-12));
+//! assert!(meshed.parts[0].positions.iter().all(|p| (p.length() - 2.0).abs() < 1e-12));
 //! # Ok::<(), planish_estimate::Error>(())
 //! ```
 //!

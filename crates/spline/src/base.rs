@@ -92,10 +92,11 @@ impl BaseShape {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::BaseShape;
     ///
     /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z);
-    /// let [_, v] = ball.parameters([0.0, 0.0, 5.0]);
+    /// let [_, v] = ball.parameters(5.0 * DVec3::Z);
     /// assert_eq!(v, 1.0); // above the north pole
     /// ```
     #[must_use]
@@ -144,6 +145,7 @@ impl BaseShape {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::BaseShape;
     ///
     /// let shape = BaseShape::cylinder(DVec3::ZERO, DVec3::Z, 1.0, 2.0);
@@ -173,10 +175,11 @@ impl BaseShape {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{Hierarchy, Shape, fit_function};
 ///
 /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
-/// let surface = fit_function(&space, |u, v| [u, v, u * v])?;
+/// let surface = fit_function(&space, |u, v| DVec3::new(u, v, u * v))?;
 /// assert!((surface.point(1.5, 2.5)[2] - 3.75).abs() < 1e-9);
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
@@ -236,10 +239,11 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{Shape, choose_base_shape};
 ///
 /// let points: Vec<DVec3> =
-///     (0..100).map(|k| [f64::from(k % 10), f64::from(k / 10), 0.01 * f64::from(k % 3)]).collect();
+///     (0..100).map(|k| DVec3::new(f64::from(k % 10), f64::from(k / 10), 0.01 * f64::from(k % 3))).collect();
 /// let base = choose_base_shape(&points, &[], None)?;
 /// assert_eq!(base.shape, Shape::Sheet);
 /// # Ok::<(), planish_spline::Error>(())

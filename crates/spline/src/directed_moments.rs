@@ -72,6 +72,7 @@ impl DirectedMoments {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{DirectedSums, Hierarchy, Shape, SurfaceSystem};
 /// use std::sync::Arc;
 ///

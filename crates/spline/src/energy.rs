@@ -77,6 +77,7 @@ impl Surface {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::BaseShape;
     ///
     /// let sheet = BaseShape::plane(DVec3::ZERO, [DVec3::X, DVec3::Y], [2.0, 1.0]).surface([4,
@@ -99,6 +100,7 @@ impl Surface {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::BaseShape;
     ///
     /// // A sphere of radius r has the bending energy ∫ κ1² + κ2² dA = 8π for any r.

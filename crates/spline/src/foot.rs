@@ -62,10 +62,11 @@ impl Surface {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::{BaseShape, ProjectionOptions};
     ///
     /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([16, 8])?;
-    /// let foot = ball.project([3.0, 0.0, 0.0], [0.5, 4.5], &ProjectionOptions::default());
+    /// let foot = ball.project(3.0 * DVec3::X, [0.5, 4.5], &ProjectionOptions::default());
     /// assert!(foot.converged);
     /// assert!((foot.height - 1.0).abs() < 0.01); // 1 outside a radius of 2
     /// # Ok::<(), planish_spline::Error>(())
@@ -354,11 +355,12 @@ impl FootPointSearch {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::{BaseShape, FootPointSearch, ProjectionOptions};
     ///
     /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([16, 8])?;
     /// let search = FootPointSearch::new(&ball, 2, 0.0)?;
-    /// let point = [0.0, -2.5, 0.1];
+    /// let point = DVec3::new(0.0, -2.5, 0.1);
     /// let foot = ball.project(point, search.nearest(point, DVec3::ZERO), &ProjectionOptions::default());
     /// assert!(foot.converged && (foot.height - 0.5).abs() < 0.01);
     /// # Ok::<(), planish_spline::Error>(())

@@ -162,6 +162,7 @@ impl Surface {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::BaseShape;
     ///
     /// let ball = BaseShape::sphere(DVec3::ZERO, 2.0, DVec3::Z).surface([32, 16])?;

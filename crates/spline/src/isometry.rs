@@ -76,11 +76,12 @@ impl Metric {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::{Hierarchy, Metric, Shape, fit_function};
     ///
     /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
-    /// let flat = fit_function(&space, |u, v| [u, v, 0.0])?;
-    /// let stretched = fit_function(&space, |u, v| [1.01 * u, v, 0.0])?;
+    /// let flat = fit_function(&space, |u, v| DVec3::new(u, v, 0.0))?;
+    /// let stretched = fit_function(&space, |u, v| DVec3::new(1.01 * u, v, 0.0))?;
     /// let changes = Metric::new(&flat).changes(&stretched)?;
     /// assert!((changes[0].mean[0] - (1.01 * 1.01 - 1.0)).abs() < 1e-9); // δE/E
     /// assert!(changes[0].largest[2] < 1e-9); // δG/G

@@ -8,18 +8,19 @@
 //! # Example
 //! Fit noise-free heights of a paraboloid with a weak smoothness prior, and evaluate the surface:
 //! ```
+//! use planish_core::DVec3;
 //! use planish_spline::{Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};
 //! use std::sync::Arc;
 //!
 //! let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4])?);
-//! let flat = space.node_anchors().iter().map(|a| [a[0], a[1], 0.0]).collect();
+//! let flat = space.node_anchors().iter().map(|a| DVec3::new(a[0], a[1], 0.0)).collect();
 //! let plane = Surface::new(space.clone(), flat)?;
 //!
 //! let system = SurfaceSystem::new(&space)?;
 //! let mut information = system.accumulate(|leaf, cell| {
 //!     for (s, t) in [(0.2, 0.2), (0.2, 0.8), (0.8, 0.2), (0.8, 0.8)] {
 //!         let [u, v] = space.parameters(leaf, [s, t]);
-//!         let point = [u, v, 0.1 * (u * u + v * v)];
+//!         let point = DVec3::new(u, v, 0.1 * (u * u + v * v));
 //!         cell.add_vector(&leaf_weights(s, t), point, &[1e6, 0.0, 0.0, 1e6, 0.0, 1e6]);
 //!     }
 //!     true

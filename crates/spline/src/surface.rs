@@ -169,6 +169,7 @@ impl Surface {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::BaseShape;
     ///
     /// let coarse = BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z).surface([8, 4])?;

@@ -116,6 +116,7 @@ impl SurfaceSystem {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::{Hierarchy, Shape, SurfaceSystem, leaf_weights};
     /// use std::sync::Arc;
     ///

@@ -62,13 +62,14 @@ impl Surface {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::{Hierarchy, Shape, fit_function};
     ///
     /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
-    /// let plane = fit_function(&space, |u, v| [u, v, 0.0])?;
+    /// let plane = fit_function(&space, |u, v| DVec3::new(u, v, 0.0))?;
     /// let rows = plane.tangent_rows(5, [0.5, 0.5]).expect("a tangent plane");
     /// // A measured normal that leans by 0.01 rad towards u.
-    /// let [along_u, along_v] = rows.tilt([0.01, 0.0, 1.0]);
+    /// let [along_u, along_v] = rows.tilt(DVec3::new(0.01, 0.0, 1.0));
     /// assert!((along_u - 0.01).abs() < 1e-12 && along_v.abs() < 1e-12);
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
@@ -160,6 +161,7 @@ impl TangentRows {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::curvature_tensor;
 ///
 /// // A cylinder of radius 2 along z, at its point on the x axis: curved around y only.

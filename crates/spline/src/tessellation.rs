@@ -83,6 +83,7 @@ pub struct Tessellation {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{BaseShape, TessellationOptions, tessellate};
 /// let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8])?;
 /// let mesh = tessellate(&ball, &TessellationOptions { tolerance: 0.01, ..Default::default() })?;
@@ -154,6 +155,7 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{BaseShape, TessellationOptions, min_triangles};
 ///
 /// let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8])?;

@@ -138,8 +138,9 @@ impl TriangleMesh {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_mesh::TriangleMesh;
-    /// let positions = (0..6).map(|i| [f64::from(i), f64::from(i * i), 0.0]).collect();
+    /// let positions = (0..6).map(|i| DVec3::new(f64::from(i), f64::from(i * i), 0.0)).collect();
     /// let mesh = TriangleMesh::try_new(positions, vec![[0, 1, 2], [3, 4, 5], [5, 4, 3]])?;
     /// assert_eq!(mesh.parts(), [1, 0, 0]);
     /// # Ok::<(), planish_estimate::Error>(())

@@ -27,10 +27,11 @@ const AFFINE: usize = 4;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use nalgebra::DVector;
 /// use planish_shell::{Deformation, Dirichlet, displacements};
-/// let controls = [DVec3::ZERO, [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [2.0, 2.0, 2.0]];
-/// let vertices = [[0.5, 0.5, 0.5], [2.0, 0.0, 0.0], [9.0, 9.0, 9.0]];
+/// let controls = [DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y, 2.0 * DVec3::Z, DVec3::splat(2.0)];
+/// let vertices = [DVec3::splat(0.5), 2.0 * DVec3::X, DVec3::splat(9.0)];
 /// let made = Dirichlet::new(&controls, &vertices)?;
 /// // A translation of all controls translates all vertices, inside and outside of the controls.
 /// let q = DVector::from_fn(made.parameters(), |k, _| if k % 3 == 0 { 1.0 } else { 0.0 });

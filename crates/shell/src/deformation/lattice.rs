@@ -25,9 +25,10 @@ pub enum LatticeBasis {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use nalgebra::DVector;
 /// use planish_shell::{Deformation, Lattice, LatticeBasis, displacements};
-/// let vertices = [DVec3::ZERO, [1.0, 2.0, 3.0]];
+/// let vertices = [DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0)];
 /// let lattice = Lattice::new(&vertices, [2, 2, 2], LatticeBasis::Bernstein)?;
 /// let q = DVector::from_element(lattice.parameters(), 0.5);
 /// assert!(displacements(&lattice, &q).iter().flatten().all(|d| (d - 0.5).abs() < 1e-12));

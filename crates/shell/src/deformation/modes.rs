@@ -19,8 +19,9 @@ const ROUNDING: f64 = 1e-7;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_shell::{Deformation, Modes};
-/// let family: Vec<Vec<DVec3>> = DVec3::new(-1.0, 0.0, 1.0).iter().map(|z| vec![[0.0, 0.0, *z]; 4]).collect();
+/// let family: Vec<Vec<DVec3>> = [-1.0, 0.0, 1.0].iter().map(|z| vec![*z * DVec3::Z; 4]).collect();
 /// let modes = Modes::from_meshes(&family, 5)?;
 /// assert_eq!(modes.parameters(), 1);
 /// assert_eq!(modes.mean()[0], DVec3::ZERO);

@@ -42,10 +42,11 @@ impl EdgeCurve {
     /// The point at a parameter.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::brep::EdgeCurve;
     ///
-    /// let circle = EdgeCurve::Ellipse { center: DVec3::X, a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] };
-    /// assert_eq!(circle.point(0.0), [3.0, 0.0, 0.0]);
+    /// let circle = EdgeCurve::Ellipse { center: DVec3::X, a: 2.0 * DVec3::X, b: 2.0 * DVec3::Y };
+    /// assert_eq!(circle.point(0.0), 3.0 * DVec3::X);
     /// ```
     #[must_use]
     pub fn point(&self, t: f64) -> DVec3 {
@@ -184,12 +185,13 @@ impl FaceSurface {
     /// π], on a torus.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::brep::FaceSurface;
     ///
     /// let (axis, x) = (DVec3::Z, DVec3::X);
     /// let cylinder = FaceSurface::Cylinder { origin: DVec3::ZERO, axis, x, radius: 2.0 };
-    /// assert_eq!(cylinder.parameters([2.0, 0.0, 5.0]), [0.0, 5.0]);
-    /// assert_eq!(cylinder.point([0.0, 5.0]), [2.0, 0.0, 5.0]);
+    /// assert_eq!(cylinder.parameters(DVec3::new(2.0, 0.0, 5.0)), [0.0, 5.0]);
+    /// assert_eq!(cylinder.point([0.0, 5.0]), DVec3::new(2.0, 0.0, 5.0));
     /// ```
     #[must_use]
     pub fn parameters(&self, p: DVec3) -> [f64; 2] {
@@ -268,11 +270,12 @@ impl FaceSurface {
     /// Signed distance of a point, positive on the side of the normal.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::brep::FaceSurface;
     ///
     /// let (axis, x) = (DVec3::Z, DVec3::X);
     /// let torus = FaceSurface::Torus { center: DVec3::ZERO, axis, x, major: 5.0, minor: 1.0 };
-    /// assert_eq!(torus.distance([5.0, 0.0, 3.0]), 2.0);
+    /// assert_eq!(torus.distance(DVec3::new(5.0, 0.0, 3.0)), 2.0);
     /// ```
     #[must_use]
     pub fn distance(&self, p: DVec3) -> f64 {

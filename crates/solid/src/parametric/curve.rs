@@ -63,10 +63,11 @@ impl ParametricCurve {
     /// The point and the derivative at a parameter. A closed spline continues periodically beyond its ends.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::ParametricCurve;
     ///
-    /// let line = ParametricCurve::Line { origin: DVec3::X, along: [0.0, 2.0, 0.0] };
-    /// assert_eq!(line.at(1.5), ([1.0, 3.0, 0.0], [0.0, 2.0, 0.0]));
+    /// let line = ParametricCurve::Line { origin: DVec3::X, along: 2.0 * DVec3::Y };
+    /// assert_eq!(line.at(1.5), (DVec3::new(1.0, 3.0, 0.0), 2.0 * DVec3::Y));
     /// ```
     #[must_use]
     pub fn at(&self, t: f64) -> (DVec3, DVec3) {
@@ -103,10 +104,11 @@ impl ParametricCurve {
     /// On conics, it is exact only for points of the curve: it follows from the coordinates along the axes.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::ParametricCurve;
     ///
-    /// let line = ParametricCurve::Line { origin: DVec3::X, along: [0.0, 2.0, 0.0] };
-    /// assert_eq!(line.parameter([7.0, 3.0, 0.0], None), 1.5);
+    /// let line = ParametricCurve::Line { origin: DVec3::X, along: 2.0 * DVec3::Y };
+    /// assert_eq!(line.parameter(DVec3::new(7.0, 3.0, 0.0), None), 1.5);
     /// ```
     #[must_use]
     pub fn parameter(&self, p: DVec3, guess: Option<f64>) -> f64 {
@@ -268,6 +270,7 @@ impl ParametricCurve {
     /// Its length is at most the maximum side.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::{Fineness, ParametricCurve};
     ///
     /// let line = ParametricCurve::Line { origin: DVec3::ZERO, along: DVec3::X };

@@ -141,6 +141,7 @@ impl ParametricShape {
     /// Triangulates every face that can be filled. Other faces are listed with the reason.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::brep::FaceSurface;
     /// use planish_solid::parametric::{
     ///     Fineness, ParametricCurve, ParametricEdge, ParametricFace, ParametricShape, ParametricSurface,

@@ -167,6 +167,7 @@ impl SplineCurve {
     /// rational.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::SplineCurve;
     ///
     /// // A quarter of the unit circle.
@@ -198,9 +199,10 @@ impl SplineCurve {
     /// A polygon through points, with one side for each unit of the parameter.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::SplineCurve;
     ///
-    /// let line = SplineCurve::polyline(&[DVec3::ZERO, DVec3::X, [1.0, 2.0, 0.0]])?;
+    /// let line = SplineCurve::polyline(&[DVec3::ZERO, DVec3::X, DVec3::new(1.0, 2.0, 0.0)])?;
     /// assert_eq!(line.at(1.5).0, DVec3::new(1.0, 1.0, 0.0));
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
@@ -270,13 +272,14 @@ impl SplineSurface {
     /// is rational.
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::SplineSurface;
     ///
     /// // A bilinear patch over the unit square.
     /// let poles = [DVec3::ZERO, DVec3::Y, DVec3::X, DVec3::new(1.0, 1.0, 1.0)];
     /// let knots = vec![0.0, 0.0, 1.0, 1.0];
     /// let patch = SplineSurface::try_new([1, 1], [knots.clone(), knots], &poles, None)?;
-    /// assert_eq!(patch.at([0.5, 0.5]).0, [0.5, 0.5, 0.25]);
+    /// assert_eq!(patch.at([0.5, 0.5]).0, DVec3::new(0.5, 0.5, 0.25));
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
     ///

@@ -76,11 +76,12 @@ impl ParametricSurface {
     /// The point at parameters (u, v).
     ///
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_solid::parametric::{ParametricCurve, ParametricSurface};
     ///
     /// let curve = ParametricCurve::Line { origin: DVec3::ZERO, along: DVec3::X };
-    /// let plane = ParametricSurface::Extrusion { curve, along: [0.0, 0.0, 2.0] };
-    /// assert_eq!(plane.point([3.0, 0.5]), [3.0, 0.0, 1.0]);
+    /// let plane = ParametricSurface::Extrusion { curve, along: 2.0 * DVec3::Z };
+    /// assert_eq!(plane.point([3.0, 0.5]), DVec3::new(3.0, 0.0, 1.0));
     /// ```
     #[must_use]
     pub fn point(&self, [u, v]: [f64; 2]) -> DVec3 {

@@ -29,12 +29,13 @@ const CELLS_AT_ONCE: usize = 64;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{Hierarchy, PositionSums, Shape, SurfaceSystem};
 /// use std::sync::Arc;
 ///
 /// let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4])?);
 /// let mut sums = PositionSums::new(&space);
-/// sums.add(&[[0.5, 0.5], [3.2, 1.0]], &[[0.5, 0.5, 1.0], [3.2, 1.0, 1.1]], None)?;
+/// sums.add(&[[0.5, 0.5], [3.2, 1.0]], &[DVec3::new(0.5, 0.5, 1.0), DVec3::new(3.2, 1.0, 1.1)], None)?;
 /// assert_eq!(sums.count(), 2);
 /// let information = sums.information(&SurfaceSystem::new(&space)?)?;
 /// // Weights sum to one, so each reading adds one.

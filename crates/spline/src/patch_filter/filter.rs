@@ -62,6 +62,7 @@ pub(super) struct Member {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{
 ///     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading,
 ///     parameter_plane,
@@ -73,7 +74,7 @@ pub(super) struct Member {
 /// let options = PatchFilterOptions { layout: StateLayout::Height, ..PatchFilterOptions::default() };
 /// let mut filter = PatchFilter::new(&plane, &plane, prior, options)?;
 /// let before = filter.variance_along(2.0, 2.0, DVec3::Z);
-/// let (parameters, point) = ([2.0, 2.0], [2.0, 2.0, 0.3]);
+/// let (parameters, point) = ([2.0, 2.0], DVec3::new(2.0, 2.0, 0.3));
 /// filter.observe(&SurfaceReading::Position { parameters, point, variance: 1e-4 })?;
 /// assert!((filter.surface()?.point(2.0, 2.0)[2] - 0.3).abs() < 0.01);
 /// assert!(filter.variance_along(2.0, 2.0, DVec3::Z) < 1e-3 * before);

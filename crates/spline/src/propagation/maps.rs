@@ -90,11 +90,12 @@ impl Symmetry {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::Symmetry;
     ///
     /// let mirror = Symmetry::Mirror { point: DVec3::X, normal: DVec3::X };
-    /// let (point, normal) = mirror.image(None, [3.0, 2.0, 0.0], [0.6, 0.8, 0.0]);
-    /// assert_eq!(point, [-1.0, 2.0, 0.0]);
+    /// let (point, normal) = mirror.image(None, DVec3::new(3.0, 2.0, 0.0), DVec3::new(0.6, 0.8, 0.0));
+    /// assert_eq!(point, DVec3::new(-1.0, 2.0, 0.0));
     /// assert!((normal[0] + 0.6).abs() < 1e-15);
     /// ```
     #[must_use]

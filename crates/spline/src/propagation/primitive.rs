@@ -250,17 +250,18 @@ impl FittedPrimitive {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{Primitive, classify};
 ///
 /// // A ring of readings around a hole in a plane.
 /// let points: Vec<DVec3> = (0..60)
 ///     .map(|k| (f64::from(k) * 0.1 * std::f64::consts::PI, 1.0 + 0.1 * f64::from(k % 5)))
-///     .map(|(angle, radius)| [radius * angle.cos(), radius * angle.sin(), 0.0])
+///     .map(|(angle, radius)| DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.0))
 ///     .collect();
 /// let normals = vec![DVec3::Z; points.len()];
 /// let found = classify(&points, &normals, &vec![1e-4; points.len()]).expect("a simple shape");
 /// assert!(matches!(found.best().primitive, Primitive::Plane { .. }));
-/// let prediction = found.predict([0.0, 0.0, 0.1], DVec3::Z);
+/// let prediction = found.predict(0.1 * DVec3::Z, DVec3::Z);
 /// assert!(prediction.point[2].abs() < 1e-6);
 /// ```
 #[must_use]
