@@ -14,8 +14,7 @@ use super::scans::{
 };
 use super::truth::Truth;
 use super::virtual_sensor::{VirtualScan, VirtualScanner};
-use planish_core::{Progress, Silent};
-use planish_estimate::vector3::unit;
+use planish_core::{DVec3, Progress, Silent};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::SensorKind;
@@ -42,7 +41,7 @@ const BULGE: [f64; 2] = [-0.15, 0.08];
 /// Standard width of the bulge, relative to the length.
 const BULGE_WIDTH: f64 = 0.12;
 /// Direction from the sheet to the laser.
-const FROM: [f64; 3] = [0.25, -0.15, 1.0];
+const FROM: DVec3 = DVec3::new(0.25, -0.15, 1.0);
 
 /// Settings of the scene `bending`.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,7 +143,7 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     let options = bending.as_scans()?;
     let size = options.size();
     let noise = options.laser();
-    let from = unit(FROM).ok_or_else(|| Error::input("the direction of view is undefined"))?;
+    let from = FROM.try_normalize().ok_or_else(|| Error::input("the direction of view is undefined"))?;
     let last = bending.states - 1;
     let states: Vec<Truth> = (0..=last).map(|k| bending.state(size, k as f64 / last as f64)).collect();
     let mut scene = ScanScene {

@@ -15,7 +15,7 @@
 
 use super::truth::positive;
 use nalgebra::{Matrix3, Vector3};
-use planish_estimate::vector3::{add_scaled, distance, scale, sub, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, write_mesh};
 use planish_exchange::picture::write_grey_png;
@@ -39,7 +39,7 @@ const MASK_SAMPLES: usize = 3;
 /// Distance of the camera from the middle of the object, in millimetres; the object is 100 mm high.
 const DISTANCE_MM: f64 = 400.0;
 /// Start angle, extent and elevation of each motion, in degrees.
-const MOTIONS: [[f64; 3]; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
+const MOTIONS: [DVec3; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
 /// Steps of height at which a contour is computed, before one point per pixel is selected.
 ///
 /// They are much finer than a pixel, so that selected points are a pixel apart along a slanted contour, too.
@@ -93,7 +93,7 @@ impl ContoursShape {
     }
 
     /// The point at a height and an angle about the axis.
-    fn at(self, z: f64, angle: f64) -> [f64; 3] {
+    fn at(self, z: f64, angle: f64) -> DVec3 {
         let [r, _] = self.profile(z);
         [r * angle.cos(), r * angle.sin(), z]
     }
@@ -146,7 +146,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     let mut made = ContoursSummary { places: 0, views: Vec::new(), files: Vec::new() };
     let path = folder.join("truth.ply");
     let truth = surface_of_revolution(shape, 200, 360);
-    let positions: Vec<[f64; 3]> = truth.positions.iter().map(|p| scale(size, *p)).collect();
+    let positions: Vec<DVec3> = truth.positions.iter().map(|p| size * *p).collect();
     write_mesh(
         &path,
         &MeshColumns {
@@ -185,7 +185,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
             write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
             made.files.push(path);
             // `{:?}` writes the shortest number that reads back exactly: cameras have no error of their own.
-            let rows = |m: &[[f64; 3]; 3]| {
+            let rows = |m: &[DVec3; 3]| {
                 let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
                 format!("[{}, {}, {}]", row(0), row(1), row(2))
             };
@@ -228,14 +228,14 @@ fn camera(angle: f64, height: f64) -> Result<Camera> {
         DISTANCE_MM * height.cos() * angle.sin(),
         DISTANCE_MM * height.sin(),
     ];
-    let forward = Vector3::from(unit(scale(-1.0, from)).unwrap_or([1.0, 0.0, 0.0]));
+    let forward = Vector3::from((-from).try_normalize().unwrap_or(DVec3::X));
     let right = forward.cross(&Vector3::z()).normalize();
     let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
     // The height of the object fills three quarters of the image.
     let focal = 0.75 * SIZE[1] as f64 * DISTANCE_MM / (2.0 * HALF);
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
-        [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
+        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z],
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
         (-(r * Vector3::from(from))).into(),
     )
@@ -289,9 +289,9 @@ fn visible_contours(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>>
 /// True if a line of sight that touches the object at `at` passes through it elsewhere.
 ///
 /// For this test the object is closed at the top and bottom.
-fn is_hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
-    let way = sub(at, from);
-    let far = distance(at, from);
+fn is_hidden(shape: ContoursShape, from: DVec3, at: DVec3) -> bool {
+    let way = at - from;
+    let far = at.distance(from);
     let reach = 3.0 * HALF / far;
     // Only the part of the line within the cylinder around the object is searched. It starts and ends where
     // |from + t·way|² = w² across the axis.
@@ -302,7 +302,7 @@ fn is_hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
     let step = |t: f64| (((t - 1.0) / reach + 1.0) * 0.5 * STEPS as f64).clamp(0.0, STEPS as f64) as usize;
     (step((-b - root) / a)..=(step((root - b) / a) + 1).min(STEPS)).any(|k| {
         let t = 1.0 + reach * (2.0 * k as f64 / STEPS as f64 - 1.0);
-        let p = add_scaled(from, t, way);
+        let p = from + t * way;
         let inside = p[2].abs() < HALF && p[0].hypot(p[1]) < shape.profile(p[2])[0] - 1e-3;
         // Near the contour the line leaves the surface only in second order, and the tolerance of `inside`
         // cannot decide. Points within 0.5 mm of the contour do not count.

@@ -6,7 +6,7 @@
 //! itself.
 
 use super::second_order::SecondOrder;
-use planish_estimate::vector3::{add_scaled, scale, tangents};
+use planish_core::{DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
 use planish_spline::{Jet, Shape};
 use rand::{RngExt, SeedableRng};
@@ -36,7 +36,7 @@ pub struct SheetForm {
     /// Sides along x and y.
     pub sides: [f64; 2],
     /// Coefficients of `x²`, `xy` and `y²`.
-    pub quadratic: [f64; 3],
+    pub quadratic: DVec3,
     /// Bumps with centre `c`, width `w` and height `h`.
     pub bumps: Vec<SheetBump>,
 }
@@ -114,7 +114,7 @@ pub struct TubeWave {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BallForm {
     /// Semi-axes along x, y and z.
-    pub semi_axes: [f64; 3],
+    pub semi_axes: DVec3,
     /// Bumps and dents.
     pub bumps: Vec<BallBump>,
 }
@@ -123,7 +123,7 @@ pub struct BallForm {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct BallBump {
     /// Unit direction `c` of the centre.
-    pub direction: [f64; 3],
+    pub direction: DVec3,
     /// Sharpness `κ`: the standard width is `1/√κ` radians.
     pub sharpness: f64,
     /// Amplitude `a`, relative to the radius; negative for a dent.
@@ -160,7 +160,7 @@ impl ClosedForm {
                 let sides = [size, 0.8 * size];
                 // Radii of curvature of about one to three lengths. Bumps have widths from a quarter down to
                 // a twelfth of the sheet, so that fits have to refine more in some places than in others.
-                let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
+                let mut quadratic = DVec3::ZERO.map(|_| between(-0.35, 0.35) / size);
                 quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
                 let bumps = (0..9)
                     .map(|k| {
@@ -292,21 +292,21 @@ impl ClosedForm {
                     return [u, v];
                 }
                 // The exact exponential map: a step over a pole continues on the other side.
-                let along = add_scaled(scale(s / angle, e1), t / angle, e2);
-                parameters(add_scaled(scale(angle.cos(), d), angle.sin(), along))
+                let along = s / angle * e1 + t / angle * e2;
+                parameters(angle.cos() * d + angle.sin() * along)
             }
         }
     }
 }
 
 /// The unit vector at parameters `(u, v)` of a ball: longitude `2πu`, angle `πv` from −z.
-fn direction(u: f64, v: f64) -> [f64; 3] {
+fn direction(u: f64, v: f64) -> DVec3 {
     let ((s, c), (sin, cos)) = ((PI * v).sin_cos(), (TAU * u).sin_cos());
     [s * cos, s * sin, -c]
 }
 
 /// The parameters `(u, v)` of a ball in a direction, which need not be a unit vector.
-pub(super) fn parameters(d: [f64; 3]) -> [f64; 2] {
+pub(super) fn parameters(d: DVec3) -> [f64; 2] {
     [d[1].atan2(d[0]).rem_euclid(TAU) / TAU, d[0].hypot(d[1]).atan2(-d[2]) / PI]
 }
 
@@ -317,7 +317,7 @@ impl SheetForm {
         let mut z = x * x * xx + x * y * xy + y * y * yy;
         for bump in &self.bumps {
             let (dx, dy) = (x - bump.centre[0], y - bump.centre[1]);
-            z = z + ((dx * dx + dy * dy) * (-0.5 / (bump.width * bump.width))).exp() * bump.height;
+            z += ((dx * dx + dy * dy) * (-0.5 / (bump.width * bump.width))).exp() * bump.height;
         }
         SecondOrder::jet([x, y, z])
     }
@@ -341,8 +341,8 @@ impl BentForm {
             let sin_slope = s.compose([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
             let bend = k * k * (2.0 * (k * arc).powi(2) - 1.0) / r.powi(5);
             let cos_slope = s.compose([1.0 / r, -k * k * arc / r.powi(3), bend]);
-            along = along + sin_slope * height * -1.0;
-            up = up + cos_slope * height;
+            along += sin_slope * height * -1.0;
+            up += cos_slope * height;
         }
         SecondOrder::jet([along * cos + t * -sin, along * sin + t * cos, up])
     }
@@ -354,7 +354,7 @@ impl TubeForm {
         let mut r = SecondOrder::constant(1.0);
         for wave in &self.waves {
             let around = (theta * wave.around + wave.phases_rad[0]).cos();
-            r = r + around * (v * (PI * wave.along) + wave.phases_rad[1]).cos() * wave.amplitude;
+            r += around * (v * (PI * wave.along) + wave.phases_rad[1]).cos() * wave.amplitude;
         }
         r = r * self.radius;
         let phi = (v - 0.5) * self.turn_rad;
@@ -372,9 +372,9 @@ impl BallForm {
     fn jet(&self, d: [SecondOrder; 3]) -> Jet {
         let mut radius = SecondOrder::constant(1.0);
         for bump in &self.bumps {
-            let [a, b, c] = [0, 1, 2].map(|k| d[k] * bump.direction[k]);
-            radius = radius + (((a + b + c) - 1.0) * bump.sharpness).exp() * bump.amplitude;
+            let [a, b, c] = d * bump.direction;
+            radius += (((a + b + c) - 1.0) * bump.sharpness).exp() * bump.amplitude;
         }
-        SecondOrder::jet([0, 1, 2].map(|k| radius * d[k] * self.semi_axes[k]))
+        SecondOrder::jet(radius * d * self.semi_axes)
     }
 }

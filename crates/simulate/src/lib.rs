@@ -39,13 +39,14 @@
 //! Or measure a surface of your own with a single sensor:
 //!
 //! ```
+//! use planish_core::DVec3;
 //! use planish_sense::{Noise, Pose};
 //! use planish_simulate::{Optics, Truth, VirtualScanner};
 //! use planish_spline::Shape;
 //! # fn main() -> planish_estimate::Result<()> {
 //! let truth = Truth::freeform(Shape::Sheet, 100.0, 7)?;
 //! // The scanner looks along −z, from 300 above the sheet.
-//! let pose = Pose { translation: [0.0, 0.0, 300.0], ..Pose::identity() };
+//! let pose = Pose { translation: DVec3::new(0.0, 0.0, 300.0), ..Pose::identity() };
 //! let noise = Noise::Isotropic { sigma: 0.05 };
 //! let scanner = VirtualScanner::new("top", pose, Optics::Parallel { half: [60.0; 2] }, [40, 40], noise);
 //! let measured = scanner.scan(&truth, 1)?;

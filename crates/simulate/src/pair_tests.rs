@@ -1,8 +1,7 @@
 //! Stereo matching of images from converging cameras, compared with a rectified pair of the same object.
 
 use super::render::{Exposure, Light, Texture};
-use planish_core::Pinhole;
-use planish_estimate::vector3::{cross, norm, sub, unit};
+use planish_core::{DVec3, Pinhole};
 use planish_mesh::{MeshSearch, icosphere};
 use planish_sense::{
     Image, LensCamera, Pose, Rectification, Scan, StereoCamera, StereoOptions, StereoPoints, StereoRig,
@@ -14,12 +13,12 @@ const FOCAL: f64 = 500.0;
 const RADIUS: f64 = 8.0;
 
 /// A camera at a position that looks along a direction, with y of the world downwards.
-fn camera(at: [f64; 3], along: [f64; 3]) -> Pinhole {
-    let z = unit(along).unwrap();
-    let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
-    let y = cross(z, x);
-    let world_from_camera = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: at };
-    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], [0.0, 0.0, 1.0]], &world_from_camera)
+fn camera(at: DVec3, along: DVec3) -> Pinhole {
+    let z = along.try_normalize().unwrap();
+    let x = DVec3::Y.cross(z).try_normalize().unwrap();
+    let y = z.cross(x);
+    let world_from_camera = Pose { rotation: [x, y, z], translation: at };
+    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], DVec3::Z], &world_from_camera)
 }
 
 fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {
@@ -37,8 +36,8 @@ fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {
 
 /// Number of points in the middle of the ball, and their median distance from its surface.
 fn count_and_median(scan: &Scan) -> (usize, f64) {
-    let central = scan.points.iter().filter(|p| norm([p[0], p[1], 0.0]) < 0.7 * RADIUS);
-    let mut off: Vec<f64> = central.map(|p| (norm(*p) - RADIUS).abs()).collect();
+    let central = scan.points.iter().filter(|p| DVec3::new(p[0], p[1], 0.0).length() < 0.7 * RADIUS);
+    let mut off: Vec<f64> = central.map(|p| (p.length() - RADIUS).abs()).collect();
     off.sort_by(f64::total_cmp);
     (off.len(), off[off.len() / 2])
 }
@@ -52,7 +51,7 @@ fn converging_cameras_are_as_accurate_as_a_rectified_pair() {
     let matched =
         |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();
 
-    let level = places.map(|at| camera(at, [0.0, 0.0, 1.0]));
+    let level = places.map(|at| camera(at, DVec3::Z));
     let images = [picture(&ball, &level[0], 1), picture(&ball, &level[1], 2)];
     let rectified =
         StereoCamera { focal: FOCAL, center: [119.5, 89.5], baseline: 6.0, doffs: 0.0, sigma_disparity: 0.0 };
@@ -64,7 +63,7 @@ fn converging_cameras_are_as_accurate_as_a_rectified_pair() {
 
     // Both cameras look at the middle of the ball, the second from a slightly higher position.
     let places = [[-3.0, 0.0, -50.0], [3.0, -1.0, -50.0]];
-    let cameras = places.map(|at| camera(at, sub([0.0; 3], at)));
+    let cameras = places.map(|at| camera(at, DVec3::ZERO - at));
     let images = [picture(&ball, &cameras[0], 1), picture(&ball, &cameras[1], 2)];
     let rig = StereoRig {
         cameras: cameras.map(|pinhole| LensCamera { pinhole, distortion: [0.0; 5] }),

@@ -15,8 +15,7 @@
 use super::render::{Exposure, Light, Texture};
 use super::truth::{Truth, positive};
 use planish_core::Pinhole;
-use planish_core::{Progress, ProgressPart, WRITING_STAGE};
-use planish_estimate::vector3::{add_scaled, cross, scale, unit};
+use planish_core::{DVec3, Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_exchange::picture::write_grey_png;
@@ -180,7 +179,7 @@ pub struct PictureTruth {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ViewPose {
     /// Position of the camera.
-    pub translation: [f64; 3],
+    pub translation: DVec3,
     /// Rotation as a quaternion.
     pub quaternion_xyzw: [f64; 4],
 }
@@ -201,10 +200,10 @@ struct Stage {
     object: String,
     unit: Unit,
     diagonal: f64,
-    middle: [f64; 3],
+    middle: DVec3,
     /// Distance of the cameras from the middle.
     far: f64,
-    up: [f64; 3],
+    up: DVec3,
     focal: f64,
     poses: Vec<Pose>,
     options: PictureSceneOptions,
@@ -337,7 +336,7 @@ impl Stage {
         let bounds = mesh.bounding_box().ok_or_else(|| Error::undetermined("the mesh has no vertices"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
         let far = DISTANCE * diagonal;
-        let mut up = [0.0; 3];
+        let mut up = DVec3::ZERO;
         up[options.up] = 1.0;
         let poses = (0..options.views)
             .map(|view| {
@@ -378,7 +377,7 @@ impl Stage {
 
     /// A camera at a pose whose principal point has the column `cx`.
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
-        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], [0.0, 0.0, 1.0]], pose)
+        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], DVec3::Z], pose)
     }
 
     fn baseline(&self) -> f64 {
@@ -436,7 +435,7 @@ impl Stage {
                 pattern: self.pattern(),
                 sigma_px: STRIPE_SIGMA_PX,
             },
-            _ => Light::Lamp(add_scaled(left.center(), 0.3 * self.far, self.up)),
+            _ => Light::Lamp(left.center() + 0.3 * self.far * self.up),
         };
         let exposure = Exposure {
             camera: &camera,
@@ -478,10 +477,8 @@ impl Stage {
                     camera_from_world.after(&world_from_projector).inverse()
                 });
                 let projector = projector.unwrap_or_default();
-                let k = format!(
-                    "[[{:?}, 0.0, {cx:?}], [0.0, {:?}, {cy:?}], [0.0, 0.0, 1.0]]",
-                    self.focal, self.focal
-                );
+                let k =
+                    format!("[[{:?}, 0.0, {cx:?}], [0.0, {:?}, {cy:?}], DVec3::Z]", self.focal, self.focal);
                 write!(
                     text,
                     "sigma_px = 0.01\n\n[camera]\nK = {k}\n\n[projector]\nK = {k}\nR = {:?}\nt = \
@@ -513,7 +510,7 @@ impl Stage {
             let _ = write!(
                 text,
                 "\n[[scan]]\nsensor = \"{name}\"\nfile = \"{name}-{}.ply\"\npose = {{ translation = {:?}, \
-                 quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
+                 quaternion_xyzw = {:?} }}\nviewpoint = DVec3::ZERO\n",
                 view + 1,
                 pose.translation,
                 pose.quaternion_xyzw()
@@ -542,18 +539,20 @@ impl Stage {
 }
 
 /// Pose of a camera on a ring around the vertical axis that looks at `middle`: x right, y down, z forward.
-fn pose_on_ring(middle: [f64; 3], far: f64, up: [f64; 3], turn: f64, elevation_deg: f64) -> Result<Pose> {
+fn pose_on_ring(middle: DVec3, far: f64, up: DVec3, turn: f64, elevation_deg: f64) -> Result<Pose> {
     let across = [up[1], up[2], up[0]];
-    let third = cross(up, across);
+    let third = up.cross(across);
     let (sin, cos) = elevation_deg.to_radians().sin_cos();
-    let level = add_scaled(scale(turn.cos(), across), turn.sin(), third);
-    let towards = add_scaled(scale(cos, level), sin, up);
-    let position = add_scaled(middle, far, towards);
-    let z = scale(-1.0, towards);
-    let x =
-        unit(cross(z, up)).ok_or_else(|| Error::input("the camera must not look along the vertical axis"))?;
-    let y = cross(z, x);
-    let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: position };
+    let level = turn.cos() * across + turn.sin() * third;
+    let towards = cos * level + sin * up;
+    let position = middle + far * towards;
+    let z = -towards;
+    let x = z
+        .cross(up)
+        .try_normalize()
+        .ok_or_else(|| Error::input("the camera must not look along the vertical axis"))?;
+    let y = z.cross(x);
+    let exact = Pose { rotation: [x, y, z], translation: position };
     // The job states the pose as a quaternion. Its rounded value is used for rendering, too, so that images
     // and job agree exactly.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)

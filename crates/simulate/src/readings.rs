@@ -4,6 +4,7 @@
 
 use super::truth::positive;
 use planish_contour::planar::{ContourKind, ContourReading, ContourTarget, SensorOptions, ranges};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
@@ -28,7 +29,7 @@ pub struct ReadingsOptions {
     /// Share of readings that are outliers.
     pub outlier_share: f64,
     /// Velocity of the object, `[vx, vy, ω]` in lengths and radians per second.
-    pub velocity: [f64; 3],
+    pub velocity: DVec3,
     /// Seed of every error.
     pub seed: u64,
     /// Unit of every length.
@@ -79,6 +80,7 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_contour::planar::ContourKind;
 /// use planish_exchange::Unit;
 /// use planish_simulate::{ReadingsOptions, write_readings_scene};
@@ -90,7 +92,7 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
 ///     sweep: 1,
 ///     noise: 1.0,
 ///     outlier_share: 0.0,
-///     velocity: [0.0; 3],
+///     velocity: DVec3::ZERO,
 ///     seed: 1,
 ///     unit: Unit::Millimetre,
 /// };
@@ -149,7 +151,7 @@ pub(super) fn default_sensor(noise: f64, sweep: usize, millimetre: f64) -> Senso
         sigma_range_share: 0.01 * noise,
         sweep: sweep.max(1),
         outlier_share: 0.0,
-        velocity: [0.0; 3],
+        velocity: DVec3::ZERO,
         rate_hz: 100.0,
     }
 }

@@ -12,10 +12,9 @@
 //! # References
 //! - Perlin, *An image synthesizer*, 1985, for solid textures.
 
-use planish_core::Pinhole;
 use planish_core::random::{GOLDEN_GAMMA, mix64, signed_unit_interval};
+use planish_core::{DVec3, Pinhole};
 use planish_estimate::Result;
-use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_mesh::MeshSearch;
 use planish_sense::stripes::StripePattern;
 use rand::{RngExt, SeedableRng};
@@ -42,17 +41,17 @@ const SHADOW_TOLERANCE: f64 = 1e-4;
 /// A surface that rays can meet: a mesh or a closure.
 pub trait RaySurface: Sync {
     /// The point where a ray first meets the surface, and the unit normal there, with either sign.
-    fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])>;
+    fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)>;
 }
 
 impl RaySurface for MeshSearch {
-    fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+    fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)> {
         MeshSearch::first_hit(self, origin, direction).map(|hit| (hit.point, hit.normal))
     }
 }
 
-impl<F: Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync> RaySurface for F {
-    fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+impl<F: Fn(DVec3, DVec3) -> Option<(DVec3, DVec3)> + Sync> RaySurface for F {
+    fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<(DVec3, DVec3)> {
         self(origin, direction)
     }
 }
@@ -70,7 +69,7 @@ pub struct Texture {
 
 impl Texture {
     /// The albedo at a position: three octaves of noise, from spots of size `grain` to four times that.
-    fn albedo(&self, at: [f64; 3]) -> f64 {
+    fn albedo(&self, at: DVec3) -> f64 {
         let octave = |k: u32| {
             let size = self.grain * f64::from(1 << k);
             noise(at.map(|c| c / size), self.seed.wrapping_add(u64::from(k)))
@@ -82,7 +81,7 @@ impl Texture {
 }
 
 /// Smooth noise from −1 to 1: random numbers at integer positions, interpolated by `3t² − 2t³`.
-fn noise(at: [f64; 3], seed: u64) -> f64 {
+fn noise(at: DVec3, seed: u64) -> f64 {
     let base = at.map(f64::floor);
     let share: [f64; 3] = std::array::from_fn(|k| at[k] - base[k]);
     let blend = share.map(|t| t * t * (3.0 - 2.0 * t));
@@ -105,7 +104,7 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
 #[allow(clippy::large_enum_variant, reason = "one light per image")]
 pub enum Light {
     /// A lamp at a position, and ambient light.
-    Lamp([f64; 3]),
+    Lamp(DVec3),
     /// A projector of crossed stripes with a Gaussian profile, and weak ambient light.
     Stripes {
         /// Pose and intrinsics of the projector.
@@ -118,7 +117,7 @@ pub enum Light {
 }
 
 impl Light {
-    fn centre(&self) -> [f64; 3] {
+    fn centre(&self) -> DVec3 {
         match self {
             Self::Lamp(at) => *at,
             Self::Stripes { projector, .. } => projector.center(),
@@ -126,7 +125,7 @@ impl Light {
     }
 
     /// Brightness of the light towards a point, relative to its maximum.
-    fn towards(&self, point: [f64; 3]) -> f64 {
+    fn towards(&self, point: DVec3) -> f64 {
         let Self::Stripes { projector, pattern, sigma_px } = self else {
             return 1.0;
         };
@@ -177,6 +176,7 @@ impl Exposure<'_> {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_mesh::{MeshSearch, icosphere};
     /// use planish_sense::stripes::Pinhole;
     /// use planish_simulate::{Exposure, Light, Texture};
@@ -184,14 +184,14 @@ impl Exposure<'_> {
     /// let ball = MeshSearch::try_new(&icosphere(8.0, 3))?;
     /// // The camera is 50 in front of the ball and looks along +z.
     /// let camera = Pinhole {
-    ///     k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
-    ///     r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    ///     t: [0.0, 0.0, 50.0],
+    ///     k: [DVec3::new(100.0, 0.0, 20.0), DVec3::new(0.0, 100.0, 20.0), DVec3::Z],
+    ///     r: [DVec3::X, DVec3::Y, DVec3::Z],
+    ///     t: DVec3::new(0.0, 0.0, 50.0),
     /// };
     /// let exposure = Exposure {
     ///     camera: &camera,
     ///     size: [41, 41],
-    ///     light: &Light::Lamp([0.0, 0.0, -500.0]),
+    ///     light: &Light::Lamp(DVec3::new(0.0, 0.0, -500.0)),
     ///     texture: &Texture { contrast: 0.0, grain: 1.0, seed: 0 },
     ///     sigma_brightness: 0.0,
     ///     seed: 0,
@@ -236,8 +236,7 @@ impl Exposure<'_> {
             for i in 0..RAYS {
                 let direction = self.camera.direction([x as f64 + offset(i), y as f64 + offset(j)]);
                 if let Some((point, normal)) = direction.and_then(|d| target.first_hit(centre, d)) {
-                    let facing =
-                        if dot(normal, sub(centre, point)) < 0.0 { scale(-1.0, normal) } else { normal };
+                    let facing = if normal.dot(centre - point) < 0.0 { -normal } else { normal };
                     sum += self.texture.albedo(point) * self.irradiance(target, point, facing);
                 }
             }
@@ -246,18 +245,18 @@ impl Exposure<'_> {
     }
 
     /// Light that a surface point with this normal receives, from 0 to 1.
-    fn irradiance(&self, target: &impl RaySurface, point: [f64; 3], normal: [f64; 3]) -> f64 {
+    fn irradiance(&self, target: &impl RaySurface, point: DVec3, normal: DVec3) -> f64 {
         let from = self.light.centre();
         let ambient = self.light.ambient();
-        let way = sub(from, point);
-        let facing = unit(way).map_or(0.0, |d| dot(d, normal).max(0.0));
+        let way = from - point;
+        let facing = way.try_normalize().map_or(0.0, |d| d.dot(normal).max(0.0));
         let brightness = self.light.towards(point);
         if facing == 0.0 || brightness == 0.0 {
             return ambient;
         }
         // Cast from the light: from the point, a ray would first meet the facet that it starts on.
-        let seen = target.first_hit(from, scale(-1.0, way));
-        let reached = seen.is_some_and(|(hit, _)| distance(hit, point) <= SHADOW_TOLERANCE * norm(way));
+        let seen = target.first_hit(from, -way);
+        let reached = seen.is_some_and(|(hit, _)| hit.distance(point) <= SHADOW_TOLERANCE * way.length());
         ambient + if reached { (1.0 - ambient) * facing * brightness } else { 0.0 }
     }
 }
@@ -268,7 +267,7 @@ mod tests {
     use planish_mesh::{grid_sheet, icosphere};
 
     const CAMERA: Pinhole = Pinhole {
-        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
+        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], DVec3::Z],
         r: planish_core::matrix3::IDENTITY,
         t: [0.0, 0.0, 50.0],
     };
@@ -322,11 +321,11 @@ mod tests {
         let n = seen.iter().filter(|a| **a > 20).count() as f64;
         assert!(((squares / n).sqrt() / 4.0 - 1.0).abs() < 0.1);
         // A post in front of the wall, lit from the side, casts a shadow.
-        let post = |o: [f64; 3], d: [f64; 3]| {
+        let post = |o: DVec3, d: DVec3| {
             let at = |z: f64| std::array::from_fn(|k| o[k] + d[k] * (z - o[2]) / d[2]);
-            let near: [f64; 3] = at(-20.0);
+            let near: DVec3 = at(-20.0);
             let z = if near[0].abs() < 1.0 { -20.0 } else { 0.0 };
-            (d[2] != 0.0).then(|| (at(z), [0.0, 0.0, -1.0]))
+            (d[2] != 0.0).then(|| (at(z), DVec3::new(0.0, 0.0, -1.0)))
         };
         let seen = take(&post, &Light::Lamp([-9.0, 0.0, -50.0]), 0.0);
         let dark =

@@ -20,8 +20,8 @@ pub use files::{ScanFile, ScanSceneSummary, TruthSummary, write_scan_scene};
 use super::truth::{Truth, positive};
 use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
 use planish_core::random::GOLDEN_GAMMA;
-use planish_core::{Progress, ProgressPart, Silent, WRITING_STAGE};
-use planish_estimate::vector3::{add_scaled, cross, scale, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, Progress, ProgressPart, Silent, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet, Unit, make_folder};
 use planish_mesh::BoundingBox;
@@ -179,9 +179,9 @@ pub struct TrueMotion {
     /// Speed in degrees per second.
     pub rate_deg_per_s: f64,
     /// Unit direction of the axis.
-    pub axis: [f64; 3],
+    pub axis: DVec3,
     /// A point on the axis.
-    pub axis_point: [f64; 3],
+    pub axis_point: DVec3,
     /// Time of each scan, in seconds; the truth is the object at the first.
     pub times_s: Vec<f64>,
 }
@@ -334,7 +334,12 @@ fn view_pose(
         }
         Shape::Tube => [turn.cos(), turn.sin(), 0.1],
         // The corners of a tetrahedron: no direction is more than 70.5° from one of them.
-        _ if views <= 4 => [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]][view],
+        _ if views <= 4 => [
+            DVec3::new(1.0, 1.0, 1.0),
+            DVec3::new(1.0, -1.0, -1.0),
+            DVec3::new(-1.0, 1.0, -1.0),
+            DVec3::new(-1.0, -1.0, 1.0),
+        ][view],
         _ => {
             let z = 1.0 - (2 * view + 1) as f64 / views as f64;
             let ring = (1.0 - z * z).sqrt();
@@ -344,9 +349,9 @@ fn view_pose(
         }
     };
     let [x, y, roll] = [0; 3].map(|_| rng.random::<f64>() - 0.5);
-    let perturbed = unit(towards).and_then(|d| {
+    let perturbed = towards.try_normalize().and_then(|d| {
         let (e1, e2) = tangents(d);
-        unit(add_scaled(add_scaled(d, 0.1 * x, e1), 0.1 * y, e2))
+        (d + 0.1 * x * e1 + 0.1 * y * e2).try_normalize()
     });
     let z = perturbed.ok_or_else(|| Error::input("the direction of view is undefined"))?;
     looking_from(truth, z, TAU * roll, size)
@@ -355,14 +360,14 @@ fn view_pose(
 /// A pose four lengths from the middle of the object in direction `z`, rotated about it by `roll_rad`.
 ///
 /// A scanner looks along its −z axis, so `z` points from the object to the scanner.
-pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64) -> Result<Pose> {
+pub(super) fn looking_from(truth: &Truth, z: DVec3, roll_rad: f64, size: f64) -> Result<Pose> {
     let (e1, e2) = tangents(z);
     let (sin, cos) = roll_rad.sin_cos();
-    let x = add_scaled(scale(cos, e1), sin, e2);
-    let y = cross(z, x);
-    let rotation = [0, 1, 2].map(|k| [x[k], y[k], z[k]]);
-    let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
-    let position = add_scaled(middle, 4.0 * size, z);
+    let x = cos * e1 + sin * e2;
+    let y = z.cross(x);
+    let rotation = [x, y, z];
+    let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or(DVec3::ZERO, |b| b.center());
+    let position = middle + 4.0 * size * z;
     let exact = Pose { rotation, translation: position };
     // A job states the pose as a quaternion. Its rounded value is used here, too, so that a scene in memory
     // and one read from files agree exactly.

@@ -3,6 +3,7 @@
 //! Forward-mode automatic differentiation: a formula that is evaluated with these numbers has exact
 //! derivatives. Formulas of derivatives, written by hand, would repeat each form and could contradict it.
 
+use planish_core::DVec3;
 use planish_spline::Jet;
 use std::ops::{Add, Mul, Sub};
 
@@ -29,7 +30,7 @@ impl SecondOrder {
     }
 
     /// `g(self)`, given the value and the first two derivatives of `g` at `self.f`.
-    pub fn compose(self, [g, d, dd]: [f64; 3]) -> Self {
+    pub fn compose(self, [g, d, dd]: DVec3) -> Self {
         Self {
             f: g,
             u: d * self.u,

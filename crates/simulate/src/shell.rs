@@ -7,7 +7,7 @@
 
 use super::truth::positive;
 use nalgebra::{DVector, Matrix3, Vector3};
-use planish_estimate::vector3::{add, add_scaled, scale, sub, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{Column, MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::write_grey_png;
@@ -123,7 +123,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     // a fit could represent the deformation exactly, which no real object allows.
     let skipped = random.random_range(1..rest.positions.len().max(2));
     let controls = automatic_controls_skipping(&rest, options.controls, skipped)?.points;
-    let moved: Vec<[f64; 3]> =
+    let moved: Vec<DVec3> =
         (controls.iter()).map(|_| gaussian_vector(&mut random, options.deformation * size)).collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
     let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
@@ -133,15 +133,15 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     };
     let bounds = BoundingBox::from_points(&truth.positions).unwrap_or(bounds);
     let sigma = options.noise * size;
-    let points: Vec<[f64; 3]> = sample_points(&truth, options.points, || random.random())?
+    let points: Vec<DVec3> = sample_points(&truth, options.points, || random.random())?
         .into_iter()
         .map(|place| place.position)
         .collect();
     // All positions are drawn before all errors, so that another σ leaves the positions unchanged.
-    let points: Vec<[f64; 3]> = (points.into_iter())
+    let points: Vec<DVec3> = (points.into_iter())
         .map(|place| match random.random::<f64>() < options.outliers {
             true => std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])),
-            false => add(place, gaussian_vector(&mut random, sigma)),
+            false => place + gaussian_vector(&mut random, sigma),
         })
         .collect();
     make_folder(folder)?;
@@ -198,7 +198,7 @@ fn write_masks(
         let path = folder.join(&name);
         write_grey_png(&path, SIZE[0], SIZE[1], &mask(truth, &camera))?;
         files.push(path);
-        let rows = |m: &[[f64; 3]; 3]| {
+        let rows = |m: &[DVec3; 3]| {
             let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
             format!("[{}, {}, {}]", row(0), row(1), row(2))
         };
@@ -215,7 +215,7 @@ fn write_masks(
 }
 
 /// A Gaussian vector with this σ along each axis.
-fn gaussian_vector(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
+fn gaussian_vector(random: &mut ChaCha8Rng, sigma: f64) -> DVec3 {
     std::array::from_fn(|_| {
         let x: f64 = StandardNormal.sample(random);
         sigma * x
@@ -228,18 +228,18 @@ fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let angle = std::f64::consts::TAU * view as f64 / views as f64;
     // Outlines from a single elevation leave the top and bottom of the object undetermined.
     let height = if view.is_multiple_of(2) { 0.35 } else { -0.35 };
-    let from = unit([angle.cos(), angle.sin(), height]).unwrap_or([1.0, 0.0, 0.0]);
-    let center = add_scaled(bounds.center(), DISTANCE * size, from);
-    let forward = Vector3::from(scale(-1.0, from));
+    let from = DVec3::new(angle.cos(), angle.sin(), height).try_normalize().unwrap_or(DVec3::X);
+    let center = bounds.center() + DISTANCE * size * from;
+    let forward = Vector3::from(-from);
     let right = forward.cross(&Vector3::z()).normalize();
     let down = forward.cross(&right);
     let r = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
-    let t = -(r * Vector3::from(sub(center, [0.0; 3])));
+    let t = -(r * Vector3::from(center - DVec3::ZERO));
     // The diagonal of the box fills 80 % of the height of the image.
     let focal = 0.8 * SIZE[1] as f64 * DISTANCE;
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
-        [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
+        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z],
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
         t.into(),
     )
@@ -290,11 +290,11 @@ mod tests {
         assert!((0.82..0.95).contains(&share), "{share}");
         let text = std::fs::read_to_string(folder.path().join("truth.json")).unwrap();
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let list = |key: &str| -> Vec<[f64; 3]> { serde_json::from_value(json[key].clone()).unwrap() };
+        let list = |key: &str| -> Vec<DVec3> { serde_json::from_value(json[key].clone()).unwrap() };
         let deformation = Dirichlet::new(&list("controls"), &rest.points).unwrap();
         let q = DVector::from_iterator(36, list("displacements").into_iter().flatten());
         for ((p, by), wanted) in rest.points.iter().zip(displacements(&deformation, &q)).zip(&truth.points) {
-            assert!(planish_estimate::vector3::distance(add(*p, by), *wanted) < 1e-9);
+            assert!((*p + by).distance(*wanted) < 1e-9);
         }
         let views = read_views(&folder.path().join("views.toml")).unwrap();
         assert_eq!(views.views.len(), 3);

@@ -42,9 +42,9 @@ mod tables;
 pub use tables::{sphere_csv, sphere_figure};
 
 use global::{GlobalFilter, GlobalSolution};
-use planish_core::Progress;
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, Progress};
 use planish_estimate::sparse::BlockInformation;
-use planish_estimate::vector3::{cross, norm, tangents, unit};
 use planish_estimate::{
     Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch,
     maximize_restricted_likelihood,
@@ -272,9 +272,9 @@ struct SharedModel {
 }
 
 /// The point of the unit sphere at parameters of the base grid.
-fn on_sphere(u: f64, v: f64) -> [f64; 3] {
+fn on_sphere(u: f64, v: f64) -> DVec3 {
     let angle = |x: f64| (2.0 * x / CELLS as f64 - 1.0) * HALF_OPENING;
-    unit([angle(u).tan(), angle(v).tan(), 1.0]).unwrap_or([0.0, 0.0, 1.0])
+    DVec3::new(angle(u).tan(), angle(v).tan(), 1.0).try_normalize().unwrap_or(DVec3::Z)
 }
 
 /// Draws parameters uniformly and measures the sphere there, with a radial error of at most `noise_percent`.
@@ -475,7 +475,7 @@ impl SharedModel {
             let (leaf, [s, t]) = space.locate(u, v);
             let (nodes, weights) = space.extraction(leaf);
             let at = self.cylinder.point(u, v);
-            let departure = [0, 1, 2].map(|d| point[d] - at[d]);
+            let departure = point - at;
             squares += departure.iter().map(|x| x * x).sum::<f64>() / variance;
             let c = leaf_weights(s, t);
             let row: Vec<f64> = weights.iter().map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum()).collect();
@@ -522,7 +522,7 @@ fn tilted_normal([u, v]: [f64; 2], largest: f64, share: f64, turn: f64) -> Surfa
     let (sin, cos) = turn.sin_cos();
     SurfaceReading::Normal {
         parameters: [u, v],
-        normal: [0, 1, 2].map(|d| c * n[d] + s * (cos * t1[d] + sin * t2[d])),
+        normal: c * n + s * (cos * t1 + sin * t2),
         // An angle uniform up to θ has the mean square θ²/3, and each tangent gets half of it: σ² = θ²/6.
         sigma_rad: (largest / 6.0_f64.sqrt()).max(MIN_TILT_RAD),
     }
@@ -537,9 +537,9 @@ fn probes() -> impl Iterator<Item = ([f64; 2], f64)> {
         let h = 1e-4;
         let [a, b] = [[h, 0.0], [0.0, h]].map(|[du, dv]| {
             let (p, q) = (on_sphere(u + du, v + dv), on_sphere(u - du, v - dv));
-            [0, 1, 2].map(|d| p[d] - q[d])
+            p - q
         });
-        ([u, v], norm(cross(a, b)))
+        ([u, v], a.cross(b).length())
     })
 }
 
@@ -547,7 +547,7 @@ fn probes() -> impl Iterator<Item = ([f64; 2], f64)> {
 fn mean_error(surface: &Surface) -> f64 {
     let (mut sum, mut area) = (0.0, 0.0);
     for ([u, v], share) in probes() {
-        sum += share * (norm(surface.point(u, v)) - 1.0).abs();
+        sum += share * (surface.point(u, v).length() - 1.0).abs();
         area += share;
     }
     100.0 * sum / area

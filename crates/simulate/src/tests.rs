@@ -1,7 +1,6 @@
 use super::*;
 use planish_core::Silent;
 use planish_estimate::ErrorKind;
-use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
 use planish_exchange::{Unit, read_inputs};
 use planish_sense::{Noise, Pose, SensorKind, ray_at};
 use planish_spline::{Hierarchy, Jet, Shape, SurfaceSystem, leaf_weights, quadrature};
@@ -24,8 +23,8 @@ fn truths() -> Vec<Truth> {
     truths
 }
 
-fn near(a: [f64; 3], b: [f64; 3], within: f64) -> bool {
-    distance(a, b) <= within
+fn near(a: DVec3, b: DVec3, within: f64) -> bool {
+    a.distance(b) <= within
 }
 
 #[test]
@@ -39,7 +38,7 @@ fn derivatives_of_every_closed_form_match_differences() {
                 let h = 1e-5;
                 let [jet, u1, u0, v1, v0] =
                     [[u, v], [u + h, v], [u - h, v], [u, v + h], [u, v - h]].map(|[u, v]| form.jet(u, v));
-                let slope = |f: fn(&Jet) -> [f64; 3], a: &Jet, b: &Jet| scale(0.5 / h, sub(f(a), f(b)));
+                let slope = |f: fn(&Jet) -> DVec3, a: &Jet, b: &Jet| 0.5 / h * (f(a) - f(b));
                 let point = |j: &Jet| j.point;
                 assert!(near(slope(point, &u1, &u0), jet.du, 1e-5 * SIZE));
                 assert!(near(slope(point, &v1, &v0), jet.dv, 1e-5 * SIZE));
@@ -58,11 +57,9 @@ fn normals_are_exact_and_point_outwards_poles_included() {
         for _ in 0..100 {
             let (u, v): (f64, f64) = (0.02 + 0.96 * rng.random::<f64>(), 0.02 + 0.96 * rng.random::<f64>());
             let h = 1e-6;
-            let differences = cross(
-                sub(truth.point(u + h, v), truth.point(u - h, v)),
-                sub(truth.point(u, v + h), truth.point(u, v - h)),
-            );
-            let expected = unit(differences).unwrap();
+            let differences = (truth.point(u + h, v) - truth.point(u - h, v))
+                .cross(truth.point(u, v + h) - truth.point(u, v - h));
+            let expected = differences.try_normalize().unwrap();
             assert!(near(truth.normal(u, v), expected, 1e-6), "{:?} {u} {v}", truth.shape());
         }
         // All triangles face outwards: closed meshes enclose a positive volume.
@@ -72,7 +69,7 @@ fn normals_are_exact_and_point_outwards_poles_included() {
         let closed = matches!(truth.shape(), Shape::Ball | Shape::Torus);
         assert!(check.manifold && check.oriented && check.watertight == closed, "{check:?}");
         assert!(mesh.signed_volume().is_none_or(|v| v > 0.0) && mesh.signed_volume().is_some() == closed);
-        let agree = mesh.vertex_normals().iter().zip(&normals).filter(|(a, b)| dot(**a, **b) > 0.98).count();
+        let agree = mesh.vertex_normals().iter().zip(&normals).filter(|(a, b)| a.dot(**b) > 0.98).count();
         assert!(
             agree as f64 > 0.99 * normals.len() as f64,
             "{:?} {agree} of {}",
@@ -109,7 +106,7 @@ fn distances_of_points_moved_along_normals_are_exact() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for point in truth.sample_area_uniform(200, &mut rng) {
             let height = 1.2 * (rng.random::<f64>() - 0.5);
-            let foot = truth.foot(add_scaled(point.position, height, point.normal)).unwrap();
+            let foot = truth.foot(point.position + height * point.normal).unwrap();
             let [u, v] = point.parameters;
             let inside = [u, v].iter().all(|&c| c > 0.02 && c < 0.98);
             if !inside {
@@ -124,7 +121,7 @@ fn distances_of_points_moved_along_normals_are_exact() {
         }
     }
     let sheet = Truth::freeform(Shape::Sheet, SIZE, 5).unwrap();
-    let beyond = add_scaled(sheet.point(1.0, 0.5), 3.0, [1.0, 0.0, 0.0]);
+    let beyond = sheet.point(1.0, 0.5) + 3.0 * DVec3::X;
     let foot = sheet.foot(beyond).unwrap();
     assert!(foot.at_border && foot.signed_distance.abs() <= 3.0 && foot.signed_distance.abs() > 2.5);
     assert!(sheet.foot([f64::NAN; 3]).is_none());
@@ -169,21 +166,18 @@ fn rays_meet_the_exact_surface_not_its_facets() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut hits = 0;
         for target in truth.sample_area_uniform(100, &mut rng) {
-            let origin = add_scaled(
-                target.position,
-                3.0 * SIZE,
-                unit(add_scaled(target.normal, 0.3, [0.6, 0.0, 0.8])).unwrap(),
-            );
-            let direction = unit(sub(target.position, origin)).unwrap();
+            let origin = target.position
+                + 3.0 * SIZE * (target.normal + 0.3 * DVec3::new(0.6, 0.0, 0.8)).try_normalize().unwrap();
+            let direction = (target.position - origin).try_normalize().unwrap();
             let Some((point, along)) = truth.first_hit(origin, direction) else {
                 continue;
             };
             hits += 1;
-            assert!(near(point.position, add_scaled(origin, along, direction), 1e-8));
+            assert!(near(point.position, origin + along * direction, 1e-8));
             let [u, v] = point.parameters;
             assert!(near(truth.point(u, v), point.position, 1e-9));
             assert!(
-                along < distance(origin, target.position) + 1e-6,
+                along < origin.distance(target.position) + 1e-6,
                 "the target itself is no farther than the first hit"
             );
         }
@@ -216,7 +210,7 @@ fn draws_from_a_prior_have_its_information() {
             for q in quadrature() {
                 cell.add_vector(
                     &leaf_weights(q.local[0], q.local[1]),
-                    [0.0; 3],
+                    DVec3::ZERO,
                     &[2.0, 0.5, 0.0, 1.0, 0.0, 3.0],
                 );
             }
@@ -229,7 +223,7 @@ fn draws_from_a_prior_have_its_information() {
     for seed in 0..runs {
         let drawn = Truth::drawn(mean, &factor, seed).unwrap();
         let drawn = drawn.surface().unwrap().vertices();
-        let d: Vec<f64> = drawn.iter().zip(mean.vertices()).flat_map(|(a, b)| sub(*a, *b)).collect();
+        let d: Vec<f64> = drawn.iter().zip(mean.vertices()).flat_map(|(a, b)| *a - *b).collect();
         sum += information.quadratic_form(&d).unwrap();
     }
     // dᵀ Λ d is χ² with n degrees of freedom.
@@ -261,14 +255,14 @@ fn errors_of_readings_agree_with_the_true_sigma() {
                         continue;
                     }
                     let true_local = pose.inverse().apply(reading.point.position);
-                    let error = sub(z, true_local);
+                    let error = z - true_local;
                     let ray = ray_at(scan.viewing, true_local);
                     let noise =
                         Noise::Ray { sigma_along: sensor.sigma_along, sigma_across: sensor.sigma_across };
                     let factor2 = reading.noise_factor * reading.noise_factor;
                     let covariance = noise.covariance(ray).scaled(factor2);
-                    let along = ray.map_or(0.0, |r| dot(error, r));
-                    let across2 = dot(error, error) - along * along;
+                    let along = ray.map_or(0.0, |r| error.dot(r));
+                    let across2 = error.length_squared() - along * along;
                     vector += (along / sensor.sigma_along).powi(2) / factor2
                         + across2 / sensor.sigma_across.powi(2) / factor2;
                     n += 3.0;
@@ -314,12 +308,12 @@ fn readings_are_neither_hidden_nor_grazing() {
                     continue;
                 };
                 let ray = scan.world_from_scanner.rotate(ray);
-                let facing = -dot(reading.point.normal, ray);
+                let facing = -reading.point.normal.dot(ray);
                 assert!(facing > 75.0_f64.to_radians().cos() - 1e-9, "{facing}");
                 // Independent of hits on the mesh: between sensor and reading, the sign of the exact distance
                 // never changes.
                 for back in [2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0] {
-                    let before = add_scaled(reading.point.position, -back, ray);
+                    let before = reading.point.position - back * ray;
                     let foot = scene.truth.foot(before).unwrap();
                     assert!(foot.at_border || foot.signed_distance > 0.0, "{shape:?} {back} {foot:?}");
                 }
@@ -363,7 +357,7 @@ fn the_share_of_outliers_is_that_of_the_options() {
             all += 1.0;
             if reading.outlier {
                 outliers += 1.0;
-                let error = distance(posed.scan.world_from_scanner.apply(z), reading.point.position);
+                let error = posed.scan.world_from_scanner.apply(z).distance(reading.point.position);
                 assert!(error > 0.5 && error < 15.0, "{error}");
             }
         }
@@ -442,7 +436,7 @@ fn a_written_scene_reads_back_as_it_was() {
         for i in (0..truth.points.len()).step_by(97) {
             let foot = scene.truth.foot(truth.points[i]).unwrap();
             assert!(foot.signed_distance.abs() < 1e-9 * options.size());
-            assert!(norm(sub([nx[i], ny[i], nz[i]], foot.point.normal)) < 1e-6);
+            assert!((DVec3::new(nx[i], ny[i], nz[i]) - foot.point.normal).length() < 1e-6);
         }
         assert!(summary.truth.mesh_chord_error < 2e-3 * options.size(), "{}", summary.truth.mesh_chord_error);
         let json: serde_json::Value =

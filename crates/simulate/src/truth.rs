@@ -7,8 +7,8 @@
 //! equally far from two parts of the surface within the resolution of the dense mesh.
 
 use super::form::{ClosedForm, parameters};
+use planish_core::DVec3;
 use planish_estimate::sparse::CholeskyFactor;
-use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::{MeshSearch, TriangleMesh, icosphere};
 use planish_spline::{BaseShape, Curvature, Hierarchy, Jet, ProjectionOptions, Shape, Surface, fit_function};
@@ -55,9 +55,9 @@ pub struct TruthPoint {
     /// Parameters `(u, v)`.
     pub parameters: [f64; 2],
     /// Position.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// Outward unit normal; zero where a spline is degenerate.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
 }
 
 /// The point of the true surface that is nearest to a given point.
@@ -85,7 +85,7 @@ impl Truth {
     /// let ball = Truth::freeform(Shape::Ball, 100.0, 4)?;
     /// // A point 0.5 above the surface has its foot below it.
     /// let (p, n) = (ball.point(0.3, 0.6), ball.normal(0.3, 0.6));
-    /// let above = [0, 1, 2].map(|k| p[k] + 0.5 * n[k]);
+    /// let above = p + 0.5 * n;
     /// let foot = ball.foot(above).expect("the point is finite");
     /// assert!((foot.signed_distance - 0.5).abs() < 1e-9 && !foot.at_border);
     /// # Ok(())
@@ -99,10 +99,11 @@ impl Truth {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_simulate::{BallForm, ClosedForm, Truth};
-    /// let form = BallForm { semi_axes: [2.0, 2.0, 1.0], bumps: Vec::new() };
+    /// let form = BallForm { semi_axes: DVec3::new(2.0, 2.0, 1.0), bumps: Vec::new() };
     /// let ellipsoid = Truth::from_closed_form(ClosedForm::Ball(form));
-    /// let foot = ellipsoid.foot([3.0, 0.0, 0.0]).expect("the point is finite");
+    /// let foot = ellipsoid.foot(DVec3::new(3.0, 0.0, 0.0)).expect("the point is finite");
     /// assert!((foot.signed_distance - 1.0).abs() < 1e-9);
     /// ```
     #[must_use]
@@ -127,7 +128,7 @@ impl Truth {
         let base = Arc::new(Hierarchy::uniform(space.shape(), space.base())?);
         let [columns, rows] = base.extent();
         let smooth = if space.shape() == Shape::Torus {
-            BaseShape::torus([0.0; 3], [0.0, 0.0, 1.0], 0.35 * size, 0.15 * size).surface(space.base())?
+            BaseShape::torus(DVec3::ZERO, DVec3::Z, 0.35 * size, 0.15 * size).surface(space.base())?
         } else {
             let form = ClosedForm::random(space.shape(), size, seed)?;
             fit_function(&base, |u, v| form.jet(u / columns, v / rows).point)?
@@ -141,7 +142,7 @@ impl Truth {
             let side = space.leaves()[space.locate(u, v).0].side();
             // The cell size is taken along v: at the poles of a ball the derivative with respect to u
             // vanishes.
-            let sigma = 0.04 * side * norm(smooth.jet(u, v).dv);
+            let sigma = 0.04 * side * smooth.jet(u, v).dv.length();
             vertex.map(|c| c + sigma * rng.sample::<f64, _>(StandardNormal))
         });
         let moved = moved.collect();
@@ -198,7 +199,7 @@ impl Truth {
 
     /// The point at `(u, v)`.
     #[must_use]
-    pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+    pub fn point(&self, u: f64, v: f64) -> DVec3 {
         self.jet(u, v).point
     }
 
@@ -211,7 +212,7 @@ impl Truth {
                 let [a, b] = surface.space().extent();
                 let jet = surface.jet(u * a, v * b);
                 // The spline is parametrised by base cells: the chain rule to [0, 1]².
-                let by = |s: f64, d: [f64; 3]| d.map(|c| s * c);
+                let by = |s: f64, d: DVec3| d.map(|c| s * c);
                 Jet {
                     point: jet.point,
                     du: by(a, jet.du),
@@ -234,15 +235,15 @@ impl Truth {
 
     /// The outward unit normal; zero where a spline is degenerate.
     #[must_use]
-    pub fn normal(&self, u: f64, v: f64) -> [f64; 3] {
-        self.regular_jet(u, v).normal().unwrap_or([0.0; 3])
+    pub fn normal(&self, u: f64, v: f64) -> DVec3 {
+        self.regular_jet(u, v).normal().unwrap_or(DVec3::ZERO)
     }
 
     /// The area element `|S_u × S_v|`.
     #[must_use]
     pub fn area_element(&self, u: f64, v: f64) -> f64 {
         let jet = self.jet(u, v);
-        norm(cross(jet.du, jet.dv))
+        jet.du.cross(jet.dv).length()
     }
 
     /// Principal curvatures and directions; `None` where a spline is degenerate.
@@ -254,7 +255,7 @@ impl Truth {
     /// The point of the surface at these parameters.
     fn at(&self, parameters: [f64; 2]) -> TruthPoint {
         let jet = self.regular_jet(parameters[0], parameters[1]);
-        TruthPoint { parameters, position: jet.point, normal: jet.normal().unwrap_or([0.0; 3]) }
+        TruthPoint { parameters, position: jet.point, normal: jet.normal().unwrap_or(DVec3::ZERO) }
     }
 
     /// A mesh of about `triangles` triangles that face outwards, and the exact normals of its vertices.
@@ -273,7 +274,7 @@ impl Truth {
     /// # }
     /// ```
     #[must_use]
-    pub fn mesh(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
+    pub fn mesh(&self, triangles: usize) -> (TriangleMesh, Vec<DVec3>) {
         let (mesh, parameters) = self.mesh_and_parameters(triangles);
         let normals = parameters.iter().map(|&[u, v]| self.normal(u, v)).collect();
         (mesh, normals)
@@ -363,7 +364,7 @@ impl Truth {
     /// Area element in the measure in which [`Truth::propose`] is uniform.
     fn proposal_element(&self, u: f64, v: f64) -> f64 {
         let jet = self.regular_jet(u, v);
-        norm(cross(jet.du, jet.dv))
+        jet.du.cross(jet.dv).length()
     }
 
     /// Random parameters, uniform over the unit sphere for a ball in closed form, else uniform in `(u, v)`.
@@ -414,7 +415,7 @@ impl Truth {
     /// Newton's method refines the nearest point of the dense mesh, to about 1e-12 of the size. `None` only
     /// for a point that is not finite.
     #[must_use]
-    pub fn foot(&self, z: [f64; 3]) -> Option<TruthFoot> {
+    pub fn foot(&self, z: DVec3) -> Option<TruthFoot> {
         let dense = self.dense();
         let near = dense.search.closest(z)?;
         // The nearest corner, because parameters cannot be interpolated across a seam or a pole.
@@ -431,8 +432,8 @@ impl Truth {
                 (TruthPoint { parameters: [u / a, v / b], position, normal: foot.normal }, foot.at_border)
             }
         };
-        let offset = sub(z, point.position);
-        let signed_distance = norm(offset).copysign(dot(offset, point.normal));
+        let offset = z - point.position;
+        let signed_distance = offset.length().copysign(offset.dot(point.normal));
         Some(TruthFoot { point, signed_distance, at_border })
     }
 
@@ -447,32 +448,30 @@ impl Truth {
     /// `direction` is a unit vector. Newton's method refines the first hit of the dense mesh. `None` if the
     /// ray misses the mesh, or if it is so grazing that the refinement fails.
     #[must_use]
-    pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<(TruthPoint, f64)> {
+    pub fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<(TruthPoint, f64)> {
         let dense = self.dense();
         let hit = dense.search.first_hit(origin, direction)?;
         let mut at = dense.parameters[self.nearest_vertex(hit.triangle, hit.barycentric)];
         let mut along = hit.distance;
         for _ in 0..30 {
             let jet = self.regular_jet(at[0], at[1]);
-            let r = sub(add_scaled(origin, along, direction), jet.point);
+            let r = origin + along * direction - jet.point;
             // One Newton step of S(u, v) = o + λ d: S_u s + S_v t − d λ = r, solved by Cramer's rule.
-            let normal = cross(jet.du, jet.dv);
-            let determinant = -dot(normal, direction);
+            let normal = jet.du.cross(jet.dv);
+            let determinant = -normal.dot(direction);
             // The ray is parallel to the surface within rounding errors.
-            if determinant.abs() <= 1e-9 * norm(normal) {
+            if determinant.abs() <= 1e-9 * normal.length() {
                 return None;
             }
-            let s = -dot(cross(r, jet.dv), direction) / determinant;
-            let t = -dot(cross(jet.du, r), direction) / determinant;
-            along += dot(normal, r) / determinant;
+            let s = -r.cross(jet.dv).dot(direction) / determinant;
+            let t = -jet.du.cross(r).dot(direction) / determinant;
+            along += normal.dot(r) / determinant;
             at = self.moved(at, [s, t]);
-            if distance(self.point(at[0], at[1]), add_scaled(origin, along, direction))
-                <= 1e-12 * (1.0 + along.abs())
-            {
+            if self.point(at[0], at[1]).distance(origin + along * direction) <= 1e-12 * (1.0 + along.abs()) {
                 let point = self.at(at);
                 // The facets deviate from the surface by much less than a thousandth of the size. A larger
                 // step along the normal means that Newton's method found another part of the surface.
-                let cosine = dot(point.normal, direction).abs().max(0.05);
+                let cosine = point.normal.dot(direction).abs().max(0.05);
                 return ((along - hit.distance).abs() * cosine <= 1e-3 * dense.diagonal)
                     .then_some((point, along));
             }
@@ -507,7 +506,7 @@ impl Truth {
 ///
 /// Damped Newton's method: with the full Hessian where it is positive definite, else Gauss–Newton, whose
 /// matrix always gives a descent direction.
-fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool) {
+fn nearest_point(form: &ClosedForm, z: DVec3, start: [f64; 2]) -> (TruthPoint, bool) {
     let open = match form {
         ClosedForm::Sheet(_) | ClosedForm::Bent(_) => [true, true],
         ClosedForm::Tube(_) => [false, true],
@@ -517,14 +516,14 @@ fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint
     let mut jet = form.regular_jet(at[0], at[1]);
     let mut held = [false; 2];
     for _ in 0..60 {
-        let r = sub(jet.point, z);
-        let gradient = [dot(jet.du, r), dot(jet.dv, r)];
+        let r = jet.point - z;
+        let gradient = [jet.du.dot(r), jet.dv.dot(r)];
         // Active set of the box: at a border with the gradient outwards, the parameter stays there.
         for d in 0..2 {
             held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= 1.0 && gradient[d] < 0.0));
         }
         let [e, f, g] = jet.first_form();
-        let full = [e + dot(jet.duu, r), f + dot(jet.duv, r), g + dot(jet.dvv, r)];
+        let full = [e + jet.duu.dot(r), f + jet.duv.dot(r), g + jet.dvv.dot(r)];
         // The margin keeps a nearly singular Hessian from giving very long steps.
         let definite = full[0] > 0.0 && full[0] * full[2] - full[1] * full[1] > 0.05 * (e * g - f * f);
         let [a, b, c] = if definite { full } else { [e, f, g] };
@@ -547,7 +546,7 @@ fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint
         for _ in 0..12 {
             let next = form.moved(at, step.map(|s| share * s));
             let next_jet = form.regular_jet(next[0], next[1]);
-            if norm(sub(next_jet.point, z)) <= norm(r) * (1.0 + 1e-15) {
+            if (next_jet.point - z).length() <= r.length() * (1.0 + 1e-15) {
                 (at, jet) = (next, next_jet);
                 moved = true;
                 break;
@@ -558,7 +557,7 @@ fn nearest_point(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint
             break;
         }
     }
-    let normal = jet.normal().unwrap_or([0.0; 3]);
+    let normal = jet.normal().unwrap_or(DVec3::ZERO);
     (TruthPoint { parameters: at, position: jet.point, normal }, held[0] || held[1])
 }
 

@@ -9,8 +9,7 @@ use super::scans::{
 };
 use super::truth::{Truth, positive};
 use super::virtual_sensor::VirtualScanner;
-use planish_core::{Progress, Silent};
-use planish_estimate::vector3::{cross, scale, sub, unit};
+use planish_core::{DVec3, Progress, Silent};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::{Pose, SensorKind};
@@ -18,12 +17,12 @@ use planish_spline::Shape;
 use std::path::Path;
 
 /// Direction from the object to the laser.
-const FROM: [f64; 3] = [0.9, 0.1, 0.45];
+const FROM: DVec3 = DVec3::new(0.9, 0.1, 0.45);
 /// Direction of the axis of the table, which is neither vertical nor through the origin: it has to be
 /// estimated.
-const AXIS: [f64; 3] = [0.05, -0.1, 1.0];
+const AXIS: DVec3 = DVec3::new(0.05, -0.1, 1.0);
 /// A point on the axis, relative to the size of the object.
-const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
+const AXIS_POINT: DVec3 = DVec3::new(0.1, 0.05, 0.0);
 
 /// Settings of the scene `turning`.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,10 +98,11 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
     let noise = options.laser();
-    let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("the direction of view is undefined"));
+    let direction =
+        |d: DVec3| d.try_normalize().ok_or_else(|| Error::input("the direction of view is undefined"));
     let laser = looking_from(&truth, direction(FROM)?, 0.0, size)?;
     let axis = direction(AXIS)?;
-    let axis_point = scale(size, AXIS_POINT);
+    let axis_point = size * AXIS_POINT;
     let mut scene = ScanScene {
         set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
         motion: Some(TrueMotion {
@@ -118,9 +118,9 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
         states: Vec::new(),
     };
     scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
-    let turn = scale(turning.rate_deg_per_s.to_radians(), axis);
+    let turn = turning.rate_deg_per_s.to_radians() * axis;
     // A rotation about an axis through a is p ↦ a + R(p − a), whose twist is (ω, −ω × a).
-    let slide = sub([0.0; 3], cross(turn, axis_point));
+    let slide = DVec3::ZERO - turn.cross(axis_point);
     let each = turning.readings.div_ceil(turning.views);
     for view in 0..turning.views {
         progress.check("scanning", view as f64 / turning.views as f64)?;
@@ -128,7 +128,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
         let time = view as f64;
         // The truth stays fixed and the scanner moves in its frame: the surface is prepared for rays once.
         // The written pose is that of the fixed laser.
-        let world_from_object = Pose::from_twist(scale(time, turn), scale(time, slide));
+        let world_from_object = Pose::from_twist(time * turn, time * slide);
         let object_from_laser = world_from_object.inverse().after(&laser);
         let file = format!("laser-{}.ply", view + 1);
         let optics = field_of_view(&scene.truth, &object_from_laser, false);

@@ -11,8 +11,7 @@ use super::scans::{
 };
 use super::truth::Truth;
 use super::virtual_sensor::{Optics, VirtualScanner};
-use planish_core::Progress;
-use planish_estimate::vector3::unit;
+use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::SensorKind;
@@ -20,13 +19,13 @@ use planish_spline::Shape;
 use std::path::Path;
 
 /// Semi-axes of the ellipsoid from which the vessel is formed, relative to the size.
-const SEMI_AXES: [f64; 3] = [0.34, 0.34, 0.42];
+const SEMI_AXES: DVec3 = DVec3::new(0.34, 0.34, 0.42);
 /// Bump that forms the neck at the top: sharpness and amplitude.
 const NECK: [f64; 2] = [9.0, 0.34];
 /// Dent that forms the foot at the bottom: sharpness and amplitude.
 const FOOT: [f64; 2] = [5.0, -0.22];
 /// Direction from the object to the laser.
-const FROM: [f64; 3] = [0.9, 0.35, 0.25];
+const FROM: DVec3 = DVec3::new(0.9, 0.35, 0.25);
 
 /// Settings of the scene `vessel`.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,7 +95,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
     }));
     let noise = options.laser();
-    let from = unit(FROM).ok_or_else(|| Error::input("the direction of view is undefined"))?;
+    let from = FROM.try_normalize().ok_or_else(|| Error::input("the direction of view is undefined"))?;
     let pose = looking_from(&truth, from, 0.0, size)?;
     let optics: Optics = field_of_view(&truth, &pose, false);
     let mut scanner = VirtualScanner::new("laser-1.ply", pose, optics, [64, 64], noise);

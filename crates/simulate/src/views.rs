@@ -11,6 +11,7 @@
 use super::readings::{ReadingsSummary, default_sensor, parameters_json, write_table};
 use super::truth::positive;
 use planish_contour::planar::{ContourKind, ranges};
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
@@ -20,7 +21,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// Width (x), depth (y) and height (z) of the prism, in millimetres; the right angle is at the origin.
-pub const PRISM_MM: [f64; 3] = [80.0, 100.0, 60.0];
+pub const PRISM_MM: DVec3 = DVec3::new(80.0, 100.0, 60.0);
 /// σ of this scene relative to that of the scene `readings`.
 const NOISE: f64 = 0.1;
 /// Number of columns written: those of [`COLUMNS`] up to the time.
@@ -91,8 +92,7 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
     }
     let [x, y, z] = size;
     let front = [[0.0, 0.0], [x, 0.0], [0.0, z]];
-    let vertices: Vec<[f64; 3]> =
-        [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| [x, depth, z])).collect();
+    let vertices: Vec<DVec3> = [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| [x, depth, z])).collect();
     let truth = json!({
         "size": size,
         "vertices": vertices,

@@ -7,7 +7,7 @@
 //! Not modelled: mixed readings at depth edges and correlated errors.
 
 use super::truth::{Truth, TruthPoint, positive};
-use planish_estimate::vector3::{add, add_scaled, dot, scale, tangents, unit};
+use planish_core::{DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
 use planish_sense::{Noise, Pose, RangeGrid, Scan, Viewing, ray_at};
 use rand::{RngExt, SeedableRng};
@@ -56,12 +56,13 @@ pub enum Optics {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_sense::{Noise, Pose};
 /// use planish_simulate::{Optics, Truth, VirtualScanner};
 /// use planish_spline::Shape;
 /// # fn main() -> planish_estimate::Result<()> {
 /// let truth = Truth::freeform(Shape::Ball, 100.0, 2)?;
-/// let pose = Pose { translation: [0.0, 0.0, 300.0], ..Pose::identity() };
+/// let pose = Pose { translation: DVec3::new(0.0, 0.0, 300.0), ..Pose::identity() };
 /// let optics = Optics::Central { tangents: [0.25; 2] };
 /// let scanner = VirtualScanner {
 ///     outlier_share: 0.05,
@@ -126,8 +127,8 @@ impl VirtualScanner {
     #[must_use]
     pub fn viewing(&self) -> Viewing {
         match self.optics {
-            Optics::Parallel { .. } => Viewing::Direction([0.0, 0.0, -1.0]),
-            Optics::Central { .. } => Viewing::Origin([0.0; 3]),
+            Optics::Parallel { .. } => Viewing::Direction(DVec3::new(0.0, 0.0, -1.0)),
+            Optics::Central { .. } => Viewing::Origin(DVec3::ZERO),
         }
     }
 
@@ -167,15 +168,15 @@ impl VirtualScanner {
 
     /// Origin and unit direction of the ray of a cell in the frame of the scanner, and the square of its
     /// distance from the middle of the field of view, which is 1 at the corners.
-    fn ray(&self, cell: usize) -> ([f64; 3], [f64; 3], f64) {
+    fn ray(&self, cell: usize) -> (DVec3, DVec3, f64) {
         let index = [cell % self.grid[0], cell / self.grid[0]];
         let [a, b] = [0, 1].map(|k| (2 * index[k] + 1) as f64 / self.grid[k] as f64 - 1.0);
         let rho2 = 0.5 * (a * a + b * b);
         match self.optics {
-            Optics::Parallel { half } => ([a * half[0], b * half[1], 0.0], [0.0, 0.0, -1.0], rho2),
+            Optics::Parallel { half } => ([a * half[0], b * half[1], 0.0], DVec3::new(0.0, 0.0, -1.0), rho2),
             Optics::Central { tangents } => {
                 let d = [a * tangents[0], b * tangents[1], -1.0];
-                ([0.0; 3], unit(d).unwrap_or([0.0, 0.0, -1.0]), rho2)
+                (DVec3::ZERO, d.try_normalize().unwrap_or(DVec3::new(0.0, 0.0, -1.0)), rho2)
             }
         }
     }
@@ -185,7 +186,7 @@ impl VirtualScanner {
         let (origin, direction, _) = self.ray(cell);
         let direction = self.world_from_scanner.rotate(direction);
         let (point, _) = truth.first_hit(self.world_from_scanner.apply(origin), direction)?;
-        (-dot(point.normal, direction) > self.grazing_deg.to_radians().cos()).then_some(point)
+        (-point.normal.dot(direction) > self.grazing_deg.to_radians().cos()).then_some(point)
     }
 
     /// Number of rays that give a reading. Cost: one ray per cell.
@@ -203,7 +204,7 @@ impl VirtualScanner {
         self.sanity_check()?;
         let scanner_from_world = self.world_from_scanner.inverse();
         let cells = self.grid[0] * self.grid[1];
-        let read = |cell: usize| -> Option<([f64; 3], [f64; 3], TrueReading)> {
+        let read = |cell: usize| -> Option<(DVec3, DVec3, TrueReading)> {
             let point = self.measured_point(truth, cell)?;
             let (_, ray, rho2) = self.ray(cell);
             let noise_factor = 1.0 + self.unevenness * rho2;
@@ -212,14 +213,14 @@ impl VirtualScanner {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(cell as u64);
             let mut z =
-                add(scanner_from_world.apply(point.position), draw(self.noise, ray, noise_factor, &mut rng));
+                scanner_from_world.apply(point.position) + draw(self.noise, ray, noise_factor, &mut rng);
             let outlier = rng.random::<f64>() < self.outlier_share;
             if outlier {
                 let smallest = (0.1 * self.outlier_size).max(10.0 * noise_factor * self.noise.sigma());
                 let largest = self.outlier_size.max(2.0 * smallest);
                 let size = smallest + (largest - smallest) * rng.random::<f64>();
                 let side = if rng.random::<bool>() { 1.0 } else { -1.0 };
-                z = add_scaled(z, side * size, ray);
+                z += side * size * ray;
             }
             Some((z, ray, TrueReading { point, outlier, noise_factor }))
         };
@@ -309,8 +310,8 @@ impl VirtualProbe {
         let noise = Noise::Isotropic { sigma: self.sigma };
         let mut seen = Vec::with_capacity(touched.len());
         for point in touched {
-            let error = draw(noise, [0.0, 0.0, 1.0], 1.0, &mut rng);
-            scan.points.push(add(probe_from_world.apply(point.position), error));
+            let error = draw(noise, DVec3::Z, 1.0, &mut rng);
+            scan.points.push(probe_from_world.apply(point.position) + error);
             seen.push(TrueReading { point, outlier: false, noise_factor: 1.0 });
         }
         Ok(VirtualScan { scan, truth: seen })
@@ -328,13 +329,13 @@ pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
 }
 
 /// A random Gaussian error of a reading on this unit ray, with σ multiplied by a factor.
-fn draw(noise: Noise, ray: [f64; 3], factor: f64, rng: &mut ChaCha8Rng) -> [f64; 3] {
-    let [a, b, c]: [f64; 3] = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
+fn draw(noise: Noise, ray: DVec3, factor: f64, rng: &mut ChaCha8Rng) -> DVec3 {
+    let [a, b, c]: DVec3 = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
     match noise {
-        Noise::Isotropic { sigma } => scale(sigma, [a, b, c]),
+        Noise::Isotropic { sigma } => sigma * DVec3::new(a, b, c),
         Noise::Ray { sigma_along, sigma_across } => {
             let (e1, e2) = tangents(ray);
-            add_scaled(add_scaled(scale(sigma_along * a, ray), sigma_across * b, e1), sigma_across * c, e2)
+            sigma_along * a * ray + sigma_across * b * e1 + sigma_across * c * e2
         }
     }
 }

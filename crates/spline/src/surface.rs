@@ -46,10 +46,11 @@ pub struct ThirdDerivatives {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::{Hierarchy, Shape, Surface};
 /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?;
 /// // Control vertices at their anchors reproduce the plane.
-/// let vertices = space.node_anchors().iter().map(|a| [a[0], a[1], 0.0]).collect();
+/// let vertices = space.node_anchors().iter().map(|a| DVec3::new(a[0], a[1], 0.0)).collect();
 /// let plane = Surface::new(space.into(), vertices)?;
 /// let p = plane.point(1.3, 2.7);
 /// assert!((p[0] - 1.3).abs() < 1e-12 && (p[1] - 2.7).abs() < 1e-12);

@@ -64,7 +64,7 @@ use crate::observe::ScanErrors;
 use batches::Batches;
 use finish::{FinishInput, finish};
 use first::first_surface;
-use planish_core::{Progress, ProgressPart};
+use planish_core::{DVec3, Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
 use planish_sense::GroundOptions;
@@ -91,8 +91,8 @@ pub struct Fit {
 
 impl Fit {
     /// The same fit with every point moved.
-    fn translated(mut self, by: [f64; 3]) -> Result<Self> {
-        if by != [0.0; 3] {
+    fn translated(mut self, by: DVec3) -> Result<Self> {
+        if by != DVec3::ZERO {
             self.model = self.model.translated(by)?;
             self.formation = self.formation.map(|formation| formation.translated(by)).transpose()?;
             self.readings = self.readings.map(|readings| readings.translated(by));
@@ -116,7 +116,7 @@ impl Fit {
 ///
 /// # Examples
 /// ```
-/// use planish_core::Silent;
+/// use planish_core::{DVec3, Silent};
 /// use planish_exchange::{PosedScan, ScanSet, Unit};
 /// use planish_sense::{Noise, Scan, Sensor};
 /// use planish_surface::fit::{FitOptions, fit};
@@ -125,7 +125,7 @@ impl Fit {
 /// let points = (0..2000_u32).map(|k| {
 ///     let x = 8.0 * f64::from(k * 7919 % 2003) / 2003.0;
 ///     let y = 6.0 * f64::from(k * 104_729 % 1999) / 1999.0;
-///     [x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin()]
+///     DVec3::new(x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin())
 /// });
 /// let scan = Scan { name: "sheet".to_owned(), points: points.collect(), ..Scan::default() };
 /// let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() };
@@ -252,7 +252,7 @@ pub fn update(
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     let moved;
-    let model = if origin == [0.0; 3] {
+    let model = if origin == DVec3::ZERO {
         model
     } else {
         moved = model.clone().translated(origin.map(|c| -c))?;
@@ -263,8 +263,8 @@ pub fn update(
     // The new cloud alone has two sides. The model decides which of them is outside (decision 0009).
     let search = FootPointSearch::new(surface, 2, 0.0)?;
     observations.orient_by(|p| {
-        let [u, v] = search.nearest(p, [0.0; 3]);
-        surface.normal(u, v).unwrap_or([0.0; 3])
+        let [u, v] = search.nearest(p, DVec3::ZERO);
+        surface.normal(u, v).unwrap_or(DVec3::ZERO)
     });
     observations.scan_errors = ScanErrors::new(set, &observations, origin, align, Some(model));
     let converged = match &model.known {

@@ -6,7 +6,7 @@
 //! points, and is exported as a mesh with σ, a height raster, or exact faces for CAD.
 //!
 //! ```
-//! use planish_core::Silent;
+//! use planish_core::{DVec3, Silent};
 //! use planish_exchange::{PosedScan, ScanSet, Unit};
 //! use planish_sense::{Noise, Scan, Sensor};
 //! use planish_surface::export::mesh_from_model;
@@ -17,7 +17,7 @@
 //!     let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
 //!     let (angle, across) = (2.399_963 * f64::from(k), (1.0 - z * z).sqrt());
 //!     let r = 5.0 + 0.02 * (12.9898 * f64::from(k)).sin();
-//!     [r * across * angle.cos(), r * across * angle.sin(), r * z]
+//!     DVec3::new(r * across * angle.cos(), r * across * angle.sin(), r * z)
 //! });
 //! let scan = Scan { name: "sphere".to_owned(), points: points.collect(), ..Scan::default() };
 //! let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() };

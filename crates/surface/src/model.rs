@@ -14,8 +14,8 @@ pub use point_sigmas::sigmas_along;
 pub use posterior::{LeafCovariance, NodeCovariance, Posterior, VertexMotion, WholeCovariance};
 pub use reports::{ScanPoseReport, SensorReport, SigmaSummary};
 
+use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};
-use planish_estimate::vector3::add;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_spline::{PatchFilter, Surface, SurfaceSystem};
@@ -114,8 +114,8 @@ impl SurfaceModel {
     ///
     /// # Errors
     /// `Input` if a coordinate would not be finite.
-    pub(crate) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
-        let vertices = self.surface.vertices().iter().map(|p| add(*p, by)).collect();
+    pub(crate) fn translated(mut self, by: DVec3) -> Result<Self> {
+        let vertices = self.surface.vertices().iter().map(|p| *p + by).collect();
         self.surface = self.surface.with_vertices(vertices)?;
         if let Some(information) = self.known.information_mut() {
             information.translate(by)?;
@@ -158,7 +158,7 @@ impl SurfaceModel {
             Knowledge::Patches(filter) => Ok(NodeCovariance::Patches(Arc::clone(filter))),
             Knowledge::PerCoordinate { measured, .. } => {
                 // All measured coordinates have the same information, so one of them is enough.
-                let mut axis = [0.0; 3];
+                let mut axis = DVec3::ZERO;
                 axis[measured.iter().position(|m| *m).unwrap_or(0)] = 1.0;
                 let along = vec![axis; self.surface.space().node_count()];
                 let factor = system.factorize_scalar(&self.information_along(system, &along)?)?;
@@ -186,7 +186,7 @@ impl SurfaceModel {
     pub fn information_along(
         &self,
         system: &SurfaceSystem,
-        directions: &[[f64; 3]],
+        directions: &[DVec3],
     ) -> Result<BlockInformation> {
         let Some(information) = self.known.information() else {
             return Err(Error::unsupported("the patch filter has no information of the whole surface"));
@@ -204,7 +204,7 @@ impl SurfaceModel {
     pub fn covariance_along(
         &self,
         factor: &CholeskyFactor,
-        directions: Vec<[f64; 3]>,
+        directions: Vec<DVec3>,
     ) -> Result<NodeCovariance> {
         let shared = match self.known.scan_errors() {
             None => None,

@@ -9,9 +9,8 @@
 
 use crate::observe::{MIN_COSINE, RejectionCause, expected_lift, surface_extent};
 use crate::subdivision::{RefineBy, RefinementLog};
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::Result;
-use planish_estimate::vector3::dot;
 use planish_spline::{
     FootPoint, FootPointSearch, PatchFilter, ProjectionOptions, SubdivisionCriteria, Surface, SurfaceReading,
 };
@@ -33,9 +32,9 @@ pub(crate) const VERTICES_PER_PATCH: usize = 16;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct IncomingReading {
     /// Position at which it was taken.
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// Unit vector towards the side that was seen; zero if unknown.
-    pub facing: [f64; 3],
+    pub facing: DVec3,
     /// The value.
     pub value: ReadingValue,
 }
@@ -46,7 +45,7 @@ pub(crate) enum ReadingValue {
     /// A position, with its covariance.
     Position(SymmetricMatrix3),
     /// A unit normal, and the variance of its tilt along either tangent.
-    Normal([f64; 3], f64),
+    Normal(DVec3, f64),
     /// A curvature tensor, and the variance of its diagonal components; off-diagonal ones have half of it.
     Curvature(SymmetricMatrix3, f64),
 }
@@ -141,7 +140,7 @@ impl StreamingFilter {
     }
 
     /// The foot point of a position on the current surface.
-    pub(crate) fn foot_point(&self, at: [f64; 3], facing: [f64; 3]) -> FootPoint {
+    pub(crate) fn foot_point(&self, at: DVec3, facing: DVec3) -> FootPoint {
         let start = self.search.nearest(at, facing);
         self.filter.project(at, start, &ProjectionOptions::default())
     }
@@ -153,8 +152,8 @@ impl StreamingFilter {
     pub(crate) fn filter_reading(&mut self, reading: &IncomingReading) -> Result<Option<RejectionCause>> {
         let foot = self.foot_point(reading.at, reading.facing);
         // A unit vector or zero: zero means that the side is unknown.
-        let known = dot(reading.facing, reading.facing) > 0.5;
-        if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < MIN_COSINE) {
+        let known = reading.facing.length_squared() > 0.5;
+        if foot.normal.length_squared() < 0.5 || (known && reading.facing.dot(foot.normal) < MIN_COSINE) {
             return Ok(Some(RejectionCause::NormalMismatch));
         }
         if foot.at_border {
@@ -167,7 +166,7 @@ impl StreamingFilter {
                 SurfaceReading::Along {
                     parameters,
                     direction: foot.normal,
-                    value: dot(foot.normal, foot.jet.point) + height,
+                    value: foot.normal.dot(foot.jet.point) + height,
                     variance: covariance.along(foot.normal),
                 }
             }

@@ -18,9 +18,9 @@ use crate::observe::{ObservationOptions, Observations, RejectionCause};
 use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::saved::{Session, load_with_provenance, save};
 use crate::subdivision::{LevelRefinement, RefineBy};
-use planish_core::Setting;
 use planish_core::Silent;
 use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_sense::{Scan, Sensor};
@@ -58,30 +58,30 @@ pub enum Reading {
     /// A position.
     Position {
         /// The point.
-        point: [f64; 3],
+        point: DVec3,
         /// Its covariance.
         covariance: SymmetricMatrix3,
         /// Unit vector from the surface towards the sensor, if known. It separates the two sides of a thin
         /// part.
-        facing: Option<[f64; 3]>,
+        facing: Option<DVec3>,
     },
     /// A unit normal.
     Normal {
         /// Approximate position, good enough to find the foot point.
-        at: [f64; 3],
+        at: DVec3,
         /// The measured unit normal.
-        normal: [f64; 3],
+        normal: DVec3,
         /// σ of its tilt in any direction, in radians.
         sigma_rad: f64,
     },
     /// Principal curvatures, positive where the surface bends towards the normal.
     Curvature {
         /// Approximate position, good enough to find the foot point.
-        at: [f64; 3],
+        at: DVec3,
         /// The unit normal.
-        normal: [f64; 3],
+        normal: DVec3,
         /// The direction of the first curvature.
-        direction: [f64; 3],
+        direction: DVec3,
         /// κ1 and κ2, in one over the unit.
         principal: [f64; 2],
         /// σ of either.
@@ -92,7 +92,7 @@ pub enum Reading {
 impl Reading {
     /// A position with isotropic noise.
     #[must_use]
-    pub fn position(point: [f64; 3], sigma: f64) -> Self {
+    pub fn position(point: DVec3, sigma: f64) -> Self {
         Self::Position { point, covariance: SymmetricMatrix3::isotropic(sigma * sigma), facing: None }
     }
 
@@ -100,7 +100,7 @@ impl Reading {
         let made = match *self {
             Self::Position { point, covariance, facing } => IncomingReading {
                 at: point,
-                facing: facing.unwrap_or([0.0; 3]),
+                facing: facing.unwrap_or(DVec3::ZERO),
                 value: ReadingValue::Position(covariance),
             },
             Self::Normal { at, normal, sigma_rad } => IncomingReading {
@@ -132,9 +132,9 @@ pub struct NearestPoint {
     /// Parameters, in units of the base grid.
     pub parameters: [f64; 2],
     /// Position.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// Unit normal.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// σ of the surface along its normal.
     pub sigma: f64,
 }
@@ -143,20 +143,21 @@ pub struct NearestPoint {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_surface::stream::{Reading, StreamOptions, SurfaceStream};
 /// // A sensor that reads a wavy sheet of 8 by 6 mm to 0.02 mm.
 /// let read = |k: u32| {
 ///     let [x, y] = [8.0 * f64::from(k * 7919 % 1009) / 1009.0, 6.0 * f64::from(k * 104_729 % 997) / 997.0];
 ///     let error = 0.02 * (f64::from(k) * 12.9898).sin();
-///     Reading::position([x, y, 0.3 * x.sin() + error], 0.02)
+///     Reading::position(DVec3::new(x, y, 0.3 * x.sin() + error), 0.02)
 /// };
 /// let first: Vec<Reading> = (0..400).map(read).collect();
 /// let mut stream = SurfaceStream::start(&first, &StreamOptions::default())?;
-/// let before = stream.nearest([4.0, 3.0, 0.0]).sigma;
+/// let before = stream.nearest(DVec3::new(4.0, 3.0, 0.0)).sigma;
 /// for k in 400..1200 {
 ///     stream.push(&read(k))?;
 /// }
-/// let now = stream.nearest([4.0, 3.0, 0.0]);
+/// let now = stream.nearest(DVec3::new(4.0, 3.0, 0.0));
 /// assert!((now.position[2] - 0.3 * now.position[0].sin()).abs() < 0.05 && now.sigma < before);
 ///
 /// // A snapshot is a saved model: `planish compare` reads it, and another day goes on from it.
@@ -200,10 +201,10 @@ impl SurfaceStream {
             if let Reading::Position { point, covariance: own, facing } = reading {
                 scan.points.push(*point);
                 covariance.push(*own);
-                normals.push(facing.unwrap_or([0.0; 3]));
+                normals.push(facing.unwrap_or(DVec3::ZERO));
             }
         }
-        scan.normals = normals.iter().any(|n| *n != [0.0; 3]).then_some(normals);
+        scan.normals = normals.iter().any(|n| *n != DVec3::ZERO).then_some(normals);
         scan.covariance = Some(covariance);
         let fit = FitOptions {
             shape: options.shape,
@@ -267,8 +268,8 @@ impl SurfaceStream {
     /// Neighbouring patches may not contain each other's last readings yet; [`Self::surface`] reconciles
     /// them.
     #[must_use]
-    pub fn nearest(&self, point: [f64; 3]) -> NearestPoint {
-        let foot = self.core.foot_point(point, [0.0; 3]);
+    pub fn nearest(&self, point: DVec3) -> NearestPoint {
+        let foot = self.core.foot_point(point, DVec3::ZERO);
         let parameters = self.core.filter.space().parameters(foot.leaf as usize, foot.local);
         let [u, v] = parameters;
         NearestPoint {

@@ -5,6 +5,7 @@
 use crate::model::{
     Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
 };
+use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_spline::{BaseShape, Shape, Surface, SurfaceSystem, leaf_weights};
 
@@ -13,12 +14,12 @@ pub const SIGMA: f64 = 0.01;
 
 /// A base shape of size one over a hierarchy with one refined corner.
 pub fn refined_surface(shape: Shape) -> Surface {
-    let axis = [0.0, 0.0, 1.0];
+    let axis = DVec3::Z;
     let (base, grid) = match shape {
-        Shape::Sheet => (BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]), [6, 5]),
-        Shape::Tube => (BaseShape::cylinder([0.0; 3], axis, 0.5, 1.0), [12, 6]),
-        Shape::Ball => (BaseShape::sphere([0.0; 3], 1.0, axis), [16, 8]),
-        Shape::Torus => (BaseShape::torus([0.0; 3], axis, 1.0, 0.4), [16, 8]),
+        Shape::Sheet => (BaseShape::plane(DVec3::ZERO, [DVec3::X, DVec3::Y], [1.0, 0.8]), [6, 5]),
+        Shape::Tube => (BaseShape::cylinder(DVec3::ZERO, axis, 0.5, 1.0), [12, 6]),
+        Shape::Ball => (BaseShape::sphere(DVec3::ZERO, 1.0, axis), [16, 8]),
+        Shape::Torus => (BaseShape::torus(DVec3::ZERO, axis, 1.0, 0.4), [16, 8]),
     };
     let surface = base.surface(grid).unwrap();
     let corner = [(3.5, 2.5), (4.5, 2.5), (3.5, 3.5), (4.5, 3.5)];

@@ -5,9 +5,9 @@
 //! cells and the readings of the patch filter, so that the two differ only in how they use them.
 
 use super::{SharedModel, on_sphere, probes};
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
-use planish_estimate::vector3::{dot, norm};
 use planish_spline::{
     CellCovariance, CellInformation, Hierarchy, Jet, SmoothnessPrior, Surface, SurfaceReading, SurfaceSystem,
     cubic, leaf_weights,
@@ -73,7 +73,7 @@ impl GlobalFilter {
                 };
                 let jet = at.leaf_jet(leaf, local[0], local[1]);
                 let Some(own) = jet.normal() else { continue };
-                let facing = dot(*normal, own);
+                let facing = normal.dot(own);
                 for (weights, tangent) in tangent_weights(at, leaf, *local, &jet) {
                     // The gradient of n · t for a unit tangent t: a change of the tangent counts along the
                     // surface's own normal, scaled by how far the measured one agrees. The patch filter
@@ -81,7 +81,7 @@ impl GlobalFilter {
                     cell.add_scalar(
                         &weights,
                         own.map(|x| facing * x),
-                        -dot(*normal, tangent),
+                        -normal.dot(tangent),
                         1.0 / (sigma_rad * sigma_rad),
                     );
                 }
@@ -124,17 +124,17 @@ impl GlobalFilter {
 /// vertices in the derivative along it.
 ///
 /// Gram–Schmidt on `S_u` and `S_v`, written out so that the weights follow the tangents linearly.
-fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [([f64; 16], [f64; 3]); 2] {
+fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [([f64; 16], DVec3); 2] {
     let side = at.space().leaves()[leaf].side();
     let (bu, bv) = (cubic(s), cubic(t));
-    let l = norm(jet.du);
-    let m = dot(jet.du, jet.dv) / l;
-    let q = norm([0, 1, 2].map(|d| jet.dv[d] - m / l * jet.du[d]));
+    let l = jet.du.length();
+    let m = jet.du.dot(jet.dv) / l;
+    let q = (jet.dv - m / l * jet.du).length();
     [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]].map(|[a, b]| {
         let weights = std::array::from_fn(|k| {
             (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side
         });
-        (weights, [0, 1, 2].map(|d| a * jet.du[d] + b * jet.dv[d]))
+        (weights, a * jet.du + b * jet.dv)
     })
 }
 

@@ -1,7 +1,7 @@
 //! The measured region: no readings are inferred there.
 
 use crate::observe::ReadingColumns;
-use planish_estimate::vector3::{dot, sub};
+use planish_core::DVec3;
 use std::collections::HashMap;
 
 /// Smallest cosine between normals on the same side of an object.
@@ -25,20 +25,21 @@ impl<'a> MeasuredRegion<'a> {
     }
 
     /// True if a reading lies within reach of `p` on the same side.
-    pub(crate) fn contains(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
+    pub(crate) fn contains(&self, p: DVec3, normal: DVec3) -> bool {
         let [x, y, z] = cell(p, self.reach);
         // Cells are as wide as the reach, so a cell and its neighbours contain every reading within it.
         (0..27).any(|k| {
             let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
             self.cells.get(&there).into_iter().flatten().any(|&i| {
                 let i = i as usize;
-                let d = sub(self.readings.points[i], p);
-                dot(d, d) <= self.reach * self.reach && dot(self.readings.normal(i), normal) > MIN_SIDE_COSINE
+                let d = self.readings.points[i] - p;
+                d.length_squared() <= self.reach * self.reach
+                    && self.readings.normal(i).dot(normal) > MIN_SIDE_COSINE
             })
         })
     }
 }
 
-fn cell(p: [f64; 3], side: f64) -> [i64; 3] {
+fn cell(p: DVec3, side: f64) -> [i64; 3] {
     p.map(|c| (c / side).floor() as i64)
 }

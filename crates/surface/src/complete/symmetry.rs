@@ -6,7 +6,7 @@
 
 use super::measured_region::MeasuredRegion;
 use crate::observe::{InferredReading, InferredVariance, Observations, Quantity};
-use planish_core::Setting;
+use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
 use planish_spline::{Facets, FittedSymmetry, Symmetry, SymmetryKind, fit_symmetry, propose_symmetry};
 use serde::Serialize;
@@ -38,9 +38,9 @@ pub struct SymmetryReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<u32>,
     /// Point on the axis or plane.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Unit direction of the axis, or normal of the plane.
-    pub direction: [f64; 3],
+    pub direction: DVec3,
     /// σ of the position: in two directions across an axis, or along the normal of a plane.
     pub sigma_point: Vec<f64>,
     /// σ of the direction about two axes across it, in degrees.
@@ -84,8 +84,8 @@ impl SymmetryReport {
         Self {
             kind: "none".to_owned(),
             order: None,
-            point: [0.0; 3],
-            direction: [0.0; 3],
+            point: DVec3::ZERO,
+            direction: DVec3::ZERO,
             sigma_point: Vec::new(),
             sigma_direction_deg: [0.0; 2],
             departure: 0.0,
@@ -191,9 +191,8 @@ impl Cloud {
                     && !observations.readings.held_out[i]
             })
             .collect();
-        let points: Vec<[f64; 3]> =
-            readings.iter().map(|&i| observations.readings.points[i as usize]).collect();
-        let normals: Vec<[f64; 3]> = readings.iter().map(|&i| observations.normal(i as usize)).collect();
+        let points: Vec<DVec3> = readings.iter().map(|&i| observations.readings.points[i as usize]).collect();
+        let normals: Vec<DVec3> = readings.iter().map(|&i| observations.normal(i as usize)).collect();
         let mut variance: Vec<f64> = (readings.iter().zip(&normals))
             .map(|(&i, n)| observations.variance(i as usize, *n).max(f64::MIN_POSITIVE))
             .collect();

@@ -14,7 +14,7 @@
 //! Boehm, *Inserting new knots into B-spline curves*, CAD 1980 (clamping); Ramshaw, *Blossoms are polar
 //! forms*, CAGD 1989.
 
-use planish_estimate::vector3::{cross, dot, sub};
+use planish_core::DVec3;
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use planish_spline::{Cell, Hierarchy, Shape, Surface, quadrature};
 
@@ -39,9 +39,10 @@ impl Default for BrepOptions {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_surface::export::{BrepOptions, brep_from_surface};
 /// use planish_spline::BaseShape;
-/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8])?;
 /// let brep = brep_from_surface(&ball, &BrepOptions::default());
 /// assert_eq!((brep.faces.len(), brep.edges.len(), brep.vertices.len()), (2, 2, 2));
 /// brep.check(1e-9)?;
@@ -123,7 +124,7 @@ impl Patches {
         let (n_u, n_v) = (nu + 3, nv + 3);
         // Windows of neighbouring cells overlap. Their coefficients agree at the level of the patch, so the
         // order of writing does not matter.
-        let mut poles = vec![[0.0; 3]; n_u * n_v];
+        let mut poles = vec![DVec3::ZERO; n_u * n_v];
         for j in 0..nv {
             for i in 0..nu {
                 let cell = Cell { level, i: i0 + i as u32, j: j0 + j as u32 };
@@ -328,14 +329,11 @@ fn border_curve(surface: &BsplineSurface, d: usize, at_start: bool) -> BsplineCu
 ///
 /// By blossoms, with knots 0, 1, … from the end on: `f(0,0,0) = (c0 + 4 c1 + c2)/6`,
 /// `f(0,0,1) = (2 c1 + c2)/3`, and `f(0,1,2) = c2` as before.
-fn clamp_ends(c: &mut [[f64; 3]], first: usize, stride: usize, count: usize) {
+fn clamp_ends(c: &mut [DVec3], first: usize, stride: usize, count: usize) {
     let at = |k: usize| first + k * stride;
     let ends = [[0, 1, 2], [count - 1, count - 2, count - 3]].map(|[k0, k1, k2]| {
         let (c0, c1, c2) = (c[at(k0)], c[at(k1)], c[at(k2)]);
-        [
-            (k0, [0, 1, 2].map(|d| (c0[d] + 4.0 * c1[d] + c2[d]) / 6.0)),
-            (k1, [0, 1, 2].map(|d| (2.0 * c1[d] + c2[d]) / 3.0)),
-        ]
+        [(k0, (c0 + 4.0 * c1 + c2) / 6.0), (k1, (2.0 * c1 + c2) / 3.0)]
     });
     for (k, value) in ends.into_iter().flatten() {
         c[at(k)] = value;
@@ -351,7 +349,7 @@ fn encloses_positive_volume(surface: &Surface) -> bool {
         let area = cell.side() * cell.side();
         for q in quadrature() {
             let jet = surface.leaf_jet(leaf, q.local[0], q.local[1]);
-            volume += area * q.weight * dot(sub(jet.point, origin), cross(jet.du, jet.dv));
+            volume += area * q.weight * (jet.point - origin).dot(jet.du.cross(jet.dv));
         }
     }
     volume >= 0.0

@@ -13,7 +13,7 @@
 
 use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::{HeightGrid, NODATA};
 use planish_exchange::{GeoReference, Unit};
@@ -190,7 +190,7 @@ fn values_of_cells(
 ) -> Result<(Vec<[f32; 2]>, usize)> {
     let leaves: Vec<u32> = places.iter().map(|p| p.leaf).collect();
     let local: Vec<[f64; 2]> = places.iter().map(|p| p.local).collect();
-    let normals: Vec<[f64; 3]> = places.iter().map(|p| p.normal).collect();
+    let normals: Vec<DVec3> = places.iter().map(|p| p.normal).collect();
     let sigmas = sigmas_along(posterior, &leaves, &local, &normals)?;
     let mut values = vec![[NODATA; 2]; layout.columns * layout.rows];
     let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
@@ -228,7 +228,7 @@ struct Place {
     parameters: [f64; 2],
     leaf: u32,
     local: [f64; 2],
-    normal: [f64; 3],
+    normal: DVec3,
     height: f64,
 }
 
@@ -394,7 +394,8 @@ mod tests {
             let x = grid.corner[0] + (0.5 + (at % grid.columns) as f64) * grid.cell;
             let y = grid.corner[1] - (0.5 + (at / grid.columns) as f64) * grid.cell;
             let p = [x, y, f64::from(*height)];
-            let foot = (model.surface).project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
+            let foot =
+                (model.surface).project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
             assert!(foot.height.abs() < 1e-6 && foot.slip < 1e-5, "{p:?}");
             let along =
                 Posterior::sigma_along(&posterior.leaf(foot.leaf as usize).unwrap(), foot.local, foot.normal);

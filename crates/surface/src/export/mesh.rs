@@ -11,7 +11,7 @@
 use crate::model::SigmaSummary;
 use crate::model::sigmas_along;
 use crate::model::{Posterior, SurfaceModel};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
@@ -30,7 +30,7 @@ pub struct ModelMesh {
     /// Positions and triangles, in the model's unit.
     pub mesh: TriangleMesh,
     /// Unit normals of the surface, one for each vertex.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// σ of each vertex along its normal, in the model's unit.
     pub sigma: Vec<f64>,
     /// 1 for a measured vertex, 2 for an inferred one, 0 where only the prior holds.
@@ -228,7 +228,7 @@ pub struct KnownMesh<'a> {
     /// The mesh.
     pub mesh: &'a TriangleMesh,
     /// Unit normals.
-    pub normals: &'a [[f64; 3]],
+    pub normals: &'a [DVec3],
     /// σ along the normal.
     pub sigma: &'a [f64],
     /// How each vertex is known: see [`Observed::mark`](crate::model::Observed::mark).
@@ -272,7 +272,6 @@ pub fn write_known_mesh(
 mod tests {
     use super::*;
     use crate::test_support::{SIGMA, model_of, refined_surface, small_model};
-    use planish_estimate::vector3::norm;
     use planish_exchange::mesh::read_mesh;
     use planish_spline::Shape;
 
@@ -319,7 +318,7 @@ mod tests {
         // A unit ball: no chord lies deeper than the tolerance.
         for corners in (0..mesh.mesh.triangles.len()).map(|t| mesh.mesh.corners(t)) {
             let middle = [0, 1, 2].map(|d| corners.iter().map(|p| p[d]).sum::<f64>() / 3.0);
-            assert!(norm(middle) > 1.0 - 1.1 * mesh.tolerance - 1e-3);
+            assert!(middle.length() > 1.0 - 1.1 * mesh.tolerance - 1e-3);
         }
     }
 

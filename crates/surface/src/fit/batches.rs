@@ -17,7 +17,7 @@ use super::weights::weights;
 use super::{FitOptions, observation_options, observe};
 use crate::observe::{FootChannels, ProjectedReadings, StepInput, accumulate, add_up, normal_step, project};
 use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCause, has_ground};
-use planish_core::Progress;
+use planish_core::{DVec3, Progress};
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
 use planish_exchange::{PosedScan, ScanSet};
@@ -89,7 +89,7 @@ impl<'a> Batches<'a> {
             for (posed, batch) in
                 set.scans.iter().zip(&mut batch).filter(|(posed, _)| !has_ground(&posed.scan))
             {
-                let points: Vec<[f64; 3]> = (posed.scan.points.par_iter())
+                let points: Vec<DVec3> = (posed.scan.points.par_iter())
                     .with_min_len(4096)
                     .map(|p| posed.scan.world_from_scanner.apply(*p))
                     .collect();
@@ -157,7 +157,7 @@ fn scan_of_batch(scan: &Scan, part: &[u8], number: u8) -> Scan {
 
 /// The numbers of points in the order of a space-filling curve, so that points that are near in space are
 /// near in memory.
-fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
+fn neighbours_together(points: &[DVec3]) -> Vec<u32> {
     let Some(bounds) = BoundingBox::from_points(points) else {
         return Vec::new();
     };
@@ -185,7 +185,7 @@ fn spread(x: u32) -> u32 {
 }
 
 /// A repeatable number for coordinates.
-fn hash(p: &[f64; 3], seed: u64) -> u64 {
+fn hash(p: &DVec3, seed: u64) -> u64 {
     // Constants of SplitMix64 (Steele, Lea & Flood 2014), whose output bits all depend on all input bits:
     // points of one scan line must not fall into one batch.
     let mut x = seed ^ 0x9E37_79B9_7F4A_7C15;
@@ -216,7 +216,7 @@ fn prepared(
     batches: &Batches<'_>,
     number: usize,
     first: &Observations,
-    origin: [f64; 3],
+    origin: DVec3,
     options: &FitOptions,
 ) -> Result<(Observations, Vec<u32>)> {
     let options = ObservationOptions {
@@ -295,7 +295,7 @@ impl AddedBatches {
 pub(super) fn add_batches(
     batches: &Batches<'_>,
     first: &Observations,
-    origin: [f64; 3],
+    origin: DVec3,
     converged: &mut ConvergedFit,
     options: &FitOptions,
     progress: &dyn Progress,
@@ -377,7 +377,7 @@ mod tests {
 
     fn set() -> ScanSet {
         let mut random = ChaCha8Rng::seed_from_u64(11);
-        let mut points: Vec<[f64; 3]> = (0..330_000)
+        let mut points: Vec<DVec3> = (0..330_000)
             .map(|_| {
                 let (x, y) = (10.0 * random.random::<f64>(), 8.0 * random.random::<f64>());
                 [x, y, height(x, y)].map(|c| {

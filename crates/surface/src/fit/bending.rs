@@ -41,9 +41,8 @@ use super::leaves::leaf_areas;
 use super::{Fit, FitOptions, GlobalOptions, fit, observation_options, observe, scans_of};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::observe::{ObservationOptions, Quantity};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
-use planish_estimate::vector3::add_scaled;
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{Metric, Shape, Surface, SurfaceSystem};
@@ -188,8 +187,8 @@ fn follow(
     Ok(followed)
 }
 
-fn moved(surface: &Surface, by: [f64; 3]) -> Result<Surface> {
-    surface.with_vertices(surface.vertices().iter().map(|p| add_scaled(*p, 1.0, by)).collect())
+fn moved(surface: &Surface, by: DVec3) -> Result<Surface> {
+    surface.with_vertices(surface.vertices().iter().map(|p| *p + 1.0 * by).collect())
 }
 
 impl Lengths {
@@ -241,7 +240,7 @@ impl Lengths {
     ) -> Result<BendingState> {
         let areas = leaf_areas(&made.model.surface);
         let total: f64 = areas.iter().sum();
-        let (mut mean, mut largest) = ([0.0; 3], [0.0_f64; 3]);
+        let (mut mean, mut largest) = (DVec3::ZERO, [0.0_f64; 3]);
         let mut area = 0.0;
         let changes = self.metric.changes(&made.model.surface)?;
         // Other leaves have no lengths of an earlier state to compare with.
@@ -334,8 +333,8 @@ fn reported(
         rms: first.report.rms,
         sigma,
         misfit: first.report.rms / sigma,
-        mean_change: [0.0; 3],
-        largest_change: [0.0; 3],
+        mean_change: DVec3::ZERO,
+        largest_change: DVec3::ZERO,
         beyond_border: 0,
         isometric: true,
         measured_area_fraction: first.report.observed_area_fraction,

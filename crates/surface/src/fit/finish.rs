@@ -19,7 +19,7 @@ mod reports;
 
 pub(super) use degrees::variances_of_surface;
 pub(super) use findings::common_findings;
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 pub(super) use reports::{has_uncertain_pose, scan_pose_reports};
 
 use super::batches::AddedBatches;
@@ -64,7 +64,7 @@ pub(super) struct FinishInput<'a> {
     /// What further batches of a large cloud have added, if any.
     pub added: Option<AddedBatches>,
     /// World coordinates of the origin of all coordinates here.
-    pub origin: [f64; 3],
+    pub origin: DVec3,
 }
 
 impl<'a> FinishInput<'a> {
@@ -73,7 +73,7 @@ impl<'a> FinishInput<'a> {
         set: &'a ScanSet,
         observations: &'a Observations,
         options: &'a FitOptions,
-        origin: [f64; 3],
+        origin: DVec3,
     ) -> Self {
         Self { set, observations, options, earlier: None, added: None, origin }
     }
@@ -86,7 +86,7 @@ struct Finishing<'a> {
     options: &'a FitOptions,
     earlier: Option<&'a SurfaceModel>,
     added: Option<&'a AddedBatches>,
-    origin: [f64; 3],
+    origin: DVec3,
     system: &'a SurfaceSystem,
     /// The readings that take part, their feet, and the information of each.
     subset: &'a [u32],

@@ -10,7 +10,7 @@ use super::division::MIN_LEAF_SIGMAS;
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use crate::observe::{Observations, Quantity, ReadingColumns};
-use planish_core::Progress;
+use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result};
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights};
 use std::sync::Arc;
@@ -85,7 +85,7 @@ fn shape_sample(readings: &ReadingColumns) -> Vec<u32> {
 }
 
 /// Positions and normals of the readings in `sample`.
-fn positions_and_normals(readings: &ReadingColumns, sample: &[u32]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+fn positions_and_normals(readings: &ReadingColumns, sample: &[u32]) -> (Vec<DVec3>, Vec<DVec3>) {
     sample.iter().map(|&i| (readings.points[i as usize], readings.normal(i as usize))).unzip()
 }
 
@@ -126,7 +126,7 @@ fn typical_sigma(observations: &Observations, sample: &[u32]) -> f64 {
 }
 
 /// A smooth surface over the base grid, fitted to the points with their parameters on the base shape held.
-fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surface> {
+fn drape(base: &BaseShape, grid: [usize; 2], points: &[DVec3]) -> Result<Surface> {
     let reference = base.surface(grid)?;
     let space = Arc::clone(reference.space());
     let extent = space.extent();

@@ -18,10 +18,9 @@ use super::weights::weights;
 use crate::model::{NodeCovariance, Posterior, VertexMotion};
 use crate::observe::Observations;
 use crate::observe::{FootState, by_leaf};
-use planish_core::Progress;
+use planish_core::{DVec3, Progress};
 use planish_estimate::Result;
 use planish_estimate::sparse::SelectedInverse;
-use planish_estimate::vector3::{add, add_scaled, dot};
 use planish_spline::{PatchFilter, Surface};
 use std::sync::Arc;
 
@@ -46,7 +45,7 @@ pub struct Formation {
     /// Snapshots, from few readings to all of them.
     pub snapshots: Vec<Snapshot>,
     /// Positions of the readings, in their order.
-    pub places: Vec<[f64; 3]>,
+    pub places: Vec<DVec3>,
 }
 
 impl Snapshot {
@@ -73,16 +72,16 @@ impl Snapshot {
 
 impl Formation {
     /// The same with every point moved.
-    pub(super) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
-        if by == [0.0; 3] {
+    pub(super) fn translated(mut self, by: DVec3) -> Result<Self> {
+        if by == DVec3::ZERO {
             return Ok(self);
         }
         // Covariances do not depend on the origin, so only vertices and places move.
         for snapshot in &mut self.snapshots {
-            let moved = snapshot.surface.vertices().iter().map(|p| add(*p, by)).collect();
+            let moved = snapshot.surface.vertices().iter().map(|p| *p + by).collect();
             snapshot.surface = snapshot.surface.with_vertices(moved)?;
         }
-        self.places.iter_mut().for_each(|p| *p = add(*p, by));
+        self.places.iter_mut().for_each(|p| *p += by);
         Ok(self)
     }
 }
@@ -126,7 +125,7 @@ pub(super) fn formation_of_global_fit(
     let mut there = vec![0.0; x.len()];
     prior.multiply(&x, &mut there)?;
     let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(there.chunks_exact(3)).zip(&directions))
-        .map(|((eta, there), d)| dot([eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]], *d))
+        .map(|((eta, there), d)| DVec3::new(eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]).dot(*d))
         .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
     let counts = counts(FIRST_READINGS, order.len(), frames);
@@ -157,7 +156,7 @@ pub(super) fn formation_of_global_fit(
         let factor = system.factorize_scalar(&total)?;
         factor.solve_in_place(&mut step)?;
         let moved = (surface.vertices().iter().zip(&step).zip(&directions))
-            .map(|((p, step), d)| add_scaled(*p, *step, *d))
+            .map(|((p, step), d)| *p + *step * *d)
             .collect();
         let motion = VertexMotion::Along(directions.clone());
         let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);

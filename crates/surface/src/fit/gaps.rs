@@ -12,7 +12,7 @@ use super::refine::ConvergedFit;
 use super::weights::weights;
 use crate::complete::{GapReport, MeasuredRegion};
 use crate::observe::{InferredReading, InferredVariance, Observations, ReadingColumns};
-use planish_estimate::vector3::{distance, dot, sub};
+use planish_core::DVec3;
 use planish_spline::{Classification, classify};
 use std::f64::consts::PI;
 
@@ -25,7 +25,7 @@ const PLACES_PER_SIDE: usize = 5;
 const MIN_GAP_SPACINGS: f64 = 3.0;
 /// Widths of the rings around a gap, in radii of the gap. The widest ring whose readings have one simple
 /// shape is used.
-const RING_WIDTHS: [f64; 3] = [1.5, 0.8, 0.4];
+const RING_WIDTHS: DVec3 = DVec3::new(1.5, 0.8, 0.4);
 /// Maximum number of readings of a ring, and of points of a gap. Every reading is compared with every such
 /// point.
 const ENOUGH_READINGS: usize = 4000;
@@ -34,8 +34,8 @@ const ENOUGH_PLACES: usize = 300;
 /// A point of the surface in a gap.
 #[derive(Clone, Copy)]
 struct Place {
-    point: [f64; 3],
-    normal: [f64; 3],
+    point: DVec3,
+    normal: DVec3,
     area: f64,
 }
 
@@ -140,7 +140,7 @@ fn surroundings(
         .iter()
         .map(|&k| {
             let z = readings.points[converged.subset[k] as usize];
-            sample.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
+            sample.iter().map(|p| p.point.distance(z)).fold(f64::INFINITY, f64::min)
         })
         .collect();
     let nearest = away.iter().copied().fold(f64::INFINITY, f64::min);
@@ -153,9 +153,9 @@ fn surroundings(
             .collect();
         let near: Vec<usize> =
             near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
-        let points: Vec<[f64; 3]> =
+        let points: Vec<DVec3> =
             near.iter().map(|&k| readings.points[converged.subset[k] as usize]).collect();
-        let normals: Vec<[f64; 3]> = near.iter().map(|&k| converged.feet[k].normal).collect();
+        let normals: Vec<DVec3> = near.iter().map(|&k| converged.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();
         around.typical_variance = variance.iter().sum::<f64>() / near.len().max(1) as f64;
@@ -172,9 +172,9 @@ fn inferred_readings(found: &Classification, gap: &[Place], own: f64) -> Vec<Inf
     gap.iter()
         .filter_map(|place| {
             let predicted = found.predict(place.point, place.normal);
-            let off = sub(predicted.point, place.point);
+            let off = predicted.point - place.point;
             // A point farther away than the gap is wide belongs to another part of the shape.
-            (dot(off, off) < radius * radius).then_some(InferredReading {
+            (off.length_squared() < radius * radius).then_some(InferredReading {
                 point: predicted.point,
                 normal: predicted.normal,
                 variance: InferredVariance { own, shared: predicted.variance },

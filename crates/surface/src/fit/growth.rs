@@ -17,8 +17,8 @@
 //! Not guaranteed: shapes with handles. A ball cannot follow them and leaves films across.
 
 use super::indicator::{BlurredIndicator, Indicator, MIN_BLUR_CELLS};
+use planish_core::DVec3;
 use planish_estimate::Result;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
 use planish_spline::{BaseShape, FieldPoints, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -54,7 +54,7 @@ pub(super) fn grow(
     base: &BaseShape,
     grid: [usize; 2],
     levels: usize,
-    points: &[[f64; 3]],
+    points: &[DVec3],
     indicator: &Indicator,
     check: &dyn Fn(f64) -> Result<()>,
 ) -> Result<Surface> {
@@ -98,12 +98,13 @@ pub(super) fn grow(
                 stretch = stage_of_level.stretch(&surface)?;
             }
             let moved = stage_of_level.step(&surface, &stretch, &target)?;
-            let longest = moved.chunks_exact(3).map(|d| norm([d[0], d[1], d[2]])).fold(0.0, f64::max);
+            let longest =
+                moved.chunks_exact(3).map(|d| DVec3::new(d[0], d[1], d[2]).length()).fold(0.0, f64::max);
             let vertices = surface
                 .vertices()
                 .iter()
                 .zip(moved.chunks_exact(3))
-                .map(|(p, d)| add(*p, [d[0], d[1], d[2]]));
+                .map(|(p, d)| *p + DVec3::new(d[0], d[1], d[2]));
             surface = surface.with_vertices(vertices.collect())?;
             if step + 1 >= MIN_STEPS && longest < 0.05 * stage_of_level.cell {
                 break;
@@ -156,12 +157,12 @@ impl Stage {
         let share = self.side * self.side / FieldPoints::COUNT as f64;
         // The logarithm makes stretch and compression symmetric.
         let mut field = self.system.project_field(&self.points, &self.weights, |leaf| {
-            let mut values = [[0.0; 3]; FieldPoints::COUNT];
+            let mut values = [DVec3::ZERO; FieldPoints::COUNT];
             let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
             for ((value, [_, du, dv]), weight) in values.iter_mut().zip(frames).zip(&self.weights[leaf]) {
                 // The bounds keep the logarithm finite on a collapsed leaf.
                 let base = (weight / share).max(1e-300);
-                value[0] = (norm(cross(du, dv)) / base).max(1e-6).ln();
+                value[0] = (du.cross(dv).length() / base).max(1e-6).ln();
             }
             values
         });
@@ -201,26 +202,26 @@ impl Stage {
     #[inline]
     fn step_at(
         &self,
-        [point, du, dv]: [[f64; 3]; 3],
+        [point, du, dv]: [DVec3; 3],
         stretch: [f64; 2],
         target: &Target,
         mean_curvature: impl Fn() -> Option<f64>,
-    ) -> [f64; 3] {
+    ) -> DVec3 {
         let cell = self.cell;
         let longest = MAX_STEP_CELLS * cell;
-        let Some(normal) = unit(cross(du, dv)) else {
-            return [0.0; 3];
+        let Some(normal) = du.cross(dv).try_normalize() else {
+            return DVec3::ZERO;
         };
         let (value, gradient) = target.field.sample(point);
-        let slope = norm(gradient);
-        let (mut d, mut facing) = ([0.0; 3], 0.0);
+        let slope = gradient.length();
+        let (mut d, mut facing) = (DVec3::ZERO, 0.0);
         if slope > 0.0 {
-            let downhill = scale(-1.0 / slope, gradient);
-            facing = dot(downhill, normal);
+            let downhill = -1.0 / slope * gradient;
+            facing = downhill.dot(normal);
             let height = ((value - target.iso) / slope).clamp(-longest, longest);
             // The two motions blend over a cosine from −0.1 to 0.1: a sudden change would tear the step.
             let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
-            d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
+            d = along_normal * height * normal + (1.0 - along_normal) * height * downhill;
         }
         // A film is recognised by low values of the indicator on both of its sides.
         // The denominator is the fall of the indicator over half a cell next to the points.
@@ -229,46 +230,45 @@ impl Stage {
             && let Some(mean) = mean_curvature()
         {
             let draw = (RETRACTION * cell * cell * mean).clamp(-longest, longest);
-            d = add_scaled(d, outside * draw, normal);
+            d += outside * draw * normal;
         }
         let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
-        add(d, drift(du, dv, stretch, strength, longest))
+        d + drift(du, dv, stretch, strength, longest)
     }
 }
 
 /// `strength · ∇_S f` of a field with the derivatives `f` along the tangents `du` and `dv`, no longer than
 /// `longest`.
-fn drift(du: [f64; 3], dv: [f64; 3], f: [f64; 2], strength: f64, longest: f64) -> [f64; 3] {
-    let [e, m, g] = [dot(du, du), dot(du, dv), dot(dv, dv)];
+fn drift(du: DVec3, dv: DVec3, f: [f64; 2], strength: f64, longest: f64) -> DVec3 {
+    let [e, m, g] = [du.length_squared(), du.dot(dv), dv.length_squared()];
     let area2 = e * g - m * m;
     // Tangents that are nearly parallel define no gradient.
     if area2 <= 1e-12 * (e + g) * (e + g) {
-        return [0.0; 3];
+        return DVec3::ZERO;
     }
     let [fu, fv] = f;
-    let gradient = add(scale((g * fu - m * fv) / area2, du), scale((e * fv - m * fu) / area2, dv));
-    let length = strength * norm(gradient);
-    scale(strength * if length > longest { longest / length } else { 1.0 }, gradient)
+    let gradient = (g * fu - m * fv) / area2 * du + (e * fv - m * fu) / area2 * dv;
+    let length = strength * gradient.length();
+    (strength * if length > longest { longest / length } else { 1.0 }) * gradient
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::sub;
 
     /// A ball with two long horns, which is not star-shaped.
     #[test]
     fn ball_grows_into_a_horned_shape_without_turning_inside_out() {
         let (mut points, mut normals) = (Vec::new(), Vec::new());
-        let capsule = |points: &mut Vec<[f64; 3]>,
-                       normals: &mut Vec<[f64; 3]>,
-                       from: [f64; 3],
-                       to: [f64; 3],
+        let capsule = |points: &mut Vec<DVec3>,
+                       normals: &mut Vec<DVec3>,
+                       from: DVec3,
+                       to: DVec3,
                        r: f64,
                        count: usize| {
-            let axis = sub(to, from);
-            let length = norm(axis);
-            let axis = scale(1.0 / length, axis);
+            let axis = to - from;
+            let length = axis.length();
+            let axis = 1.0 / length * axis;
             let (e1, e2) = planish_estimate::vector3::tangents(axis);
             for i in 0..count {
                 let h = (length + 2.0 * r) * (i as f64 + 0.5) / count as f64 - r;
@@ -281,23 +281,22 @@ mod tests {
                     0.0
                 };
                 let ring = (r * r - over * over).max(0.0).sqrt();
-                let n =
-                    add(scale(ring / r, add(scale(a.cos(), e1), scale(a.sin(), e2))), scale(over / r, axis));
-                points.push(add(add(from, scale(h - over, axis)), scale(r, n)));
+                let n = ring / r * (a.cos() * e1 + a.sin() * e2) + over / r * axis;
+                points.push(from + (h - over) * axis + r * n);
                 normals.push(n);
             }
         };
-        capsule(&mut points, &mut normals, [0.0; 3], [0.02, 0.0, 0.0], 1.0, 8000);
+        capsule(&mut points, &mut normals, DVec3::ZERO, [0.02, 0.0, 0.0], 1.0, 8000);
         capsule(&mut points, &mut normals, [0.4, 0.0, 0.7], [0.9, 0.0, 2.0], 0.22, 2500);
         capsule(&mut points, &mut normals, [-0.4, 0.0, 0.7], [-0.9, 0.0, 2.0], 0.22, 2500);
         // Points inside another part are not on the surface.
-        let inside = |p: &[f64; 3]| {
-            let to_segment = |a: [f64; 3], b: [f64; 3]| {
-                let ab = sub(b, a);
-                let t = (dot(sub(*p, a), ab) / dot(ab, ab)).clamp(0.0, 1.0);
-                norm(sub(*p, add_scaled(a, t, ab)))
+        let inside = |p: &DVec3| {
+            let to_segment = |a: DVec3, b: DVec3| {
+                let ab = b - a;
+                let t = ((*p - a).dot(ab) / ab.length_squared()).clamp(0.0, 1.0);
+                (*p - (a + t * ab)).length()
             };
-            to_segment([0.0; 3], [0.02, 0.0, 0.0]) < 0.99
+            to_segment(DVec3::ZERO, [0.02, 0.0, 0.0]) < 0.99
                 || to_segment([0.4, 0.0, 0.7], [0.9, 0.0, 2.0]) < 0.21
                 || to_segment([-0.4, 0.0, 0.7], [-0.9, 0.0, 2.0]) < 0.21
         };
@@ -320,7 +319,7 @@ mod tests {
                     search.nearest(**p, **n),
                     &planish_spline::ProjectionOptions::default(),
                 );
-                foot.height.abs() > 0.15 || dot(foot.normal, **n) < 0.0
+                foot.height.abs() > 0.15 || foot.normal.dot(**n) < 0.0
             })
             .count();
         assert!(

@@ -14,7 +14,7 @@
 //! # References
 //! Kazhdan, *Reconstruction of solid models from oriented point sets*, SGP 2005.
 
-use planish_estimate::vector3::{dot, scale, sub};
+use planish_core::DVec3;
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 use rustfft::{FftDirection, FftPlanner};
@@ -49,7 +49,7 @@ pub(super) struct BlurredIndicator {
 /// A cubic grid of sample points, periodic for transforms.
 #[derive(Clone, Copy)]
 struct Grid {
-    origin: [f64; 3],
+    origin: DVec3,
     /// Distance between points, and how many there are along each side.
     cell: f64,
     cells: usize,
@@ -57,16 +57,12 @@ struct Grid {
 
 impl Indicator {
     /// The indicator of oriented points; those with zero normals do not count.
-    pub(super) fn new(points: &[[f64; 3]], normals: &[[f64; 3]]) -> Self {
+    pub(super) fn new(points: &[DVec3], normals: &[DVec3]) -> Self {
         let (lo, hi) = points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
             ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
         });
         let side = PADDING * (0..3).map(|d| hi[d] - lo[d]).fold(0.0, f64::max);
-        let grid = Grid {
-            origin: [0, 1, 2].map(|d| 0.5 * (lo[d] + hi[d]) - 0.5 * side),
-            cell: side / CELLS as f64,
-            cells: CELLS,
-        };
+        let grid = Grid { origin: 0.5 * (lo + hi) - 0.5 * side, cell: side / CELLS as f64, cells: CELLS };
         let mut counts = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         for p in points {
             // One thread adds all points: the order of additions decides the last digits.
@@ -87,7 +83,7 @@ impl Indicator {
             }
             // A sheet of ρ points an area has the blurred density ρ/(√2π σ) on it; the constant drops out of
             // the level set.
-            let a = scale(1.0 / there, *n);
+            let a = 1.0 / there * *n;
             grid.splat(*p, |index, w| {
                 xy[index] += Complex::new(w * a[0], w * a[1]);
                 z[index].re += w * a[2];
@@ -99,7 +95,7 @@ impl Indicator {
             .into_par_iter()
             .map(|index| {
                 let k = wave(index, CELLS);
-                let k2 = dot(k, k);
+                let k2 = k.length_squared();
                 // The mean of χ is arbitrary, because its level is the median at the points.
                 if k2 == 0.0 {
                     return Complex::new(0.0, 0.0);
@@ -145,7 +141,7 @@ impl Indicator {
 
 impl BlurredIndicator {
     /// Value and gradient by trilinear interpolation; outside the box, of its nearest point.
-    pub(super) fn sample(&self, p: [f64; 3]) -> (f64, [f64; 3]) {
+    pub(super) fn sample(&self, p: DVec3) -> (f64, DVec3) {
         let (corner, t) = self.grid.locate(p);
         let (n, first) = (self.grid.cells, self.grid.index(corner));
         let values = &self.values[first..first + n * n + n + 2];
@@ -160,14 +156,13 @@ impl BlurredIndicator {
             [low + t[1] * (high - low), low_x + t[1] * (high_x - low_x), high - low]
         };
         let (low, high) = (along_y(0), along_y(1));
-        let [value, gx, gy] = [0, 1, 2].map(|k| low[k] + t[2] * (high[k] - low[k]));
-        (value, scale(1.0 / self.grid.cell, [gx, gy, high[0] - low[0]]))
+        let [value, gx, gy] = low + t[2] * (high - low);
+        (value, 1.0 / self.grid.cell * DVec3::new(gx, gy, high[0] - low[0]))
     }
 
     /// Median slope of the indicator at the points.
-    pub(super) fn steepness(&self, points: &[[f64; 3]]) -> f64 {
-        let mut slopes: Vec<f64> =
-            points.iter().map(|p| dot(self.sample(*p).1, self.sample(*p).1).sqrt()).collect();
+    pub(super) fn steepness(&self, points: &[DVec3]) -> f64 {
+        let mut slopes: Vec<f64> = points.iter().map(|p| self.sample(*p).1.length_squared().sqrt()).collect();
         let middle = slopes.len() / 2;
         *slopes.select_nth_unstable_by(middle, f64::total_cmp).1
     }
@@ -181,7 +176,7 @@ impl BlurredIndicator {
     }
 
     /// The level at which the surface passes through the points: their median value.
-    pub(super) fn level(&self, points: &[[f64; 3]]) -> f64 {
+    pub(super) fn level(&self, points: &[DVec3]) -> f64 {
         let mut values: Vec<f64> = points.iter().map(|p| self.sample(*p).0).collect();
         let middle = values.len() / 2;
         *values.select_nth_unstable_by(middle, f64::total_cmp).1
@@ -190,8 +185,8 @@ impl BlurredIndicator {
 
 impl Grid {
     /// The lowest corner of the cube that holds `p`, and the local coordinates in it.
-    fn locate(self, p: [f64; 3]) -> ([usize; 3], [f64; 3]) {
-        let x = scale(1.0 / self.cell, sub(p, self.origin)).map(|c| c.clamp(0.0, self.cells as f64 - 1.0));
+    fn locate(self, p: DVec3) -> ([usize; 3], DVec3) {
+        let x = (1.0 / self.cell * (p - self.origin)).map(|c| c.clamp(0.0, self.cells as f64 - 1.0));
         let corner = x.map(|c| (c as usize).min(self.cells - 2));
         (corner, [0, 1, 2].map(|d| x[d] - corner[d] as f64))
     }
@@ -203,13 +198,13 @@ impl Grid {
 
     /// Distributes a unit over the eight grid points around `p`: the transpose of the interpolation in
     /// [`BlurredIndicator::sample`].
-    fn splat(self, p: [f64; 3], mut add: impl FnMut(usize, f64)) {
+    fn splat(self, p: DVec3, mut add: impl FnMut(usize, f64)) {
         let (corner, t) = self.locate(p);
         for c in 0..2 {
             for b in 0..2 {
                 for a in 0..2 {
                     let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
-                    add(self.index([corner[0] + a, corner[1] + b, corner[2] + c]), w);
+                    self.index([corner[0] + a, corner[1] + b, corner[2] + c]) + w;
                 }
             }
         }
@@ -222,7 +217,7 @@ fn split(index: usize, n: usize) -> [usize; 3] {
 }
 
 /// Wave vector of a spectral index, in radians a grid cell.
-fn wave(index: usize, n: usize) -> [f64; 3] {
+fn wave(index: usize, n: usize) -> DVec3 {
     split(index, n).map(|m| {
         let signed = if m > n / 2 { m as f64 - n as f64 } else { m as f64 };
         // The highest frequency has no sign, so an odd multiplier must be zero there.
@@ -284,15 +279,15 @@ mod tests {
             points.push([r * a.cos() + 5.0, r * a.sin(), z]);
         }
         points.retain(|p| p[2] > -0.8);
-        let normals: Vec<[f64; 3]> = points.iter().map(|p| sub(*p, [5.0, 0.0, 0.0])).collect();
+        let normals: Vec<DVec3> = points.iter().map(|p| *p - DVec3::new(5.0, 0.0, 0.0)).collect();
         let indicator = Indicator::new(&points, &normals);
         let field = indicator.blurred(1.5 * indicator.cell());
         let level = field.level(&points);
         for p in points.iter().step_by(50) {
             let (value, gradient) = field.sample(*p);
-            let off = (value - level) / dot(gradient, gradient).sqrt();
+            let off = (value - level) / gradient.length_squared().sqrt();
             assert!(off.abs() < 0.05, "{p:?} is {off} off the level set");
-            assert!(dot(gradient, sub(*p, [5.0, 0.0, 0.0])) < 0.0, "the indicator falls outwards");
+            assert!(gradient.dot(*p - DVec3::new(5.0, 0.0, 0.0)) < 0.0, "the indicator falls outwards");
         }
         assert!(field.sample([5.0, 0.0, 0.0]).0 > level && field.sample([5.0, 0.0, -1.4]).0 < level);
     }

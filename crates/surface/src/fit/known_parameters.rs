@@ -23,7 +23,7 @@ use crate::model::{
 };
 use crate::observe::{Quantity, RejectionCause};
 use planish_core::Progress;
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
@@ -315,7 +315,7 @@ impl Solved {
         // Prior and data are known up to one common factor on all variances, so both are divided by it.
         let weight = smoothing.found.weight / noise.used;
         let information = VertexInformation {
-            prior: over_coordinates(&smoothing.energy, weight, measured, [0.0; 3])?,
+            prior: over_coordinates(&smoothing.energy, weight, measured, DVec3::ZERO)?,
             data: over_coordinates(&total.information, 1.0 / noise.used, measured, total.sums.origin())?,
         };
         Ok(SurfaceModel {
@@ -431,7 +431,7 @@ impl Readings<'_> {
         let Some(&measured) = surface.coordinates.first() else {
             return Err(Error::undetermined("no coordinate was measured"));
         };
-        let mut axis = [0.0; 3];
+        let mut axis = DVec3::ZERO;
         axis[measured] = 1.0;
         // Sorted by leaf, because the covariance of a leaf takes longest.
         let mut held_out: Vec<_> = (self.held_out.iter().enumerate())
@@ -490,7 +490,7 @@ fn over_coordinates(
     information: &BlockInformation,
     factor: f64,
     measured: [bool; 3],
-    origin: [f64; 3],
+    origin: DVec3,
 ) -> Result<BlockInformation> {
     let mut out = BlockInformation::zeros(Arc::clone(information.pattern()), 3, 1)?;
     let weights = measured.map(|m| if m { factor } else { EXACT_INFORMATION_RATIO * factor });
@@ -503,14 +503,12 @@ fn over_coordinates(
     );
     // With η = Λ x, a shift of the origin by o adds Λ o, whose entries are row sums times o.
     let mut row_sums = vec![0.0; information.dimension()];
-    if origin != [0.0; 3] {
+    if origin != DVec3::ZERO {
         information.multiply(&vec![1.0; information.dimension()], &mut row_sums)?;
     }
     let rows = information.vector().chunks_exact(3).zip(&row_sums);
     for (to, (from, sum)) in out.vector_mut().chunks_exact_mut(3).zip(rows) {
-        for d in 0..3 {
-            to[d] = weights[d] * (from[d] + sum * origin[d]);
-        }
+        to = weights * (from + sum * origin);
     }
     Ok(out)
 }

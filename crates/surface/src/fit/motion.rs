@@ -34,8 +34,7 @@ pub use report::{MotionPose, MotionReport};
 
 use super::{Fit, FitOptions, GlobalOptions, fit, observation_options, observe, scans_of};
 use crate::observe::ObservationOptions;
-use planish_core::{Progress, ProgressPart};
-use planish_estimate::vector3::{add, dot, norm, scale, unit};
+use planish_core::{DVec3, Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_spline::Shape;
@@ -103,19 +102,19 @@ pub(super) fn fit_moving(
 /// [`AWAY_COSINE`]).
 fn curves_away(fitted: &Fit) -> bool {
     let surface = &fitted.model.surface;
-    let areas: Vec<[f64; 3]> = (0..surface.space().leaves().len())
+    let areas: Vec<DVec3> = (0..surface.space().leaves().len())
         .filter(|&leaf| fitted.model.observed[leaf].is_measured())
         .filter_map(|leaf| {
             let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
-            Some(scale(surface.leaf_area(leaf), surface.normal(u, v)?))
+            Some(surface.leaf_area(leaf) * surface.normal(u, v)?)
         })
         .collect();
-    let Some(towards) = unit(areas.iter().fold([0.0; 3], |sum, a| add(sum, *a))) else {
+    let Some(towards) = areas.iter().sum::<DVec3>().try_normalize() else {
         // Normals that cancel each other are those of a closed object.
         return true;
     };
-    let all: f64 = areas.iter().map(|a| norm(*a)).sum();
-    let away: f64 = (areas.iter().map(|a| (norm(*a), dot(*a, towards))))
+    let all: f64 = areas.iter().map(|a| a.length()).sum();
+    let away: f64 = (areas.iter().map(|a| (a.length(), a.dot(towards))))
         .filter(|(area, facing)| *facing < AWAY_COSINE * area)
         .map(|(area, _)| area)
         .sum();

@@ -23,7 +23,7 @@ use crate::observe::{FootState, ProjectedReadings, by_leaf, project};
 use crate::observe::{Measured, Observations, Quantity, RejectionCause, hash01};
 use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::subdivision::{Cause, RefinementLog};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
@@ -167,7 +167,7 @@ pub(crate) fn first_fit_of(
     let prior =
         SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
     // One coordinate stands for all three, so rows count as if all normals were equal.
-    let up = vec![[0.0, 0.0, 1.0]; surface.space().node_count()];
+    let up = vec![DVec3::Z; surface.space().node_count()];
     let used = weights(converged.readings(observations), &converged.noise, options.gate, false);
     let (start, order) = crate::observe::by_leaf(feet, surface.space().leaves().len());
     let mut information = system.accumulate_along(&up, |leaf, add| {
@@ -430,7 +430,7 @@ pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
 /// Reading `i` for the filter, with the estimated variance of its sensor.
 pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -> IncomingReading {
     let factor = factors[observations.channel(i)];
-    let variance = || factor * observations.variance(i, [0.0; 3]);
+    let variance = || factor * observations.variance(i, DVec3::ZERO);
     IncomingReading {
         at: observations.readings.points[i],
         facing: observations.normal(i),

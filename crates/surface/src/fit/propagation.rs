@@ -5,8 +5,7 @@ use super::refine::{ConvergedFit, refine_to_noise};
 use super::{BendingReport, FitOptions, GlobalOptions, MotionReport, converge};
 use crate::complete::{GapReport, SymmetryReport, complete_by_symmetry};
 use crate::observe::Observations;
-use planish_core::vector3::add;
-use planish_core::{Progress, ProgressPart};
+use planish_core::{DVec3, Progress, ProgressPart};
 use planish_estimate::Result;
 use serde::Serialize;
 
@@ -35,9 +34,9 @@ pub struct PropagationReport {
 impl PropagationReport {
     /// The same with every point moved.
     #[must_use]
-    pub fn translated(mut self, by: [f64; 3]) -> Self {
+    pub fn translated(mut self, by: DVec3) -> Self {
         if let Some(symmetry) = self.symmetry.as_mut().filter(|s| s.is_found()) {
-            symmetry.point = add(symmetry.point, by);
+            symmetry.point += by;
         }
         self
     }
@@ -48,7 +47,7 @@ impl PropagationReport {
 /// Gaps need a surface to be found, so their completion refines that surface a second time.
 pub(super) fn converge_with_propagation(
     observations: &mut Observations,
-    origin: [f64; 3],
+    origin: DVec3,
     global: &GlobalOptions,
     options: &FitOptions,
     progress: &dyn Progress,

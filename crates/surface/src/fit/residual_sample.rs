@@ -8,7 +8,7 @@
 use super::leaves::with_neighbours;
 use super::noise::SensorNoise;
 use crate::observe::{ProjectedReadings, Quantity};
-use planish_estimate::vector3::add;
+use planish_core::DVec3;
 use planish_exchange::ScanSet;
 use planish_spline::Surface;
 
@@ -38,7 +38,7 @@ pub struct ScanSummary {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ResidualSample {
     /// Position of each reading.
-    pub places: Vec<[f64; 3]>,
+    pub places: Vec<DVec3>,
     /// Signed distance from the surface.
     pub residuals: Vec<f64>,
     /// Residual over its σ.
@@ -130,9 +130,9 @@ impl ResidualSample {
     }
 
     /// The same with every position moved.
-    pub(super) fn translated(mut self, by: [f64; 3]) -> Self {
+    pub(super) fn translated(mut self, by: DVec3) -> Self {
         for place in &mut self.places {
-            *place = add(*place, by);
+            *place += by;
         }
         self
     }

@@ -4,6 +4,7 @@
 //! Input: sums of positions and the metric of a reference surface. Output: the weight, the factored equations
 //! and the vertices. One matrix serves all coordinates, so there is one unknown for each node.
 
+use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::{
     Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, SmoothnessWeight,
@@ -262,7 +263,7 @@ fn measured_coordinates(total: &Totals) -> [bool; 3] {
 /// `Undetermined` if the readings lie on one line.
 pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> Result<Surface> {
     let [nu, nv] = space.extent();
-    let point: Box<dyn Fn(f64, f64) -> [f64; 3]> = match space.shape() {
+    let point: Box<dyn Fn(f64, f64) -> DVec3> = match space.shape() {
         Shape::Sheet => {
             let undetermined =
                 || Error::undetermined("the readings' parameters lie on one line: they determine no surface");

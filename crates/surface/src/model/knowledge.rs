@@ -1,6 +1,7 @@
 //! What is known about the control vertices of a surface.
 
 use super::ScanErrorInformation;
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
 use planish_spline::PatchFilter;
@@ -21,7 +22,7 @@ pub struct VertexInformation {
 
 impl VertexInformation {
     /// Moves the vertices by `by`; the covariance does not change.
-    pub(super) fn translate(&mut self, by: [f64; 3]) -> Result<()> {
+    pub(super) fn translate(&mut self, by: DVec3) -> Result<()> {
         for information in [&mut self.prior, &mut self.data] {
             let repeated: Vec<f64> = (0..information.vector().len()).map(|k| by[k % 3]).collect();
             // The matrix does not depend on the origin; the vector becomes η + Λ o (decision 0010).

@@ -1,6 +1,7 @@
 //! σ at many surface points, with one covariance for each leaf.
 
 use crate::model::Posterior;
+use planish_core::DVec3;
 use planish_estimate::Result;
 use rayon::prelude::*;
 
@@ -41,7 +42,7 @@ pub fn sigmas_along(
     posterior: &Posterior<'_>,
     leaf: &[u32],
     local: &[[f64; 2]],
-    normals: &[[f64; 3]],
+    normals: &[DVec3],
 ) -> Result<Vec<f64>> {
     let leaves = posterior.surface().space().leaves().len();
     let (start, points) = order_by_leaf(leaf.iter().copied(), leaves);

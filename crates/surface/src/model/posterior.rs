@@ -2,8 +2,8 @@
 
 use super::Observed;
 use super::reports::SigmaSummary;
+use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
-use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_spline::{PatchFilter, StateLayout, Surface, SurfaceSystem, leaf_weights};
 use rayon::prelude::*;
@@ -48,9 +48,9 @@ pub(super) struct ScanErrorRows {
 /// The directions in which vertices move.
 pub enum VertexMotion {
     /// One unknown for each node, along these directions.
-    Along(Vec<[f64; 3]>),
+    Along(Vec<DVec3>),
     /// Independent coordinates, each with this multiple of the covariance.
-    Coordinates([f64; 3]),
+    Coordinates(DVec3),
     /// Three unknowns for each node.
     Freely,
 }
@@ -140,7 +140,7 @@ impl NodeCovariance {
             VertexMotion::Coordinates(scales) => (0..3)
                 .filter(|&d| scales[d] > 0.0)
                 .map(|d| {
-                    let mut axis = [0.0; 3];
+                    let mut axis = DVec3::ZERO;
                     axis[d] = 1.0;
                     Ok(scales[d] * inverse.trace_with(&system.contract(information, &directions(axis))?)?)
                 })
@@ -185,7 +185,7 @@ impl<'a> Posterior<'a> {
                     weights: &IDENTITY_WEIGHTS,
                     // A patch filter knows coefficients of leaves directly, so the weights are the identity.
                     motion: VertexMotion::Coordinates(match filter.options().layout {
-                        StateLayout::Height => [0.0, 0.0, 1.0],
+                        StateLayout::Height => DVec3::Z,
                         _ => [1.0; 3],
                     }),
                     covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
@@ -245,7 +245,7 @@ impl<'a> Posterior<'a> {
             .map(|leaf| {
                 let jet = surface.leaf_jet(leaf, 0.5, 0.5);
                 let sigma =
-                    Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));
+                    Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or(DVec3::ZERO));
                 // Leaves have different sizes, so quantiles are weighted by area.
                 let side = surface.space().leaves()[leaf].side();
                 Ok((sigma, jet.area_element() * side * side))
@@ -271,7 +271,7 @@ impl<'a> Posterior<'a> {
 
     /// σ of the surface point at leaf-local coordinates along a unit direction.
     #[must_use]
-    pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: [f64; 3]) -> f64 {
+    pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: DVec3) -> f64 {
         cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
     }
 }
@@ -280,7 +280,7 @@ impl LeafCovariance<'_> {
     /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`. Unresolved shape is included
     /// for points (weights `c` with sum 1), not for differences of points.
     #[must_use]
-    pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
+    pub fn variance_along(&self, c: &[f64; 16], a: DVec3) -> f64 {
         // Four partial sums: a plain sum would wait for each of its additions.
         let at_point = |w: &[f64; 16]| {
             let mut sums = [0.0; 4];
@@ -291,7 +291,7 @@ impl LeafCovariance<'_> {
         };
         let (row, scale): (Vec<f64>, f64) = match &self.motion {
             VertexMotion::Along(directions) => {
-                ((self.weights.iter().zip(directions)).map(|(w, d)| dot(a, *d) * at_point(w)).collect(), 1.0)
+                ((self.weights.iter().zip(directions)).map(|(w, d)| a.dot(*d) * at_point(w)).collect(), 1.0)
             }
             VertexMotion::Coordinates(scales) => {
                 (self.weights.iter().map(at_point).collect(), (0..3).map(|d| scales[d] * a[d] * a[d]).sum())
@@ -309,6 +309,6 @@ impl LeafCovariance<'_> {
         }
         let sum_of_weights: f64 = c.iter().sum();
         scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
-            + self.unresolved_shape * sum_of_weights * sum_of_weights * dot(a, a)
+            + self.unresolved_shape * sum_of_weights * sum_of_weights * a.length_squared()
     }
 }

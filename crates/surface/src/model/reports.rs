@@ -1,5 +1,6 @@
 //! Figures of sensors, poses and σ that a model carries.
 
+use planish_core::DVec3;
 use planish_mesh::quantile_of_sorted;
 use serde::{Deserialize, Serialize};
 
@@ -66,7 +67,7 @@ pub struct ScanPoseReport {
     /// Name of the scan.
     pub scan: String,
     /// Translation, world from scanner.
-    pub translation: [f64; 3],
+    pub translation: DVec3,
     /// Rotation, world from scanner.
     pub quaternion_xyzw: [f64; 4],
     /// σ of the translation.

@@ -4,7 +4,7 @@
 //! range no square overflows and positions keep enough digits. Numbers outside usually come from a wrong unit
 //! or a faulty export.
 
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
@@ -26,10 +26,11 @@ const FAR_DISTANCE: f64 = 1e6;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::{PosedScan, ScanSet};
 /// use planish_sense::{Scan, Sensor};
 /// use planish_surface::observe::check_domain;
-/// let points = vec![[0.0; 3], [3e9, 4e9, 0.0], [3e99, 0.0, 0.0]];
+/// let points = vec![DVec3::ZERO, DVec3::new(3e9, 4e9, 0.0), DVec3::new(3e99, 0.0, 0.0)];
 /// let scan = Scan { name: "a.ply".to_owned(), points, ..Scan::default() };
 /// let set = ScanSet {
 ///     sensors: vec![Sensor::default()],
@@ -171,7 +172,7 @@ mod tests {
 
     fn set(change: impl FnOnce(&mut Scan, &mut Sensor)) -> ScanSet {
         let mut scan =
-            Scan { name: "a.ply".to_owned(), points: vec![[0.0; 3], [3.0, 4.0, 0.0]], ..Scan::default() };
+            Scan { name: "a.ply".to_owned(), points: vec![DVec3::ZERO, [3.0, 4.0, 0.0]], ..Scan::default() };
         let mut sensor = Sensor {
             name: "laser".to_owned(),
             kind: SensorKind::Range,

@@ -4,10 +4,9 @@ use super::observations::Observations;
 use super::quantity::{Measured, Quantity};
 use super::rejection::RejectionCause;
 use crate::model::order_by_leaf;
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
-use planish_estimate::vector3::dot;
 use planish_spline::{
     DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights,
 };
@@ -31,14 +30,14 @@ pub(crate) struct Foot {
     pub leaf: u32,
     pub state: FootState,
     pub local: [f64; 2],
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     pub quantity: Quantity,
     /// Measured minus predicted value, component by component; all components have the same variance.
     ///
     /// For a position, the signed distance from the surface less the expected lift by tangential noise. For a
     /// normal, the tilts of the two tangents towards it. For a curvature, `11`, `√2·12` and `22` of the
     /// second fundamental form.
-    pub(crate) residuals: [f64; 3],
+    pub(crate) residuals: DVec3,
     /// Stated variance of each residual; for a position `nᵀRn`.
     pub variance: f64,
 }
@@ -82,7 +81,7 @@ impl Foot {
     }
 
     /// The residuals of a normal or a curvature at this foot; none if the surface has no tangent plane there.
-    pub(crate) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<[f64; 3]> {
+    pub(crate) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<DVec3> {
         let frame = surface.tangent_rows(self.leaf as usize, self.local)?;
         Some(match measured {
             Measured::Position => self.residuals,
@@ -120,7 +119,7 @@ impl Foot {
 }
 
 /// The off-diagonal component of a symmetric tensor with isotropic noise has half the variance of the others.
-const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
+const CURVATURE_SCALE: DVec3 = DVec3::new(1.0, SQRT_2, 1.0);
 
 /// Smallest cosine between the normals of scan and surface. Points that differ by more than about 70° lie on
 /// another side of the object.
@@ -154,8 +153,8 @@ pub(crate) fn project(
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
             // A scan normal is a unit vector, or zero if the side is unknown.
-            let has_normal = dot(scan_normal, scan_normal) > 0.5;
-            let state = if has_normal && dot(scan_normal, foot.normal) < MIN_COSINE {
+            let has_normal = scan_normal.length_squared() > 0.5;
+            let state = if has_normal && scan_normal.dot(foot.normal) < MIN_COSINE {
                 FootState::NormalMismatch
             } else if foot.at_border {
                 FootState::BeyondBorder
@@ -169,7 +168,7 @@ pub(crate) fn project(
                 local: foot.local,
                 normal: foot.normal,
                 quantity: observations.quantity(i),
-                residuals: [0.0; 3],
+                residuals: DVec3::ZERO,
                 variance: observations.variance(i, foot.normal),
             };
             match observations.measured(i) {
@@ -252,7 +251,7 @@ pub(crate) fn accumulate(
 /// A row applied to the coefficients of a surface, projected on the foot's normal.
 pub(super) fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
     let coefficients = surface.leaf_coefficients(foot.leaf as usize);
-    row.iter().zip(coefficients).map(|(w, c)| w * dot(foot.normal, *c)).sum()
+    row.iter().zip(coefficients).map(|(w, c)| w * foot.normal.dot(*c)).sum()
 }
 
 /// [`accumulate`] of positions into sums over several batches; other quantities are skipped.
@@ -263,7 +262,7 @@ pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             if w > 0.0 && foot.quantity == Quantity::Position {
                 let on_surface = surface.leaf_point(leaf, foot.local[0], foot.local[1]);
-                moments.add(foot.local, foot.normal, dot(foot.normal, on_surface) + foot.height(), w);
+                moments.add(foot.local, foot.normal, foot.normal.dot(on_surface) + foot.height(), w);
             }
         }
     });
@@ -273,8 +272,9 @@ pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_spline::BaseShape;
-/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// let ball = BaseShape::sphere(DVec3::ZERO, 10.0, DVec3::Z).surface([16, 8])?;
 /// assert!((20.0..24.0).contains(&planish_surface::observe::surface_extent(&ball)));
 /// # Ok::<(), planish_core::Error>(())
 /// ```

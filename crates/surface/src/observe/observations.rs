@@ -16,14 +16,13 @@ mod normals;
 
 pub use columns::{IntakeFigures, ReadingColumns, ScanColumns};
 pub(crate) use intake::has_ground;
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 
 use super::quantity::{Channel, Measured, Quantity};
 use super::rejection::RejectionCause;
 use super::scan_errors::ScanErrors;
 use columns::{ReadingRow, ScanNoise};
 use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{dot, norm, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{GroundOptions, Noise, Pose, ScanChecks, Viewing, ray_at};
@@ -50,9 +49,9 @@ pub struct InferredVariance {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InferredReading {
     /// Expected point of the surface.
-    pub point: [f64; 3],
+    pub point: DVec3,
     /// Expected unit normal there.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// Variance of the point along the normal.
     pub variance: InferredVariance,
 }
@@ -244,7 +243,7 @@ impl Observations {
     /// Stated variance of each component of a reading: of a position along `normal`, of others as stated.
     #[inline]
     #[must_use]
-    pub fn variance(&self, i: usize, normal: [f64; 3]) -> f64 {
+    pub fn variance(&self, i: usize, normal: DVec3) -> f64 {
         let index = self.readings.index[i] as usize;
         match &self.scans.noise[self.readings.scan[i] as usize] {
             ScanNoise::Normals(all) => all[index].1,
@@ -257,7 +256,7 @@ impl Observations {
     /// The scan normal of a point; zero if unknown.
     #[inline]
     #[must_use]
-    pub fn normal(&self, i: usize) -> [f64; 3] {
+    pub fn normal(&self, i: usize) -> DVec3 {
         self.readings.normal(i)
     }
 
@@ -295,13 +294,13 @@ impl Observations {
     ///
     /// Map coordinates have seven digits before the point. Of the sixteen digits of a number, products of
     /// them leave too few for an energy that no translation changes.
-    pub fn recentre(&mut self) -> [f64; 3] {
+    pub fn recentre(&mut self) -> DVec3 {
         let Some(bounds) = BoundingBox::from_points(&self.readings.points) else {
-            return [0.0; 3];
+            return DVec3::ZERO;
         };
         let (center, size) = (bounds.center(), bounds.diagonal());
-        if norm(center) <= FAR_FROM_ORIGIN * size || size <= 0.0 {
-            return [0.0; 3];
+        if center.length() <= FAR_FROM_ORIGIN * size || size <= 0.0 {
+            return DVec3::ZERO;
         }
         // A multiple of a power of two of about the size: differences to it are exact.
         let step = size.log2().ceil().exp2();
@@ -311,22 +310,22 @@ impl Observations {
     }
 
     /// Moves the origin to a point.
-    pub(crate) fn move_origin(&mut self, origin: [f64; 3]) {
-        if origin == [0.0; 3] {
+    pub(crate) fn move_origin(&mut self, origin: DVec3) {
+        if origin == DVec3::ZERO {
             return;
         }
         for p in &mut self.readings.points {
-            *p = sub(*p, origin);
+            *p -= origin;
         }
         for noise in &mut self.scans.noise {
             if let ScanNoise::Model { viewing: Viewing::Origin(from), .. } = noise {
-                *from = sub(*from, origin);
+                *from -= origin;
             }
         }
     }
 
     /// Turns normals of unknown sign to the side of `normal_near` at their points.
-    pub fn orient_by(&mut self, normal_near: impl Fn([f64; 3]) -> [f64; 3] + Sync) {
+    pub fn orient_by(&mut self, normal_near: impl Fn(DVec3) -> DVec3 + Sync) {
         self.readings
             .normals
             .par_iter_mut()
@@ -335,7 +334,7 @@ impl Observations {
             .with_min_len(256)
             .filter(|(_, oriented)| !**oriented)
             .for_each(|((normal, p), _)| {
-                if dot(normal.map(f64::from), normal_near(*p)) < 0.0 {
+                if normal.map(f64::from).dot(normal_near(*p)) < 0.0 {
                     *normal = normal.map(|c| -c);
                 }
             });

@@ -1,6 +1,6 @@
 //! Quantities that readings measure, and the channels of a fit.
 
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_sense::Pose;
 
 /// The quantity that a reading measures.
@@ -76,7 +76,7 @@ pub enum Measured {
     /// A position, which [`ReadingColumns::points`](super::ReadingColumns) holds.
     Position,
     /// A unit normal.
-    Normal([f64; 3]),
+    Normal(DVec3),
     /// The second fundamental form as a tensor in space.
     Curvature(SymmetricMatrix3),
 }

@@ -23,7 +23,7 @@ use super::feet::Foot;
 use super::observations::{Observations, moved_viewing};
 use super::quantity::Measured;
 use crate::model::{ScanErrorInformation, SurfaceModel};
-use planish_estimate::vector3::{add, cross, dot, norm, sub};
+use planish_core::DVec3;
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{Pose, Viewing, ray_at};
@@ -59,7 +59,7 @@ pub(crate) struct ScanError {
     /// σ of translation, rotation and bias; zero where exact.
     sigmas: [f64; 3],
     /// Centre of rotations.
-    center: [f64; 3],
+    center: DVec3,
     /// The stated pose, the current one, and the bias.
     stated: Pose,
     pub now: Pose,
@@ -85,7 +85,7 @@ pub(crate) struct ScanErrors {
 #[derive(Debug, Clone)]
 struct EarlierScanErrors {
     information: ScanErrorInformation,
-    vertices: Vec<[f64; 3]>,
+    vertices: Vec<DVec3>,
     moved: Vec<f64>,
 }
 
@@ -96,14 +96,14 @@ impl EarlierScanErrors {
 
     /// `Cᵀ s + P δ` and `C δ`, where the vertices have moved by `s` along their normals and the unknowns by
     /// `δ`.
-    fn products(&self, surface: &Surface, directions: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
+    fn products(&self, surface: &Surface, directions: &[DVec3]) -> (Vec<f64>, Vec<f64>) {
         let ScanErrorInformation { coupling, corner } = &self.information;
         let m = self.width();
         let mut of_shared: Vec<f64> = (corner.chunks_exact(m))
             .map(|row| row.iter().zip(&self.moved).map(|(p, d)| p * d).sum())
             .collect();
         let ways = (surface.vertices().iter().zip(&self.vertices).zip(directions))
-            .map(|((x, x0), d)| dot(sub(*x, *x0), *d));
+            .map(|((x, x0), d)| (*x - *x0).dot(*d));
         let of_vertices = (coupling.chunks_exact(m).zip(ways))
             .map(|(row, way)| {
                 for (sum, c) in of_shared.iter_mut().zip(row) {
@@ -127,9 +127,9 @@ impl ScanError {
 
     /// The deviation from what was stated: motion of the scanner's origin, rotation vector, bias.
     fn deviation(&self) -> [f64; UNKNOWNS] {
-        let turn = Pose { translation: [0.0; 3], ..self.now }
-            .after(&Pose { translation: [0.0; 3], ..self.stated.inverse() });
-        let t = sub(self.now.translation, self.stated.translation);
+        let turn = Pose { translation: DVec3::ZERO, ..self.now }
+            .after(&Pose { translation: DVec3::ZERO, ..self.stated.inverse() });
+        let t = self.now.translation - self.stated.translation;
         let w = turn.rotation_vector();
         [t[0], t[1], t[2], w[0], w[1], w[2], self.bias]
     }
@@ -140,11 +140,11 @@ impl ScanError {
         for (k, row) in d.iter_mut().enumerate() {
             row[k] = 1.0;
         }
-        let arm = sub(self.now.translation, self.center);
+        let arm = self.now.translation - self.center;
         for axis in 0..3 {
-            let mut turn = [0.0; 3];
+            let mut turn = DVec3::ZERO;
             turn[axis] = 1.0;
-            let moved = cross(turn, arm);
+            let moved = turn.cross(arm);
             for k in 0..3 {
                 d[k][ROTATION + axis] = moved[k];
             }
@@ -171,20 +171,20 @@ impl ScanError {
     }
 
     /// The ray through a point, if it is known.
-    fn ray(&self, p: [f64; 3]) -> Option<[f64; 3]> {
+    fn ray(&self, p: DVec3) -> Option<DVec3> {
         ray_at(self.viewing, p)
     }
 
     /// Derivative of the residual of a position by all unknowns, linear in the normal `n`. If the ray is
     /// unknown, the surface's `normal` stands for it.
-    fn position_row(&self, point: [f64; 3], n: [f64; 3], normal: [f64; 3]) -> [f64; UNKNOWNS] {
-        let turn = cross(sub(point, self.center), n);
-        let along = dot(n, self.ray(point).unwrap_or(normal));
+    fn position_row(&self, point: DVec3, n: DVec3, normal: DVec3) -> [f64; UNKNOWNS] {
+        let turn = (point - self.center).cross(n);
+        let along = n.dot(self.ray(point).unwrap_or(normal));
         [n[0], n[1], n[2], turn[0], turn[1], turn[2], -along]
     }
 
     /// Derivatives of the residuals of a reading by all unknowns.
-    fn rows(&self, surface: &Surface, foot: &Foot, point: [f64; 3], measured: &Measured) -> Rows {
+    fn rows(&self, surface: &Surface, foot: &Foot, point: DVec3, measured: &Measured) -> Rows {
         let mut rows = Rows::default();
         match measured {
             Measured::Position => {
@@ -193,11 +193,11 @@ impl ScanError {
             Measured::Normal(_) | Measured::Curvature(_) => {
                 for axis in 0..3 {
                     let turned = |by: f64| {
-                        let mut omega = [0.0; 3];
+                        let mut omega = DVec3::ZERO;
                         omega[axis] = by;
                         foot.directional(
                             surface,
-                            &measured.turned(&Pose::from_rotation_vector(omega, [0.0; 3])),
+                            &measured.turned(&Pose::from_rotation_vector(omega, DVec3::ZERO)),
                         )
                     };
                     if let (Some(more), Some(less)) = (turned(DIFFERENCE), turned(-DIFFERENCE)) {
@@ -220,7 +220,7 @@ impl ScanErrors {
     pub(crate) fn new(
         set: &ScanSet,
         observations: &Observations,
-        origin: [f64; 3],
+        origin: DVec3,
         align: bool,
         earlier: Option<&SurfaceModel>,
     ) -> Self {
@@ -238,10 +238,10 @@ impl ScanErrors {
             }),
             ..Self::default()
         };
-        let mut sums = vec![([0.0; 3], 0_usize); set.scans.len()];
+        let mut sums = vec![(DVec3::ZERO, 0_usize); set.scans.len()];
         for (p, &s) in observations.readings.points.iter().zip(&observations.readings.scan) {
             if let Some((sum, count)) = sums.get_mut(observations.base_scan(s as usize)) {
-                (*sum, *count) = (add(*sum, *p), *count + 1);
+                (*sum, *count) = (*sum + *p, *count + 1);
             }
         }
         let mut anchored = earlier.is_some();
@@ -263,7 +263,7 @@ impl ScanErrors {
                 continue;
             }
             let mut stated = posed.scan.world_from_scanner;
-            stated.translation = sub(stated.translation, origin);
+            stated.translation -= origin;
             made.of_scan[s] = Some(made.errors.len());
             made.errors.push(ScanError {
                 scan: s,
@@ -312,7 +312,7 @@ impl ScanErrors {
 
     /// The component of a scan's bias along the normal, which is subtracted from the height of a position.
     #[inline]
-    pub(crate) fn bias_along(&self, scan: u32, point: [f64; 3], normal: [f64; 3]) -> f64 {
+    pub(crate) fn bias_along(&self, scan: u32, point: DVec3, normal: DVec3) -> f64 {
         let Some(error) = self.of_scan.get(scan as usize).copied().flatten() else {
             return 0.0;
         };
@@ -321,7 +321,7 @@ impl ScanErrors {
         if error.bias == 0.0 {
             return 0.0;
         }
-        error.bias * error.ray(point).map_or(1.0, |d| dot(normal, d))
+        error.bias * error.ray(point).map_or(1.0, |d| normal.dot(d))
     }
 
     /// Changes the unknowns by a step; returns the motion of each scan of the observations.
@@ -343,17 +343,17 @@ impl ScanErrors {
             if !error.moves() {
                 continue;
             }
-            let limited = |v: [f64; 3], longest: f64| {
-                let length = norm(v);
+            let limited = |v: DVec3, longest: f64| {
+                let length = v.length();
                 if length > longest { v.map(|c| c * longest / length) } else { v }
             };
             // A limited step keeps its direction, so the iteration still goes downhill.
             let translation = limited([by[0], by[1], by[2]], MAX_STEP * self.size);
             let rotation = limited([by[3], by[4], by[5]], MAX_STEP);
-            let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);
+            let turn = Pose::from_rotation_vector(rotation, DVec3::ZERO);
             // About the centre: z ↦ R (z − c) + c + τ.
             let motion =
-                Pose { translation: add(translation, sub(error.center, turn.rotate(error.center))), ..turn };
+                Pose { translation: translation + (error.center - turn.rotate(error.center)), ..turn };
             // The caller moves the readings by the same motion, so that poses and readings agree.
             error.now = motion.after(&error.now);
             error.viewing = moved_viewing(error.viewing, &motion);

@@ -3,8 +3,8 @@
 use super::feet::{Foot, along_normal, by_leaf};
 use super::observations::Observations;
 use super::scan_errors::Linearized;
+use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
-use planish_estimate::vector3::add_scaled;
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_spline::{Surface, SurfaceSystem};
 use rand::{RngExt, SeedableRng};
@@ -116,8 +116,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     readings.multiply(&step, &mut data_step)?;
     let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
     // The step goes along the normals at which it was linearised.
-    let vertices =
-        surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
+    let vertices = surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| *p + *s * *d);
     *memory = Some(factor);
     Ok(NormalStep {
         surface: surface.with_vertices(vertices.collect())?,
@@ -152,7 +151,7 @@ fn pull_of_prior(input: &StepInput<'_>) -> Result<Vec<f64>> {
 fn solve(
     input: &StepInput<'_>,
     factor: &CholeskyFactor,
-    directions: &[[f64; 3]],
+    directions: &[DVec3],
     gradient: &[f64],
 ) -> Result<(Vec<f64>, Vec<f64>, f64)> {
     let StepInput { surface, feet, information, channels, .. } = *input;
@@ -208,7 +207,7 @@ impl<'a> FootChannels<'a> {
 fn degrees_by_channel(
     input: &StepInput<'_>,
     factor: &CholeskyFactor,
-    directions: &[[f64; 3]],
+    directions: &[DVec3],
 ) -> Result<Vec<f64>> {
     let StepInput { surface, feet, information, channels, .. } = *input;
     // A fixed seed: σ follows from these degrees, and must be the same in every run.

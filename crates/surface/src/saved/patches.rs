@@ -1,6 +1,7 @@
 //! The state of a patch filter as tensors, and back, to the last bit.
 
 use super::{Tensors, tensor};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::model::{Tensor, TensorData};
 use planish_spline::{
@@ -68,7 +69,7 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
         let of_cell = |s: &InnovationSum| [s.count as f64, s.normalized_squared, s.far as f64];
         p.innovations.iter().flat_map(of_cell).collect()
     };
-    let points = |p: &[[f64; 3]]| tensor(&[p.len(), 3], TensorData::F64(p.as_flattened().to_vec()));
+    let points = |p: &[DVec3]| tensor(&[p.len(), 3], TensorData::F64(p.as_flattened().to_vec()));
     for (name, made) in [
         ("patch_cells", tensor(&[count, 3], TensorData::U32(cells.collect()))),
         ("patch_means", tensor(&[count, VERTICES, columns], numbers(&|p| p.belief.mean().to_vec()))),

@@ -21,7 +21,7 @@ fn readings(count: usize, seed: u64) -> Vec<Reading> {
             });
             match Reading::position(point, SIGMA) {
                 Reading::Position { point, covariance, .. } => {
-                    Reading::Position { point, covariance, facing: Some([0.0, 0.0, 1.0]) }
+                    Reading::Position { point, covariance, facing: Some(DVec3::Z) }
                 }
                 other => other,
             }
@@ -127,7 +127,7 @@ fn normals_and_curvatures_lower_sigma() {
     let curvature = Reading::Curvature {
         at: at.position,
         normal: at.normal,
-        direction: [1.0, 0.0, 0.0],
+        direction: DVec3::X,
         principal: [0.0, 0.0],
         sigma: 5.0,
     };

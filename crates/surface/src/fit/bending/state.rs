@@ -13,9 +13,8 @@ use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use crate::subdivision::RefinementLog;
-use planish_core::Progress;
+use planish_core::{DVec3, Progress};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
-use planish_estimate::vector3::{add_scaled, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 
@@ -77,8 +76,8 @@ impl Sheet<'_> {
         let Self { system, previous, .. } = *self;
         let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
-            let [u, v] = search.nearest(p, [0.0; 3]);
-            previous.normal(u, v).unwrap_or([0.0; 3])
+            let [u, v] = search.nearest(p, DVec3::ZERO);
+            previous.normal(u, v).unwrap_or(DVec3::ZERO)
         });
         let subset = observations.fitted();
         let fixed = self.fixed_prior()?;
@@ -239,9 +238,9 @@ fn beyond_by(surface: &Surface, readings: &ReadingColumns, reading: u32, foot: &
         return None;
     }
     let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
-    let off = sub(readings.points[reading as usize], from);
+    let off = readings.points[reading as usize] - from;
     // Along the sheet only: the component along the normal is noise or bending.
-    Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
+    Some((off - off.dot(foot.normal) * foot.normal).length())
 }
 
 /// The next weight of the thin plate by marginal likelihood (Wood & Fasiolo 2017, eq. 6).

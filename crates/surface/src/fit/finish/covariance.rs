@@ -3,7 +3,7 @@
 use super::Finishing;
 use crate::model::{NodeCovariance, SurfaceModel};
 use crate::observe::{FootChannels, Linearized, by_leaf};
-use planish_core::Progress;
+use planish_core::{DVec3, Progress};
 use planish_estimate::Result;
 use planish_estimate::sparse::CholeskyFactor;
 use planish_spline::SurfaceSystem;
@@ -81,7 +81,7 @@ fn noise_of_surface(
     at: &Linearized<'_>,
     factor: &CholeskyFactor,
     parts: f64,
-) -> Result<Vec<Vec<[[f64; 3]; 16]>>> {
+) -> Result<Vec<Vec<[DVec3; 16]>>> {
     let Linearized { surface, directions, feet, information, .. } = *at;
     let space = system.space();
     let (start, order) = by_leaf(feet, space.leaves().len());
@@ -89,7 +89,7 @@ fn noise_of_surface(
         .map(|draw| {
             // Each draw has its own seed, so the draws depend neither on their order nor on the threads.
             let mut rng = ChaCha8Rng::seed_from_u64(draw);
-            let drawn: Vec<[f64; 3]> =
+            let drawn: Vec<DVec3> =
                 (0..feet.len()).map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng))).collect();
             let sums = system.accumulate_along(directions, |leaf, add| {
                 for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -104,7 +104,7 @@ fn noise_of_surface(
             })?;
             let mut moved = sums.vector().to_vec();
             factor.solve_in_place(&mut moved)?;
-            let vertices: Vec<[f64; 3]> =
+            let vertices: Vec<DVec3> =
                 (directions.iter().zip(&moved)).map(|(d, by)| d.map(|d| d * by)).collect();
             Ok(space.leaf_coefficients(&vertices))
         })

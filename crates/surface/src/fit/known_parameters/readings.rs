@@ -6,7 +6,7 @@
 use crate::fit::FitOptions;
 use crate::fit::noise::ResidualSums;
 use crate::observe::{BitsHasher, hash01};
-use planish_core::Progress;
+use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result, TruncatedNormal, gated_scale};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
@@ -96,7 +96,7 @@ impl Marks {
 #[derive(Clone, Copy)]
 pub(super) struct Reading {
     pub(super) at: [f64; 2],
-    pub(super) point: [f64; 3],
+    pub(super) point: DVec3,
     /// Stated 1/variance; 1 if none was stated.
     pub(super) information: f64,
 }
@@ -105,7 +105,7 @@ pub(super) struct Reading {
 #[derive(Clone, Copy)]
 pub(super) struct OfScan<'a> {
     pub(super) parameters: &'a [[f64; 2]],
-    pub(super) points: &'a [[f64; 3]],
+    pub(super) points: &'a [DVec3],
     pub(super) sigma: Option<&'a [f64]>,
     /// 1/variance of readings without a σ of their own.
     pub(super) information: f64,
@@ -379,7 +379,7 @@ impl<'a> Readings<'a> {
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();
         // Sum, sum of squares and number of each bin and coordinate.
-        let mut bins = vec![[0.0; 3]; (side * side) as usize * coordinates];
+        let mut bins = vec![DVec3::ZERO; (side * side) as usize * coordinates];
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let spread = variances[posed.sensor].sqrt();

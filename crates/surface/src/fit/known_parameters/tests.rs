@@ -114,7 +114,7 @@ fn vertices_and_sigmas_match_dense_normal_equations() {
         let wanted = (row.transpose() * &covariance * &row)[0];
         for posterior in &posteriors {
             let cell = posterior.leaf(leaf).unwrap();
-            assert!((cell.variance_along(&b, [0.0, 0.0, 1.0]) / wanted - 1.0).abs() < 1e-6);
+            assert!((cell.variance_along(&b, DVec3::Z) / wanted - 1.0).abs() < 1e-6);
             // The plan is exact: along a slanted normal only the height counts.
             assert!((cell.variance_along(&b, [0.6, 0.0, 0.8]) / (0.64 * wanted) - 1.0).abs() < 1e-6);
         }
@@ -136,7 +136,7 @@ fn sigma_of_the_surface_is_calibrated() {
         for leaf in 0..surface.space().leaves().len() {
             let p = surface.leaf_point(leaf, 0.5, 0.5);
             let cell = posterior.leaf(leaf).unwrap();
-            let sigma = Posterior::sigma_along(&cell, [0.5, 0.5], [0.0, 0.0, 1.0]);
+            let sigma = Posterior::sigma_along(&cell, [0.5, 0.5], DVec3::Z);
             squares.push(((p[2] - franke(p[0], p[1])) / sigma).powi(2));
         }
     }

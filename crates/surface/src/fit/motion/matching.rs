@@ -2,8 +2,8 @@
 
 use super::tracker::{LAST_GATE, MatchedReading, NormalEquations, Reading, RigidTracker, exp};
 use nalgebra::{Matrix6, Vector6};
+use planish_core::DVec3;
 use planish_estimate::Result;
-use planish_estimate::vector3::{add, cross, dot, scale};
 use planish_sense::Pose;
 use planish_spline::{ProjectionOptions, leaf_weights};
 use rayon::prelude::*;
@@ -22,9 +22,9 @@ impl RigidTracker<'_> {
     /// Searches for the pose of the second scan, while the velocity is unknown: the start from which most
     /// readings come near the surface.
     pub(super) fn start(&self, readings: &[Reading]) -> Pose {
-        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
         let turns = axes.into_iter().flat_map(|axis| {
-            START_TURNS_DEG.map(|deg| Pose::from_twist(scale(deg.to_radians(), axis), [0.0; 3]))
+            START_TURNS_DEG.map(|deg| Pose::from_twist(deg.to_radians() * axis, DVec3::ZERO))
         });
         let starts: Vec<Pose> = std::iter::once(Pose::identity()).chain(turns).collect();
         let sample: Vec<&Reading> =
@@ -116,14 +116,14 @@ impl RigidTracker<'_> {
         let meet = |z: &&Reading| {
             let p = object_from_world.apply(z.point);
             let facing = object_from_world.rotate(z.normal);
-            let place = add(p, self.middle);
+            let place = p + self.middle;
             let start = self.search.nearest(place, facing);
             let foot = self.surface.project(place, start, &ProjectionOptions::default());
             let n = foot.normal;
             let leaf = foot.leaf as usize;
             // Beyond the part that the first scan measured, or on the other side of the object, there is
             // nothing to match.
-            if foot.at_border || !self.observed[leaf].is_measured() || dot(n, facing) < MIN_COSINE {
+            if foot.at_border || !self.observed[leaf].is_measured() || n.dot(facing) < MIN_COSINE {
                 return None;
             }
             let reading_variance = z.variance * scale_of_variance;
@@ -131,7 +131,7 @@ impl RigidTracker<'_> {
             if foot.height.abs() > gate.max(LAST_GATE * variance.sqrt()) {
                 return None;
             }
-            let turn = cross(p, n);
+            let turn = p.cross(n);
             Some(MatchedReading {
                 leaf,
                 local: foot.local,
@@ -165,7 +165,7 @@ impl RigidTracker<'_> {
             let (nodes, extraction) = space.extraction(met.leaf);
             for (&node, e) in nodes.iter().zip(extraction) {
                 let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
-                let weight = weight * dot(met.normal, self.directions[node as usize]) / met.variance;
+                let weight = weight * met.normal.dot(self.directions[node as usize]) / met.variance;
                 for (sum, j) in moved[6 * node as usize..][..6].iter_mut().zip(met.row.iter()) {
                     *sum += weight * j;
                 }

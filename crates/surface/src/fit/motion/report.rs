@@ -3,7 +3,7 @@
 use super::tracker::{RigidTracker, about_origin, log};
 use crate::model::ScanPoseReport;
 use nalgebra::{Matrix6, Vector6};
-use planish_estimate::vector3::{add, cross, dot, norm, scale, sub};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_sense::Pose;
@@ -21,22 +21,22 @@ pub struct MotionReport {
     /// Always `rigid`.
     pub kind: String,
     /// Angular velocity about the coordinate axes of the object's frame, in degrees per second.
-    pub angular_velocity_deg_per_s: [f64; 3],
+    pub angular_velocity_deg_per_s: DVec3,
     /// σ of each.
-    pub sigma_angular_velocity_deg_per_s: [f64; 3],
+    pub sigma_angular_velocity_deg_per_s: DVec3,
     /// Velocity of the point `middle`, per second, in the object's frame.
-    pub velocity: [f64; 3],
+    pub velocity: DVec3,
     /// σ of each.
-    pub sigma_velocity: [f64; 3],
+    pub sigma_velocity: DVec3,
     /// Magnitude of the angular velocity, in degrees per second, and its σ.
     pub rate_deg_per_s: [f64; 2],
     /// Speed of the point `middle`, per second, and its σ.
     pub speed: [f64; 2],
     /// The point whose velocity is reported: the middle of the part that the first scan measured.
-    pub middle: [f64; 3],
+    pub middle: DVec3,
     /// A point of the axis of rotation; none if the object does not turn significantly.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub axis_point: Option<[f64; 3]>,
+    pub axis_point: Option<DVec3>,
     /// One pose for each scan, in the order of time.
     pub poses: Vec<MotionPose>,
 }
@@ -49,13 +49,13 @@ pub struct MotionPose {
     /// Time, in seconds.
     pub time_s: f64,
     /// Translation, world from object.
-    pub translation: [f64; 3],
+    pub translation: DVec3,
     /// Rotation, world from object.
     pub quaternion_xyzw: [f64; 4],
     /// σ of the position of the middle along the axes of the object's frame.
-    pub sigma_translation: [f64; 3],
+    pub sigma_translation: DVec3,
     /// σ of the rotation about these axes, in degrees.
-    pub sigma_rotation_deg: [f64; 3],
+    pub sigma_rotation_deg: DVec3,
     /// Readings that matched the surface of the first scan.
     pub readings: usize,
     /// Distance from the pose that the earlier scans predict for a steady motion: `√(dᵀ C⁻¹ d / 6)` with
@@ -73,15 +73,15 @@ impl RigidTracker<'_> {
 
     /// σ of a scanner's position in the object's frame, and of its rotation: the largest along any axis. The
     /// lever arm from the middle is taken into account.
-    pub(crate) fn sigmas(&self, scan: usize, scanner: [f64; 3]) -> [f64; 2] {
+    pub(crate) fn sigmas(&self, scan: usize, scanner: DVec3) -> [f64; 2] {
         let tracked = self.tracked.iter().find(|pose| pose.scan == scan);
         let largest = |from: usize| {
             let variances =
-                tracked.map_or([0.0; 3], |pose| [0, 1, 2].map(|k| pose.covariance[(from + k, from + k)]));
+                tracked.map_or(DVec3::ZERO, |pose| [0, 1, 2].map(|k| pose.covariance[(from + k, from + k)]));
             PRIOR_SIGMA_FACTOR * variances.into_iter().fold(0.0, f64::max).sqrt()
         };
         let (turn, shift) = (largest(0), largest(3));
-        let arm = norm(sub(scanner, self.middle));
+        let arm = (scanner - self.middle).length();
         [(shift * shift + (arm * turn).powi(2)).sqrt(), turn]
     }
 
@@ -108,17 +108,17 @@ impl RigidTracker<'_> {
             };
             let world_from_object =
                 set.scans[tracked.scan].scan.world_from_scanner.after(&object_from_scanner.inverse());
-            tracked.pose = about_origin(&world_from_object, scale(-1.0, self.middle));
+            tracked.pose = about_origin(&world_from_object, -self.middle);
             // A motion E of the scanner in the object's frame moves the object by E⁻¹: −ω, and −(τ + ω × arm)
             // at the middle.
-            let arm = sub(self.middle, object_from_scanner.translation);
+            let arm = self.middle - object_from_scanner.translation;
             let mut by = Matrix6::zeros();
             for axis in 0..3 {
                 by[(axis, 3 + axis)] = -1.0;
                 by[(3 + axis, axis)] = -1.0;
-                let mut turn = [0.0; 3];
+                let mut turn = DVec3::ZERO;
                 turn[axis] = 1.0;
-                for (k, moved) in cross(turn, arm).into_iter().enumerate() {
+                for (k, moved) in turn.cross(arm).into_iter().enumerate() {
                     by[(3 + k, 3 + axis)] = -moved;
                 }
             }
@@ -150,12 +150,12 @@ impl RigidTracker<'_> {
     /// The report of the motion.
     pub(crate) fn report(&self, set: &ScanSet) -> Result<MotionReport> {
         let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
-        let turn = [0, 1, 2].map(|k| self.twist[k]);
+        let turn = self.twist;
         let velocity = [3, 4, 5].map(|k| self.twist[k]);
         // σ of the length of a vector is its σ along the vector.
-        let length = |first: usize, v: [f64; 3]| {
-            let size = norm(v);
-            let along = if size > 0.0 { scale(1.0 / size, v) } else { [1.0, 0.0, 0.0] };
+        let length = |first: usize, v: DVec3| {
+            let size = v.length();
+            let along = if size > 0.0 { 1.0 / size * v } else { DVec3::X };
             let variance: f64 = (0..9)
                 .map(|k| along[k / 3] * along[k % 3] * self.covariance[(first + k / 3, first + k % 3)])
                 .sum();
@@ -173,8 +173,7 @@ impl RigidTracker<'_> {
             rate_deg_per_s: rate.map(f64::to_degrees),
             speed: length(9, velocity),
             middle: self.middle,
-            axis_point: is_turning
-                .then(|| add(self.middle, scale(1.0 / dot(turn, turn), cross(turn, velocity)))),
+            axis_point: is_turning.then(|| self.middle + 1.0 / turn.length_squared() * turn.cross(velocity)),
             poses: (self.tracked.iter().zip(&self.times))
                 .map(|(known, &time_s)| {
                     let pose = about_origin(&known.pose, self.middle);

@@ -4,8 +4,8 @@ use crate::fit::Fit;
 use crate::model::Observed;
 use crate::observe::Observations;
 use nalgebra::{Matrix6, SMatrix, Vector6};
+use planish_core::DVec3;
 use planish_estimate::sparse::CholeskyFactor;
-use planish_estimate::vector3::{add, cross, sub};
 use planish_estimate::{Error, Result, gated_scale};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
@@ -33,13 +33,13 @@ pub(super) struct RigidTracker<'a> {
     pub(super) observed: &'a [Observed],
     pub(super) search: FootPointSearch,
     pub(super) size: f64,
-    pub(super) middle: [f64; 3],
+    pub(super) middle: DVec3,
     /// Number of readings of the first scan, and the covariance of the object's frame in its surface.
     pub(super) made_of: f64,
     pub(super) frame: Matrix6<f64>,
     /// The factor of the surface's information along the normals of its nodes, and these normals.
     pub(super) factor: CholeskyFactor,
-    pub(super) directions: Vec<[f64; 3]>,
+    pub(super) directions: Vec<DVec3>,
     /// Variance of the surface along its normal at the middle of each leaf.
     pub(super) variances: Vec<f64>,
     pub(super) duration: f64,
@@ -63,8 +63,8 @@ pub(super) struct TrackedPose {
 
 /// A reading of a scan, relative to the middle.
 pub(super) struct Reading {
-    pub(super) point: [f64; 3],
-    pub(super) normal: [f64; 3],
+    pub(super) point: DVec3,
+    pub(super) normal: DVec3,
     pub(super) variance: f64,
 }
 
@@ -72,7 +72,7 @@ pub(super) struct Reading {
 pub(super) struct MatchedReading {
     pub(super) leaf: usize,
     pub(super) local: [f64; 2],
-    pub(super) normal: [f64; 3],
+    pub(super) normal: DVec3,
     pub(super) height: f64,
     /// Variance of the height: of reading and surface together, and of the reading alone.
     pub(super) variance: f64,
@@ -98,7 +98,7 @@ impl<'a> RigidTracker<'a> {
     /// to the next.
     pub(crate) fn new(first: &'a Fit, set: &ScanSet, order: &[usize]) -> Result<Self> {
         let surface = &first.model.surface;
-        let points: Vec<[f64; 3]> = (0..surface.space().leaves().len())
+        let points: Vec<DVec3> = (0..surface.space().leaves().len())
             .filter(|&leaf| first.model.observed[leaf].is_measured())
             .map(|leaf| surface.leaf_point(leaf, 0.5, 0.5))
             .collect();
@@ -161,7 +161,7 @@ impl<'a> RigidTracker<'a> {
         let readings: Vec<Reading> = (0..observations.len())
             .step_by(observations.len().div_ceil(MAX_READINGS).max(1))
             .map(|i| Reading {
-                point: sub(observations.readings.points[i], self.middle),
+                point: observations.readings.points[i] - self.middle,
                 normal: observations.normal(i),
                 variance: observations.variance(i, observations.normal(i)).max(f64::MIN_POSITIVE),
             })
@@ -286,8 +286,8 @@ impl<'a> RigidTracker<'a> {
 }
 
 /// A motion about the origin, given as one about the point `middle`.
-pub(super) fn about_origin(pose: &Pose, middle: [f64; 3]) -> Pose {
-    Pose { translation: add(pose.translation, sub(middle, pose.rotate(middle))), rotation: pose.rotation }
+pub(super) fn about_origin(pose: &Pose, middle: DVec3) -> Pose {
+    Pose { translation: pose.translation + (middle - pose.rotate(middle)), rotation: pose.rotation }
 }
 
 pub(super) fn exp(twist: &Vector6<f64>) -> Pose {
@@ -304,7 +304,7 @@ fn adjoint(pose: &Pose) -> Matrix6<f64> {
     let mut made = Matrix6::zeros();
     for j in 0..3 {
         let column = [0, 1, 2].map(|i| pose.rotation[i][j]);
-        let moved = cross(pose.translation, column);
+        let moved = pose.translation.cross(column);
         for i in 0..3 {
             made[(i, j)] = column[i];
             made[(i + 3, j + 3)] = column[i];

@@ -2,7 +2,7 @@
 
 use super::InferredVariance;
 use crate::observe::RejectionCause;
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_sense::{Noise, Viewing};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Debug, Clone, Default)]
 pub struct ReadingColumns {
     /// Positions in the world frame.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Unit normals of the scans, in the world frame; zero if unknown. They select a side, for which single
     /// precision is enough. Normals that were measured are kept with the noise of their scan, in double
     /// precision.
@@ -30,7 +30,7 @@ pub struct ReadingColumns {
 /// One row of [`ReadingColumns`].
 #[derive(Clone, Copy)]
 pub(super) struct ReadingRow {
-    pub point: [f64; 3],
+    pub point: DVec3,
     pub normal: [f32; 3],
     pub scan: u32,
     pub held_out: bool,
@@ -54,7 +54,7 @@ impl ReadingColumns {
     /// The normal of a reading; zero if unknown.
     #[inline]
     #[must_use]
-    pub fn normal(&self, i: usize) -> [f64; 3] {
+    pub fn normal(&self, i: usize) -> DVec3 {
         self.normals[i].map(f64::from)
     }
 
@@ -117,7 +117,7 @@ pub(super) enum ScanNoise {
     /// One covariance for each point, in the world frame.
     Covariance(Vec<SymmetricMatrix3>),
     /// Normals, each with its variance about each axis in the tangent plane, in radians squared.
-    Normals(Vec<([f64; 3], f64)>),
+    Normals(Vec<(DVec3, f64)>),
     /// Curvature tensors, each with the variance of its components.
     Curvatures(Vec<(SymmetricMatrix3, f64)>),
     /// Readings inferred from others.

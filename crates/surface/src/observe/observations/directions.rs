@@ -3,7 +3,7 @@
 use super::Observations;
 use super::columns::{ReadingRow, ScanNoise};
 use crate::observe::{Channel, Quantity, RejectionCause};
-use planish_estimate::vector3::{cross, dot, norm, scale, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_sense::{Scan, Sensor, SensorKind};
 use planish_spline::curvature_tensor;
@@ -74,12 +74,14 @@ impl Observations {
             let turn = &scan.world_from_scanner;
             // For each reading: its index, its point in the scan, its normal, and −1 if that points away from
             // the side that was found for it.
-            let known: Vec<(usize, usize, [f64; 3], f64)> = (0..placed)
+            let known: Vec<(usize, usize, DVec3, f64)> = (0..placed)
                 .filter(|&k| self.readings.scan[k] as usize == s)
                 .filter_map(|k| {
                     let i = self.readings.source[k] as usize;
-                    let normal = unit(turn.rotate(scan.normals.as_ref().map_or([0.0; 3], |all| all[i])))?;
-                    let side = dot(normal, self.readings.normals[k].map(f64::from));
+                    let normal = turn
+                        .rotate(scan.normals.as_ref().map_or(DVec3::ZERO, |all| all[i]))
+                        .try_normalize()?;
+                    let side = normal.dot(self.readings.normals[k].map(f64::from));
                     Some((k, i, normal, if side < 0.0 { -1.0 } else { 1.0 }))
                 })
                 .collect();
@@ -92,7 +94,7 @@ impl Observations {
                 let at: Vec<usize> = known.iter().map(|(k, ..)| *k).collect();
                 let readings = known.iter().map(|&(_, i, normal, side)| {
                     let variance = deg(i).unwrap_or(1.0).powi(2);
-                    (scale(side, normal), variance)
+                    (side * normal, variance)
                 });
                 let noise = ScanNoise::Normals(readings.collect());
                 self.add_scan(sensor_of_scan[s], Quantity::Normal, stated, &at, noise);
@@ -102,8 +104,8 @@ impl Observations {
                 let readings = known.iter().filter_map(|&(k, i, normal, side)| {
                     let direction = turn.rotate(curvatures[i].direction);
                     // A direction of zero means that nothing is known.
-                    if norm(cross(direction, normal)) <= MIN_ACROSS * norm(direction) {
-                        along_normal += usize::from(norm(direction) > 0.0);
+                    if direction.cross(normal).length() <= MIN_ACROSS * direction.length() {
+                        along_normal += usize::from(direction.length() > 0.0);
                         return None;
                     }
                     let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.scaled(side);

@@ -5,7 +5,7 @@ use super::directions::Directions;
 use super::{ObservationOptions, Observations, moved_viewing};
 use crate::observe::hashing::{BitsHasher, hash01};
 use crate::observe::{Channel, Quantity, RejectionCause};
-use planish_estimate::vector3::dot;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_sense::{Noise, Scan, ScanGeometry, Sensor, SensorKind, Suspicion, Viewing, scan_geometry};
 use rayon::prelude::*;
@@ -133,12 +133,12 @@ impl Observations {
                 continue;
             }
             let stated = || scan.normals.as_ref().filter(|_| options.unprocessed).map(|all| all[i]);
-            let normal = geometry.map(|g| g.normals[i]).or_else(stated).unwrap_or([0.0; 3]);
+            let normal = geometry.map(|g| g.normals[i]).or_else(stated).unwrap_or(DVec3::ZERO);
             if intake.keep_source {
                 self.readings.source.push(i as u32);
             }
             // A normal of zero in a file means that it is not known.
-            let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
+            let known = scan.grid.is_some() || normal.length_squared() > 0.0;
             let may_be_held_out = scan.points.len() >= MIN_JUDGED;
             self.readings.push(ReadingRow {
                 point: world,
@@ -176,7 +176,7 @@ impl Observations {
         &mut self,
         intake: &mut Intake<'_>,
         (s, i): (usize, usize),
-        world: [f64; 3],
+        world: DVec3,
         checks: &PointChecks<'_>,
     ) -> Option<RejectionCause> {
         let scan = intake.scans[s];
@@ -258,7 +258,7 @@ impl SeenPoints {
         scans: &[&Scan],
         sensor: &Sensor,
         (s, i): (usize, usize),
-        world: [f64; 3],
+        world: DVec3,
     ) -> Option<usize> {
         match self.0.entry(world.map(f64::to_bits)) {
             Entry::Vacant(new) => {

@@ -3,7 +3,7 @@
 use super::Observations;
 use super::intake::{MIN_POINTS, has_ground};
 use crate::observe::RejectionCause;
-use planish_estimate::vector3::dot;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
@@ -27,7 +27,7 @@ impl Observations {
             return Ok(());
         }
         let unknown =
-            |made: &Self, i: usize| !made.readings.oriented[i] && made.readings.normals[i] == [0.0; 3];
+            |made: &Self, i: usize| !made.readings.oriented[i] && made.readings.normals[i] == DVec3::ZERO;
         if (0..self.len()).any(|i| unknown(self, i)) {
             // Among all scans: a point that is alone in its own scan may have neighbours in another.
             let cloud = cloud_geometry(&self.readings.points, neighbours)?;
@@ -36,7 +36,7 @@ impl Observations {
                 (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
             if (0..self.len()).any(|i| gone[i] && touch(i)) {
                 let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
-                let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.readings.points[i]).collect();
+                let points: Vec<DVec3> = touches.iter().map(|&i| self.readings.points[i]).collect();
                 let among_touches = match points.len() {
                     0..MIN_POINTS => vec![false; points.len()],
                     _ => cloud_geometry(&points, neighbours)?.isolated,
@@ -56,7 +56,7 @@ impl Observations {
             return Ok(());
         }
         // Normals of known side keep it, and pass it on to their neighbours.
-        let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
+        let mut normals: Vec<DVec3> = (0..self.len()).map(|i| self.normal(i)).collect();
         orient_normals(&self.readings.points, &mut normals, &self.readings.oriented, neighbours)?;
         self.readings.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
         Ok(())
@@ -100,11 +100,11 @@ impl Observations {
         let flat = axes[2];
         let largest = flat.into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
         for i in (0..self.len()).filter(|&i| !self.readings.oriented[i]) {
-            let up = dot(self.normal(i), flat) * largest.signum();
+            let up = self.normal(i).dot(flat) * largest.signum();
             if up < -STEEP {
                 self.readings.normals[i] = self.readings.normals[i].map(|c| -c);
             } else if up < STEEP {
-                self.readings.normals[i] = [0.0; 3];
+                self.readings.normals[i] = DVec3::ZERO;
             }
         }
     }
@@ -119,11 +119,11 @@ impl Observations {
                 let largest = (0..scans.len())
                     .filter(|&s| self.scans.channel[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;
-                let known = |i: usize| self.readings.normals[i] != [0.0; 3];
+                let known = |i: usize| self.readings.normals[i] != DVec3::ZERO;
                 let own: Vec<usize> = (0..self.len())
                     .filter(|&i| self.readings.scan[i] as usize == largest && known(i))
                     .collect();
-                let points: Vec<[f64; 3]> = own.iter().map(|&i| self.readings.points[i]).collect();
+                let points: Vec<DVec3> = own.iter().map(|&i| self.readings.points[i]).collect();
                 let variance = |&i: &usize| self.covariance(i).along(self.normal(i));
                 let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
                 local_roughness(&points, neighbours)

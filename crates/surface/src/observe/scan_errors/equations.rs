@@ -3,9 +3,9 @@
 use super::{Rows, ScanError, ScanErrors};
 use crate::model::ScanErrorInformation;
 use crate::observe::{Foot, FootChannels, Quantity};
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_estimate::sparse::{Bordered, CholeskyFactor};
-use planish_estimate::vector3::{add_scaled, dot, scale};
 use planish_spline::Surface;
 use rayon::prelude::*;
 
@@ -28,7 +28,7 @@ pub(crate) struct ScanErrorEquations {
 #[derive(Clone, Copy)]
 pub(crate) struct Linearized<'a> {
     pub surface: &'a Surface,
-    pub directions: &'a [[f64; 3]],
+    pub directions: &'a [DVec3],
     pub feet: &'a [Foot],
     pub information: &'a [f64],
     pub channels: &'a FootChannels<'a>,
@@ -66,16 +66,16 @@ impl ScanErrorEquations {
 
 impl ScanError {
     /// What a draw of the surface's noise adds to [`Self::rows`] of a position, by the tilt of the normal.
-    fn noise_rows(&self, surface: &Surface, drawn: &[[[f64; 3]; 16]], foot: &Foot, point: [f64; 3]) -> Rows {
+    fn noise_rows(&self, surface: &Surface, drawn: &[[DVec3; 16]], foot: &Foot, point: DVec3) -> Rows {
         let mut rows = Rows::default();
         let leaf = foot.leaf as usize;
         if let Some(frame) =
             surface.tangent_rows(leaf, foot.local).filter(|_| foot.quantity == Quantity::Position)
         {
             let [a, b] = [0, 1].map(|t| -> f64 {
-                (frame.slopes[t].iter().zip(&drawn[leaf])).map(|(s, c)| s * dot(foot.normal, *c)).sum()
+                (frame.slopes[t].iter().zip(&drawn[leaf])).map(|(s, c)| s * foot.normal.dot(*c)).sum()
             });
-            let turned = add_scaled(scale(a, frame.tangents[0]), b, frame.tangents[1]);
+            let turned = a * frame.tangents[0] + b * frame.tangents[1];
             rows[0] = self.position_row(point, turned, foot.normal);
         }
         rows
@@ -108,7 +108,7 @@ impl ScanError {
                     let along: f64 = weights.iter().zip(over_leaf).map(|(w, c)| w * c).sum();
                     // The coupling of a node is the product of its row and that of the unknowns, along its
                     // own direction.
-                    let of_node = w * along * dot(foot.normal, directions[node as usize]);
+                    let of_node = w * along * foot.normal.dot(directions[node as usize]);
                     if of_node != 0.0 {
                         for (c, r) in made.coupling[node as usize * m..].iter_mut().zip(&row) {
                             *c -= of_node * r;
@@ -199,7 +199,7 @@ impl ScanErrors {
         &self,
         at: &Linearized<'_>,
         factor: &CholeskyFactor,
-        noise: &[Vec<[[f64; 3]; 16]>],
+        noise: &[Vec<[DVec3; 16]>],
         parts: f64,
     ) -> Result<Vec<f64>> {
         let mut mean = vec![0.0; self.width() * self.width()];

@@ -3,9 +3,9 @@
 use super::{BIAS, DETERMINED, ScanErrors};
 use crate::model::ScanPoseReport;
 use crate::observe::ReadingColumns;
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_estimate::sparse::Bordered;
-use planish_estimate::vector3::{add, distance, norm};
 use planish_sense::Pose;
 
 /// The estimate of one scan's pose and bias.
@@ -25,18 +25,18 @@ pub(crate) struct ScanErrorEstimate {
 
 impl ScanErrorEstimate {
     /// Fills in the report of the scan; `origin` is the world position of the origin of the estimate.
-    pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: [f64; 3], readings: &ReadingColumns) {
+    pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: DVec3, readings: &ReadingColumns) {
         if let Some(covariance) = &self.covariance {
             // The motion is reported at the readings: the translation of a pose depends on where the
             // scanner has its origin.
             let back = self.stated.after(&self.pose.inverse());
             let own = (readings.points.iter().zip(&readings.scan)).filter(|(_, s)| **s as usize == self.scan);
             let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
-                (sum + distance(back.apply(*p), *p).powi(2), count + 1)
+                (sum + back.apply(*p).distance(*p).powi(2), count + 1)
             });
             report.moved = Some((sum / f64::from(count.max(1))).sqrt());
-            report.turned_deg = Some(norm(back.rotation_vector()).to_degrees());
-            report.translation = add(self.pose.translation, origin);
+            report.turned_deg = Some(back.rotation_vector().length().to_degrees());
+            report.translation = self.pose.translation + origin;
             report.quaternion_xyzw = self.pose.quaternion_xyzw();
             report.set_covariance(*covariance);
             report.undetermined.clone_from(&self.undetermined);
