@@ -39,7 +39,7 @@ const MASK_SAMPLES: usize = 3;
 /// Distance of the camera from the middle of the object, in millimetres; the object is 100 mm high.
 const DISTANCE_MM: f64 = 400.0;
 /// Start angle, extent and elevation of each motion, in degrees.
-const MOTIONS: [DVec3; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
+const MOTIONS: [[f64; 3]; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
 /// Steps of height at which a contour is computed, before one point per pixel is selected.
 ///
 /// They are much finer than a pixel, so that selected points are a pixel apart along a slanted contour, too.

@@ -36,7 +36,7 @@ pub struct SheetForm {
     /// Sides along x and y.
     pub sides: [f64; 2],
     /// Coefficients of `x²`, `xy` and `y²`.
-    pub quadratic: DVec3,
+    pub quadratic: [f64; 3],
     /// Bumps with centre `c`, width `w` and height `h`.
     pub bumps: Vec<SheetBump>,
 }
@@ -160,7 +160,7 @@ impl ClosedForm {
                 let sides = [size, 0.8 * size];
                 // Radii of curvature of about one to three lengths. Bumps have widths from a quarter down to
                 // a twelfth of the sheet, so that fits have to refine more in some places than in others.
-                let mut quadratic = DVec3::ZERO.map(|_| between(-0.35, 0.35) / size);
+                let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
                 quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
                 let bumps = (0..9)
                     .map(|k| {

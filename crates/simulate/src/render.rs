@@ -184,8 +184,8 @@ impl Exposure<'_> {
     /// let ball = MeshSearch::try_new(&icosphere(8.0, 3))?;
     /// // The camera is 50 in front of the ball and looks along +z.
     /// let camera = Pinhole {
-    ///     k: [DVec3::new(100.0, 0.0, 20.0), DVec3::new(0.0, 100.0, 20.0), DVec3::Z],
-    ///     r: [DVec3::X, DVec3::Y, DVec3::Z],
+    ///     k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
+    ///     r: planish_core::matrix3::IDENTITY,
     ///     t: DVec3::new(0.0, 0.0, 50.0),
     /// };
     /// let exposure = Exposure {

@@ -91,7 +91,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         amplitude,
     };
     let truth = Truth::from_closed_form(ClosedForm::Ball(BallForm {
-        semi_axes: SEMI_AXES.map(|a| a * size),
+        semi_axes: SEMI_AXES * size,
         bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
     }));
     let noise = options.laser();

@@ -21,7 +21,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// Width (x), depth (y) and height (z) of the prism, in millimetres; the right angle is at the origin.
-pub const PRISM_MM: DVec3 = DVec3::new(80.0, 100.0, 60.0);
+pub const PRISM_MM: [f64; 3] = [80.0, 100.0, 60.0];
 /// σ of this scene relative to that of the scene `readings`.
 const NOISE: f64 = 0.1;
 /// Number of columns written: those of [`COLUMNS`] up to the time.

@@ -104,7 +104,7 @@ impl Solid {
     #[must_use]
     pub(crate) fn scaled(&self, factor: f64) -> Self {
         let mut solid = self.clone();
-        let at = |p: &mut DVec3| *p = p.map(|c| factor * c);
+        let at = |p: &mut DVec3| *p *= factor;
         solid.vertices.iter_mut().for_each(at);
         for edge in &mut solid.edges {
             match &mut edge.curve {

@@ -14,7 +14,7 @@ use planish_core::{BoundingBox, DVec3};
 /// Sample points of an edge that must all lie on another edge, as shares of its range.
 ///
 /// Edges that only cross have isolated points in common, which do not include all three samples.
-const SHARES: DVec3 = DVec3::new(0.23, 0.5, 0.77);
+const SHARES: [f64; 3] = [0.23, 0.5, 0.77];
 /// Number of pieces of a curved edge between which the nearest point is searched.
 const PIECES: usize = 24;
 

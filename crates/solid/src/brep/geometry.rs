@@ -95,12 +95,7 @@ fn piece(points: usize, t: f64) -> (usize, f64) {
 
 /// Weighted sum of the ends and derivatives of a piece.
 fn hermite(points: &[DVec3], derivatives: &[DVec3], k: usize, w: [f64; 4]) -> DVec3 {
-    [0, 1, 2].map(|c| {
-        w[0] * points[k][c]
-            + w[1] * derivatives[k][c]
-            + w[2] * points[k + 1][c]
-            + w[3] * derivatives[k + 1][c]
-    })
+    w[0] * points[k] + w[1] * derivatives[k] + w[2] * points[k + 1] + w[3] * derivatives[k + 1]
 }
 
 /// A surface of a face.
@@ -166,15 +161,15 @@ pub enum FaceSurface {
 }
 
 /// Coordinates relative to an axis: along x, along axis × x, and along the axis.
-fn about(p: DVec3, origin: DVec3, axis: DVec3, x: DVec3) -> DVec3 {
+fn about(p: DVec3, origin: DVec3, axis: DVec3, x: DVec3) -> [f64; 3] {
     let d = p - origin;
     [d.dot(x), d.dot(axis.cross(x)), d.dot(axis)]
 }
 
 /// The point at an angle around an axis, a distance from it and a height.
-fn around(origin: DVec3, axis: DVec3, x: DVec3, [angle, distance, height]: DVec3) -> DVec3 {
+fn around(origin: DVec3, axis: DVec3, x: DVec3, [angle, distance, height]: [f64; 3]) -> DVec3 {
     let across = distance * angle.cos() * x + distance * angle.sin() * axis.cross(x);
-    origin + 1.0 * across + height * axis
+    origin + across + height * axis
 }
 
 impl FaceSurface {
@@ -227,7 +222,7 @@ impl FaceSurface {
             Self::Plane { origin, normal, x } => *origin + u * *x + v * normal.cross(*x),
             Self::Cylinder { origin, axis, x, radius } => {
                 let across = radius * u.cos() * *x + radius * u.sin() * axis.cross(*x);
-                *origin + 1.0 * across + v * *axis
+                *origin + across + v * *axis
             }
             Self::Cone { origin, axis, x, radius, half_angle_rad } => {
                 around(*origin, *axis, *x, [u, radius + v * half_angle_rad.tan(), v])

@@ -46,7 +46,7 @@ impl<'a> TrimmedFace<'a> {
     /// Prepares a face. If its surface may bulge beyond its loops, `reach` is its bounding box.
     pub(crate) fn new(solid: &'a Solid, face: &'a Face, reach: [DVec3; 2]) -> Self {
         let scanned = |p: DVec3| scan_parameters(&face.surface, p);
-        let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
+        let mut bounds = [DVec3::splat(f64::MAX), DVec3::splat(f64::MIN)];
         let coedges = face
             .loops
             .iter()
@@ -80,7 +80,7 @@ impl<'a> TrimmedFace<'a> {
             // by less than r (1 − cos 7.5°) = 0.009 r.
             true => {
                 let more = 0.01 * (bounds[1] - bounds[0]).length();
-                bounds = [bounds[0].map(|c| c - more), bounds[1].map(|c| c + more)];
+                bounds = [bounds[0] - more, bounds[1] + more];
             }
             false => bounds = reach,
         }

@@ -113,7 +113,7 @@ fn whole(surface: &FaceSurface, origin: DVec3) -> [f64; 5] {
         }
         _ => return [0.0; 5],
     };
-    let [x, y, z] = (center - origin).map(|c| 2.0 * volume * c);
+    let DVec3 { x, y, z } = 2.0 * volume * (center - origin);
     [area, 3.0 * volume, x, y, z]
 }
 

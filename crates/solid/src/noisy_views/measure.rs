@@ -119,8 +119,8 @@ impl ConsistentViews {
     /// The length of an edge between two vertices.
     fn length(&self, solid: &Solid, start: usize, end: usize) -> SpaceDimension {
         let (a, b) = (solid.vertices[start], solid.vertices[end]);
-        let along: DVec3 = std::array::from_fn(|k| b[k] - a[k]);
-        let length = along.iter().map(|d| d * d).sum::<f64>().sqrt();
+        let along = b - a;
+        let length = along.length();
         let (from, to) = (self.coordinates(a), self.coordinates(b));
         let mut terms = Vec::new();
         let mut known = true;

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Width, depth and height of the prism.
-const SIZE: DVec3 = DVec3::new(40.0, 70.0, 30.0);
+const SIZE: [f64; 3] = [40.0, 70.0, 30.0];
 
 /// Each run makes some dozens of tests, and none of them may reject a true relation.
 const LEVEL: f64 = 1e-3;

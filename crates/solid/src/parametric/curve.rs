@@ -328,7 +328,7 @@ mod tests {
                 [t.cos() * (2.0 + (3.0 * t).sin()), t.sin() * 3.0, 0.5 * (2.0 * t).cos()]
             })
             .collect();
-        let knots: Vec<f64> = DVec3::ZERO.into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
+        let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
         ParametricCurve::Spline(SplineCurve::try_new(3, knots, &poles, None).unwrap())
     }
 

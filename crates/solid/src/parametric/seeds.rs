@@ -33,7 +33,7 @@ pub(super) fn seeds(
     positions: &mut Vec<DVec3>,
 ) -> Result<Vec<Corner>> {
     let steps = outline.steps;
-    let bounds: BoundingBox<2> = outline.polygons.iter().flatten().map(|corner| corner.at).collect();
+    let bounds: BoundingBox<[f64; 2]> = outline.polygons.iter().flatten().map(|corner| corner.at).collect();
     let (BoundingBox { min: lo, max: hi }, width) = (bounds, bounds.extent());
     let spacing = spacings(surface, lo, hi, steps, fineness);
     let n = [0, 1].map(|c| (width[c] / spacing[c]).ceil().clamp(1.0, 1e6) as usize);

@@ -137,9 +137,10 @@ fn homogeneous(poles: &[DVec3], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>
         .map(|(k, p)| {
             let w = weights.map_or(1.0, |w| w[k]);
             // With weights of zero or below, the denominator may vanish.
-            if !(w > 0.0 && w.is_finite()) || p.iter().any(|c| !c.is_finite()) {
+            if !(w > 0.0 && w.is_finite()) || !p.is_finite() {
                 return Err(Error::input(format!(
-                    "control point {k}: needed finite coordinates and a weight > 0, found {p:?} and {w}"
+                    "control point {k}: needed finite coordinates and a weight > 0, found {:?} and {w}",
+                    p.to_array()
                 )));
             }
             Ok([p[0] * w, p[1] * w, p[2] * w, w])
@@ -150,8 +151,9 @@ fn homogeneous(poles: &[DVec3], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>
 /// Point and derivatives from homogeneous ones, by the quotient rule.
 fn projected<const N: usize>(value: [f64; 4], slopes: [[f64; 4]; N]) -> (DVec3, [DVec3; N]) {
     let w = value[3];
-    let point = value / w;
-    (point, slopes.map(|s| (s - s[3] * point) / w))
+    let coordinates = |h: [f64; 4]| DVec3::new(h[0], h[1], h[2]);
+    let point = coordinates(value) / w;
+    (point, slopes.map(|s| (coordinates(s) - s[3] * point) / w))
 }
 
 /// A rational B-spline curve `C(t) = Σ Nᵢ(t) wᵢ Pᵢ / Σ Nᵢ(t) wᵢ`.

@@ -89,9 +89,7 @@ impl ParametricSurface {
             Self::Elementary(surface) => surface.point([u, v]),
             Self::Spline(spline) => spline.at([u, v]).0,
             Self::Extrusion { curve, along } => curve.point(u) + v * *along,
-            Self::Revolution { curve, origin, axis } => {
-                *origin + 1.0 * turned(curve.point(v) - *origin, *axis, u)
-            }
+            Self::Revolution { curve, origin, axis } => *origin + turned(curve.point(v) - *origin, *axis, u),
             Self::Offset { base, distance } => {
                 let p = base.point([u, v]);
                 base.normal([u, v]).map_or(p, |n| p + *distance * n)
@@ -112,7 +110,7 @@ impl ParametricSurface {
             Self::Revolution { curve, origin, axis } => {
                 let (p, d) = curve.at(v);
                 let arm = turned(p - *origin, *axis, u);
-                (*origin + 1.0 * arm, [axis.cross(arm), turned(d, *axis, u)])
+                (*origin + arm, [axis.cross(arm), turned(d, *axis, u)])
             }
             Self::Elementary(_) | Self::Offset { .. } => {
                 let domain = self.domain();

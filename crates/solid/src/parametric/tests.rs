@@ -29,7 +29,7 @@ fn torus() -> ParametricSurface {
 
 /// A circle as a closed edge, which begins at parameter 0.
 fn circle(shape: &mut ParametricShape, center: DVec3, a: DVec3, b: DVec3) -> usize {
-    shape.vertices.push(center + 1.0 * a);
+    shape.vertices.push(center + a);
     let v = shape.vertices.len() - 1;
     shape.edges.push(ParametricEdge {
         curve: ParametricCurve::Ellipse { center, a, b },

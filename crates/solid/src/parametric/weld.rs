@@ -9,19 +9,19 @@ use std::collections::HashMap;
 /// A hash of grid cells with twice the tolerance finds candidates in constant time.
 fn same_points(points: &[DVec3], tolerance: f64) -> Vec<usize> {
     let side = tolerance.max(f64::MIN_POSITIVE) * 2.0;
-    let cell = |p: DVec3| p.map(|x| (x / side).floor());
+    let cell = |p: DVec3| (p / side).floor();
     let mut cells: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
     // Cells as floating-point numbers: far coordinates over a small tolerance would overflow integers.
     // Adding zero turns −0 into 0.
-    let key = |c: DVec3| c.map(|x| (x + 0.0).to_bits());
+    let key = |c: DVec3| c.to_array().map(|x| (x + 0.0).to_bits());
     let mut same = Vec::with_capacity(points.len());
     for (k, p) in points.iter().enumerate() {
         let at = cell(*p);
         let mut found = None;
-        'search: for dx in DVec3::new(0.0, -1.0, 1.0) {
-            for dy in DVec3::new(0.0, -1.0, 1.0) {
-                for dz in DVec3::new(0.0, -1.0, 1.0) {
-                    let beside = key([at[0] + dx, at[1] + dy, at[2] + dz]);
+        'search: for dx in [0.0, -1.0, 1.0] {
+            for dy in [0.0, -1.0, 1.0] {
+                for dz in [0.0, -1.0, 1.0] {
+                    let beside = key(at + DVec3::new(dx, dy, dz));
                     let mut there = cells.get(&beside).into_iter().flatten();
                     if let Some(other) = there.find(|o| points[**o].distance(*p) <= tolerance) {
                         found = Some(*other);

@@ -77,7 +77,7 @@ impl Chart {
             }
             Self::Cone { tip, axis, plane, slope } => {
                 let across = at[0] * plane[0] + at[1] * plane[1];
-                *tip + 1.0 * across + across.length() / slope * *axis
+                *tip + across + across.length() / slope * *axis
             }
         }
     }

@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 /// Number of tests along an outline. More find shorter missing lines and take more time.
 const ALONG: usize = 24;
 /// Positions of tests between two corners, as shares of the interval.
-const SHARES: DVec3 = DVec3::new(0.13, 0.47, 0.86);
+const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
 
 impl SightTests {
     /// Adds tests along the outlines of an oblique cylinder.

@@ -40,9 +40,9 @@ fn cube_without_a_corner_has_one_oblique_plane() {
 
 /// Three unit vectors at right angles, none near an axis.
 const FRAME: [DVec3; 3] = [
-    [2.0 / 15.0, 10.0 / 15.0, 11.0 / 15.0],
-    [14.0 / 15.0, -5.0 / 15.0, 2.0 / 15.0],
-    [5.0 / 15.0, 10.0 / 15.0, -10.0 / 15.0],
+    DVec3::new(2.0 / 15.0, 10.0 / 15.0, 11.0 / 15.0),
+    DVec3::new(14.0 / 15.0, -5.0 / 15.0, 2.0 / 15.0),
+    DVec3::new(5.0 / 15.0, 10.0 / 15.0, -10.0 / 15.0),
 ];
 
 /// A block turned about all axes, one edge along its third direction rounded where the radius is not zero;
@@ -54,7 +54,7 @@ struct Block {
 }
 
 impl Block {
-    fn at(&self, [x, y, z]: DVec3) -> DVec3 {
+    fn at(&self, DVec3 { x, y, z }: DVec3) -> DVec3 {
         let [a, b, c] = self.frame;
         x * a + y * b + z * c
     }
@@ -85,7 +85,7 @@ impl Block {
         for k in 0..4 {
             let ([x, y], before) = (corners[k], sides[(k + 3) % 4]);
             if k != 2 || r == 0.0 {
-                line([x, y, 0.0], [x, y, d], before, sides[k]);
+                line(DVec3::new(x, y, 0.0), DVec3::new(x, y, d), before, sides[k]);
             }
             let (mut p, mut q) = (corners[k], corners[(k + 1) % 4]);
             if k == 1 {

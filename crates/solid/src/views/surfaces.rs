@@ -415,7 +415,7 @@ fn oblique(s: &Extruded, t: &Extruded, shared: usize, tolerance: f64) -> Vec<Mee
                             a: point_of([(shared, 0.0), (other[0], r1), (other[1], sign * r1)]),
                             b: flat,
                         },
-                        ends: vec![center + 1.0 * flat, center - flat],
+                        ends: vec![center + flat, center - flat],
                     })
                     .into();
             }

@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 
 /// Positions of tests along an interval, as shares of it. Unequal, so that symmetric parts are not tested at
 /// their planes of symmetry.
-const SHARES: DVec3 = DVec3::new(0.13, 0.47, 0.86);
+const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
 /// Number of tests around a circle. More find shorter missing lines and take more time.
 const AROUND: usize = 24;
 

@@ -188,7 +188,7 @@ fn follow(
 }
 
 fn moved(surface: &Surface, by: DVec3) -> Result<Surface> {
-    surface.with_vertices(surface.vertices().iter().map(|p| *p + 1.0 * by).collect())
+    surface.with_vertices(surface.vertices().iter().map(|p| *p + by).collect())
 }
 
 impl Lengths {

@@ -25,7 +25,7 @@ const PLACES_PER_SIDE: usize = 5;
 const MIN_GAP_SPACINGS: f64 = 3.0;
 /// Widths of the rings around a gap, in radii of the gap. The widest ring whose readings have one simple
 /// shape is used.
-const RING_WIDTHS: DVec3 = DVec3::new(1.5, 0.8, 0.4);
+const RING_WIDTHS: [f64; 3] = [1.5, 0.8, 0.4];
 /// Maximum number of readings of a ring, and of points of a gap. Every reading is compared with every such
 /// point.
 const ENOUGH_READINGS: usize = 4000;

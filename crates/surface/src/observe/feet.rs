@@ -119,7 +119,7 @@ impl Foot {
 }
 
 /// The off-diagonal component of a symmetric tensor with isotropic noise has half the variance of the others.
-const CURVATURE_SCALE: DVec3 = DVec3::new(1.0, SQRT_2, 1.0);
+const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 
 /// Smallest cosine between the normals of scan and surface. Points that differ by more than about 70° lie on
 /// another side of the object.
