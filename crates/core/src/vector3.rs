@@ -40,10 +40,21 @@ pub fn tangents(n: DVec3) -> (DVec3, DVec3) {
 /// ```
 /// use planish_core::{DVec3, vector3::as_arrays};
 /// assert_eq!(as_arrays(&[DVec3::X, DVec3::Z]), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
-/// assert_eq!(as_arrays(&[DVec3::X]).as_flattened(), [1.0, 0.0, 0.0]);
 /// ```
 #[must_use]
 pub fn as_arrays(vectors: &[DVec3]) -> &[[f64; 3]] {
+    bytemuck::cast_slice(vectors)
+}
+
+/// All coordinates of vectors, one vector after the other, without a copy.
+///
+/// # Examples
+/// ```
+/// use planish_core::{DVec3, vector3::coordinates};
+/// assert_eq!(coordinates(&[DVec3::X, DVec3::Z]), [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+/// ```
+#[must_use]
+pub fn coordinates(vectors: &[DVec3]) -> &[f64] {
     bytemuck::cast_slice(vectors)
 }
 

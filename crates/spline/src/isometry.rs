@@ -189,7 +189,7 @@ mod tests {
     use super::*;
     use crate::base::fit_function;
     use crate::hierarchy::{Hierarchy, Shape};
-    use planish_core::vector3::as_arrays;
+    use planish_core::vector3::coordinates;
     use std::sync::Arc;
 
     /// A skew 3 × 2 grid of the plane, and the same grid rolled onto a cylinder along a slanted line.
@@ -232,7 +232,7 @@ mod tests {
         let sigma = vec![1e-3; space.leaves().len()];
         let misfit = |surface: &Surface| {
             let information = system.isometry(surface, &metric, &sigma).unwrap();
-            let x = as_arrays(surface.vertices()).as_flattened();
+            let x = coordinates(surface.vertices());
             let mut there = vec![0.0; x.len()];
             information.multiply(x, &mut there).unwrap();
             let gradient: Vec<f64> = information.vector().iter().zip(&there).map(|(a, b)| a - b).collect();
@@ -247,7 +247,7 @@ mod tests {
         let mut information = misfit(&wider).0;
         let hold = 1e-9 * information.diagonal().iter().sum::<f64>() / information.dimension() as f64;
         information.add_diagonal(hold);
-        let x = as_arrays(wider.vertices()).as_flattened();
+        let x = coordinates(wider.vertices());
         for (v, c) in information.vector_mut().iter_mut().zip(x) {
             *v += hold * c;
         }

@@ -8,7 +8,7 @@
 use crate::basis::cubic;
 use crate::hierarchy::{Cell, Hierarchy, quarter3};
 use planish_core::DVec3;
-use planish_core::vector3::as_arrays;
+use planish_core::vector3::coordinates;
 use planish_estimate::{Error, Result};
 use std::sync::Arc;
 
@@ -206,7 +206,7 @@ impl Surface {
 /// value and is ignored.
 #[inline(always)]
 pub(crate) fn coordinates_in_fours(c: &[DVec3; 16], k: usize) -> [f64; 4] {
-    let flat = as_arrays(c).as_flattened();
+    let flat = coordinates(c);
     match k {
         15 => [flat[45], flat[46], flat[47], 0.0],
         _ => [flat[3 * k], flat[3 * k + 1], flat[3 * k + 2], flat[3 * k + 3]],

@@ -38,6 +38,7 @@
 
 mod patches;
 
+use planish_core::vector3::{coordinates, from_arrays};
 use crate::model::{
     Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
 };
@@ -240,7 +241,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             "vertices",
             tensor(
                 &[space.node_count(), 3],
-                TensorData::F64(model.surface.vertices().as_flattened().to_vec()),
+                TensorData::F64(coordinates(model.surface.vertices()).to_vec()),
             ),
         ),
         ("poses", tensor(&[model.poses.len(), 7], TensorData::F64(poses))),
@@ -462,7 +463,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     }
     let unresolved_shape = tensors.unresolved_shape(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
-    let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;
+    let surface = Surface::new(Arc::clone(&space), from_arrays(vertices.as_chunks::<3>().0).to_vec())?;
     // The pattern follows from the hierarchy; the file repeats it so that other readers need no B-splines.
     let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
     let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), elements)?);

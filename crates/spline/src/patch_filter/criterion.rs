@@ -20,7 +20,7 @@
 
 use crate::surface::Jet;
 use planish_core::DVec3;
-use planish_core::vector3::as_arrays;
+use planish_core::vector3::coordinates;
 
 /// Criteria for subdivision; `None` disables a criterion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -195,7 +195,7 @@ pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [DVec3; 5])> {
     let value = jet.curvature()?.gaussian();
     let mut gradient = [DVec3::ZERO; 5];
     let largest = |start, vectors: &[DVec3]| {
-        as_arrays(vectors).as_flattened().iter().fold(start, |m: f64, x| m.max(x.abs()))
+        coordinates(vectors).iter().fold(start, |m: f64, x| m.max(x.abs()))
     };
     let first = largest(0.0, &[jet.du, jet.dv]);
     // A flat surface has no second derivatives from which a step could be derived.

@@ -1,7 +1,7 @@
 //! The states of a sheet that bends without stretch, and their report.
 
 use super::motion::scans_in_time;
-use planish_core::{DVec3, Setting};
+use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use serde::Serialize;
@@ -36,9 +36,9 @@ pub struct BendingState {
     /// `rms` over `sigma`: 1 if the residuals are noise only.
     pub misfit: f64,
     /// Mean absolute relative changes of E, F and G since the first state; that of F is relative to √(EG).
-    pub mean_change: DVec3,
+    pub mean_change: [f64; 3],
     /// Largest of these changes, where the sheet was measured.
-    pub largest_change: DVec3,
+    pub largest_change: [f64; 3],
     /// Readings beyond the border of the sheet by more than their spacing.
     pub beyond_border: usize,
     /// True if the state is the same sheet, bent but not stretched.

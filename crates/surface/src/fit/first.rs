@@ -10,6 +10,7 @@ use super::division::MIN_LEAF_SIGMAS;
 use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
 use crate::observe::{Observations, Quantity, ReadingColumns};
+use planish_core::vector3::coordinates;
 use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result};
 use planish_spline::{BaseShape, Hierarchy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights};
@@ -157,7 +158,7 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[DVec3]) -> Result<Surface
     let cell = (area / space.leaves().len() as f64).sqrt();
     let weight = points.len() as f64 / area * cell.powi(4) * 0.05;
     let energy = system.thin_plate(&reference)?.expanded(3)?;
-    let x: Vec<f64> = reference.vertices().iter().flatten().copied().collect();
+    let x: Vec<f64> = coordinates(reference.vertices()).to_vec();
     let mut pull = vec![0.0; x.len()];
     energy.multiply(&x, &mut pull)?;
     let mut total = data;

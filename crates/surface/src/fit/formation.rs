@@ -18,6 +18,7 @@ use super::weights::weights;
 use crate::model::{NodeCovariance, Posterior, VertexMotion};
 use crate::observe::Observations;
 use crate::observe::{FootState, by_leaf};
+use planish_core::vector3::coordinates;
 use planish_core::{DVec3, Progress};
 use planish_estimate::Result;
 use planish_estimate::sparse::SelectedInverse;
@@ -121,7 +122,7 @@ pub(super) fn formation_of_global_fit(
     }
     let directions = system.node_normals(surface);
     let of_prior = system.contract(prior, &directions)?;
-    let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
+    let x: Vec<f64> = coordinates(surface.vertices()).to_vec();
     let mut there = vec![0.0; x.len()];
     prior.multiply(&x, &mut there)?;
     let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(there.chunks_exact(3)).zip(&directions))

@@ -1,6 +1,5 @@
 //! Figures of sensors, poses and σ that a model carries.
 
-use planish_core::DVec3;
 use planish_mesh::quantile_of_sorted;
 use serde::{Deserialize, Serialize};
 
@@ -67,7 +66,7 @@ pub struct ScanPoseReport {
     /// Name of the scan.
     pub scan: String,
     /// Translation, world from scanner.
-    pub translation: DVec3,
+    pub translation: [f64; 3],
     /// Rotation, world from scanner.
     pub quaternion_xyzw: [f64; 4],
     /// σ of the translation.

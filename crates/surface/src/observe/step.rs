@@ -3,6 +3,7 @@
 use super::feet::{Foot, along_normal, by_leaf};
 use super::observations::Observations;
 use super::scan_errors::Linearized;
+use planish_core::vector3::coordinates;
 use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::{Error, ErrorKind, Result};
@@ -131,7 +132,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
 /// What pulls the vertices besides the readings: `w (η − K x)` of the prior, and `η − Λ x` of earlier data.
 fn pull_of_prior(input: &StepInput<'_>) -> Result<Vec<f64>> {
     let StepInput { surface, prior, weight, earlier, .. } = *input;
-    let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
+    let x: Vec<f64> = coordinates(surface.vertices()).to_vec();
     let mut pull = vec![0.0; x.len()];
     prior.multiply(&x, &mut pull)?;
     for (p, eta) in pull.iter_mut().zip(prior.vector()) {

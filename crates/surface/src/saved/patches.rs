@@ -2,6 +2,7 @@
 
 use super::{Tensors, tensor};
 use planish_core::DVec3;
+use planish_core::vector3::{coordinates, from_arrays};
 use planish_estimate::{Error, Result};
 use planish_exchange::model::{Tensor, TensorData};
 use planish_spline::{
@@ -69,7 +70,7 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
         let of_cell = |s: &InnovationSum| [s.count as f64, s.normalized_squared, s.far as f64];
         p.innovations.iter().flat_map(of_cell).collect()
     };
-    let points = |p: &[DVec3]| tensor(&[p.len(), 3], TensorData::F64(p.as_flattened().to_vec()));
+    let points = |p: &[DVec3]| tensor(&[p.len(), 3], TensorData::F64(coordinates(p).to_vec()));
     for (name, made) in [
         ("patch_cells", tensor(&[count, 3], TensorData::U32(cells.collect()))),
         ("patch_means", tensor(&[count, VERTICES, columns], numbers(&|p| p.belief.mean().to_vec()))),
@@ -165,8 +166,8 @@ impl Notes {
         PatchFilter::from_state(&PatchFilterState {
             shape,
             base,
-            initial_vertices: tensors.f64("patch_initial", &[3])?.as_chunks::<3>().0.to_vec(),
-            metric_vertices: tensors.f64("patch_metric", &[3])?.as_chunks::<3>().0.to_vec(),
+            initial_vertices: from_arrays(tensors.f64("patch_initial", &[3])?.as_chunks::<3>().0).to_vec(),
+            metric_vertices: from_arrays(tensors.f64("patch_metric", &[3])?.as_chunks::<3>().0).to_vec(),
             prior: SmoothnessPrior { weight: self.weight, hold: self.hold },
             options: PatchFilterOptions {
                 layout,

@@ -13,6 +13,7 @@ use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
 use crate::observe::{Observations, Quantity, ReadingColumns};
 use crate::subdivision::RefinementLog;
+use planish_core::vector3::coordinates;
 use planish_core::{DVec3, Progress};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
@@ -124,7 +125,7 @@ impl Sheet<'_> {
             factor.solve_in_place(&mut solution)?;
             let step = solution
                 .iter()
-                .zip(surface.vertices().iter().flatten())
+                .zip(coordinates(surface.vertices()))
                 .map(|(new, old)| new - old)
                 .collect::<Vec<f64>>();
             // Newton's decrement for each unknown: the mean square of the step in its own variances.
@@ -174,7 +175,7 @@ impl Sheet<'_> {
 
     fn fixed_prior(&self) -> Result<FixedPrior> {
         let mut smooth = self.system.thin_plate(self.previous)?.expanded(3)?;
-        let x: Vec<f64> = self.previous.vertices().iter().flatten().copied().collect();
+        let x: Vec<f64> = coordinates(self.previous.vertices()).to_vec();
         let mut pull = vec![0.0; x.len()];
         smooth.multiply(&x, &mut pull)?;
         smooth.vector_mut().copy_from_slice(&pull);
@@ -252,7 +253,7 @@ fn likeliest_weight(
     weight: f64,
 ) -> Result<f64> {
     let displacement: Vec<f64> =
-        solution.iter().zip(previous.vertices().iter().flatten()).map(|(new, old)| new - old).collect();
+        solution.iter().zip(coordinates(previous.vertices())).map(|(new, old)| new - old).collect();
     // A plate leaves three functions of each coordinate free.
     let rank = displacement.len() as f64 - 9.0;
     let determined = rank - weight * covariance.trace_with(&fixed.smooth)?;

@@ -21,22 +21,22 @@ pub struct MotionReport {
     /// Always `rigid`.
     pub kind: String,
     /// Angular velocity about the coordinate axes of the object's frame, in degrees per second.
-    pub angular_velocity_deg_per_s: DVec3,
+    pub angular_velocity_deg_per_s: [f64; 3],
     /// σ of each.
-    pub sigma_angular_velocity_deg_per_s: DVec3,
+    pub sigma_angular_velocity_deg_per_s: [f64; 3],
     /// Velocity of the point `middle`, per second, in the object's frame.
-    pub velocity: DVec3,
+    pub velocity: [f64; 3],
     /// σ of each.
-    pub sigma_velocity: DVec3,
+    pub sigma_velocity: [f64; 3],
     /// Magnitude of the angular velocity, in degrees per second, and its σ.
     pub rate_deg_per_s: [f64; 2],
     /// Speed of the point `middle`, per second, and its σ.
     pub speed: [f64; 2],
     /// The point whose velocity is reported: the middle of the part that the first scan measured.
-    pub middle: DVec3,
+    pub middle: [f64; 3],
     /// A point of the axis of rotation; none if the object does not turn significantly.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub axis_point: Option<DVec3>,
+    pub axis_point: Option<[f64; 3]>,
     /// One pose for each scan, in the order of time.
     pub poses: Vec<MotionPose>,
 }
@@ -49,13 +49,13 @@ pub struct MotionPose {
     /// Time, in seconds.
     pub time_s: f64,
     /// Translation, world from object.
-    pub translation: DVec3,
+    pub translation: [f64; 3],
     /// Rotation, world from object.
     pub quaternion_xyzw: [f64; 4],
     /// σ of the position of the middle along the axes of the object's frame.
-    pub sigma_translation: DVec3,
+    pub sigma_translation: [f64; 3],
     /// σ of the rotation about these axes, in degrees.
-    pub sigma_rotation_deg: DVec3,
+    pub sigma_rotation_deg: [f64; 3],
     /// Readings that matched the surface of the first scan.
     pub readings: usize,
     /// Distance from the pose that the earlier scans predict for a steady motion: `√(dᵀ C⁻¹ d / 6)` with
@@ -77,7 +77,7 @@ impl RigidTracker<'_> {
         let tracked = self.tracked.iter().find(|pose| pose.scan == scan);
         let largest = |from: usize| {
             let variances =
-                tracked.map_or(DVec3::ZERO, |pose| [0, 1, 2].map(|k| pose.covariance[(from + k, from + k)]));
+                tracked.map_or([0.0; 3], |pose| [0, 1, 2].map(|k| pose.covariance[(from + k, from + k)]));
             PRIOR_SIGMA_FACTOR * variances.into_iter().fold(0.0, f64::max).sqrt()
         };
         let (turn, shift) = (largest(0), largest(3));
@@ -102,7 +102,7 @@ impl RigidTracker<'_> {
         for (tracked, &time) in self.tracked.iter_mut().zip(&self.times).skip(1) {
             let report = &poses[tracked.scan];
             let Some((covariance, object_from_scanner)) =
-                report.covariance.zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation))
+                report.covariance.zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation.into()))
             else {
                 continue;
             };
@@ -118,7 +118,7 @@ impl RigidTracker<'_> {
                 by[(3 + axis, axis)] = -1.0;
                 let mut turn = DVec3::ZERO;
                 turn[axis] = 1.0;
-                for (k, moved) in turn.cross(arm).into_iter().enumerate() {
+                for (k, moved) in turn.cross(arm).to_array().into_iter().enumerate() {
                     by[(3 + k, 3 + axis)] = -moved;
                 }
             }
@@ -150,7 +150,7 @@ impl RigidTracker<'_> {
     /// The report of the motion.
     pub(crate) fn report(&self, set: &ScanSet) -> Result<MotionReport> {
         let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
-        let turn = self.twist;
+        let turn = DVec3::from_array([0, 1, 2].map(|k| self.twist[k]));
         let velocity = [3, 4, 5].map(|k| self.twist[k]);
         // σ of the length of a vector is its σ along the vector.
         let length = |first: usize, v: DVec3| {
