@@ -22,6 +22,20 @@ pub fn from_rows(rows: [DVec3; 3]) -> [[f64; 3]; 3] {
     rows.map(|row| row.to_array())
 }
 
+/// The matrix with these columns, such as the rotation from a frame with these unit vectors as axes.
+///
+/// # Examples
+/// ```
+/// use planish_core::{DVec3, matrix3::from_columns};
+/// let columns = [DVec3::Y, DVec3::NEG_X, DVec3::Z];
+/// assert_eq!(from_columns(columns), [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
+/// ```
+#[inline]
+#[must_use]
+pub fn from_columns([x, y, z]: [DVec3; 3]) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|k| [x[k], y[k], z[k]])
+}
+
 /// The rows of a matrix as vectors: the inverse of [`from_rows`].
 #[inline]
 #[must_use]

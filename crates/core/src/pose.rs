@@ -6,7 +6,7 @@
 //! Not guaranteed: a pose that is built from a matrix by hand is not checked. The rotation must be
 //! orthonormal with determinant +1.
 
-use crate::matrix3::{IDENTITY, times};
+use crate::matrix3::{IDENTITY, from_columns, times};
 use glam::DVec3;
 
 /// A rigid motion `p_world = R p_scanner + t`.
@@ -140,7 +140,7 @@ impl Pose {
     pub fn after(&self, inner: &Self) -> Self {
         let columns = [0, 1, 2].map(|k| self.rotate(DVec3::from_array(inner.rotation.map(|row| row[k]))));
         Self {
-            rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i])),
+            rotation: from_columns(columns),
             translation: self.apply(inner.translation),
         }
     }

@@ -14,7 +14,7 @@
 //!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
-use planish_core::matrix3::{rows, times};
+use planish_core::matrix3::{from_columns, rows, times};
 use planish_core::{BoundingBox, DVec3, Pinhole};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
@@ -166,7 +166,10 @@ impl Rectification {
                 sigma_disparity: rig.sigma_disparity,
             },
             size,
-            world_from_rectified: Pose { rotation: [x.to_array(), y, rotation[2]], translation: centres[0] },
+            world_from_rectified: Pose {
+                rotation: from_columns(rotation),
+                translation: centres[0],
+            },
         })
     }
 

@@ -1,6 +1,7 @@
 //! Stereo matching of images from converging cameras, compared with a rectified pair of the same object.
 
 use super::render::{Exposure, Light, Texture};
+use planish_core::matrix3::from_columns;
 use planish_core::{DVec3, Pinhole};
 use planish_mesh::{MeshSearch, icosphere};
 use planish_sense::{
@@ -17,7 +18,7 @@ fn camera(at: DVec3, along: DVec3) -> Pinhole {
     let z = along.try_normalize().unwrap();
     let x = DVec3::Y.cross(z).try_normalize().unwrap();
     let y = z.cross(x);
-    let world_from_camera = Pose { rotation: [x, y, z], translation: at };
+    let world_from_camera = Pose { rotation: from_columns([x, y, z]), translation: at };
     Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], DVec3::Z], &world_from_camera)
 }
 

@@ -14,6 +14,7 @@
 
 use super::render::{Exposure, Light, Texture};
 use super::truth::{Truth, positive};
+use planish_core::matrix3::from_columns;
 use planish_core::Pinhole;
 use planish_core::{DVec3, Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
@@ -552,7 +553,7 @@ fn pose_on_ring(middle: DVec3, far: f64, up: DVec3, turn: f64, elevation_deg: f6
         .try_normalize()
         .ok_or_else(|| Error::input("the camera must not look along the vertical axis"))?;
     let y = z.cross(x);
-    let exact = Pose { rotation: [x, y, z], translation: position };
+    let exact = Pose { rotation: from_columns([x, y, z]), translation: position };
     // The job states the pose as a quaternion. Its rounded value is used for rendering, too, so that images
     // and job agree exactly.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)

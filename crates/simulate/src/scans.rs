@@ -19,6 +19,7 @@ pub use files::{ScanFile, ScanSceneSummary, TruthSummary, write_scan_scene};
 
 use super::truth::{Truth, positive};
 use super::virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner, scaled};
+use planish_core::matrix3::from_columns;
 use planish_core::random::GOLDEN_GAMMA;
 use planish_core::vector3::tangents;
 use planish_core::{DVec3, Progress, ProgressPart, Silent, WRITING_STAGE};
@@ -365,7 +366,7 @@ pub(super) fn looking_from(truth: &Truth, z: DVec3, roll_rad: f64, size: f64) ->
     let (sin, cos) = roll_rad.sin_cos();
     let x = cos * e1 + sin * e2;
     let y = z.cross(x);
-    let rotation = [x, y, z];
+    let rotation = from_columns([x, y, z]);
     let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or(DVec3::ZERO, |b| b.center());
     let position = middle + 4.0 * size * z;
     let exact = Pose { rotation, translation: position };
