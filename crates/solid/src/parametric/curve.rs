@@ -325,7 +325,7 @@ mod tests {
         let poles: Vec<DVec3> = (0..12)
             .map(|k| {
                 let t = f64::from(k) / 11.0 * TAU;
-                [t.cos() * (2.0 + (3.0 * t).sin()), t.sin() * 3.0, 0.5 * (2.0 * t).cos()]
+                DVec3::new(t.cos() * (2.0 + (3.0 * t).sin()), t.sin() * 3.0, 0.5 * (2.0 * t).cos())
             })
             .collect();
         let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
@@ -335,9 +335,9 @@ mod tests {
     #[test]
     fn parameters_of_points_on_curves_are_recovered() {
         let shapes = [
-            ParametricCurve::Line { origin: [1.0, 2.0, 3.0], along: [0.5, -2.0, 0.25] },
-            ParametricCurve::Ellipse { center: DVec3::X, a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
-            ParametricCurve::Hyperbola { center: DVec3::ZERO, a: DVec3::X, b: [0.0, 2.0, 0.0] },
+            ParametricCurve::Line { origin: DVec3::new(1.0, 2.0, 3.0), along: DVec3::new(0.5, -2.0, 0.25) },
+            ParametricCurve::Ellipse { center: DVec3::X, a: 3.0 * DVec3::X, b: 2.0 * DVec3::Z },
+            ParametricCurve::Hyperbola { center: DVec3::ZERO, a: DVec3::X, b: 2.0 * DVec3::Y },
             ParametricCurve::Parabola { vertex: DVec3::ZERO, a: DVec3::X, b: DVec3::Y },
             wave(),
         ];

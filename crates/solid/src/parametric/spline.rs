@@ -415,8 +415,10 @@ mod tests {
         // Greville's abscissae as control points give the identity.
         let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.5, 3.0, 3.0, 3.0, 3.0];
         let greville: Vec<f64> = (0..6).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0).collect();
-        let poles: Vec<DVec3> =
-            greville.iter().flat_map(|u| greville.iter().map(move |v| [*u, *v, 2.0 * u - 3.0 * v])).collect();
+        let poles: Vec<DVec3> = greville
+            .iter()
+            .flat_map(|u| greville.iter().map(move |v| DVec3::new(*u, *v, 2.0 * u - 3.0 * v)))
+            .collect();
         let plane = SplineSurface::try_new([3, 3], [knots.clone(), knots], &poles, None).unwrap();
         for at in [[0.0, 0.0], [0.3, 2.9], [1.0, 2.5], [3.0, 3.0]] {
             let (p, [u, v]) = plane.at(at);

@@ -331,7 +331,7 @@ impl<'a> Feet<'a> {
                 let [r, h] = place(p);
                 let residual = |q: DVec3| {
                     let [a, b] = place(q);
-                    [a - r, b - h, 0.0]
+                    DVec3::new(a - r, b - h, 0.0)
                 };
                 let v = on_profile(curve, &residual, guess.map(|g| g[1]));
                 let u = angle_between(curve.point(v) - *origin, p - *origin, *axis);

@@ -10,7 +10,7 @@ fn elementary(surface: crate::brep::FaceSurface) -> ParametricSurface {
 
 fn sphere() -> ParametricSurface {
     elementary(crate::brep::FaceSurface::Sphere {
-        center: [1.0, 2.0, 3.0],
+        center: DVec3::new(1.0, 2.0, 3.0),
         axis: DVec3::Z,
         x: DVec3::X,
         radius: 2.0,
@@ -88,7 +88,12 @@ fn cap_contains_the_pole_on_the_left_of_its_loop() {
         [(true, true, true), (true, false, false), (false, true, false), (false, false, true)]
     {
         let mut shape = ParametricShape::default();
-        let edge = circle(&mut shape, [1.0, 2.0, 3.0 + h], [r, 0.0, 0.0], [0.0, r, 0.0]);
+        let edge = circle(
+            &mut shape,
+            DVec3::new(1.0, 2.0, 3.0 + h),
+            DVec3::new(r, 0.0, 0.0),
+            DVec3::new(0.0, r, 0.0),
+        );
         shape.faces.push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
         let (mesh, area, check) = meshed(&shape, &FINE);
         assert_eq!(check.boundary_loops, 1);
@@ -109,8 +114,9 @@ fn ball_without_a_cap_beside_the_poles_is_the_complement() {
     let (cos, sin) = (0.5_f64.cos(), 0.5_f64.sin());
     for (forward, share) in [(false, 0.5 * (1.0 + cos)), (true, 0.5 * (1.0 - cos))] {
         let mut shape = ParametricShape::default();
-        let center = [1.0 + 2.0 * cos, 2.0, 3.0];
-        let edge = circle(&mut shape, center, [0.0, 2.0 * sin, 0.0], [0.0, 0.0, 2.0 * sin]);
+        let center = DVec3::new(1.0 + 2.0 * cos, 2.0, 3.0);
+        let edge =
+            circle(&mut shape, center, DVec3::new(0.0, 2.0 * sin, 0.0), DVec3::new(0.0, 0.0, 2.0 * sin));
         shape.faces.push(face(sphere(), true, vec![vec![(edge, forward)]]));
         let (_, area, check) = meshed(&shape, &FINE);
         near(area, 16.0 * PI * share, 3e-3);
@@ -124,7 +130,9 @@ fn loops_select_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     for (up, area) in [(true, PI * (3.0 * PI + 2.0)), (false, PI * (3.0 * PI - 2.0))] {
         let mut shape = ParametricShape::default();
         let loops = [-1.0, 1.0]
-            .map(|z| (circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]), (z < 0.0) == up))
+            .map(|z| {
+                (circle(&mut shape, DVec3::new(0.0, 0.0, z), 3.0 * DVec3::X, 3.0 * DVec3::Y), (z < 0.0) == up)
+            })
             .map(|coedge| vec![coedge]);
         shape.faces.push(face(torus(), true, loops.to_vec()));
         let (_, found, _) = meshed(&shape, &FINE);
@@ -134,7 +142,7 @@ fn loops_select_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     for (forward, third) in [(true, 1.0 / 3.0), (false, 2.0 / 3.0)] {
         let mut shape = ParametricShape::default();
         let mut ring = |angle: f64| {
-            let out = [angle.cos(), angle.sin(), 0.0];
+            let out = DVec3::new(angle.cos(), angle.sin(), 0.0);
             circle(&mut shape, 3.0 * out, out, DVec3::Z)
         };
         let edges = [ring(0.0), ring(TAU / 3.0)];
@@ -157,7 +165,7 @@ fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
     for ways in [[true, false], [false, true], [true, true], [false, false]] {
         let mut shape = ParametricShape::default();
         let at = |shape: &mut ParametricShape, z: f64| {
-            circle(shape, [0.0, 0.0, z], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0])
+            circle(shape, DVec3::new(0.0, 0.0, z), 2.0 * DVec3::X, 2.0 * DVec3::Y)
         };
         let loops = [at(&mut shape, 0.0), at(&mut shape, 5.0)];
         let loops = vec![vec![(loops[0], ways[0])], vec![(loops[1], ways[1])]];
@@ -170,7 +178,7 @@ fn the_direction_of_two_loops_around_a_cylinder_does_not_matter() {
     }
     // One loop alone bounds no face of a cylinder.
     let mut shape = ParametricShape::default();
-    let edge = circle(&mut shape, DVec3::ZERO, [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+    let edge = circle(&mut shape, DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
     assert!(made.skipped[0].reason.contains("one loop runs around the surface"), "{:?}", made.skipped);
@@ -186,7 +194,7 @@ fn faces_of_a_cone_at_and_beyond_its_apex_are_filled() {
         half_angle_rad: PI / 4.0,
     });
     let mut shape = ParametricShape::default();
-    let edge = circle(&mut shape, DVec3::Z, [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+    let edge = circle(&mut shape, DVec3::Z, 2.0 * DVec3::X, 2.0 * DVec3::Y);
     shape.faces.push(face(cone.clone(), true, vec![vec![(edge, false)]]));
     let (mesh, area, _) = meshed(&shape, &FINE);
     near(area, 4.0 * PI * 2_f64.sqrt(), 1e-3);
@@ -195,7 +203,10 @@ fn faces_of_a_cone_at_and_beyond_its_apex_are_filled() {
     let mut shape = ParametricShape::default();
     let loops = [-2.0, -4.0].map(|z: f64| {
         let r = -1.0 - z;
-        vec![(circle(&mut shape, [0.0, 0.0, z], [r, 0.0, 0.0], [0.0, r, 0.0]), true)]
+        vec![(
+            circle(&mut shape, DVec3::new(0.0, 0.0, z), DVec3::new(r, 0.0, 0.0), DVec3::new(0.0, r, 0.0)),
+            true,
+        )]
     });
     shape.faces.push(face(cone, true, loops.to_vec()));
     let (_, area, _) = meshed(&shape, &FINE);
@@ -206,7 +217,13 @@ fn faces_of_a_cone_at_and_beyond_its_apex_are_filled() {
 /// ball.
 fn turned_spline() -> (ParametricSurface, SplineCurve) {
     let h = 0.5_f64.sqrt();
-    let poles = [[0.0, 0.0, -2.0], [2.0, 0.0, -2.0], [2.0, 0.0, 0.0], [2.0, 0.0, 2.0], [0.0, 0.0, 2.0]];
+    let poles = [
+        DVec3::new(0.0, 0.0, -2.0),
+        DVec3::new(2.0, 0.0, -2.0),
+        2.0 * DVec3::X,
+        DVec3::new(2.0, 0.0, 2.0),
+        2.0 * DVec3::Z,
+    ];
     let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
     let half = SplineCurve::try_new(2, knots, &poles, Some(&[1.0, h, 1.0, h, 1.0])).unwrap();
     let surface = ParametricSurface::Revolution {
@@ -238,7 +255,7 @@ fn foot_points_of_surface_points_are_their_parameters() {
     let wave: Vec<DVec3> = (0..36)
         .map(|k| {
             let (i, j) = (f64::from(k / 6), f64::from(k % 6));
-            [i, j, (1.3 * i).sin() * (0.9 * j).cos()]
+            DVec3::new(i, j, (1.3 * i).sin() * (0.9 * j).cos())
         })
         .collect();
     let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0];
@@ -246,9 +263,12 @@ fn foot_points_of_surface_points_are_their_parameters() {
     let surfaces = [
         ParametricSurface::Spline(Box::new(sheet)),
         ball,
-        ParametricSurface::Extrusion { curve: ParametricCurve::Spline(profile), along: [0.3, 1.0, 0.1] },
+        ParametricSurface::Extrusion {
+            curve: ParametricCurve::Spline(profile),
+            along: DVec3::new(0.3, 1.0, 0.1),
+        },
         ParametricSurface::Revolution {
-            curve: ParametricCurve::Line { origin: [2.0, 0.0, 0.0], along: [0.5, 1.0, 2.0] },
+            curve: ParametricCurve::Line { origin: 2.0 * DVec3::X, along: DVec3::new(0.5, 1.0, 2.0) },
             origin: DVec3::ZERO,
             axis: DVec3::Z,
         },
@@ -276,7 +296,12 @@ fn welded_faces_share_edges() {
     // Two squares side by side, each with vertices and edges of its own, one of them off by a millionth.
     let mut shape = ParametricShape::default();
     for (k, x) in [0.0, 1.0 + 1e-6].into_iter().enumerate() {
-        let corners = [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x + 1.0, 1.0, 0.0], [x, 1.0, 0.0]];
+        let corners = [
+            DVec3::new(x, 0.0, 0.0),
+            DVec3::new(x + 1.0, 0.0, 0.0),
+            DVec3::new(x + 1.0, 1.0, 0.0),
+            DVec3::new(x, 1.0, 0.0),
+        ];
         shape.vertices.extend(corners);
         let mut ring = Vec::new();
         for side in 0..4 {

@@ -170,13 +170,13 @@ fn rounded_edge_has_an_outline_only_where_it_turns_away() {
 #[test]
 fn closed_form_and_distance_give_the_same_ray_intersections() {
     let solid = solved(&stepped_hole());
-    let reach = [[-50.0; 3], [90.0; 3]];
+    let reach = [DVec3::splat(-50.0), DVec3::splat(90.0)];
     let cylinder =
         solid.faces.iter().find(|f| matches!(f.surface, crate::brep::FaceSurface::Cylinder { .. })).unwrap();
     let face = TrimmedFace::new(&solid, cylinder, reach);
-    let direction = [0.6, 0.0, 0.8];
+    let direction = DVec3::new(0.6, 0.0, 0.8);
     for y in [12.5, 14.0, 15.3, 16.9] {
-        let origin = [-10.0, y, -20.0];
+        let origin = DVec3::new(-10.0, y, -20.0);
         let exact = face.met(origin, direction, [0.0, 200.0]);
         let followed = met_by_distance(face.surface(), origin, direction, [0.0, 200.0]);
         assert_eq!(exact.len(), followed.len());
@@ -184,7 +184,7 @@ fn closed_form_and_distance_give_the_same_ray_intersections() {
             assert!((a - b).abs() < 1e-4, "{a} {b}");
         }
     }
-    let beyond = [-10.0, 40.0, -20.0];
+    let beyond = DVec3::new(-10.0, 40.0, -20.0);
     assert!(face.met(beyond, direction, [0.0, 200.0]).is_empty());
     assert!(met_by_distance(face.surface(), beyond, direction, [0.0, 200.0]).is_empty());
 }
@@ -192,13 +192,14 @@ fn closed_form_and_distance_give_the_same_ray_intersections() {
 #[test]
 fn plane_with_holes_contains_the_points_between_its_loops() {
     let solid = solved(&stepped_hole());
-    let above =
-        |f: &&crate::brep::Face| f.surface.distance([1.0, 1.0, 20.0]).abs() < 1e-9 && f.loops.len() == 2;
+    let above = |f: &&crate::brep::Face| {
+        f.surface.distance(DVec3::new(1.0, 1.0, 20.0)).abs() < 1e-9 && f.loops.len() == 2
+    };
     let face = solid.faces.iter().find(above).unwrap();
-    let face = TrimmedFace::new(&solid, face, [[-50.0; 3], [90.0; 3]]);
+    let face = TrimmedFace::new(&solid, face, [DVec3::splat(-50.0), DVec3::splat(90.0)]);
     for k in 0..720 {
         let (sin, cos) = (TAU * f64::from(k) / 720.0).sin_cos();
-        let at = |radius: f64| [20.0 + radius * cos, 15.0 + radius * sin, 20.0];
+        let at = |radius: f64| DVec3::new(20.0 + radius * cos, 15.0 + radius * sin, 20.0);
         assert!(!face.contains(at(6.0 - 1e-6)) && face.contains(at(6.0 + 1e-6)), "{k}");
         assert!(!face.contains(at(40.0)));
     }

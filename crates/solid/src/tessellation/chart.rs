@@ -95,8 +95,8 @@ mod tests {
 
     fn cone() -> FaceSurface {
         FaceSurface::Cone {
-            origin: [1.0, 2.0, 3.0],
-            axis: [0.0, 0.6, 0.8],
+            origin: DVec3::new(1.0, 2.0, 3.0),
+            axis: DVec3::new(0.0, 0.6, 0.8),
             x: DVec3::X,
             radius: 2.0,
             half_angle_rad: 0.4,
@@ -105,10 +105,14 @@ mod tests {
 
     #[test]
     fn charts_invert_and_keep_the_orientation() {
-        let sphere =
-            FaceSurface::Sphere { center: [1.0, -2.0, 0.5], axis: DVec3::Z, x: DVec3::X, radius: 3.0 };
+        let sphere = FaceSurface::Sphere {
+            center: DVec3::new(1.0, -2.0, 0.5),
+            axis: DVec3::Z,
+            x: DVec3::X,
+            radius: 3.0,
+        };
         let charts = [
-            (Chart::sphere([1.0, -2.0, 0.5], 3.0, unit([0.3, -0.5, 0.8])), sphere),
+            (Chart::sphere(DVec3::new(1.0, -2.0, 0.5), 3.0, unit(DVec3::new(0.3, -0.5, 0.8))), sphere),
             (Chart::cone(&cone()).unwrap(), cone()),
         ];
         for (chart, surface) in charts {

@@ -72,7 +72,7 @@ fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: DVec3, ra
             let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
             let angle = TAU * 0.618_033_988_749_895 * k as f64;
             let across = (1.0 - z * z).sqrt();
-            [across * angle.cos(), across * angle.sin(), z]
+            DVec3::new(across * angle.cos(), across * angle.sin(), z)
         })
         .collect();
     for ring in &of {

@@ -137,7 +137,7 @@ fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
 
 /// The half y > 0 of a cone of radius 10 and height 30: its straight edges end at the tip.
 fn half_a_cone() -> Solid {
-    let tip = [0.0, 0.0, 30.0];
+    let tip = 30.0 * DVec3::Z;
     let [right, left] = [[10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]];
     let line = |from: DVec3, to: DVec3, ends: [usize; 2]| {
         let span = to - from;
@@ -150,7 +150,7 @@ fn half_a_cone() -> Solid {
         }
     };
     let arc = Edge {
-        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: right, b: [0.0, 10.0, 0.0] },
+        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: right, b: 10.0 * DVec3::Y },
         range: [0.0, std::f64::consts::PI],
         start: 1,
         end: 2,

@@ -137,9 +137,8 @@ impl BoundaryBuilder<'_> {
             for j in 0..n[1] {
                 for k in 0..n[2] {
                     let cell = [i, j, k];
-                    let lo = [0, 1, 2].map(|a| plan.grid[a][cell[a]]);
-                    let hi = [0, 1, 2].map(|a| plan.grid[a][cell[a] + 1]);
-                    let at = |shares: [f64; 3]| lo + (hi - lo) * shares;
+                    let (lo, hi) = plan.bounds(cell);
+                    let at = |shares: [f64; 3]| lo + (hi - lo) * DVec3::from_array(shares);
                     let plain = is_plain(plan, cell);
                     let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
                     for axis in (0..3).filter(|a| cell[*a] > 0) {

@@ -310,7 +310,7 @@ impl DrawingGrid {
 
     /// The minimum and maximum corner of a box.
     pub(crate) fn bounds(&self, cell: [usize; 3]) -> (DVec3, DVec3) {
-        let at = |up: usize| [0, 1, 2].map(|a| self.grid[a][cell[a] + up]);
+        let at = |up: usize| DVec3::from_array([0, 1, 2].map(|a| self.grid[a][cell[a] + up]));
         (at(0), at(1))
     }
 

@@ -95,12 +95,12 @@ impl Block {
                 p[0] -= r;
             }
             for (z, n) in [(0.0, DVec3::new(0.0, 0.0, -1.0)), (d, DVec3::Z)] {
-                line([p[0], p[1], z], [q[0], q[1], z], sides[k], n);
+                line(DVec3::new(p[0], p[1], z), DVec3::new(q[0], q[1], z), sides[k], n);
             }
         }
         if r > 0.0 {
-            let around = |t: f64| [t.cos(), t.sin(), 0.0];
-            let on = |t: f64, z: f64| [w - r + r * t.cos(), h - r + r * t.sin(), z];
+            let around = |t: f64| DVec3::new(t.cos(), t.sin(), 0.0);
+            let on = |t: f64, z: f64| DVec3::new(w - r + r * t.cos(), h - r + r * t.sin(), z);
             // Where the line of sight touches the cylinder.
             let [x, y] = [0, 1].map(|k| self.frame[k].dot(eye));
             let touching = (-x).atan2(y).rem_euclid(PI);

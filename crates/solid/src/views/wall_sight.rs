@@ -176,9 +176,13 @@ impl SightTests {
         // form.
         for &(index, _) in plan.walls_in(cell).iter().filter(|w| (w.0 as usize) > of.0) {
             let second = &plan.walls[index as usize];
-            for shares in
-                [[0.1, 0.3, 0.5], [0.5, 0.9, 0.3], [0.9, 0.5, 0.7], [0.4, 0.2, 0.9], [0.7, 0.7, 0.1]]
-            {
+            for shares in [
+                DVec3::new(0.1, 0.3, 0.5),
+                DVec3::new(0.5, 0.9, 0.3),
+                DVec3::new(0.9, 0.5, 0.7),
+                DVec3::new(0.4, 0.2, 0.9),
+                DVec3::new(0.7, 0.7, 0.1),
+            ] {
                 let start = lo + shares * (hi - lo);
                 if let Some(p) = on_both(wall, second, start, plan.tolerance)
                     && inside(&p)
