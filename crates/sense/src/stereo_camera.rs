@@ -189,7 +189,7 @@ mod tests {
             let (du, dv) = (off(), off());
             let d = d + normal(&mut rng) * 0.3_f64.hypot(sigma);
             let p = CAMERA.point(u + du, v + dv, d).unwrap();
-            let e: [f64; 3] = std::array::from_fn(|k| p[k] - truth[k]);
+            let e = p - truth;
             let square = SymmetricMatrix3::from_entries(|i, j| e[i] * e[j]).to_array();
             sums.iter_mut().zip(square).for_each(|(s, q)| *s += q / f64::from(n));
         }

@@ -1,7 +1,7 @@
 //! The bodies of a solid: its connected parts, each with the voids within it.
 
-use super::{Solid, TrimmedFace, along};
-use planish_core::DVec3;
+use super::{Solid, TrimmedFace};
+use planish_core::{BoundingBox, DVec3};
 
 /// Direction of rays. It is oblique to all usual faces, so that a ray does not run along one.
 const RAY: DVec3 = DVec3::new(0.577_31, 0.211_93, 0.788_54);
@@ -51,13 +51,11 @@ impl Solid {
         };
         let edge = &self.edges[edge.edge];
         let from = edge.curve.point(0.37 * edge.range[0] + 0.63 * edge.range[1]);
-        let (lo, hi) = self.vertices.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-            ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
-        });
+        let bounds: BoundingBox = self.vertices.iter().copied().collect();
         // No face bulges beyond this margin. The seam of a whole sphere or torus has vertices, too, so even
         // such a shell has a box of a comparable size.
-        let far = 4.0 * (hi - lo).length();
-        let reach = [lo.map(|c| c - far), hi.map(|c| c + far)];
+        let far = 4.0 * bounds.diagonal();
+        let reach = [bounds.min - far, bounds.max + far];
         let crossings: usize = shell
             .iter()
             .map(|f| {

@@ -8,7 +8,7 @@ use super::{Disagreement, ReprojectionOptions};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
 use crate::drawing::{Curve2, Drawing, LineStyle, View};
-use planish_core::DVec3;
+use planish_core::{BoundingBox, DVec3};
 use std::collections::BTreeMap;
 
 pub(super) fn disagreements(
@@ -40,10 +40,8 @@ fn reach(solid: &Solid, size: f64) -> [DVec3; 2] {
         let [from, to] = e.range;
         [0.0, 0.25, 0.5, 0.75].map(|s| e.curve.point(from + s * (to - from)))
     });
-    let (lo, hi) = points.fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-        ([0, 1, 2].map(|c| lo[c].min(p[c])), [0, 1, 2].map(|c| hi[c].max(p[c])))
-    });
-    [lo.map(|c| c - size), hi.map(|c| c + size)]
+    let bounds: BoundingBox = points.collect();
+    [bounds.min - size, bounds.max + size]
 }
 
 /// A view with the drawn curves and the lines of the solid.

@@ -223,7 +223,7 @@ fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<DVec3>> {
 
 /// The circles along which the line of sight touches a sphere, or a torus with its axis along or across it;
 /// `None` for any other surface.
-fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>> {
+fn touching_circles(surface: &FaceSurface, e: DVec3) -> Option<Vec<EdgeCurve>> {
     let circle = |center: DVec3, a: DVec3, b: DVec3, radius: f64| EdgeCurve::Ellipse {
         center,
         a: radius * a,
@@ -255,7 +255,7 @@ fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>
 }
 
 /// The parts of a circle of contact that have the face on both sides.
-fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size: f64) -> Vec<Vec<DVec3>> {
+fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: DVec3, size: f64) -> Vec<Vec<DVec3>> {
     let surface = face.surface();
     let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
     let is_in = |k: usize| {
