@@ -8,7 +8,7 @@
 //! Limits: an edge that touches the interior of a face, such as that of a hole that touches a wall, is not
 //! found. Its faces are manifold as they are written.
 
-use super::{Edge, EdgeCurve, Solid, along};
+use super::{Edge, EdgeCurve, Solid};
 use planish_core::{BoundingBox, DVec3};
 
 /// Sample points of an edge that must all lie on another edge, as shares of its range.

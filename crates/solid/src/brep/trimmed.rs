@@ -6,7 +6,7 @@
 //! is in the face follows from the nearest loop along the second parameter, since loops have the face on
 //! their left. On spheres and tori, the first parameter is used if no loop has the point's first parameter.
 
-use super::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
+use super::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, unit};
 use planish_core::DVec3;
 use std::f64::consts::{PI, TAU};
 

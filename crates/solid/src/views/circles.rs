@@ -7,7 +7,7 @@ use super::candidate_surface::{Extent, Side};
 use super::oblique::bounds_of;
 use super::oblique_wall::{Form, Oblique, Sector};
 use super::wireframe::Wireframe;
-use crate::brep::{along, unit};
+use crate::brep::unit;
 use crate::drawing::{Curve2, Drawing, distance_to_segment};
 use nalgebra::{DMatrix, DVector};
 use planish_contour::planar::circle_of_points;

@@ -7,7 +7,6 @@ use super::cells::Cells;
 use super::oblique_wall::Oblique;
 use super::sight::SightTests;
 use super::surfaces::Curve3;
-use crate::brep::along;
 use crate::drawing::Drawing;
 use planish_core::DVec3;
 use std::f64::consts::TAU;

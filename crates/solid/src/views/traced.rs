@@ -7,7 +7,7 @@
 //! steps are not found.
 
 use super::candidates::Candidate;
-use crate::brep::{along, unit};
+use crate::brep::unit;
 use planish_core::DVec3;
 
 /// Maximum number of steps of a curve. It bounds the time for curves that never close.
