@@ -1,4 +1,4 @@
-//! Foundations that the crates of Planish share. This crate depends on no other crate.
+//! Foundations that the crates of Planish share. This crate depends on no other crate of Planish.
 //!
 //! | Contents | |
 //! |---|---|
