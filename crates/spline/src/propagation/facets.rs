@@ -274,7 +274,7 @@ mod tests {
         let squares: f64 = facets
             .all
             .iter()
-            .map(|f| (f.point.length_squared().sqrt() - 3.0).powi(2) / f.variance(&Facet::own()))
+            .map(|f| (f.point.length() - 3.0).powi(2) / f.variance(&Facet::own()))
             .sum();
         let mean = squares / facets.all.len() as f64;
         // The mean of squares, within four standard errors plus the fourth-order error of a quadric.

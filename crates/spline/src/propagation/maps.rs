@@ -139,7 +139,7 @@ impl Symmetry {
         let tilted = |a: f64, b: f64| {
             let t = d + a * e1 + b * e2;
             // Normalised after each step; otherwise the length would grow at second order.
-            1.0 / t.length_squared().sqrt() * t
+            1.0 / t.length() * t
         };
         match *self {
             Self::Rotation { point, order, .. } => Self::Rotation {

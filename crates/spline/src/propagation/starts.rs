@@ -91,7 +91,7 @@ fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symme
     let half = 0.5 * TAU / f64::from(order);
     let (sum, across) = (a.normal + b.normal, a.normal.cross(b.normal));
     let (bisector, across) = (sum.try_normalize()?, across.try_normalize()?);
-    let cos_half = 0.5 * sum.length_squared().sqrt();
+    let cos_half = 0.5 * sum.length();
     let sin_beta = (1.0 - cos_half * cos_half).max(0.0).sqrt() / half.sin();
     if sin_beta > 1.0 {
         return None;

@@ -162,7 +162,7 @@ impl BlurredIndicator {
 
     /// Median slope of the indicator at the points.
     pub(super) fn steepness(&self, points: &[DVec3]) -> f64 {
-        let mut slopes: Vec<f64> = points.iter().map(|p| self.sample(*p).1.length_squared().sqrt()).collect();
+        let mut slopes: Vec<f64> = points.iter().map(|p| self.sample(*p).1.length()).collect();
         let middle = slopes.len() / 2;
         *slopes.select_nth_unstable_by(middle, f64::total_cmp).1
     }
@@ -285,7 +285,7 @@ mod tests {
         let level = field.level(&points);
         for p in points.iter().step_by(50) {
             let (value, gradient) = field.sample(*p);
-            let off = (value - level) / gradient.length_squared().sqrt();
+            let off = (value - level) / gradient.length();
             assert!(off.abs() < 0.05, "{p:?} is {off} off the level set");
             assert!(gradient.dot(*p - DVec3::new(5.0, 0.0, 0.0)) < 0.0, "the indicator falls outwards");
         }
