@@ -27,7 +27,7 @@ const NEIGHBOURS: usize = 6;
 
 /// A bend, a twist and a bulge of so much.
 fn bent(p: DVec3, [bend, twist, bulge]: DVec3) -> DVec3 {
-    let [x, y, z] = p;
+    let DVec3 { x, y, z } = p;
     let (s, c) = (twist * z).sin_cos();
     let grown = 1.0 + bulge * (-4.0 * ((x - 0.6).powi(2) + y * y)).exp();
     [grown * (c * x - s * y) + bend * z * z, grown * (s * x + c * y), z * (1.0 + 0.3 * bend * x)]
@@ -42,7 +42,7 @@ fn written(
 ) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     let mut text = String::new();
-    for [x, y, z] in &ball.positions {
+    for DVec3 { x, y, z } in &ball.positions {
         writeln!(text, "v {x} {y} {z}").unwrap();
     }
     for t in &ball.triangles {
@@ -51,12 +51,12 @@ fn written(
     std::fs::write(folder.join("ball.obj"), text)?;
     let mut text = String::from("x,y,z,sigma\n");
     for point in points {
-        let [x, y, z] = point.at;
+        let DVec3 { x, y, z } = point.at;
         writeln!(text, "{x},{y},{z},{}", point.covariance.xx.sqrt()).unwrap();
     }
     std::fs::write(folder.join("points.csv"), text)?;
     let mut text = String::from("x,y,z,nx,ny,nz\n");
-    for ([x, y, z], [nx, ny, nz]) in truth.positions.iter().zip(truth.vertex_normals()) {
+    for (DVec3 { x, y, z }, [nx, ny, nz]) in truth.positions.iter().zip(truth.vertex_normals()) {
         writeln!(text, "{x},{y},{z},{nx},{ny},{nz}").unwrap();
     }
     std::fs::write(folder.join("truth.csv"), text)
@@ -71,19 +71,19 @@ fn main() {
         positions: mesh.positions.iter().map(|p| bent(*p, how)).collect(),
         triangles: mesh.triangles.clone(),
     };
-    let truth = moved(&icosphere(1.0, 6), [0.25, 0.4, 0.15]);
+    let truth = moved(&icosphere(1.0, 6), DVec3::new(0.25, 0.4, 0.15));
     let size = BoundingBox::from_points(&truth.positions).unwrap().diagonal();
     let sigma = 1e-3 * size;
     let places = sample_points(&truth, 20_000, || random.random()).unwrap();
     let points: Vec<PointReading> = (places.iter().enumerate())
         .map(|(k, place)| PointReading {
-            at: std::array::from_fn(|axis| {
+            at: DVec3::from_array(std::array::from_fn(|axis| {
                 let noise: f64 = StandardNormal.sample(&mut random);
                 match k % 10 {
                     0 => random.random_range(-1.2..1.2),
                     _ => place.position[axis] + sigma * noise,
                 }
-            }),
+            })),
             covariance: SymmetricMatrix3::isotropic(sigma * sigma),
         })
         .collect();
@@ -100,7 +100,7 @@ fn main() {
     let by_vertices = joined(&coarse.positions, &coarse.triangles, &[]);
     let family: Vec<Vec<DVec3>> = (0..30)
         .map(|_| {
-            let how = [(); 3].map(|()| random.random_range(-0.5..0.5));
+            let how = DVec3::from_array([(); 3].map(|()| random.random_range(-0.5..0.5)));
             moved(&ball, how).positions
         })
         .collect();

@@ -7,7 +7,7 @@
 //! marked.
 
 use super::outline::Contour;
-use planish_core::DVec3;
+use planish_core::matrix3::rows;
 
 /// Minimum number of points in a window: a parabola has three coefficients, and the residuals need degrees of
 /// freedom.
