@@ -121,7 +121,12 @@ fn in_space(runs: u64) {
         (PrimitiveKind::Cylinder, [0.6, 1.6, 0.0]),
         (PrimitiveKind::Box, [1.4, 1.0, 0.8]),
     ] {
-        let solid = SimulatedPrimitive { shape, center: DVec3::new(0.3, -0.2, 0.5), turn: DVec3::new(0.3, -0.5, 0.7), size };
+        let solid = SimulatedPrimitive {
+            shape,
+            center: DVec3::new(0.3, -0.2, 0.5),
+            turn: DVec3::new(0.3, -0.5, 0.7),
+            size,
+        };
         let truth = solid.parameters();
         for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
             let options = ContourFitOptions { method, ..ContourFitOptions::default() };

@@ -166,10 +166,7 @@ impl Rectification {
                 sigma_disparity: rig.sigma_disparity,
             },
             size,
-            world_from_rectified: Pose {
-                rotation: from_columns(rotation),
-                translation: centres[0],
-            },
+            world_from_rectified: Pose { rotation: from_columns(rotation), translation: centres[0] },
         })
     }
 

@@ -53,7 +53,7 @@ fn main() {
     let places: Vec<DVec3> = (0..PLACES)
         .map(|_| {
             let at: DVec3 = DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
-            let length = at.to_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+            let length = at.length();
             let radius = random.random_range(0.99..1.01);
             at.map(|x| x * radius / length)
         })
@@ -103,7 +103,9 @@ fn main() {
         }
     }
     let mut anywhere = |count: usize| -> Vec<DVec3> {
-        (0..count).map(|_| DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)))).collect()
+        (0..count)
+            .map(|_| DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0))))
+            .collect()
     };
     let (controls, vertices) = (anywhere(200), anywhere(50_000));
     let neighbours = NaturalNeighbours::new(&controls, &vertices).unwrap();

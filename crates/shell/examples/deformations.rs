@@ -26,11 +26,11 @@ use std::time::Instant;
 const NEIGHBOURS: usize = 6;
 
 /// A bend, a twist and a bulge of so much.
-fn bent(p: DVec3, [bend, twist, bulge]: DVec3) -> DVec3 {
+fn bent(p: DVec3, [bend, twist, bulge]: [f64; 3]) -> DVec3 {
     let DVec3 { x, y, z } = p;
     let (s, c) = (twist * z).sin_cos();
     let grown = 1.0 + bulge * (-4.0 * ((x - 0.6).powi(2) + y * y)).exp();
-    [grown * (c * x - s * y) + bend * z * z, grown * (s * x + c * y), z * (1.0 + 0.3 * bend * x)]
+    DVec3::new(grown * (c * x - s * y) + bend * z * z, grown * (s * x + c * y), z * (1.0 + 0.3 * bend * x))
 }
 
 /// What a peer needs for the same task.
@@ -56,8 +56,8 @@ fn written(
     }
     std::fs::write(folder.join("points.csv"), text)?;
     let mut text = String::from("x,y,z,nx,ny,nz\n");
-    for (DVec3 { x, y, z }, [nx, ny, nz]) in truth.positions.iter().zip(truth.vertex_normals()) {
-        writeln!(text, "{x},{y},{z},{nx},{ny},{nz}").unwrap();
+    for (DVec3 { x, y, z }, n) in truth.positions.iter().zip(truth.vertex_normals()) {
+        writeln!(text, "{x},{y},{z},{},{},{}", n.x, n.y, n.z).unwrap();
     }
     std::fs::write(folder.join("truth.csv"), text)
 }
@@ -67,11 +67,11 @@ fn main() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     // Vertices that may each move are many unknowns: the coarse ball is for them.
     let (ball, coarse) = (icosphere(1.0, 4), icosphere(1.0, 3));
-    let moved = |mesh: &TriangleMesh, how: DVec3| TriangleMesh {
+    let moved = |mesh: &TriangleMesh, how: [f64; 3]| TriangleMesh {
         positions: mesh.positions.iter().map(|p| bent(*p, how)).collect(),
         triangles: mesh.triangles.clone(),
     };
-    let truth = moved(&icosphere(1.0, 6), DVec3::new(0.25, 0.4, 0.15));
+    let truth = moved(&icosphere(1.0, 6), [0.25, 0.4, 0.15]);
     let size = BoundingBox::from_points(&truth.positions).unwrap().diagonal();
     let sigma = 1e-3 * size;
     let places = sample_points(&truth, 20_000, || random.random()).unwrap();
@@ -100,8 +100,8 @@ fn main() {
     let by_vertices = joined(&coarse.positions, &coarse.triangles, &[]);
     let family: Vec<Vec<DVec3>> = (0..30)
         .map(|_| {
-            let how = DVec3::from_array([(); 3].map(|()| random.random_range(-0.5..0.5)));
-            moved(&ball, how).positions
+            let how = [(); 3].map(|()| random.random_range(-0.5..0.5));
+            moved(&ball, how.to_array()).positions
         })
         .collect();
     let modes = Modes::from_meshes(&family, 12).unwrap();

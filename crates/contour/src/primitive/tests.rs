@@ -13,8 +13,12 @@ const SENSOR: SpaceSensor =
     SpaceSensor { standoff: 3.0, sigma_position: 0.01, sigma_angle_rad: 0.0175, sigma_range_share: 0.005 };
 
 fn solids() -> Vec<SimulatedPrimitive> {
-    let solid =
-        |shape, size| SimulatedPrimitive { shape, center: DVec3::new(0.3, -0.2, 0.5), turn: DVec3::new(0.3, -0.5, 0.7), size };
+    let solid = |shape, size| SimulatedPrimitive {
+        shape,
+        center: DVec3::new(0.3, -0.2, 0.5),
+        turn: DVec3::new(0.3, -0.5, 0.7),
+        size,
+    };
     vec![
         solid(PrimitiveKind::Plane, [1.5, 1.2, 0.0]),
         solid(PrimitiveKind::Sphere, [0.8, 0.0, 0.0]),

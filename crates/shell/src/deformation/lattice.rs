@@ -175,13 +175,17 @@ mod tests {
         let vertices: Vec<DVec3> = (0..500)
             .map(|_| DVec3::from_array([1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0))))
             .collect();
-        let moved = |DVec3 { x, y, z }: DVec3| [0.3 + 0.2 * y - z, 0.1 * x, 1.0 - 0.5 * x + 0.25 * y];
+        let moved =
+            |DVec3 { x, y, z }: DVec3| DVec3::new(0.3 + 0.2 * y - z, 0.1 * x, 1.0 - 0.5 * x + 0.25 * y);
         for (basis, points) in [(LatticeBasis::Bernstein, [3, 4, 2]), (LatticeBasis::CubicBSpline, [4, 7, 5])]
         {
             let made = Lattice::new(&vertices, points, basis).unwrap();
-            let q = DVector::from_iterator(made.parameters(), made.controls.iter().flat_map(|p| moved(*p)));
+            let q = DVector::from_iterator(
+                made.parameters(),
+                made.controls.iter().flat_map(|p| moved(*p).to_array()),
+            );
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
-                assert!(by.distance(DVec3::from(moved(*vertex))) < 1e-12, "{vertex:?} {by:?}");
+                assert!(by.distance(moved(*vertex)) < 1e-12, "{vertex:?} {by:?}");
             }
         }
     }

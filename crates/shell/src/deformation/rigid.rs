@@ -356,7 +356,7 @@ mod tests {
                 3 * controls.len(),
                 (controls.iter().enumerate()).flat_map(|(k, p)| {
                     let bulge = if k == 3 { 1.3 } else { 1.0 };
-                    (bulge * (turn * Vector3::from(*p))).into() - *p
+                    (DVec3::from(bulge * (turn * Vector3::from(*p))) - *p).to_array()
                 }),
             );
             let moved = made.positions(&made.rigid_start(&q));
