@@ -101,7 +101,7 @@ fn main() {
     let family: Vec<Vec<DVec3>> = (0..30)
         .map(|_| {
             let how = [(); 3].map(|()| random.random_range(-0.5..0.5));
-            moved(&ball, how.to_array()).positions
+            moved(&ball, how).positions
         })
         .collect();
     let modes = Modes::from_meshes(&family, 12).unwrap();

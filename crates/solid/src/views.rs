@@ -465,7 +465,7 @@ fn solution(
             (false, true) => "its boundary touches itself along a line through",
             (false, false) => "its boundary touches itself at the point",
         };
-        let at = contact.at.map(|c| figure(scale * c)).join(" ");
+        let at = contact.at.to_array().map(|c| figure(scale * c)).join(" ");
         Rejected {
             why: CandidateRejection::Touches,
             message: format!("{what} {at}, where it is not manifold"),

@@ -433,7 +433,7 @@ mod tests {
 
     #[test]
     fn inconsistent_knots_poles_and_weights_are_errors() {
-        let line = [DVec3::ZERO, [1.0; 3]];
+        let line = [DVec3::ZERO, DVec3::splat(1.0)];
         for (degree, knots, weights) in [
             (0, vec![0.0, 1.0], None),
             (1, vec![0.0, 1.0, 1.0], None),
@@ -447,6 +447,6 @@ mod tests {
             assert!(SplineCurve::try_new(degree, knots, &line, weights.as_deref()).is_err());
         }
         assert!(SplineCurve::polyline(&line[..1]).is_err());
-        assert_eq!(SplineCurve::polyline(&line).unwrap().at(0.25).0, [0.25; 3]);
+        assert_eq!(SplineCurve::polyline(&line).unwrap().at(0.25).0, DVec3::splat(0.25));
     }
 }

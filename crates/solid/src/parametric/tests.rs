@@ -343,7 +343,7 @@ fn invalid_indices_are_errors_and_invalid_faces_are_skipped() {
     assert_eq!(shape.triangles(&FINE).unwrap_err().to_string(), "there is no edge 3");
     // A loop far from its surface.
     let mut shape = ParametricShape::default();
-    let edge = circle(&mut shape, [9.0; 3], DVec3::X, DVec3::Y);
+    let edge = circle(&mut shape, DVec3::splat(9.0), DVec3::X, DVec3::Y);
     shape.faces.push(face(sphere(), true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
     assert!(made.parts.is_empty() && made.skipped[0].reason.contains("off its surface"));

@@ -1,6 +1,7 @@
 use super::*;
 use crate::brep::{TrimmedFace, met_by_distance};
 use crate::views::{Curve2, DrawnCurve, LineStyle, View, solve};
+use planish_core::DVec3;
 use std::f64::consts::{PI, TAU};
 
 fn drawn(curve: Curve2, style: LineStyle, entity: &str) -> DrawnCurve {

@@ -178,8 +178,8 @@ fn missing(
     let miss = |corners: &[Placed]| {
         let n = corners.len() as f64;
         let at = [0, 1].map(|k| corners.iter().map(|c| c.at[k]).sum::<f64>() / n);
-        let flat =
-            [0, 1, 2].map(|k| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n);
+        let mean = |k: usize| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n;
+        let flat = DVec3::new(mean(0), mean(1), mean(2));
         (at, (on_surface(at) - flat).length())
     };
     let mut wanted = Vec::new();

@@ -150,7 +150,7 @@ fn half_a_cone() -> Solid {
         }
     };
     let arc = Edge {
-        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: right, b: 10.0 * DVec3::Y },
+        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: DVec3::from(right), b: 10.0 * DVec3::Y },
         range: [0.0, std::f64::consts::PI],
         start: 1,
         end: 2,
@@ -169,8 +169,13 @@ fn half_a_cone() -> Solid {
         half_angle_rad: (1.0_f64 / 3.0).atan(),
     };
     let solid = Solid {
-        vertices: vec![tip, right, left],
-        edges: vec![arc, line(left, right, [2, 1]), line(right, tip, [1, 0]), line(left, tip, [2, 0])],
+        vertices: vec![tip, DVec3::from(right), DVec3::from(left)],
+        edges: vec![
+            arc,
+            line(DVec3::from(left), DVec3::from(right), [2, 1]),
+            line(DVec3::from(right), tip, [1, 0]),
+            line(DVec3::from(left), tip, [2, 0]),
+        ],
         faces: vec![
             face(plane(DVec3::new(0.0, 0.0, -1.0)), &[(0, false), (1, false)]),
             face(plane(DVec3::new(0.0, -1.0, 0.0)), &[(1, true), (2, true), (3, false)]),

@@ -121,7 +121,8 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
         Curve3::Line { origin, .. } => {
             let far =
                 [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
-            [-far.length(), far.length()]
+            let far = DVec3::from_array(far).length();
+            [-far, far]
         }
         Curve3::Ellipse { .. } => [0.0, TAU],
         Curve3::Branch { .. } => [0.0, std::f64::consts::PI],

@@ -45,9 +45,9 @@ pub(super) fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
                     let s = if t < 1.0 { 1.0 } else { -1.0 };
                     let q = |m: f64| curve.point(t + s * m * e);
                     let (a, b, c, d, f) = (q(0.0), q(1.0), q(2.0), q(3.0), q(4.0));
-                    [0, 1, 2].map(|i| {
+                    DVec3::from_array([0, 1, 2].map(|i| {
                         s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e)
-                    })
+                    }))
                 }
             };
             d.map(|c| c * h)

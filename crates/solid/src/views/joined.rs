@@ -8,7 +8,6 @@
 //! the next, becomes one value.
 
 use crate::drawing::{Curve2, Drawing};
-use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 
 /// Joins coordinates that are at most `tolerance` apart, in the unit of the drawing.
@@ -89,7 +88,7 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
 
 /// Groups of values, each at most the tolerance from the next: minimum, maximum and representative of each,
 /// ascending.
-fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<DVec3> {
+fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<[f64; 3]> {
     values.sort_by(f64::total_cmp);
     let mut groups: Vec<Vec<f64>> = Vec::new();
     for value in values {
@@ -119,7 +118,7 @@ fn most_frequent(group: &[f64]) -> f64 {
 }
 
 /// The representative of the group that contains a value.
-fn representative(groups: &[DVec3], value: f64) -> f64 {
+fn representative(groups: &[[f64; 3]], value: f64) -> f64 {
     let at = groups.partition_point(|g| g[1] < value);
     groups.get(at).filter(|g| g[0] <= value).map_or(value, |g| g[2])
 }

@@ -86,7 +86,7 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
                 let three = [i, j, k].map(|v| frame.points[v]);
                 let is_known =
                     |(n, d): &(DVec3, f64)| three.iter().all(|p| (n.dot(*p) - d).abs() < 3.0 * near);
-                if normal.iter().any(|c| c.abs() < MIN_LEAN) || tried.iter().any(is_known) {
+                if normal.to_array().iter().any(|c| c.abs() < MIN_LEAN) || tried.iter().any(is_known) {
                     continue;
                 }
                 let offset = normal.dot(p);
@@ -128,7 +128,7 @@ fn face_plane(frame: &Wireframe, normal: DVec3, offset: f64, near: f64) -> Optio
 /// `Σ (n · (p − c))²` has its minimum at the eigenvector of the smallest eigenvalue of `Σ (p − c)(p − c)ᵀ`.
 fn plane_through(points: &[DVec3]) -> (DVec3, f64) {
     let count = points.len() as f64;
-    let center = [0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
+    let center = DVec3::from_array([0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count));
     let mut moments = Matrix3::zeros();
     for p in points {
         let d = *p - center;
@@ -137,7 +137,7 @@ fn plane_through(points: &[DVec3]) -> (DVec3, f64) {
     let eigen = SymmetricEigen::new(moments);
     let smallest = eigen.eigenvalues.imin();
     let normal = eigen.eigenvectors.column(smallest);
-    let normal = unit([normal[0], normal[1], normal[2]]);
+    let normal = unit(DVec3::new(normal[0], normal[1], normal[2]));
     // The sign of an eigenvector is arbitrary; this makes the result independent of the solver.
     let normal = if normal[2] < 0.0 { -normal } else { normal };
     (normal, normal.dot(center))
@@ -160,7 +160,9 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
         .edges
         .iter()
         .map(|e| {
-            let middle = [0, 1, 2].map(|k| e.iter().map(|i| frame.points[*i][k]).sum::<f64>() / 2.0);
+            let middle = DVec3::from_array(
+                [0, 1, 2].map(|k| e.iter().map(|i| frame.points[*i][k]).sum::<f64>() / 2.0),
+            );
             let [p, q] = e.map(|i| frame.points[i]);
             let is_on = |w: &&Oblique| [p, middle, q].iter().all(|p| w.value(*p).abs() < 3.0 * near);
             // An edge parallel to a view lies in a plane that the other two views see edge-on and draw.

@@ -8,7 +8,6 @@ use super::oblique_wall::Oblique;
 use super::sight::SightTests;
 use super::surfaces::Curve3;
 use crate::drawing::Drawing;
-use planish_core::DVec3;
 use std::f64::consts::TAU;
 
 /// Number of tests along an outline. More find shorter missing lines and take more time.

@@ -159,7 +159,7 @@ impl Oblique {
     /// The signed distance to a plane is extreme at corners, so these are enough. That to a cylinder is
     /// convex: its maximum is at a corner, but its minimum may be anywhere.
     fn crosses(&self, ends: [[f64; 2]; 3], tolerance: f64) -> bool {
-        let corners = (0..8_usize).map(|c| [0, 1, 2].map(|k| ends[k][c >> k & 1]));
+        let corners = (0..8_usize).map(|c| DVec3::from_array([0, 1, 2].map(|k| ends[k][c >> k & 1])));
         let values: Vec<f64> = corners.clone().map(|p| self.value(p)).collect();
         let is_beyond = values.iter().any(|v| *v > tolerance);
         match self.form {
@@ -169,7 +169,7 @@ impl Oblique {
                 // search finds its minimum.
                 let off = |t: f64| {
                     let p = origin + t * axis;
-                    [0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1])).length()
+                    DVec3::from_array([0, 1, 2].map(|k| p[k] - p[k].clamp(ends[k][0], ends[k][1]))).length()
                 };
                 let heights: Vec<f64> = corners.map(|p| (p - origin).dot(axis)).collect();
                 // The nearest point of the axis lies between the corners, projected to the axis; the margin
@@ -227,7 +227,8 @@ impl Oblique {
         let mut span = [f64::MAX, f64::MIN];
         for extent in &self.extents {
             for c in 0..8_usize {
-                let h = ([0, 1, 2].map(|k| extent.bounds[k][c >> k & 1]) - origin).dot(axis);
+                let corner = DVec3::from_array([0, 1, 2].map(|k| extent.bounds[k][c >> k & 1]));
+                let h = (corner - origin).dot(axis);
                 span = [span[0].min(h), span[1].max(h)];
             }
         }

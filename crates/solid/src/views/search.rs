@@ -9,6 +9,7 @@ use super::preference::Preference;
 use super::sight::{EdgeSectors, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
+use planish_core::DVec3;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// State of each cell: true if solid.
@@ -265,7 +266,10 @@ pub(crate) fn search(
     limit: usize,
     mut accept: impl FnMut(&Assignment) -> Vec<u32>,
 ) -> SearchResult {
-    let outside = cells.at_in([0, 0, 0], [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size));
+    let outside = cells.at_in(
+        [0, 0, 0],
+        DVec3::from_array([0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size)),
+    );
     // Each test has a switch. Assumed switches keep its clauses active, and the core of a contradiction then
     // names the tests that contradict each other.
     let mut encoder = Encoder::new(outside, smooth_edges);

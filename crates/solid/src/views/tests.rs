@@ -43,7 +43,7 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
     assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8, "{}", measures.volume);
     let area = 2.0 * (1200.0 + 800.0 + 600.0) - 72.0 * PI + 12.0 * PI * 20.0;
     assert!((measures.area - area).abs() < 1e-8, "{}", measures.area);
-    for (found, truth) in measures.centroid.iter().zip([20.0, 15.0, 10.0]) {
+    for (found, truth) in measures.centroid.to_array().iter().zip([20.0, 15.0, 10.0]) {
         assert!((found - truth).abs() < 1e-9);
     }
 }

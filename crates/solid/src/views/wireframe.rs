@@ -179,11 +179,11 @@ fn points(ends: &[Vec<End>], [front, top, side]: [usize; 3], near: f64) -> Optio
                     continue;
                 }
                 // Each coordinate is drawn in two views; the mean halves the variance of rounding.
-                points.push([
+                points.push(DVec3::new(
                     (f.at[0] + t.at[0]) / 2.0,
                     (t.at[1] + s.at[0]) / 2.0,
                     (f.at[1] + s.at[1]) / 2.0,
-                ]);
+                ));
                 ends_curve.push(f.of_curve || t.of_curve || s.of_curve);
                 if points.len() > MAX_POINTS {
                     return None;
