@@ -38,10 +38,10 @@
 
 mod patches;
 
-use planish_core::vector3::{coordinates, from_arrays};
 use crate::model::{
     Knowledge, Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel, VertexInformation,
 };
+use planish_core::vector3::{coordinates, from_arrays};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -239,10 +239,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         ),
         (
             "vertices",
-            tensor(
-                &[space.node_count(), 3],
-                TensorData::F64(coordinates(model.surface.vertices()).to_vec()),
-            ),
+            tensor(&[space.node_count(), 3], TensorData::F64(coordinates(model.surface.vertices()).to_vec())),
         ),
         ("poses", tensor(&[model.poses.len(), 7], TensorData::F64(poses))),
     ]

@@ -138,7 +138,7 @@ fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
 /// The half y > 0 of a cone of radius 10 and height 30: its straight edges end at the tip.
 fn half_a_cone() -> Solid {
     let tip = 30.0 * DVec3::Z;
-    let [right, left] = [[10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]];
+    let [right, left] = [10.0 * DVec3::X, DVec3::new(-10.0, 0.0, 0.0)];
     let line = |from: DVec3, to: DVec3, ends: [usize; 2]| {
         let span = to - from;
         let length = span.length();
@@ -150,7 +150,7 @@ fn half_a_cone() -> Solid {
         }
     };
     let arc = Edge {
-        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: DVec3::from(right), b: 10.0 * DVec3::Y },
+        curve: EdgeCurve::Ellipse { center: DVec3::ZERO, a: right, b: 10.0 * DVec3::Y },
         range: [0.0, std::f64::consts::PI],
         start: 1,
         end: 2,
@@ -169,12 +169,12 @@ fn half_a_cone() -> Solid {
         half_angle_rad: (1.0_f64 / 3.0).atan(),
     };
     let solid = Solid {
-        vertices: vec![tip, DVec3::from(right), DVec3::from(left)],
+        vertices: vec![tip, right, left],
         edges: vec![
             arc,
-            line(DVec3::from(left), DVec3::from(right), [2, 1]),
-            line(DVec3::from(right), tip, [1, 0]),
-            line(DVec3::from(left), tip, [2, 0]),
+            line(left, right, [2, 1]),
+            line(right, tip, [1, 0]),
+            line(left, tip, [2, 0]),
         ],
         faces: vec![
             face(plane(DVec3::new(0.0, 0.0, -1.0)), &[(0, false), (1, false)]),

@@ -3,8 +3,8 @@
 use super::feet::{Foot, along_normal, by_leaf};
 use super::observations::Observations;
 use super::scan_errors::Linearized;
-use planish_core::vector3::coordinates;
 use planish_core::DVec3;
+use planish_core::vector3::coordinates;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_spline::{Surface, SurfaceSystem};

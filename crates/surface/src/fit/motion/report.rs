@@ -101,8 +101,9 @@ impl RigidTracker<'_> {
         // The first scan defines the frame, so its pose has no error.
         for (tracked, &time) in self.tracked.iter_mut().zip(&self.times).skip(1) {
             let report = &poses[tracked.scan];
-            let Some((covariance, object_from_scanner)) =
-                report.covariance.zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation.into()))
+            let Some((covariance, object_from_scanner)) = report
+                .covariance
+                .zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation.into()))
             else {
                 continue;
             };
