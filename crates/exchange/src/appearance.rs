@@ -8,7 +8,7 @@
 //!
 //! **Limits.** Of a material, only the colour picture (`map_Kd`) is used.
 
-use planish_core::Finding;
+use planish_core::{DVec3, Finding};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ pub struct MeshPart {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TexturedMesh {
     /// Positions.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Indices of the corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates from 0 to 1, from the lower left.
@@ -91,7 +91,7 @@ impl TexturedMesh {
     /// ```
     /// use planish_exchange::textured::TexturedMesh;
     /// let square = TexturedMesh {
-    ///     points: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
+    ///     points: vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y],
     ///     triangles: vec![[0, 1, 2], [0, 2, 3]],
     ///     uv: vec![[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.75, 0.25], [1.0, 0.5], [0.75, 1.0]],
     ///     uv_triangles: vec![[0, 1, 2], [3, 4, 5]],
@@ -283,7 +283,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
         if picture.is_some() {
             writeln!(writer, "mtllib {}", name(&materials))?;
         }
-        for [x, y, z] in &mesh.points {
+        for DVec3 { x, y, z } in &mesh.points {
             writeln!(writer, "v {x:?} {y:?} {z:?}")?;
         }
         for [u, v] in &mesh.uv {

@@ -14,6 +14,7 @@
 
 pub(crate) mod tags;
 
+use planish_core::DVec3;
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
@@ -114,7 +115,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
         let (row, column) = (pixel / image.columns, pixel % image.columns);
         let (u, v) = (column as f64, row as f64);
         // A pixel without a reading becomes NaN and is dropped, so its covariance does not matter.
-        let point = camera.point(u, v, reading).unwrap_or([f64::NAN; 3]);
+        let point = camera.point(u, v, reading).unwrap_or(DVec3::splat(f64::NAN));
         record[..3].copy_from_slice(&point);
         record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default().to_array());
         collector
@@ -123,7 +124,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
     }
     let (mut scan, dropped) = collector.finish(&name);
     scan.grid = Some(grid_without(image.columns, image.rows, &dropped));
-    scan.viewing = Viewing::Origin([0.0; 3]);
+    scan.viewing = Viewing::Origin(DVec3::ZERO);
     Ok((scan, calibration.unit))
 }
 

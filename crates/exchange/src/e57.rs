@@ -12,6 +12,7 @@
 //! # References
 //! ASTM E2807-11, *Standard Specification for 3D Imaging Data Exchange*, 2011.
 
+use planish_core::DVec3;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -122,7 +123,7 @@ fn scan_from(
         let position = layout.position(cloud, &values).map_err(cannot)?;
         // Only kept points have a cell.
         let before = collector.len();
-        collector.push(&position.unwrap_or([f64::NAN; 3]), format_args!("point {number}"))?;
+        collector.push(&position.unwrap_or(DVec3::splat(f64::NAN)), format_args!("point {number}"))?;
         if let Some([column, row]) = layout.cell.filter(|_| collector.len() > before) {
             let index = |k: usize| values[k].to_i64(&cloud.prototype[k].data_type).map_err(cannot);
             cells.push([index(column)?, index(row)?]);
@@ -132,7 +133,7 @@ fn scan_from(
     scan.grid = grid(&cells);
     // Such coordinates are relative to the scanner, so it is at their origin.
     if scan.grid.is_some() || !cartesian || world_from_scanner != Pose::identity() {
-        scan.viewing = Viewing::Origin([0.0; 3]);
+        scan.viewing = Viewing::Origin(DVec3::ZERO);
     }
     scan.world_from_scanner = world_from_scanner;
     Ok(scan)
@@ -166,7 +167,7 @@ impl Layout {
     }
 
     /// Cartesian coordinates; `None` if the point is marked as invalid or as a direction without range.
-    fn position(&self, cloud: &PointCloud, values: &[RecordValue]) -> e57::Result<Option<[f64; 3]>> {
+    fn position(&self, cloud: &PointCloud, values: &[RecordValue]) -> e57::Result<Option<DVec3>> {
         let number = |k: usize| values[k].to_f64(&cloud.prototype[k].data_type);
         let stated = |family: Option<[usize; 3]>, state: Option<usize>| {
             let Some([a, b, c]) = family else { return Ok(None) };
@@ -177,13 +178,13 @@ impl Layout {
             })
         };
         if let Some(point) = stated(self.cartesian, self.cartesian_state)? {
-            return Ok(Some(point));
+            return Ok(Some(DVec3::from(point)));
         }
         let spherical = stated(self.spherical, self.spherical_state)?;
         Ok(spherical.map(|[range, azimuth, elevation]| {
             // Elevation counts from the horizontal plane, azimuth from x (ASTM E2807).
             let level = range * elevation.cos();
-            [level * azimuth.cos(), level * azimuth.sin(), range * elevation.sin()]
+            DVec3::new(level * azimuth.cos(), level * azimuth.sin(), range * elevation.sin())
         }))
     }
 }
@@ -193,9 +194,9 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
         return Ok(Pose::identity());
     };
     let (q, t) = (&stated.rotation, &stated.translation);
-    let translation = [t.x, t.y, t.z];
+    let translation = DVec3::new(t.x, t.y, t.z);
     Pose::from_quaternion_xyzw([q.x, q.y, q.z, q.w], translation)
-        .filter(|_| translation.iter().all(|c| c.is_finite()))
+        .filter(|_| translation.is_finite())
         .ok_or_else(|| {
             Error::input("expected a finite pose with a quaternion other than zero, found another")
         })

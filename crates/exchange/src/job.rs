@@ -31,6 +31,7 @@
 //!
 //! **Limits.** The files of the scans are checked to exist, but not opened.
 
+use planish_core::DVec3;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -305,12 +306,12 @@ impl Text {
             None => [0.0; 3],
         };
         let world_from_scanner = match pose.and_then(|p| p.quaternion_xyzw.as_ref()) {
-            None => Pose { translation, ..Pose::identity() },
+            None => Pose { translation: DVec3::from(translation), ..Pose::identity() },
             Some(stated) => {
                 let q = self.finite("pose.quaternion_xyzw", stated)?;
                 let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
                 // The length is checked, not only normalised: another length shows a mistake in the numbers.
-                Pose::from_quaternion_xyzw(q, translation)
+                Pose::from_quaternion_xyzw(q, DVec3::from(translation))
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
                         let message =
@@ -321,7 +322,7 @@ impl Text {
         };
         let viewing = match (&table.viewpoint, &table.direction) {
             (None, None) => None,
-            (Some(point), None) => Some(Viewing::Origin(self.finite("viewpoint", point)?)),
+            (Some(point), None) => Some(Viewing::Origin(DVec3::from(self.finite("viewpoint", point)?))),
             (None, Some(direction)) => {
                 let d = self.finite("direction", direction)?;
                 // Unlike quaternions, directions of any length are accepted: their length has no meaning.
@@ -329,7 +330,7 @@ impl Text {
                 if !(length > 0.0 && length.is_finite()) {
                     return Err(self.wrong(direction, format_args!("expected a direction, found {d:?}")));
                 }
-                Some(Viewing::Direction(d.map(|c| c / length)))
+                Some(Viewing::Direction(DVec3::from(d.map(|c| c / length))))
             }
             (Some(_), Some(direction)) => {
                 return Err(self.wrong(direction, "expected `viewpoint` or `direction`, found both"));
@@ -426,12 +427,12 @@ viewpoint = [0, 0, 300]
         assert_eq!((top.sensor, probe.sensor), (0, 1));
         assert_eq!(top.path, Path::new("d/top.ply"));
         assert_eq!((top.sigma_translation, top.sigma_rotation_deg), (Some(0.1), Some(0.05)));
-        assert_eq!(top.viewing, Some(Viewing::Direction([0.0, 0.0, -1.0])));
-        assert_eq!(probe.viewing, Some(Viewing::Origin([0.0, 0.0, 300.0])));
+        assert_eq!(top.viewing, Some(Viewing::Direction(DVec3::new(0.0, 0.0, -1.0))));
+        assert_eq!(probe.viewing, Some(Viewing::Origin(DVec3::new(0.0, 0.0, 300.0))));
         assert_eq!(probe.world_from_scanner, Pose::identity());
         // The plain convention: a quarter turn about +z carries x to +y.
-        let p = top.world_from_scanner.apply([1.0, 0.0, 0.0]);
-        assert!(p.iter().zip([1.0, 3.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-7), "{p:?}");
+        let p = top.world_from_scanner.apply(DVec3::X);
+        assert!(p.to_array().iter().zip([1.0, 3.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-7), "{p:?}");
     }
 
     #[test]

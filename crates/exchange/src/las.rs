@@ -212,7 +212,7 @@ mod tests {
         for name in ["a.las", "a.laz"] {
             let scan = read_las(&file(folder.path(), name, true)).unwrap();
             assert_eq!(scan.points.len(), 99, "{name}");
-            for (p, expected) in scan.points[98].iter().zip([600_024.75, 4_000_000.5, 0.99]) {
+            for (p, expected) in scan.points[98].to_array().iter().zip([600_024.75, 4_000_000.5, 0.99]) {
                 assert!((p - expected).abs() < 1e-9, "{name}: {p}");
             }
             assert_eq!(scan.classes.unwrap().iter().filter(|&&c| c == 2).count(), 34);

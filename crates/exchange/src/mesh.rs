@@ -80,7 +80,7 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.stl");
 /// write_mesh(&path, &MeshColumns {
-///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+///     points: &[DVec3::ZERO, DVec3::X, DVec3::Y],
 ///     triangles: &[[0, 1, 2]],
 ///     ..MeshColumns::default()
 /// })?;

@@ -3,6 +3,7 @@
 
 use crate::Unit;
 use crate::points::{PointCollector, PointColumns};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
@@ -12,7 +13,7 @@ use planish_sense::Scan;
 /// ```
 /// use planish_exchange::mesh::PolygonMesh;
 /// let mesh = PolygonMesh {
-///     points: vec![[0.0; 3]],
+///     points: vec![DVec3::ZERO],
 ///     columns: vec![("sigma".to_owned(), vec![0.5])],
 ///     ..PolygonMesh::default()
 /// };
@@ -22,7 +23,7 @@ use planish_sense::Scan;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PolygonMesh {
     /// Positions, in the file's unit; all finite.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Indices of the corners, all below `points.len()`. Polygons are split into fans around their first
     /// corner.
     pub triangles: Vec<[u32; 3]>,
@@ -74,9 +75,9 @@ impl Column<'_> {
 #[derive(Debug, Clone, Default)]
 pub struct MeshColumns<'a> {
     /// Positions.
-    pub points: &'a [[f64; 3]],
+    pub points: &'a [DVec3],
     /// Unit normals, one per point; written as `nx ny nz`.
-    pub normals: Option<&'a [[f64; 3]]>,
+    pub normals: Option<&'a [DVec3]>,
     /// Further columns: a name without blanks, and one number per point.
     pub columns: Vec<(&'a str, Column<'a>)>,
     /// Indices of the corners of each triangle.
@@ -133,7 +134,7 @@ impl MeshColumns<'_> {
 
 /// Turns vertices into the points of a scan, with the uncertainties and normals of their columns.
 pub(crate) fn scan_of_vertices(
-    points: impl ExactSizeIterator<Item = [f64; 3]>,
+    points: impl ExactSizeIterator<Item = DVec3>,
     columns: &[(String, Vec<f64>)],
     name: &str,
 ) -> Result<Scan> {
@@ -143,7 +144,7 @@ pub(crate) fn scan_of_vertices(
     let mut record = Vec::with_capacity(names.len());
     for (vertex, point) in points.enumerate() {
         record.clear();
-        record.extend(point);
+        record.extend(point.to_array());
         record.extend(columns.iter().map(|(_, column)| column[vertex]));
         collector.push(&record, format_args!("vertex {vertex}"))?;
     }

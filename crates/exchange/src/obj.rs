@@ -22,10 +22,10 @@ mod appearance;
 #[cfg(test)]
 mod tests;
 
+use planish_core::DVec3;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
-use planish_estimate::vector3::add;
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
@@ -57,7 +57,7 @@ const NONE: u32 = u32::MAX;
 /// let path = folder.path().join("cloud.obj");
 /// std::fs::write(&path, "v 1 2 3\nvn 0 0 1\nv 4 5 6\nvn 0 1 0\n")?;
 /// let scan = planish_exchange::obj::read_scan(&path)?;
-/// assert_eq!(scan.normals, Some(vec![[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]));
+/// assert_eq!(scan.normals, Some(vec![DVec3::Z, DVec3::Y]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
@@ -91,7 +91,7 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.obj");
 /// planish_exchange::obj::write_mesh(&path, &MeshColumns {
-///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]],
+///     points: &[DVec3::ZERO, DVec3::X, [0.0, 0.5, 0.0]],
 ///     triangles: &[[0, 1, 2]],
 ///     ..MeshColumns::default()
 /// })?;
@@ -111,10 +111,10 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns) -> io::Result<()> {
     }
     // The debug format prints the shortest text that reads back as the same number, and uses exponents, where
     // the display format prints hundreds of zeros.
-    for [x, y, z] in mesh.points {
+    for DVec3 { x, y, z } in mesh.points {
         writeln!(writer, "v {x:?} {y:?} {z:?}")?;
     }
-    for [x, y, z] in mesh.normals.unwrap_or_default() {
+    for DVec3 { x, y, z } in mesh.normals.unwrap_or_default() {
         writeln!(writer, "vn {x:?} {y:?} {z:?}")?;
     }
     for t in mesh.triangles {
@@ -157,13 +157,13 @@ impl Farthest {
 /// A file while it is read.
 #[derive(Default)]
 struct Obj {
-    points: Vec<[f64; 3]>,
+    points: Vec<DVec3>,
     /// Line of the first vertex that is not finite.
     not_finite: Option<u64>,
     /// Every `vn`, in order.
-    stated: Vec<[f64; 3]>,
+    stated: Vec<DVec3>,
     /// Per vertex: the sum of its normals, and the index of the last one that was added.
-    normals: Vec<([f64; 3], u32)>,
+    normals: Vec<(DVec3, u32)>,
     /// Pairs of vertex and normal that faces use before both are defined.
     pending: Vec<(u32, u32)>,
     triangles: Vec<[u32; 3]>,
@@ -241,7 +241,7 @@ impl Obj {
                         "line {number}: expected at most {NONE} vertices, found more"
                     )));
                 }
-                if self.not_finite.is_none() && !point.iter().all(|c| c.is_finite()) {
+                if self.not_finite.is_none() && !point.is_finite() {
                     self.not_finite = Some(number);
                 }
                 self.points.push(point);
@@ -326,11 +326,11 @@ impl Obj {
     /// that the sum does not depend on the number of faces of a smooth vertex.
     fn add_normal(&mut self, vertex: u32, normal: u32) {
         if self.normals.len() < self.points.len() {
-            self.normals.resize(self.points.len(), ([0.0; 3], NONE));
+            self.normals.resize(self.points.len(), (DVec3::ZERO, NONE));
         }
         let (sum, last) = &mut self.normals[vertex as usize];
         if *last != normal {
-            *sum = add(*sum, self.stated[normal as usize]);
+            *sum += self.stated[normal as usize];
             *last = normal;
         }
     }
@@ -341,7 +341,7 @@ impl Obj {
         let mut of_faces = std::mem::take(&mut self.normals);
         let column = |k: usize, numbers: Vec<f64>| (["nx", "ny", "nz"][k].to_owned(), numbers);
         if !of_faces.is_empty() {
-            of_faces.resize(self.points.len(), ([0.0; 3], NONE));
+            of_faces.resize(self.points.len(), (DVec3::ZERO, NONE));
             return (0..3).map(|k| column(k, of_faces.iter().map(|(n, _)| n[k]).collect())).collect();
         }
         // Normals of point clouds are stated without faces.
@@ -357,8 +357,8 @@ fn too_few(line: u64, found: usize) -> Error {
 }
 
 /// Parses the next three numbers of a line.
-fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
-    let mut numbers = [0.0; 3];
+fn three(rest: &mut &[u8], line: u64) -> Result<DVec3> {
+    let mut numbers = DVec3::ZERO;
     for (found, number) in numbers.iter_mut().enumerate() {
         let word = next_word(rest)
             .ok_or_else(|| Error::input(format!("line {line}: expected 3 numbers, found {found}")))?;
@@ -388,7 +388,7 @@ fn mesh_of(mut obj: Obj) -> Result<PolygonMesh> {
             return Err(Error::input(format!("line {line}: expected finite coordinates")));
         }
         // Without faces, no index refers to a vertex, so vertices can be removed.
-        let finite: Vec<bool> = obj.points.iter().map(|p| p.iter().all(|c| c.is_finite())).collect();
+        let finite: Vec<bool> = obj.points.iter().map(|p| p.is_finite()).collect();
         let kept = |vertex: &mut usize| {
             *vertex += 1;
             finite[*vertex - 1]

@@ -12,6 +12,7 @@
 //! # References
 //! Phillips et al., *Geomview manual*, The Geometry Center, 1993.
 
+use planish_core::DVec3;
 use std::io::Read;
 use std::path::Path;
 
@@ -64,7 +65,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     mesh.check(true).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |writer| {
         writeln!(writer, "OFF\n{} {} 0", mesh.points.len(), mesh.triangles.len())?;
-        for [x, y, z] in mesh.points {
+        for DVec3 { x, y, z } in mesh.points {
             writeln!(writer, "{x:?} {y:?} {z:?}")?;
         }
         for [a, b, c] in mesh.triangles {
@@ -130,7 +131,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     for _ in 0..vertices {
         let at = line(source, &mut buffer, "a vertex")?;
         let mut rest = &buffer[..];
-        let mut point = [0.0; 3];
+        let mut point = DVec3::ZERO;
         for x in &mut point {
             let word = next_word(&mut rest).unwrap_or_default();
             *x = (parse_number(word).filter(|x| x.is_finite())).ok_or_else(|| {
@@ -189,7 +190,7 @@ mod tests {
     fn written_meshes_read_back_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.off");
-        let points = [[0.0, 0.1, 1e-17], [1.0, 0.0, 0.0], [0.0, 1.0, -0.3]];
+        let points = [[0.0, 0.1, 1e-17], DVec3::X.to_array(), [0.0, 1.0, -0.3]];
         let mesh = MeshColumns { points: &points, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
         write_mesh(&path, &mesh).unwrap();
         let found = read_mesh(&path).unwrap();

@@ -11,6 +11,7 @@
 //!
 //! **Limits.** The rotation of `VIEWPOINT` is not applied.
 
+use planish_core::DVec3;
 use std::io::Read;
 use std::path::Path;
 
@@ -41,7 +42,7 @@ struct Header {
     width: u64,
     height: u64,
     points: u64,
-    viewpoint: Option<[f64; 3]>,
+    viewpoint: Option<DVec3>,
     encoding: Encoding,
 }
 
@@ -110,7 +111,7 @@ struct HeaderEntries {
     width: Option<u64>,
     height: Option<u64>,
     points: Option<u64>,
-    viewpoint: Option<[f64; 3]>,
+    viewpoint: Option<DVec3>,
 }
 
 impl HeaderEntries {
@@ -138,7 +139,7 @@ impl HeaderEntries {
                 match numbers.as_deref() {
                     // The quaternion is not used: only the position of the scanner matters.
                     Some(&[x, y, z, _, _, _, _]) if [x, y, z].iter().all(|c| c.is_finite()) => {
-                        self.viewpoint = Some([x, y, z]);
+                        self.viewpoint = Some(DVec3::new(x, y, z));
                     }
                     _ => return Err(wrong("seven numbers: tx ty tz qw qx qy qz")),
                 }
@@ -274,7 +275,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     // The origin is the default of the format and is also written if the position is unknown. Only an
     // organised cloud, which comes from one place, makes it credible.
     scan.viewing = match header.viewpoint {
-        Some(origin) if header.height > 1 || origin != [0.0; 3] => Viewing::Origin(origin),
+        Some(origin) if header.height > 1 || origin != DVec3::ZERO => Viewing::Origin(origin),
         _ => Viewing::Unknown,
     };
     Ok(scan)
@@ -464,10 +465,10 @@ mod tests {
         )
     }
 
-    const POINTS: [[f64; 3]; 4] = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.5], [f64::NAN, 0.0, 0.0], [1.0, 1.0, 0.25]];
+    const POINTS: [DVec3; 4] = [DVec3::Z, DVec3::new(1.0, 0.0, 1.5), DVec3::new(f64::NAN, 0.0, 0.0), DVec3::new(1.0, 1.0, 0.25)];
 
-    fn record(p: [f64; 3]) -> [Vec<u8>; 7] {
-        let [x, y, z] = p.map(|c| c.to_le_bytes().to_vec());
+    fn record(p: DVec3) -> [Vec<u8>; 7] {
+        let DVec3 { x, y, z } = p.map(|c| c.to_le_bytes().to_vec());
         let [a, b, c] = [0.0_f32, 0.0, 1.0].map(|n| n.to_le_bytes().to_vec());
         [x, y, z, a, b, c, vec![1, 0, 2, 0, 3, 0]]
     }
@@ -479,7 +480,7 @@ mod tests {
     }
 
     fn text() -> Vec<u8> {
-        let lines: String = POINTS.iter().map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 1 2 3\r\n")).collect();
+        let lines: String = POINTS.iter().map(|DVec3 { x, y, z }| format!("{x} {y} {z} 0 0 1 1 2 3\r\n")).collect();
         (header("ascii") + &lines).into_bytes()
     }
 
@@ -505,8 +506,8 @@ mod tests {
         for bytes in [text(), binary(), compressed()] {
             let scan = read(&bytes).unwrap();
             assert_eq!(scan.points, [POINTS[0], POINTS[1], POINTS[3]]);
-            assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0]; 3]);
-            assert_eq!((scan.dropped_not_finite, scan.viewing), (1, Viewing::Origin([0.0, 0.0, 5.0])));
+            assert_eq!(scan.normals.unwrap(), [DVec3::Z; 3]);
+            assert_eq!((scan.dropped_not_finite, scan.viewing), (1, Viewing::Origin(DVec3::new(0.0, 0.0, 5.0))));
             let grid = scan.grid.unwrap();
             assert_eq!((grid.columns, grid.rows), (2, 2));
             assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2]);

@@ -11,7 +11,7 @@
 
 use std::fmt::Display;
 
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
@@ -236,7 +236,7 @@ impl PointCollector {
                 u32::MAX
             )));
         }
-        self.scan.points.push(point);
+        self.scan.points.push(DVec3::from(point));
         let positive = |name: &str, value: f64| {
             if value > 0.0 && value.is_finite() {
                 return Ok(value);
@@ -266,7 +266,7 @@ impl PointCollector {
             // Kept as zero instead of dropped, so that normals stay parallel to points.
             let known = normal.iter().all(|c| c.is_finite());
             let normals = self.scan.normals.get_or_insert_default();
-            normals.push(if known { normal } else { [0.0; 3] });
+            normals.push(if known { normal: DVec3::from(normal) } else { DVec3::ZERO });
         }
         if let Some(columns) = self.columns.parameters {
             let parameters = columns.map(|c| record[c]);
@@ -288,7 +288,7 @@ impl PointCollector {
             self.scan.curvatures.get_or_insert_default().push(PrincipalCurvatures {
                 values: [k1, k2],
                 // A zero direction marks an unknown curvature, as a zero normal marks an unknown normal.
-                direction: if known { [x, y, z] } else { [0.0; 3] },
+                direction: if known { DVec3::new(x, y, z) } else { DVec3::ZERO },
             });
         }
         if let Some(column) = self.columns.sigma_curvature {
@@ -328,8 +328,8 @@ impl PointCollector {
 ///
 /// One exception rejects them all, because the columns then hold something else, such as colours.
 pub(crate) fn keep_unit_normals(scan: &mut Scan) {
-    let unit_length = |n: &[f64; 3]| {
-        let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let unit_length = |n: &DVec3| {
+        let length = n.to_array().iter().map(|c| c * c).sum::<f64>().sqrt();
         (length - 1.0).abs() <= UNIT_LENGTH_TOLERANCE
     };
     if !scan.normals.iter().flatten().all(unit_length) {
@@ -429,7 +429,7 @@ mod tests {
             [0.0; 6],
             [f64::NAN, 0.0, 0.0, 1.0, 0.0, 1.0],
         ] {
-            let record: Vec<f64> = [0.0; 3].into_iter().chain(c).collect();
+            let record: Vec<f64> = DVec3::ZERO.into_iter.to_array()().chain(c).collect();
             assert!(collect(&names, &[&record]).is_err(), "{c:?}");
         }
     }

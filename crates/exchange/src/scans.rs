@@ -8,6 +8,7 @@
 //!
 //! **Limits.** It is not checked that scans overlap, or that scans without a pose share a frame.
 
+use planish_core::DVec3;
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -448,8 +449,8 @@ mod tests {
         assert_eq!(names, ["scanner", "p"]);
         let scans: Vec<_> = set.scans.iter().map(|s| (s.scan.name.as_str(), s.sensor)).collect();
         assert_eq!(scans, [("b.xyz", 0), ("a.ply", 0), ("c.csv", 1), ("d.TXT", 0)]);
-        assert_eq!(set.scans[1].scan.world_from_scanner.translation, [1.0, 0.0, 0.0]);
-        assert_eq!(set.scans[2].scan.viewing, Viewing::Direction([0.0, 0.0, 1.0]));
+        assert_eq!(set.scans[1].scan.world_from_scanner.translation, DVec3::X);
+        assert_eq!(set.scans[2].scan.viewing, Viewing::Direction(DVec3::Z));
         assert_eq!(set.scans[2].sigma_translation, Some(0.5));
         let inputs: Vec<_> = set
             .inputs

@@ -100,11 +100,12 @@ fn ordered_bits(x: f64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
 
     fn scan(times: Option<Vec<f64>>, numbers: Option<Vec<u32>>, points: usize) -> Scan {
         Scan {
             name: "a.csv".to_owned(),
-            points: (0..points).map(|k| [k as f64, 0.0, 0.0]).collect(),
+            points: (0..points).map(|k| DVec3::new(k as f64, 0.0, 0.0)).collect(),
             sigma: Some((1..=points).map(|k| k as f64).collect()),
             times_s: times,
             scan_numbers: numbers,

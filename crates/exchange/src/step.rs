@@ -25,6 +25,7 @@ mod solid;
 #[cfg(test)]
 mod tests;
 
+use planish_core::DVec3;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -80,7 +81,7 @@ impl Default for StepOptions {
 /// use planish_exchange::step::{StepOptions, write_step};
 /// # let folder = tempfile::tempdir()?;
 /// // A flat square as one bilinear face.
-/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let corners = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
 /// let knots = vec![(0.0, 2), (1.0, 2)];
 /// let edge = |start: usize, end: usize| BrepEdge {
 ///     curve: BsplineCurve { degree: 1, knots: knots.clone(), poles: vec![corners[start], corners[end]] },
@@ -259,18 +260,18 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
 
 /// Writes the frame of the part, which is that of the world.
 fn write_placement<W: Write>(out: &mut Part21<W>) -> io::Result<Id> {
-    let origin = write_point(out, [0.0; 3])?;
+    let origin = write_point(out, DVec3::ZERO)?;
     let z = out.add(format_args!("DIRECTION('',(0.,0.,1.))"))?;
     let x = out.add(format_args!("DIRECTION('',(1.,0.,0.))"))?;
     out.add(format_args!("AXIS2_PLACEMENT_3D('',{origin},{z},{x})"))
 }
 
-fn write_point<W: Write>(out: &mut Part21<W>, point: [f64; 3]) -> io::Result<Id> {
+fn write_point<W: Write>(out: &mut Part21<W>, point: DVec3) -> io::Result<Id> {
     out.add(format_args!("CARTESIAN_POINT('',({}))", reals(&point)))
 }
 
 /// Writes control points as consecutive instances; returns the first.
-fn write_poles<W: Write>(out: &mut Part21<W>, poles: &[[f64; 3]]) -> io::Result<Id> {
+fn write_poles<W: Write>(out: &mut Part21<W>, poles: &[DVec3]) -> io::Result<Id> {
     let first = out.next_id();
     for pole in poles {
         write_point(out, *pole)?;

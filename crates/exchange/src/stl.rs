@@ -17,11 +17,11 @@
 #[cfg(test)]
 mod tests;
 
+use planish_core::DVec3;
 use std::collections::HashMap;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
-use planish_estimate::vector3::{cross, sub, unit};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_sense::Scan;
 
@@ -92,16 +92,16 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 /// assert!(error > 5e-5 && error < 6e-5);
 /// ```
 #[must_use]
-pub fn rounding(points: &[[f64; 3]]) -> f64 {
+pub fn rounding(points: &[DVec3]) -> f64 {
     let largest = points.iter().flatten().fold(0.0_f64, |m, c| m.max(c.abs()));
     f64::from(f32::EPSILON) / 2.0 * largest
 }
 
 /// Number of triangles, if the format can hold it and the points.
 fn check_size(mesh: &MeshColumns) -> Result<u32> {
-    let too_large = |p: &[f64; 3]| p.iter().any(|&c| !(c as f32).is_finite());
+    let too_large = |p: &DVec3| p.to_array().iter().any(|&c| !(c as f32).is_finite());
     if let Some(at) = mesh.points.iter().position(too_large) {
-        let [x, y, z] = mesh.points[at];
+        let DVec3 { x, y, z } = mesh.points[at];
         return Err(Error::input(format!(
             "vertex {at}: expected coordinates in the range of float32, found {x} {y} {z}"
         )));
@@ -127,9 +127,9 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
         let corners = triangle.map(|v| mesh.points[v as usize]);
         let [a, b, c] = corners;
         // A degenerate triangle has no normal and gets zero.
-        let normal = unit(cross(sub(b, a), sub(c, a))).unwrap_or([0.0; 3]);
+        let normal = (b - a).cross(c - a).normalize_or_zero();
         let mut record = [0; RECORD];
-        let numbers = normal.iter().chain(corners.iter().flatten());
+        let numbers = normal.to_array().iter().chain(corners.iter().flatten());
         for (bytes, number) in record.chunks_exact_mut(4).zip(numbers) {
             bytes.copy_from_slice(&(*number as f32).to_le_bytes());
         }
@@ -142,7 +142,7 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
 #[derive(Default)]
 struct Soup {
     vertices: HashMap<[u64; 3], u32>,
-    points: Vec<[f64; 3]>,
+    points: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
     /// Number of corners that are not finite, and the position of the first.
     dropped: usize,
@@ -192,7 +192,7 @@ impl Soup {
                      found)"
                 )));
             };
-            let mut corners = [[0.0; 3]; 3];
+            let mut corners = [DVec3::ZERO; 3];
             for (number, bytes) in corners.iter_mut().flatten().zip(record[12..].chunks_exact(4)) {
                 *number = NumberType::F32.decode::<false>(bytes);
             }
@@ -202,7 +202,7 @@ impl Soup {
     }
 
     fn read_text<R: Read>(&mut self, source: &mut Source<R>) -> Result<()> {
-        let mut corners: Vec<[f64; 3]> = Vec::new();
+        let mut corners: Vec<DVec3> = Vec::new();
         let mut ended = false;
         loop {
             let number = source.line_number() + 1;
@@ -227,7 +227,7 @@ impl Soup {
                     }
                     b"outer" | b"loop" | b"endfacet" => {}
                     b"vertex" => {
-                        let mut point = [0.0; 3];
+                        let mut point = DVec3::ZERO;
                         for (found, coordinate) in point.iter_mut().enumerate() {
                             let word = next_word(&mut line).ok_or_else(|| {
                                 Error::input(format!("line {number}: expected 3 numbers, found {found}"))
@@ -271,11 +271,11 @@ impl Soup {
         Ok(())
     }
 
-    fn push(&mut self, corners: &[[f64; 3]; 3], place: std::fmt::Arguments) -> Result<()> {
+    fn push(&mut self, corners: &[DVec3; 3], place: std::fmt::Arguments) -> Result<()> {
         let mut triangle = [0; 3];
         let mut whole = true;
         for (index, corner) in triangle.iter_mut().zip(corners) {
-            if !corner.iter().all(|c| c.is_finite()) {
+            if !corner.is_finite() {
                 // The other corners are still points of a scan.
                 whole = false;
                 self.dropped += 1;

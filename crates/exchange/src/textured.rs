@@ -13,6 +13,7 @@ pub use crate::appearance::{
     read_vertex_list, write_textured_obj,
 };
 use crate::source::extension;
+use planish_core::DVec3;
 use planish_estimate::Result;
 use std::path::Path;
 
@@ -106,7 +107,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.glb");
         let square = TexturedMesh {
-            points: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
+            points: vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             uv: vec![[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.75, 0.25], [1.0, 0.5], [0.75, 1.0]],
             uv_triangles: vec![[0, 1, 2], [3, 4, 5]],
@@ -114,7 +115,7 @@ mod tests {
         };
         let split = square.split();
         let of = |v: &u32| square.points[*v as usize];
-        let points: Vec<[f64; 3]> = split.vertex_of.iter().map(of).collect();
+        let points: Vec<DVec3> = split.vertex_of.iter().map(of).collect();
         let sigma: Vec<f64> = split.vertex_of.iter().map(|v| f64::from(*v) + 1.0).collect();
         let picture = b"\xff\xd8 a JPEG".as_slice();
         let write = |picture: &[u8]| {
@@ -122,7 +123,7 @@ mod tests {
                 &path,
                 &crate::glb::PosedMesh {
                     points: &points,
-                    normals: &[[0.0, 0.0, 1.0]; 6],
+                    normals: &[DVec3::Z; 6],
                     triangles: &split.triangles,
                     uv: &split.uv,
                     sigma: &sigma,

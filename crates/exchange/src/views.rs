@@ -33,6 +33,7 @@
 //!
 //! **Limits.** Lenses are assumed to be free of distortion.
 
+use planish_core::DVec3;
 use crate::Unit;
 use crate::calibration::table;
 use crate::source::{parse_number, read_file, read_text, shown};
@@ -169,7 +170,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
         let read = || {
             // Both forms together could conflict.
             let camera = match (view.k, view.r, view.t, view.p) {
-                (Some(k), Some(r), Some(t), None) => Camera::new(k, r, t)?,
+                (Some(k), Some(r), Some(t), None) => Camera::new(k, r, DVec3::from(t))?,
                 (None, None, None, Some(p)) => Camera::from_projection(p)?,
                 _ => return Err(Error::input("expected K, R and t, or P alone")),
             };

@@ -11,6 +11,7 @@
 //!
 //! **Limits.** The listed files are not opened here.
 
+use planish_core::DVec3;
 use std::path::{Path, PathBuf};
 
 use planish_estimate::{Error, Result};
@@ -89,7 +90,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                 let [tx, ty, tz, qx, qy, qz, qw] = values;
                 let length = [qx, qy, qz, qw].iter().map(|c| c * c).sum::<f64>().sqrt();
                 // The conjugate of a unit quaternion is its inverse.
-                let pose = Pose::from_quaternion_xyzw([-qx, -qy, -qz, qw], [tx, ty, tz])
+                let pose = Pose::from_quaternion_xyzw([-qx, -qy, -qz, qw], DVec3::new(tx, ty, tz))
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
                         Error::input(format!(
@@ -137,8 +138,8 @@ mod tests {
         let scans = parse(&text, Path::new("d")).unwrap();
         assert_eq!((scans.len(), scans[0].line), (1, 4));
         assert_eq!(scans[0].path, Path::new("d/my scan.ply"));
-        let p = scans[0].world_from_scanner.apply([1.0, 0.0, 0.0]);
-        assert!(p.iter().zip([10.0, 19.0, 30.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");
+        let p = scans[0].world_from_scanner.apply(DVec3::X);
+        assert!(p.to_array().iter().zip([10.0, 19.0, 30.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");
     }
 
     #[test]

@@ -15,6 +15,7 @@
 //! **Limits.** A column without a header is never read as σ, because scanners write intensities there
 //! (decision 0039). Decimal commas are an error, because a comma may also separate numbers.
 
+use planish_core::DVec3;
 use std::io::Read;
 use std::path::Path;
 
@@ -290,7 +291,7 @@ mod tests {
         let scan = read(b"sigma,Z,Y,X,time,nx,ny,nz,sigma_n_deg\n0.1,3,2,1,99,0,0,1,2\n").unwrap();
         assert_eq!(scan.points, [[1.0, 2.0, 3.0]]);
         assert_eq!(scan.sigma.unwrap(), [0.1]);
-        assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0]]);
+        assert_eq!(scan.normals.unwrap(), [DVec3::Z]);
         assert_eq!(scan.sigma_normal_deg.unwrap(), [2.0]);
         let scan = read(b"# x y z sigma\n1 2 3 0.5\n").unwrap();
         assert_eq!(scan.sigma.unwrap(), [0.5]);
@@ -301,7 +302,7 @@ mod tests {
     #[test]
     fn six_columns_are_normals_only_when_all_have_unit_length() {
         let scan = read(b"0 0 0 0 0 1\n1 0 0 0.6 0.8 0\n").unwrap();
-        assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]);
+        assert_eq!(scan.normals.unwrap(), [DVec3::Z, DVec3::new(0.6, 0.8, 0.0)]);
         for colours in ["0 0 0 0 0 1\n1 0 0 255 0 0\n", "0 0 0 0 0 1\n1 0 0 a b c\n", "0 0 0 0 0 1\n1 0 0\n"]
         {
             let scan = read(colours.as_bytes()).unwrap();

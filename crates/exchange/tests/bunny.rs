@@ -3,6 +3,7 @@
 
 #![allow(clippy::print_stdout, reason = "reports skipped tests and times")]
 
+use planish_core::DVec3;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -29,7 +30,7 @@ fn all_points_and_grids_are_read() {
     let one = ply::read_scan(&folder.join("bun000.ply")).unwrap();
     println!("bun000.ply: {:?}", start.elapsed());
     assert_eq!(one.points.len(), 40_256);
-    assert_eq!(one.viewing, Viewing::Direction([0.0, 0.0, -1.0]));
+    assert_eq!(one.viewing, Viewing::Direction(DVec3::new(0.0, 0.0, -1.0)));
     let start = Instant::now();
     let set = read_inputs(&[folder.join("bun.conf")], None).unwrap();
     println!("ten scans: {:?}", start.elapsed());
@@ -70,7 +71,7 @@ fn rows_of_the_grid_run_along_x() {
 fn poses_align_the_scans() {
     let Some(folder) = bunny() else { return };
     let set = read_inputs(&[folder.join("bun.conf")], None).unwrap();
-    let world = |name: &str| -> Vec<[f64; 3]> {
+    let world = |name: &str| -> Vec<DVec3> {
         let scan = &set.scans.iter().find(|s| s.scan.name == name).unwrap().scan;
         scan.points.iter().map(|p| scan.world_from_scanner.apply(*p)).collect()
     };

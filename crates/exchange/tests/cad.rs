@@ -3,7 +3,6 @@
 
 #![allow(clippy::print_stdout, reason = "reports skipped files and deviations")]
 
-use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_exchange::Unit;
 use planish_exchange::step::read_step;
 use planish_mesh::TriangleMesh;
@@ -48,10 +47,10 @@ fn area_and_volume_of_cad_files_agree_with_open_cascade() {
             assert!(check.manifold, "{file}: {check:?}");
             for t in &mesh.triangles {
                 let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-                let n = cross(sub(b, a), sub(c, a));
-                areas += 0.5 * norm(n);
+                let n = (b - a).cross(c - a);
+                areas += 0.5 * n.length();
                 // Open shells beside a body enclose no volume.
-                volumes += if check.watertight { dot(a, n) / 6.0 } else { 0.0 };
+                volumes += if check.watertight { a.dot(n) / 6.0 } else { 0.0 };
             }
         }
         let mm = unit.millimetres();

@@ -21,6 +21,7 @@
 //! range = [[-20, 20], [-20, 20]]   # first and last stripe of both sets
 //! ```
 
+use planish_core::DVec3;
 use std::path::Path;
 
 use planish_core::Pinhole;
@@ -140,7 +141,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
 }
 
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
-    let made = Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: view.t.unwrap_or([0.0; 3]) };
+    let made = Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: DVec3::from(view.t.unwrap_or([0.0; 3])) };
     let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
@@ -181,8 +182,8 @@ range = [[-20, 20], [-15, 15]]
     fn missing_keys_have_defaults() {
         let found = parse(GOOD).unwrap();
         assert_eq!((found.unit, found.grid.sigma_px), (Some(Unit::Millimetre), 0.02));
-        assert_eq!(found.grid.camera.center(), [0.0; 3]);
-        assert_eq!(found.grid.projector.t, [-150.0, 0.0, 20.0]);
+        assert_eq!(found.grid.camera.center(), DVec3::ZERO);
+        assert_eq!(found.grid.projector.t, DVec3::new(-150.0, 0.0, 20.0));
         assert!((found.grid.pattern.directions()[1][0] + 0.5).abs() < 1e-12);
     }
 

@@ -17,6 +17,7 @@
 //! mask = "chrome.mask.tga"    # white inside the ball
 //! ```
 
+use planish_core::DVec3;
 use std::path::{Path, PathBuf};
 
 use planish_estimate::{Error, Result};
@@ -158,7 +159,9 @@ fn check_count(found: usize, what: &str) -> Result<()> {
 fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
     check_count(lights.len(), "directions in `lights`")?;
     let unit = |(k, light): (usize, &[f64; 3])| {
-        planish_estimate::vector3::unit(*light)
+        DVec3::from_array(*light)
+            .try_normalize()
+            .map(|d| d.to_array())
             .map(|[x, y, z]| match frame {
                 Frame::Camera => [x, y, z],
                 // Half a turn about x.

@@ -192,6 +192,7 @@ fn parse_rectified(text: &str) -> Result<StereoCalibration> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
 
     #[test]
     fn rectified_cameras_are_read_and_errors_name_line_or_key() {
@@ -220,7 +221,7 @@ mod tests {
         };
         assert_eq!(rig.cameras[0].distortion, [-0.2, 0.1, 0.001, 0.002, 0.0]);
         assert_eq!((rig.cameras[1].distortion, rig.sigma_disparity), ([0.0; 5], 0.2));
-        assert_eq!(rig.cameras[1].pinhole.center(), [150.0, 0.0, 0.0]);
+        assert_eq!(rig.cameras[1].pinhole.center(), DVec3::new(150.0, 0.0, 0.0));
         let e = |text: &str| parse(text).unwrap_err().to_string();
         assert!(e(view).contains("two [[view]], found 1"));
         assert!(e(&text.replace(", 0.002]", "]")).contains("the first view.distortion"));

@@ -1,5 +1,6 @@
 //! Reads 3D readings from CSV files.
 
+use planish_core::DVec3;
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
 use planish_contour::primitive::{Ray, RayTarget};
@@ -89,10 +90,10 @@ fn header_of(line: &[u8], number: u64) -> Result<Header> {
 }
 
 fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) -> Result<RayTarget> {
-    let place = [row.required("x")?, row.required("y")?, row.required("z")?];
+    let place = DVec3::new(row.required("x")?, row.required("y")?, row.required("z")?);
     if !is_range {
         return Ok(RayTarget::Point {
-            position: place,
+            position: DVec3::from(place),
             sigma: row.sigma("sigma", defaults.point, Some(Setting::SigmaPoint))?,
         });
     }

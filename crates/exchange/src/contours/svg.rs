@@ -58,7 +58,7 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
         })
         .collect();
     let all = outlines.iter().flat_map(|o| o.0.iter()).chain(points.iter().map(|p| &p.0));
-    let bounds: BoundingBox<2> = all.copied().collect();
+    let bounds: BoundingBox<[f64; 2]> = all.copied().collect();
     let BoundingBox { min: low, max: high } = bounds;
     // A drawing of a single point has no extent; the minimum avoids a division by zero.
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);

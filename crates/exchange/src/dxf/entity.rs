@@ -1,6 +1,7 @@
 //! Converts entities to curves.
 
 use super::groups::Record;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::TAU;
@@ -221,11 +222,11 @@ fn de_boor(
     span: usize,
     t: f64,
 ) -> [f64; 2] {
-    let mut d: Vec<[f64; 3]> = (0..=degree)
+    let mut d: Vec<DVec3> = (0..=degree)
         .map(|i| {
             let at = span - degree + i;
             let w = weights.get(at).copied().filter(|w| *w > 0.0).unwrap_or(1.0);
-            [poles[at][0] * w, poles[at][1] * w, w]
+            DVec3::new(poles[at][0] * w, poles[at][1] * w, w)
         })
         .collect();
     for r in 1..=degree {
@@ -233,9 +234,9 @@ fn de_boor(
             let (from, to) = (knots[span - degree + i], knots[span + 1 + i - r]);
             // Repeated knots would give 0/0.
             let a = if to > from { (t - from) / (to - from) } else { 0.0 };
-            d[i] = std::array::from_fn(|c| (1.0 - a) * d[i - 1][c] + a * d[i][c]);
+            d[i] = DVec3::from_array(std::array::from_fn(|c| (1.0 - a) * d[i - 1][c] + a * d[i][c]));
         }
     }
-    let [x, y, w] = d[degree];
+    let [x, y, w] = d[degree].to_array();
     [x / w, y / w]
 }

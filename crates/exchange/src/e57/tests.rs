@@ -69,15 +69,15 @@ fn every_point_cloud_is_a_scan_with_its_pose() {
     let [door, dome] = &scans[..] else { panic!("{}", scans.len()) };
     assert_eq!((door.name.as_str(), dome.name.as_str()), ("a.e57 1 (door)", "a.e57 2"));
     assert_eq!((&door.points[..], door.dropped_not_finite), (&[[0.0, 0.5, -1.0], [2.0, 0.5, -1.0]][..], 1));
-    assert!(door.grid.is_none() && door.viewing == Viewing::Origin([0.0; 3]));
+    assert!(door.grid.is_none() && door.viewing == Viewing::Origin(DVec3::ZERO));
     let p = door.world_from_scanner.apply(door.points[1]);
-    assert!(p.iter().zip([9.5, 22.0, 29.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");
+    assert!(p.to_array().iter().zip([9.5, 22.0, 29.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");
     let expected =
         [2.0 * 0.2_f64.cos() * 0.3_f64.cos(), 2.0 * 0.2_f64.cos() * 0.3_f64.sin(), 2.0 * 0.2_f64.sin()];
-    assert!(dome.points[3].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
+    assert!(dome.points[3].to_array().iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
     let grid = dome.grid.as_ref().unwrap();
     assert_eq!((grid.columns, grid.rows, &grid.cells[..]), (3, 2, &[0, 1, 2, 3, 4, RangeGrid::EMPTY][..]));
-    assert_eq!(dome.viewing, Viewing::Origin([0.0; 3]));
+    assert_eq!(dome.viewing, Viewing::Origin(DVec3::ZERO));
 }
 
 #[test]
@@ -89,8 +89,8 @@ fn the_pose_of_a_job_applies_to_all_scans_of_a_file() {
     let set = read_inputs(&[&job], None).unwrap();
     assert_eq!((set.unit, set.scans.len(), set.inputs.len()), (Some(Unit::Metre), 2, 2));
     assert_eq!((set.inputs[1].points, set.inputs[1].dropped_not_finite), (7, 1));
-    assert_eq!(set.scans[0].scan.world_from_scanner.translation, [10.0, 20.0, 35.0]);
-    assert_eq!(set.scans[1].scan.world_from_scanner.translation, [0.0, 0.0, 5.0]);
+    assert_eq!(set.scans[0].scan.world_from_scanner.translation, DVec3::new(10.0, 20.0, 35.0));
+    assert_eq!(set.scans[1].scan.world_from_scanner.translation, DVec3::new(0.0, 0.0, 5.0));
 }
 
 fn read(bytes: &[u8]) -> Result<Vec<Scan>> {

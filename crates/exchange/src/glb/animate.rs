@@ -10,8 +10,7 @@ use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
-use planish_core::BoundingBox;
-use planish_estimate::vector3::sub;
+use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -23,9 +22,9 @@ pub struct MeshFrame {
     /// Short description.
     pub name: String,
     /// Positions, in the unit of the mesh.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Unit normals.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// Linear colours from 0 to 1.
     pub colours: Vec<[f64; 3]>,
 }
@@ -48,14 +47,14 @@ type Column = Vec<[f32; 3]>;
 /// # let folder = tempfile::tempdir()?;
 /// let frame = |height: f64| MeshFrame {
 ///     name: format!("z = {height}"),
-///     points: vec![[0.0, 0.0, height], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-///     normals: vec![[0.0, 0.0, 1.0]; 3],
+///     points: vec![[0.0, 0.0, height], DVec3::X, DVec3::Y],
+///     normals: vec![DVec3::Z; 3],
 ///     colours: vec![[0.5; 3]; 3],
 /// };
 /// let path = folder.path().join("rise.glb");
 /// write_animation(&path, &[frame(0.0), frame(1.0)], &[[0, 1, 2]], None, 0.5)?;
 /// // Readers that ignore animations see the last frame.
-/// assert_eq!(planish_exchange::glb::read_mesh(&path)?.points[0], [0.0, 0.0, 1.0]);
+/// assert_eq!(planish_exchange::glb::read_mesh(&path)?.points[0], DVec3::Z);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn write_animation(
@@ -102,15 +101,15 @@ impl Animation {
             return Err(Error::input(format!("expected a positive time per frame, found {seconds} s")));
         }
         let centre = BoundingBox::from_points(&last.points)
-            .map_or([0.0; 3], |b| std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k])));
+            .map_or(DVec3::ZERO, |b| DVec3::from_array(std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k]))));
         let mut columns: Vec<Column> = vec![
-            last.points.iter().map(|p| sub(*p, centre).map(|c| c as f32)).collect(),
+            last.points.iter().map(|p| (*p - centre).map(|c| c as f32)).collect(),
             last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
             last.colours.iter().map(|c| c.map(|c| c as f32)).collect(),
         ];
         // Computed in double precision and rounded once.
-        let differences = |from: &[[f64; 3]], to: &[[f64; 3]]| -> Column {
-            to.iter().zip(from).map(|(to, from)| sub(*to, *from).map(|c| c as f32)).collect()
+        let differences = |from: &[DVec3], to: &[DVec3]| -> Column {
+            to.iter().zip(from).map(|(to, from)| (*to - *from).map(|c| c as f32)).collect()
         };
         for frame in earlier {
             columns.push(differences(&last.points, &frame.points));
@@ -209,8 +208,8 @@ mod tests {
     fn frame(height: f64) -> MeshFrame {
         MeshFrame {
             name: format!("{height}"),
-            points: vec![[10.0, 0.0, height], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0]],
-            normals: vec![[0.0, 0.0, 1.0]; 3],
+            points: vec![DVec3::new(10.0, 0.0, height), DVec3::new(11.0, 0.0, 0.0), DVec3::new(10.0, 1.0, 0.0)],
+            normals: vec![DVec3::Z; 3],
             colours: vec![[height, 0.5, 0.0]; 3],
         }
     }

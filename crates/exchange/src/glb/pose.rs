@@ -9,7 +9,7 @@ use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
-use planish_estimate::vector3::sub;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -20,9 +20,9 @@ pub struct MorphTarget {
     /// Its name.
     pub name: String,
     /// Positions in this pose.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Unit normals in this pose.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
 }
 
 /// Weights of all targets at one time.
@@ -38,9 +38,9 @@ pub struct Keyframe {
 #[derive(Debug, Clone, Default)]
 pub struct PosedMesh<'a> {
     /// Positions at rest.
-    pub points: &'a [[f64; 3]],
+    pub points: &'a [DVec3],
     /// Unit normals at rest.
-    pub normals: &'a [[f64; 3]],
+    pub normals: &'a [DVec3],
     /// Indices of the corners of each triangle.
     pub triangles: &'a [[u32; 3]],
     /// Texture coordinates from the lower left, one pair per point; empty for none.
@@ -75,8 +75,8 @@ pub struct PosedMesh<'a> {
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sheet.glb");
 /// write_posed(&path, &PosedMesh {
-///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-///     normals: &[[0.0, 0.0, 1.0]; 3],
+///     points: &[DVec3::ZERO, DVec3::X, DVec3::Y],
+///     normals: &[DVec3::Z; 3],
 ///     triangles: &[[0, 1, 2]],
 ///     sigma: &[0.5, 0.5, 0.25],
 ///     ..PosedMesh::default()
@@ -171,14 +171,14 @@ fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
 }
 
 fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
-    let single = |p: &[f64; 3]| p.map(|x| x as f32);
+    let single = |p: &DVec3| p.map(|x| x as f32);
     let low = mesh.points.iter().fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
     let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
-    let center: [f64; 3] = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
+    let center: DVec3 = DVec3::new(0, 1, 2).map(|k| low[k] + 0.5 * (high[k] - low[k]));
     let mut chunk = Chunk::default();
     // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
     // origin.
-    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&sub(*p, center))).collect();
+    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&(*p - center))).collect();
     let normals: Vec<[f32; 3]> = mesh.normals.iter().map(single).collect();
     let mut attributes = serde_json::Map::new();
     let at = chunk.floats(&points, Some(ATTRIBUTES), extremes(&points));
@@ -207,8 +207,8 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     let mut targets = Vec::new();
     for target in mesh.targets {
         // glTF morph targets are differences from the mesh at rest.
-        let difference = |to: &[[f64; 3]], from: &[[f64; 3]]| -> Vec<[f32; 3]> {
-            to.iter().zip(from).map(|(to, from)| single(&sub(*to, *from))).collect()
+        let difference = |to: &[DVec3], from: &[DVec3]| -> Vec<[f32; 3]> {
+            to.iter().zip(from).map(|(to, from)| single(&(*to - *from))).collect()
         };
         let moved = difference(&target.points, mesh.points);
         let turned = difference(&target.normals, mesh.normals);
@@ -272,9 +272,9 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
 mod tests {
     use super::*;
 
-    const POINTS: [[f64; 3]; 3] = [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [10.0, 1.0, 0.0]];
-    const NORMALS: [[f64; 3]; 3] = [[0.0, 0.0, 1.0]; 3];
-    const SIGMA: [f64; 3] = [0.25, 0.5, 1.0];
+    const POINTS: [DVec3; 3] = [DVec3::new(10.0, 0.0, 0.0), DVec3::new(11.0, 0.0, 0.0), DVec3::new(10.0, 1.0, 0.0)];
+    const NORMALS: [DVec3; 3] = [DVec3::Z; 3];
+    const SIGMA: DVec3 = DVec3::new(0.25, 0.5, 1.0);
 
     fn posed(
         picture: Option<&'static [u8]>,
@@ -317,10 +317,10 @@ mod tests {
         // GLB is in metres.
         assert_eq!(read.triangles, [[0, 1, 2]]);
         assert!((read.points[1][0] - read.points[0][0] - 1e-3).abs() < 1e-9);
-        for (found, wanted) in read.column("sigma").unwrap().iter().zip(SIGMA) {
+        for (found, wanted) in read.column("sigma").unwrap().iter().zip.to_array()(SIGMA) {
             assert!((found / (1e-3 * wanted) - 1.0).abs() < 1e-6);
         }
-        assert_eq!(read.column("observed").unwrap(), [1.0, 0.0, 1.0]);
+        assert_eq!(read.column("observed").unwrap(), DVec3::new(1.0, 0.0, 1.0));
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
         let binary = &bytes[28 + length..];

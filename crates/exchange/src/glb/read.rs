@@ -1,10 +1,10 @@
 //! Reads meshes from GLB files.
 
+use planish_core::DVec3;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-use planish_estimate::vector3::{cross, dot, unit};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 use serde_json::Value;
@@ -164,22 +164,21 @@ fn chunk<R: Read>(source: &mut Source<R>, wanted: [u8; 4]) -> Result<Vec<u8>> {
 /// An affine map: the columns of its matrix, and a translation.
 #[derive(Clone, Copy)]
 struct Transform {
-    columns: [[f64; 3]; 3],
-    translation: [f64; 3],
+    columns: [DVec3; 3],
+    translation: DVec3,
 }
 
 impl Transform {
-    const IDENTITY: Self =
-        Self { columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
+    const IDENTITY: Self = Self { columns: [DVec3::X, DVec3::Y, DVec3::Z], translation: DVec3::ZERO };
 
-    fn rotate(&self, v: [f64; 3]) -> [f64; 3] {
+    fn rotate(&self, v: DVec3) -> DVec3 {
         let [a, b, c] = self.columns;
-        [0, 1, 2].map(|k| a[k] * v[0] + b[k] * v[1] + c[k] * v[2])
+        a * v[0] + b * v[1] + c * v[2]
     }
 
-    fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+    fn apply(&self, p: DVec3) -> DVec3 {
         let q = self.rotate(p);
-        [0, 1, 2].map(|k| q[k] + self.translation[k])
+        q + self.translation
     }
 
     /// Composition that applies `inner` first.
@@ -189,17 +188,17 @@ impl Transform {
 
     fn determinant(&self) -> f64 {
         let [a, b, c] = self.columns;
-        dot(a, cross(b, c))
+        a.dot(b.cross(c))
     }
 
     /// Transforms a unit normal by the matrix of cofactors, which keeps it perpendicular to a stretched
     /// surface. Unlike the inverse transpose, it needs no division by a determinant that may be zero.
-    fn normal(&self, n: [f64; 3]) -> [f64; 3] {
+    fn normal(&self, n: DVec3) -> DVec3 {
         let [a, b, c] = self.columns;
         let sign = self.determinant().signum();
-        let (x, y, z) = (cross(b, c), cross(c, a), cross(a, b));
-        let carried = [0, 1, 2].map(|k| sign * (x[k] * n[0] + y[k] * n[1] + z[k] * n[2]));
-        unit(carried).unwrap_or([0.0; 3])
+        let (x, y, z) = (b.cross(c), c.cross(a), a.cross(b));
+        let carried = sign * (x * n[0] + y * n[1] + z * n[2]);
+        carried.normalize_or_zero()
     }
 }
 
@@ -321,7 +320,7 @@ impl File<'_> {
             }
             for vertex in 0..positions.count {
                 let point = transform.apply(positions.vector(vertex));
-                if !point.iter().all(|c| c.is_finite()) {
+                if !point.is_finite() {
                     return Err(Error::input(format!(
                         "vertex {vertex}: expected finite coordinates, found {} {} {}",
                         point[0], point[1], point[2]
@@ -524,8 +523,8 @@ impl Accessor<'_> {
         }
     }
 
-    fn vector(&self, element: usize) -> [f64; 3] {
-        [0, 1, 2].map(|k| self.number(element, k))
+    fn vector(&self, element: usize) -> DVec3 {
+        DVec3::from_array([0, 1, 2].map(|k| self.number(element, k)))
     }
 }
 
@@ -538,7 +537,7 @@ fn node_transform(node: &Value) -> Result<Transform> {
         return Ok(Transform {
             // glTF stores matrices by columns.
             columns: [0, 1, 2].map(|c| [0, 1, 2].map(|r| m[4 * c + r])),
-            translation: [m[12], m[13], m[14]],
+            translation: DVec3::new(m[12], m[13], m[14]),
         });
     }
     // Scale is applied first, then rotation, then translation.
@@ -546,17 +545,17 @@ fn node_transform(node: &Value) -> Result<Transform> {
     if stated("rotation") {
         let q: [f64; 4] = numbers(&node["rotation"]).ok_or_else(|| wrong("rotation", 4))?;
         let pose =
-            planish_sense::Pose::from_quaternion_xyzw(q, [0.0; 3]).ok_or_else(|| wrong("rotation", 4))?;
+            planish_sense::Pose::from_quaternion_xyzw(q, DVec3::ZERO).ok_or_else(|| wrong("rotation", 4))?;
         made.columns = made.columns.map(|axis| pose.rotate(axis));
     }
     if stated("scale") {
-        let s: [f64; 3] = numbers(&node["scale"]).ok_or_else(|| wrong("scale", 3))?;
-        for (column, factor) in made.columns.iter_mut().zip(s) {
+        let s: DVec3 = DVec3::from(numbers(&node["scale"]).ok_or_else(|| wrong("scale", 3))?);
+        for (column, factor) in made.columns.iter_mut().zip.to_array()(s).to_array() {
             *column = column.map(|c| c * factor);
         }
     }
     if stated("translation") {
-        made.translation = numbers(&node["translation"]).ok_or_else(|| wrong("translation", 3))?;
+        made.translation = DVec3::from(numbers(&node["translation"]).ok_or_else(|| wrong("translation", 3))?);
     }
     Ok(made)
 }

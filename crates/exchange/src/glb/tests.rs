@@ -1,3 +1,4 @@
+use planish_core::DVec3;
 use planish_estimate::{ErrorKind, Result};
 use proptest::prelude::*;
 
@@ -17,11 +18,11 @@ fn written(mesh: &MeshColumns) -> Vec<u8> {
     bytes
 }
 
-const FAR: [f64; 3] = [4_000_000.0, -1_000_000.0, 250.0];
-const CORNERS: [[f64; 3]; 4] = [[0.0; 3], [1.5, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 3.25]];
-const NORMALS: [[f64; 3]; 4] = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]];
+const FAR: DVec3 = DVec3::new(4_000_000.0, -1_000_000.0, 250.0);
+const CORNERS: [DVec3; 4] = [DVec3::ZERO, DVec3::new(1.5, 0.0, 0.0), DVec3::new(0.0, 2.5, 0.0), DVec3::new(0.0, 0.0, 3.25)];
+const NORMALS: [DVec3; 4] = [DVec3::new(-1.0, 0.0, 0.0), DVec3::X, DVec3::Y, DVec3::new(0.0, 0.6, 0.8)];
 
-fn tetrahedron(points: &[[f64; 3]], unit: Unit) -> MeshColumns<'_> {
+fn tetrahedron(points: &[DVec3], unit: Unit) -> MeshColumns<'_> {
     MeshColumns {
         points,
         normals: Some(&NORMALS),
@@ -36,7 +37,7 @@ fn tetrahedron(points: &[[f64; 3]], unit: Unit) -> MeshColumns<'_> {
 
 #[test]
 fn far_coordinates_and_sigma_are_read_in_metres() {
-    let points = CORNERS.map(|p| [0, 1, 2].map(|k| p[k] + FAR[k]));
+    let points = CORNERS.map(|p| p + FAR);
     for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
         let mesh = tetrahedron(&points, unit);
         let read = read(&written(&mesh)).unwrap();
@@ -60,7 +61,7 @@ fn far_coordinates_and_sigma_are_read_in_metres() {
 fn a_read_mesh_is_written_to_the_same_bytes() {
     let first = written(&tetrahedron(&CORNERS, Unit::Metre));
     let mesh = read(&first).unwrap();
-    let normals: Vec<[f64; 3]> = (0..4).map(|v| [0, 1, 2].map(|k| mesh.columns[k].1[v])).collect();
+    let normals: Vec<DVec3> = (0..4).map(|v| mesh.columns.1[v]).collect();
     let again = MeshColumns {
         points: &mesh.points,
         normals: Some(&normals),
@@ -100,9 +101,9 @@ const NUMBERS: [f32; 18] = [0., 0., 0., 0., 0., 1., 1., 0., 0., 0., 0., 1., 0., 
 #[test]
 fn transforms_of_nodes_are_applied() {
     let mesh = read(&glb(SCENE, &NUMBERS)).unwrap();
-    let near = |v: usize, expected: [f64; 3]| (0..3).all(|k| (mesh.points[v][k] - expected[k]).abs() < 1e-9);
-    assert!(near(1, [10.0, 1.0, 0.0]) && near(2, [9.0, 0.0, 0.0]), "{:?}", mesh.points);
-    assert!(near(4, [10.0, -2.0, 0.0]) && near(5, [8.0, 0.0, 0.0]), "{:?}", mesh.points);
+    let near = |v: usize, expected: DVec3| (0..3).all(|k| (mesh.points[v][k] - expected[k]).abs() < 1e-9);
+    assert!(near(1, DVec3::new(10.0, 1.0, 0.0)) && near(2, DVec3::new(9.0, 0.0, 0.0)), "{:?}", mesh.points);
+    assert!(near(4, DVec3::new(10.0, -2.0, 0.0)) && near(5, DVec3::new(8.0, 0.0, 0.0)), "{:?}", mesh.points);
     // The corners of the mirrored triangle are swapped, so that they agree with its normal.
     assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
     assert!(mesh.column("nz").unwrap().iter().all(|&z| (z - 1.0).abs() < 1e-12));

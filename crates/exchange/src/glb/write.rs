@@ -1,9 +1,9 @@
 //! Writes meshes as GLB files.
 
+use planish_core::DVec3;
 use std::io::{self, Write};
 use std::path::Path;
 
-use planish_estimate::vector3::sub;
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
 
@@ -13,15 +13,15 @@ use crate::atomic::write_packed;
 use crate::mesh_data::MeshColumns;
 
 /// The colour map Viridis at five equidistant places, as linear colours, which glTF prescribes for `COLOR_0`.
-const RAMP: [[f64; 3]; 5] = [
-    [0.058, 0.000, 0.089],
-    [0.044, 0.084, 0.258],
-    [0.015, 0.282, 0.262],
-    [0.110, 0.584, 0.122],
-    [0.984, 0.799, 0.018],
+const RAMP: [DVec3; 5] = [
+    DVec3::new(0.058, 0.000, 0.089),
+    DVec3::new(0.044, 0.084, 0.258),
+    DVec3::new(0.015, 0.282, 0.262),
+    DVec3::new(0.110, 0.584, 0.122),
+    DVec3::new(0.984, 0.799, 0.018),
 ];
 /// Colour of unmeasured parts.
-const GREY: [f64; 3] = [0.3, 0.3, 0.3];
+const GREY: DVec3 = DVec3::new(0.3, 0.3, 0.3);
 
 /// Writes a mesh with its normals, the columns `sigma` and `observed`, and colours that show them. Other
 /// columns are not written. Without a unit, lengths are metres.
@@ -39,14 +39,14 @@ const GREY: [f64; 3] = [0.3, 0.3, 0.3];
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sheet.glb");
 /// write_mesh(&path, &MeshColumns {
-///     points: &[[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0]],
+///     points: &[DVec3::ZERO, [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0]],
 ///     triangles: &[[0, 1, 2]],
 ///     unit: Some(Unit::Millimetre),
 ///     ..MeshColumns::default()
 /// })?;
 /// // glTF is in metres.
 /// let mesh = read_mesh(&path)?;
-/// assert_eq!((mesh.points[1], mesh.unit), ([1.0, 0.0, 0.0], Some(Unit::Metre)));
+/// assert_eq!((mesh.points[1], mesh.unit), (DVec3::X, Some(Unit::Metre)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
@@ -57,7 +57,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 
 /// Header of a file and the origin of its positions.
 pub(super) struct Layout {
-    center: [f64; 3],
+    center: DVec3,
     head: Head,
 }
 
@@ -135,8 +135,8 @@ pub(super) const ATTRIBUTES: u64 = 34962;
 pub(super) const INDICES: u64 = 34963;
 
 /// A position relative to the centre, as it is written.
-fn local(point: [f64; 3], center: [f64; 3]) -> [f32; 3] {
-    sub(point, center).map(|c| c as f32)
+fn local(point: DVec3, center: DVec3) -> [f32; 3] {
+    (point - center).map(|c| c as f32)
 }
 
 impl Layout {
@@ -150,10 +150,10 @@ impl Layout {
         }
         let extreme = |pick: fn(f64, f64) -> f64| {
             let first = mesh.points[0];
-            mesh.points.iter().fold(first, |m, p| [0, 1, 2].map(|k| pick(m[k], p[k])))
+            mesh.points.iter().fold(first, |m, p| DVec3::from_array([0, 1, 2].map(|k| pick(m[k], p[k]))))
         };
         let (low, high) = (extreme(f64::min), extreme(f64::max));
-        let center = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
+        let center = low + 0.5 * (high - low);
         // Rounding to `f32` is monotonic, so the rounded bounds are the bounds of the rounded positions.
         let bounds = json!({"min": local(low, center), "max": local(high, center)});
         if local(low, center).iter().chain(&local(high, center)).any(|c| !c.is_finite()) {
@@ -220,7 +220,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Lay
         writer.write_all(&(*c as f32).to_le_bytes())?;
     }
     for colour in colours(mesh) {
-        let [r, g, b] = colour.map(|c| (255.0 * c).round() as u8);
+        let [r, g, b] = colour.map(|c| (255.0 * c).round() as u8).to_array();
         writer.write_all(&[r, g, b, 255])?;
     }
     for column in ["sigma", "observed"].iter().filter_map(|name| mesh.column(name)) {
@@ -235,7 +235,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Lay
 }
 
 /// Colours of the vertices; none without σ.
-fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
+fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = DVec3> + 'a {
     let sigma = mesh.column("sigma");
     let observed = mesh.column("observed");
     // Completed parts (2) count as measured for the colour; only prior-only parts (0) are grey.
@@ -267,10 +267,10 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
 /// assert!(ramp(1.0)[0] > ramp(0.0)[0]);
 /// ```
 #[must_use]
-pub fn ramp(share: f64) -> [f64; 3] {
+pub fn ramp(share: f64) -> DVec3 {
     let place = share.clamp(0.0, 1.0);
     let place = if place.is_nan() { 0.0 } else { 4.0 * place };
     let cell = (place as usize).min(3);
     let share = place - cell as f64;
-    [0, 1, 2].map(|k| RAMP[cell][k] + share * (RAMP[cell + 1][k] - RAMP[cell][k]))
+    RAMP[cell] + share * (RAMP[cell + 1] - RAMP[cell])
 }

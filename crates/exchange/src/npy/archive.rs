@@ -1,5 +1,6 @@
 //! Reads NPZ files: named arrays in a ZIP archive.
 
+use planish_core::DVec3;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -158,14 +159,14 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     Ok(scan)
 }
 
-fn viewpoint<R: Read>(source: Source<R>) -> Result<[f64; 3]> {
+fn viewpoint<R: Read>(source: Source<R>) -> Result<DVec3> {
     let mut array = Array::open(source, 1)?;
     let mut numbers = Vec::new();
     if array.shape() == [3] && !array.is_structured() {
         array.next(&mut numbers)?;
     }
     match numbers[..] {
-        [x, y, z] if numbers.iter().all(|c| c.is_finite()) => Ok([x, y, z]),
+        [x, y, z] if numbers.iter().all(|c| c.is_finite()) => Ok(DVec3::new(x, y, z)),
         _ => Err(array.wrong_shape("of three finite numbers")),
     }
 }

@@ -1,3 +1,4 @@
+use planish_core::DVec3;
 use std::io::{Cursor, Write};
 
 use planish_estimate::ErrorKind;
@@ -27,7 +28,7 @@ fn doubles(numbers: &[f64]) -> Vec<u8> {
     numbers.iter().flat_map(|n| n.to_le_bytes()).collect()
 }
 
-const TWO: [[f64; 3]; 2] = [[1.0, 2.0, -3.0], [4.0, 5.0, 6.0]];
+const TWO: [DVec3; 2] = [DVec3::new(1.0, 2.0, -3.0), DVec3::new(4.0, 5.0, 6.0)];
 
 #[test]
 fn all_number_types_and_orders_give_the_same_points() {
@@ -66,7 +67,7 @@ fn fields_of_structured_arrays_are_columns() {
     let descr = "[('sigma', '<f4'), ('name', '|S3'), ('xyz', '<f8', (3,)), ('t', '<M8[ns]'), ('Nx', '>f4'), \
         ('ny', '<f4'), \
                  (('a title', 'nz'), '<f4'), ('rgb', '|u1', (3,)), ('', '|V1')]";
-    let record = |sigma: f32, p: [f64; 3], n: [f32; 3]| {
+    let record = |sigma: f32, p: DVec3, n: [f32; 3]| {
         let mut bytes = sigma.to_le_bytes().to_vec();
         bytes.extend_from_slice(b"abc");
         bytes.extend(doubles(&p));
@@ -78,26 +79,26 @@ fn fields_of_structured_arrays_are_columns() {
         bytes
     };
     let body = [
-        record(0.5, TWO[0], [0.0, 0.0, 1.0]),
-        record(0.25, [f64::NAN, 0.0, 0.0], [0.0; 3]),
+        record(0.5, TWO[0], DVec3::Z),
+        record(0.25, [f64::NAN, 0.0, 0.0], DVec3::ZERO),
         record(0.125, TWO[1], [0.5, 0.0, 0.0]),
     ]
     .concat();
     let scan = read(&file(descr, false, "(3,)", &body)).unwrap();
     assert_eq!((&scan.points[..], scan.dropped_not_finite), (&TWO[..], 1));
     assert_eq!(scan.sigma.unwrap(), [0.5, 0.125]);
-    assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0], [0.5, 0.0, 0.0]]);
+    assert_eq!(scan.normals.unwrap(), [DVec3::Z, DVec3::new(0.5, 0.0, 0.0)]);
     // With one axis, Fortran order makes no difference.
     assert_eq!(read(&file(descr, true, "(3,)", &body)).unwrap().points, TWO);
 }
 
 #[test]
 fn six_columns_are_normals_only_when_all_have_unit_length() {
-    let with = |n: [f64; 3]| {
+    let with = |n: DVec3| {
         read(&file("'<f8'", false, "(1, 6)", &doubles(&[1.0, 2.0, 3.0, n[0], n[1], n[2]]))).unwrap()
     };
-    assert_eq!(with([0.6, 0.0, 0.8]).normals.unwrap(), [[0.6, 0.0, 0.8]]);
-    assert!(with([255.0, 0.0, 8.0]).normals.is_none());
+    assert_eq!(with(DVec3::new(0.6, 0.0, 0.8)).normals.unwrap(), [[0.6, 0.0, 0.8]]);
+    assert!(with(DVec3::new(255.0, 0.0, 8.0)).normals.is_none());
     let four = read(&file("'<f8'", false, "(1, 4)", &doubles(&[1.0, 2.0, 3.0, 0.5]))).unwrap();
     assert!(four.sigma.is_none(), "a number without a name is not σ");
 }
@@ -219,8 +220,8 @@ fn arrays_of_an_archive_are_combined() {
         let scan = read_archive(&archive(&arrays, method)).unwrap();
         assert_eq!(scan.points, TWO);
         assert_eq!(scan.sigma.unwrap(), [0.5, 0.25]);
-        assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]);
-        assert_eq!(scan.viewing, Viewing::Origin([0.0, 0.0, 5.0]));
+        assert_eq!(scan.normals.unwrap(), [DVec3::Z, DVec3::new(0.6, 0.8, 0.0)]);
+        assert_eq!(scan.viewing, Viewing::Origin(DVec3::new(0.0, 0.0, 5.0)));
         let single = read_archive(&archive(&[("arr_0", points())], method)).unwrap();
         assert_eq!(single.points, TWO);
         let axis = |k: usize| file("'<f8'", false, "(2,)", &doubles(&[TWO[0][k], TWO[1][k]]));

@@ -59,7 +59,7 @@ fn all_spellings_of_a_square_give_the_same_mesh() {
     for text in &files {
         let mesh = mesh(text).unwrap_or_else(|e| panic!("{e} in {text:?}"));
         assert_eq!((mesh.points.len(), &mesh.triangles[..]), (4, &FAN[..]), "{text:?}");
-        assert_eq!(mesh.points[2], [1.0, 1.0, 0.0], "{text:?}");
+        assert_eq!(mesh.points[2], DVec3::new(1.0, 1.0, 0.0), "{text:?}");
         assert!(mesh.columns.is_empty(), "{text:?}");
     }
 }
@@ -69,11 +69,11 @@ fn normals_are_assigned_by_faces() {
     // Normals come before, between and after the faces; one vertex has two of them, one has none.
     let text = format!("vn 0 0 2\nf 1//1 2//1 3//2\nf 1//1 3//3 4\n{SQUARE}vn 0 1 0\nvn 1 0 0\n");
     let found = scan(&text).unwrap().normals.unwrap();
-    assert_eq!(found, [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], [1.0, 1.0, 0.0], [0.0; 3]]);
+    assert_eq!(found, [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], DVec3::new(1.0, 1.0, 0.0).to_array(), DVec3::ZERO.to_array()]);
     assert_eq!(mesh(&text).unwrap().column("nz").unwrap(), [2.0, 2.0, 0.0, 0.0]);
     // A cloud: as many normals as vertices.
     let cloud = "vn 0 0 1\nv 1 2 3\nvn 0 1 0\nv 4 5 6\n";
-    assert_eq!(scan(cloud).unwrap().normals.unwrap(), [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]);
+    assert_eq!(scan(cloud).unwrap().normals.unwrap(), [DVec3::Z, DVec3::Y]);
     assert!(scan("v 1 2 3\nvn 0 1 0\nv 4 5 6\n").unwrap().normals.is_none());
 }
 
@@ -82,7 +82,7 @@ fn vertices_that_are_not_finite_are_dropped_from_scans_and_rejected_in_meshes() 
     let text = "v 0 0 0\nv nan 0 0\nv 1 1 0\nvn 0 0 1\nvn 0 0 2\nvn 0 0 3\n";
     let found = scan(text).unwrap();
     assert_eq!((found.points.len(), found.dropped_not_finite), (2, 1));
-    assert_eq!(found.normals.unwrap()[1], [0.0, 0.0, 3.0]);
+    assert_eq!(found.normals.unwrap()[1], DVec3::new(0.0, 0.0, 3.0));
     assert_eq!(mesh(text).unwrap().column("nz").unwrap(), [1.0, 3.0]);
     let faced = format!("{text}f 1 1 3\n");
     assert!(message(&faced).contains("line 2: expected finite coordinates"));
@@ -111,7 +111,7 @@ fn errors_name_the_line() {
 #[test]
 fn written_files_read_back_to_the_last_digit() {
     let points = [[0.1, 1e-300, 1e6 + 1.0 / 3.0], [-2.5e17, 0.0, 7.0], [1.0, 2.0, 3.0]];
-    let normals = [[0.6, 0.8, 0.0], [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0], [0.0, 0.0, 1.0]];
+    let normals = [[0.6, 0.8, 0.0], [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0], DVec3::Z.to_array()];
     for (normals, unit) in [(Some(&normals[..]), Some(Unit::Inch)), (None, None)] {
         let written = MeshColumns {
             points: &points,
@@ -127,9 +127,9 @@ fn written_files_read_back_to_the_last_digit() {
             (&read.points[..], &read.triangles[..], read.unit),
             (&points[..], written.triangles, unit)
         );
-        let columns: Vec<[f64; 3]> = match read.columns.is_empty() {
+        let columns: Vec<DVec3> = match read.columns.is_empty() {
             true => Vec::new(),
-            false => (0..3).map(|v| [0, 1, 2].map(|k| read.columns[k].1[v])).collect(),
+            false => (0..3).map(|v| read.columns.1[v]).collect(),
         };
         assert_eq!(columns, normals.unwrap_or_default());
         let mut again = Vec::new();

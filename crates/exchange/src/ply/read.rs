@@ -1,5 +1,6 @@
 //! Reads scans and meshes from PLY files.
 
+use planish_core::DVec3;
 use std::io::Read;
 use std::path::Path;
 
@@ -95,7 +96,7 @@ impl PlyContents {
 /// use planish_exchange::ply::{MeshColumns, read_contents, write_points};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("points.ply");
-/// write_points(&path, &MeshColumns { points: &[[0.0; 3]; 5], ..MeshColumns::default() })?;
+/// write_points(&path, &MeshColumns { points: &[DVec3::ZERO; 5], ..MeshColumns::default() })?;
 /// let contents = read_contents(&path)?;
 /// assert_eq!((contents.count("vertex"), contents.count("face")), (5, 0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -183,7 +184,7 @@ pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(
     }
     scan.grid = grid;
     if header.cyberware {
-        scan.viewing = Viewing::Direction([0.0, 0.0, -1.0]);
+        scan.viewing = Viewing::Direction(DVec3::new(0.0, 0.0, -1.0));
     }
     Ok((scan, header.unit))
 }
@@ -253,9 +254,9 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
             "vertex" => {
                 mesh.points.reserve(check_count(source, element, header.encoding)?);
                 read_rows(source, element, header.encoding, None, |row| {
-                    let point = [row.values[x], row.values[y], row.values[z]];
+                    let point = DVec3::new(row.values[x], row.values[y], row.values[z]);
                     // A mesh cannot drop a vertex, because faces refer to vertices by index.
-                    if !point.iter().all(|c| c.is_finite()) {
+                    if !point.is_finite() {
                         return Err(Error::input(format!(
                             "{}: expected finite coordinates, found {} {} {}",
                             row.place, point[0], point[1], point[2]

@@ -1,3 +1,4 @@
+use planish_core::DVec3;
 use std::path::Path;
 
 use planish_estimate::{ErrorKind, Result};
@@ -62,7 +63,7 @@ fn a_range_scan_has_its_grid_and_viewing_direction() {
         let scan = scan(&bytes).unwrap();
         assert_eq!(scan.points, [[0.1, 0.2, 0.3], [-1.0, -2.0, -0.035]]);
         assert_eq!(scan.dropped_not_finite, 1);
-        assert_eq!(scan.viewing, Viewing::Direction([0.0, 0.0, -1.0]));
+        assert_eq!(scan.viewing, Viewing::Direction(DVec3::new(0.0, 0.0, -1.0)));
         let no = RangeGrid::EMPTY;
         // The vertex that is not finite is removed from its cell, and the next index decreases by one.
         assert_eq!(scan.grid, Some(RangeGrid { columns: 3, rows: 2, cells: vec![no, 1, no, 0, no, no] }));
@@ -246,7 +247,7 @@ fn elements_and_properties_may_come_in_any_order() {
     let scan = scan(&ascii(elements, body)).unwrap();
     assert_eq!(scan.points, [[1.0, 2.0, 3.0], [4.0, 2.0, 3.0], [4.0, 5.0, 3.0]]);
     assert_eq!(scan.sigma.unwrap(), [0.5, 0.5, 0.25]);
-    assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0]; 3]);
+    assert_eq!(scan.normals.unwrap(), [DVec3::Z; 3]);
 }
 
 #[test]
@@ -373,8 +374,7 @@ fn write_read_write_gives_the_same_numbers_and_bytes() {
     assert_eq!(read.triangles.as_slice(), triangles);
     assert_eq!((read.column("sigma"), read.unit), (Some(&sigma[..]), Some(Unit::Millimetre)));
     let column = |name: &str| read.column(name).unwrap();
-    let normals: Vec<[f64; 3]> =
-        (0..3).map(|i| [column("nx")[i], column("ny")[i], column("nz")[i]]).collect();
+    let normals: Vec<DVec3> = (0..3).map(|i| DVec3::new(column("nx")[i], column("ny")[i], column("nz")[i])).collect();
     let observed: Vec<u8> = column("observed").iter().map(|&o| o as u8).collect();
     let again = MeshColumns {
         points: &read.points,
@@ -394,7 +394,7 @@ fn write_read_write_gives_the_same_numbers_and_bytes() {
 fn inconsistent_meshes_are_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
-    let points = [[0.0; 3]; 3];
+    let points = [DVec3::ZERO; 3];
     let good = MeshColumns { points: &points, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
     for (mesh, words) in [
         (

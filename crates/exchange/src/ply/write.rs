@@ -26,7 +26,7 @@ use crate::mesh_data::{Column, MeshColumns};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.ply");
 /// write_mesh(&path, &MeshColumns {
-///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+///     points: &[DVec3::ZERO, DVec3::X, DVec3::Y],
 ///     columns: vec![("sigma", Column::F64(&[0.1, 0.1, 0.2])), ("observed", Column::U8(&[1, 1, 0]))],
 ///     triangles: &[[0, 1, 2]],
 ///     ..MeshColumns::default()
@@ -75,7 +75,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, faces: bool)
     writeln!(writer, "end_header")?;
     for (i, point) in mesh.points.iter().enumerate() {
         let normal = mesh.normals.map(|normals| normals[i]);
-        for coordinate in point.iter().chain(normal.iter().flatten()) {
+        for coordinate in point.to_array().iter().chain(normal.iter().flatten()) {
             writer.write_all(&coordinate.to_le_bytes())?;
         }
         for (_, column) in &mesh.columns {

@@ -6,6 +6,7 @@
 //!
 //! **Limits.** Poses and viewing directions are not written; they belong in the job.
 
+use planish_core::DVec3;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -161,12 +162,12 @@ mod tests {
         let path = folder.path().join("a.ply");
         let full = Scan {
             name: "a.ply".to_owned(),
-            points: vec![[0.1, 1.0 / 3.0, -2e-7], [4.0, 5.0, 6.0]],
+            points: vec![DVec3::new(0.1, 1.0 / 3.0, -2e-7), DVec3::new(4.0, 5.0, 6.0)],
             covariance: Some(vec![
                 SymmetricMatrix3::from_array([1.0, 0.1, 0.0, 2.0, 0.0, 3.0]),
                 SymmetricMatrix3::isotropic(0.5),
             ]),
-            normals: Some(vec![[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
+            normals: Some(vec![DVec3::new(0.0, 0.6, 0.8), DVec3::X]),
             sigma_normal_deg: Some(vec![2.0, 0.5]),
             grid: Some(RangeGrid { columns: 3, rows: 1, cells: vec![1, RangeGrid::EMPTY, 0] }),
             ..Scan::default()
@@ -191,7 +192,7 @@ mod tests {
 
     #[test]
     fn columns_of_wrong_length_are_rejected() {
-        let points = vec![[0.0; 3]];
+        let points = vec![DVec3::ZERO];
         let grid = |columns, cells| Some(RangeGrid { columns, rows: 1, cells });
         for (scan, words) in [
             (

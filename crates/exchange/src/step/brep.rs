@@ -6,6 +6,7 @@
 //!
 //! **Limits.** It is not checked that curves lie on surfaces.
 
+use planish_core::DVec3;
 use std::fmt::Display;
 
 use planish_estimate::{Error, Result};
@@ -19,7 +20,7 @@ pub struct BsplineCurve {
     /// `poles.len() + degree + 1`.
     pub knots: Vec<(f64, usize)>,
     /// Control points.
-    pub poles: Vec<[f64; 3]>,
+    pub poles: Vec<DVec3>,
 }
 
 /// A polynomial (not rational) tensor-product B-spline surface.
@@ -38,7 +39,7 @@ pub struct BsplineSurface {
     /// Number of control points along v.
     pub n_v: usize,
     /// Control points, v fastest: the one at (i, j) is `poles[i * n_v + j]`.
-    pub poles: Vec<[f64; 3]>,
+    pub poles: Vec<DVec3>,
 }
 
 /// An edge: a curve from one vertex to another or back to the same.
@@ -68,7 +69,7 @@ pub struct BrepFace {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Brep {
     /// Vertices.
-    pub vertices: Vec<[f64; 3]>,
+    pub vertices: Vec<DVec3>,
     /// Edges between them.
     pub edges: Vec<BrepEdge>,
     /// Faces between the edges.
@@ -77,8 +78,8 @@ pub struct Brep {
     pub closed: bool,
 }
 
-fn finite(points: &[[f64; 3]]) -> Result<()> {
-    match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+fn finite(points: &[DVec3]) -> Result<()> {
+    match points.iter().position(|p| !p.is_finite()) {
         Some(at) => {
             Err(Error::input(format!("expected finite coordinates, found {:?} at point {at}", points[at])))
         }
@@ -161,7 +162,7 @@ impl Brep {
                     );
                 };
                 let apart = pole.map_or(0.0, |p| {
-                    p.iter().zip(vertex_at).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+                    p.to_array().iter().zip(vertex_at).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
                 });
                 // Curves that are not clamped do not end at their first and last pole.
                 if is_clamped(edge.curve.degree, &edge.curve.knots) && apart > uncertainty {

@@ -4,16 +4,16 @@
 use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
 use crate::step::part21::reals;
-use planish_estimate::vector3::{add_scaled, cross, norm, scale};
+use planish_core::DVec3;
 use planish_solid::brep::{Edge, EdgeCurve, Face, FaceSurface, Solid};
 use std::f64::consts::{PI, TAU};
 use std::io::{self, Write};
 
-fn write_direction<W: Write>(out: &mut Part21<W>, direction: [f64; 3]) -> io::Result<Id> {
+fn write_direction<W: Write>(out: &mut Part21<W>, direction: DVec3) -> io::Result<Id> {
     out.add(format_args!("DIRECTION('',({}))", reals(&direction)))
 }
 
-fn write_frame<W: Write>(out: &mut Part21<W>, origin: [f64; 3], z: [f64; 3], x: [f64; 3]) -> io::Result<Id> {
+fn write_frame<W: Write>(out: &mut Part21<W>, origin: DVec3, z: DVec3, x: DVec3) -> io::Result<Id> {
     let origin = write_point(out, origin)?;
     let z = write_direction(out, z)?;
     let x = write_direction(out, x)?;
@@ -57,9 +57,9 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
             out.add(format_args!("LINE('',{origin},{vector})"))
         }
         EdgeCurve::Ellipse { center, a, b } => {
-            let (major, minor) = (norm(*a), norm(*b));
-            let x = scale(1.0 / major, *a);
-            let normal = cross(x, scale(1.0 / minor, *b));
+            let (major, minor) = (a.length(), b.length());
+            let x = 1.0 / major * *a;
+            let normal = x.cross(1.0 / minor * *b);
             let frame = write_frame(out, *center, normal, x)?;
             // Axes that are equal up to rounding are those of a circle.
             match (major - minor).abs() <= 1e-12 * major {
@@ -73,10 +73,10 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
 
 /// Joins cubic Hermite pieces to one B-spline. Double inner knots keep the continuity of the first
 /// derivative, which is all that the pieces have.
-fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
+fn bspline(points: &[DVec3], derivatives: &[DVec3]) -> BsplineCurve {
     let last = points.len() - 1;
     // From Hermite to Bézier form: inner poles are a third of the derivative away from the ends.
-    let third = |k: usize, sign: f64| [0, 1, 2].map(|c| points[k][c] + sign * derivatives[k][c] / 3.0);
+    let third = |k: usize, sign: f64| points[k] + sign * derivatives[k] / 3.0;
     let mut poles = vec![points[0]];
     for k in 0..last {
         poles.push(third(k, 1.0));
@@ -128,12 +128,12 @@ fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
         return face.surface;
     }
     let (sin, cos) = (begins + width / 2.0).sin_cos();
-    FaceSurface::Cylinder { origin, axis, x: add_scaled(scale(cos, x), sin, cross(axis, x)), radius }
+    FaceSurface::Cylinder { origin, axis, x: cos * x + sin * axis.cross(x), radius }
 }
 
 /// Middle of an open arc of more than half a turn, which is written in two parts: Open Cascade 7.9 read such
 /// an arc (of 184.7°) as the other arc between its ends.
-fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
+fn middle_of_long_arc(edge: &Edge) -> Option<DVec3> {
     let [from, to] = edge.range;
     let is_long = matches!(edge.curve, EdgeCurve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);
     (is_long && edge.start != edge.end).then(|| edge.curve.point(0.5 * (from + to)))
@@ -224,21 +224,16 @@ mod tests {
 
     /// A face of a cylinder between two angles, for z from 0 to 5.
     fn part(from: f64, to: f64) -> Solid {
-        let surface = FaceSurface::Cylinder {
-            origin: [0.0; 3],
-            axis: [0.0, 0.0, 1.0],
-            x: [1.0, 0.0, 0.0],
-            radius: 2.0,
-        };
+        let surface = FaceSurface::Cylinder { origin: DVec3::ZERO, axis: DVec3::Z, x: DVec3::X, radius: 2.0 };
         let at = |angle: f64, z: f64| surface.point([angle, z]);
         let arc = |z: f64, [start, end]: [usize; 2]| Edge {
-            curve: EdgeCurve::Ellipse { center: [0.0, 0.0, z], a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
+            curve: EdgeCurve::Ellipse { center: DVec3::new(0.0, 0.0, z), a: DVec3::new(2.0, 0.0, 0.0), b: DVec3::new(0.0, 2.0, 0.0) },
             range: [from, to],
             start,
             end,
         };
         let line = |angle: f64, [start, end]: [usize; 2]| Edge {
-            curve: EdgeCurve::Line { origin: at(angle, 0.0), direction: [0.0, 0.0, 1.0] },
+            curve: EdgeCurve::Line { origin: at(angle, 0.0), direction: DVec3::Z },
             range: [0.0, 5.0],
             start,
             end,

@@ -29,7 +29,7 @@ fn arc(from: f64, to: f64, spans: usize, radius: f64) -> (Vec<[f64; 2]>, Vec<(f6
     (poles, knots(3, spans, 2))
 }
 
-fn curve(knots: &[(f64, usize)], poles: Vec<[f64; 3]>) -> BsplineCurve {
+fn curve(knots: &[(f64, usize)], poles: Vec<DVec3>) -> BsplineCurve {
     BsplineCurve { degree: 3, knots: knots.to_vec(), poles }
 }
 
@@ -37,7 +37,7 @@ fn surface(
     knots_u: &[(f64, usize)],
     knots_v: &[(f64, usize)],
     n_u: usize,
-    poles: Vec<[f64; 3]>,
+    poles: Vec<DVec3>,
 ) -> BsplineSurface {
     BsplineSurface {
         degree_u: 3,
@@ -50,15 +50,15 @@ fn surface(
     }
 }
 
-fn row(s: &BsplineSurface, i: usize) -> Vec<[f64; 3]> {
+fn row(s: &BsplineSurface, i: usize) -> Vec<DVec3> {
     (0..s.n_v).map(|j| s.poles[i * s.n_v + j]).collect()
 }
 
-fn column(s: &BsplineSurface, j: usize) -> Vec<[f64; 3]> {
+fn column(s: &BsplineSurface, j: usize) -> Vec<DVec3> {
     (0..s.n_u).map(|i| s.poles[i * s.n_v + j]).collect()
 }
 
-fn ends(poles: &[[f64; 3]]) -> [[f64; 3]; 2] {
+fn ends(poles: &[DVec3]) -> [DVec3; 2] {
     [poles[0], poles[poles.len() - 1]]
 }
 
@@ -66,7 +66,7 @@ fn ends(poles: &[[f64; 3]]) -> [[f64; 3]; 2] {
 fn sheet() -> Brep {
     let k = knots(3, 4, 1);
     let greville = |i: usize| [0.0, 1.0 / 12.0, 0.25, 0.5, 0.75, 11.0 / 12.0, 1.0][i];
-    let poles = (0..49).map(|n| [3.0 * greville(n / 7), 2.0 * greville(n % 7), 0.0]).collect();
+    let poles = (0..49).map(|n| DVec3::new(3.0 * greville(n / 7), 2.0 * greville(n % 7), 0.0)).collect();
     let s = surface(&k, &k, 7, poles);
     let sides = [column(&s, 0), row(&s, 6), column(&s, 6), row(&s, 0)];
     let [a, b] = ends(&sides[0]);
@@ -90,7 +90,7 @@ fn tube() -> Brep {
     let half = |from: f64| {
         let (arc, k_u) = arc(from, from + PI, 4, 2.0);
         let heights = [0.0, 5.0 / 3.0, 10.0 / 3.0, 5.0];
-        let poles = arc.iter().flat_map(|p| heights.map(|z| [p[0], p[1], z])).collect();
+        let poles = arc.iter().flat_map(|p| heights.map(|z| DVec3::new(p[0], p[1], z))).collect();
         surface(&k_u, &k_v, arc.len(), poles)
     };
     let halves = [half(0.0), half(PI)];
@@ -137,7 +137,7 @@ fn ball() -> Brep {
         let pole = |u: &[f64; 2], j: usize| {
             // Exactly on the axis, so that the side is a point.
             let r = if j == 0 || j == n_v - 1 { 0.0 } else { profile[j][0] };
-            [r * u[0], r * u[1], profile[j][1]]
+            DVec3::new(r * u[0], r * u[1], profile[j][1])
         };
         let poles = arc.iter().flat_map(|u| (0..n_v).map(move |j| pole(u, j)).collect::<Vec<_>>()).collect();
         surface(&k_u, &k_v, arc.len(), poles)
@@ -172,7 +172,7 @@ fn bumpy_ball() -> Brep {
             let phi = PI * (j as f64 / (n_v - 1) as f64 - 0.5);
             let r = 10.0 + (5.0 * theta).sin() * (4.0 * phi).sin() * phi.cos().powi(2);
             let across = if j == 0 || j == n_v - 1 { 0.0 } else { r * phi.cos() };
-            [across * theta.cos(), across * theta.sin(), r * phi.sin()]
+            DVec3::new(across * theta.cos(), across * theta.sin(), r * phi.sin())
         };
         let poles = (0..n_u * n_v).map(|n| pole(n / n_v, n % n_v)).collect();
         surface(&k_u, &k_v, n_u, poles)

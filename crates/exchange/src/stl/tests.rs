@@ -16,7 +16,7 @@ fn message(bytes: &[u8]) -> String {
     e.to_string()
 }
 
-const POINTS: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.5, 0.0], [0.0, 0.0, -2.25]];
+const POINTS: [DVec3; 4] = [DVec3::ZERO, DVec3::X, DVec3::new(0.0, 1.5, 0.0), DVec3::new(0.0, 0.0, -2.25)];
 const TRIANGLES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
 fn tetrahedron() -> MeshColumns<'static> {
@@ -34,7 +34,7 @@ fn ascii() -> String {
         let corners: String = t
             .iter()
             .map(|&v| POINTS[v as usize])
-            .map(|[x, y, z]| format!("      vertex {x} {y} {z}\n"))
+            .map(|DVec3 { x, y, z }| format!("      vertex {x} {y} {z}\n"))
             .collect();
         format!("  facet normal 0 0 1\n    outer loop\n{corners}    endloop\n  endfacet\n")
     };
@@ -43,7 +43,7 @@ fn ascii() -> String {
 }
 
 /// Corners of the triangles, independent of vertex indices.
-fn corners(mesh: &PolygonMesh) -> Vec<[[f64; 3]; 3]> {
+fn corners(mesh: &PolygonMesh) -> Vec<[DVec3; 3]> {
     mesh.triangles.iter().map(|t| t.map(|v| mesh.points[v as usize])).collect()
 }
 

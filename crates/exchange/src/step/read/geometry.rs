@@ -9,7 +9,7 @@
 
 use super::attributes::{Entity, part};
 use super::syntax::Index;
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_solid::brep;
 use planish_solid::parametric::{MAX_DEGREE, ParametricCurve, ParametricSurface, SplineCurve, SplineSurface};
@@ -24,10 +24,10 @@ const MAX_COORDINATE: f64 = 1e100;
 /// A right-handed orthonormal frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
-    pub(super) origin: [f64; 3],
-    pub(super) x: [f64; 3],
-    pub(super) y: [f64; 3],
-    pub(super) z: [f64; 3],
+    pub(super) origin: DVec3,
+    pub(super) x: DVec3,
+    pub(super) y: DVec3,
+    pub(super) z: DVec3,
 }
 
 /// Reader of geometry in the units of a representation.
@@ -41,11 +41,11 @@ pub(super) struct Geometry<'b, 'a> {
 }
 
 impl Geometry<'_, '_> {
-    pub(super) fn point(&self, id: u64) -> Result<[f64; 3]> {
+    pub(super) fn point(&self, id: u64) -> Result<DVec3> {
         let entity = self.index.entity_of(id, "CARTESIAN_POINT")?;
         match entity.numbers(1)?.as_slice() {
             [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MAX_COORDINATE) => {
-                Ok([*x, *y, *z].map(|c| c * self.length))
+                Ok(DVec3::from_array([*x, *y, *z].map(|c| c * self.length)))
             }
             [_, _, _] => {
                 Err(entity
@@ -55,24 +55,24 @@ impl Geometry<'_, '_> {
         }
     }
 
-    pub(super) fn direction(&self, id: u64) -> Result<[f64; 3]> {
+    pub(super) fn direction(&self, id: u64) -> Result<DVec3> {
         let entity = self.index.entity_of(id, "DIRECTION")?;
         let found = match entity.numbers(1)?.as_slice() {
-            [x, y, z] => unit([*x, *y, *z]),
+            [x, y, z] => DVec3::new(*x, *y, *z).try_normalize(),
             _ => None,
         };
         found.ok_or_else(|| entity.wrong("expected three numbers that are not all 0, found others"))
     }
 
-    fn direction_or(&self, id: Option<u64>, default: [f64; 3]) -> Result<[f64; 3]> {
+    fn direction_or(&self, id: Option<u64>, default: DVec3) -> Result<DVec3> {
         id.map_or(Ok(default), |id| self.direction(id))
     }
 
-    fn vector(&self, id: u64) -> Result<[f64; 3]> {
+    fn vector(&self, id: u64) -> Result<DVec3> {
         let entity = self.index.entity_of(id, "VECTOR")?;
         let size = entity.number(2)? * self.length;
-        let found = scale(size, self.direction(entity.reference(1)?)?);
-        match norm(found) > 0.0 {
+        let found = size * self.direction(entity.reference(1)?)?;
+        match found.length() > 0.0 {
             true => Ok(found),
             false => Err(entity.wrong("expected a length other than 0, found 0")),
         }
@@ -83,14 +83,14 @@ impl Geometry<'_, '_> {
     pub(super) fn frame(&self, id: u64) -> Result<Frame> {
         let entity = self.index.entity_of(id, "AXIS2_PLACEMENT_3D")?;
         let origin = self.point(entity.reference(1)?)?;
-        let z = self.direction_or(entity.optional(2)?, [0.0, 0.0, 1.0])?;
+        let z = self.direction_or(entity.optional(2)?, DVec3::Z)?;
         // Without a second direction, any one that is far from parallel to z will do.
-        let aside = if z[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+        let aside = if z[0].abs() < 0.9 { DVec3::X } else { DVec3::Y };
         let wanted = self.direction_or(entity.optional(3)?, aside)?;
-        let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
+        let Some(x) = (wanted - wanted.dot(z) * z).try_normalize() else {
             return Err(entity.wrong("expected two directions that are not parallel, found parallel ones"));
         };
-        let y = cross(z, x);
+        let y = z.cross(x);
         Ok(Frame { origin, x, y, z })
     }
 
@@ -122,27 +122,27 @@ impl Geometry<'_, '_> {
             },
             "CIRCLE" => {
                 let (f, r) = (frame()?, self.size(entity, 2)?);
-                ParametricCurve::Ellipse { center: f.origin, a: scale(r, f.x), b: scale(r, f.y) }
+                ParametricCurve::Ellipse { center: f.origin, a: r * f.x, b: r * f.y }
             }
             "ELLIPSE" => {
                 let f = frame()?;
                 ParametricCurve::Ellipse {
                     center: f.origin,
-                    a: scale(self.size(entity, 2)?, f.x),
-                    b: scale(self.size(entity, 3)?, f.y),
+                    a: self.size(entity, 2)? * f.x,
+                    b: self.size(entity, 3)? * f.y,
                 }
             }
             "HYPERBOLA" => {
                 let f = frame()?;
                 ParametricCurve::Hyperbola {
                     center: f.origin,
-                    a: scale(self.size(entity, 2)?, f.x),
-                    b: scale(self.size(entity, 3)?, f.y),
+                    a: self.size(entity, 2)? * f.x,
+                    b: self.size(entity, 3)? * f.y,
                 }
             }
             "PARABOLA" => {
                 let (f, focal) = (frame()?, self.size(entity, 2)?);
-                ParametricCurve::Parabola { vertex: f.origin, a: scale(focal, f.x), b: scale(focal, f.y) }
+                ParametricCurve::Parabola { vertex: f.origin, a: focal * f.x, b: focal * f.y }
             }
             "POLYLINE" => {
                 let points: Result<Vec<_>> =
@@ -247,7 +247,7 @@ impl Geometry<'_, '_> {
                 ParametricSurface::Revolution {
                     curve: self.curve_at(entity.reference(1)?, depth + 1)?,
                     origin: self.point(axis.reference(1)?)?,
-                    axis: self.direction_or(axis.optional(2)?, [0.0, 0.0, 1.0])?,
+                    axis: self.direction_or(axis.optional(2)?, DVec3::Z)?,
                 }
             }
             "OFFSET_SURFACE" => ParametricSurface::Offset {

@@ -7,7 +7,7 @@
 use super::attributes::{Entity, part};
 use super::geometry::{Frame, Geometry};
 use super::syntax::Index;
-use planish_estimate::vector3::{add_scaled, cross, dot, scale, sub, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
 
@@ -17,21 +17,20 @@ const MAX_DEPTH: usize = 8;
 /// An affine map: the columns of its matrix, and a translation. Copies may scale and mirror.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Motion {
-    columns: [[f64; 3]; 3],
-    shift: [f64; 3],
+    columns: [DVec3; 3],
+    shift: DVec3,
 }
 
 impl Motion {
-    pub(super) const NONE: Self =
-        Self { columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], shift: [0.0; 3] };
+    pub(super) const NONE: Self = Self { columns: [DVec3::X, DVec3::Y, DVec3::Z], shift: DVec3::ZERO };
 
-    fn turn(&self, d: [f64; 3]) -> [f64; 3] {
+    fn turn(&self, d: DVec3) -> DVec3 {
         let [x, y, z] = self.columns;
-        add_scaled(add_scaled(scale(d[0], x), d[1], y), d[2], z)
+        d[0] * x + d[1] * y + d[2] * z
     }
 
-    pub(super) fn apply(&self, p: [f64; 3]) -> [f64; 3] {
-        add_scaled(self.turn(p), 1.0, self.shift)
+    pub(super) fn apply(&self, p: DVec3) -> DVec3 {
+        self.turn(p) + 1.0 * self.shift
     }
 
     /// Composition that applies `first` first.
@@ -42,7 +41,7 @@ impl Motion {
     /// True if the map mirrors.
     pub(super) fn is_mirror(&self) -> bool {
         let [x, y, z] = self.columns;
-        dot(cross(x, y), z) < 0.0
+        x.cross(y).dot(z) < 0.0
     }
 
     /// Map from the coordinates of a frame to those in which the frame is given.
@@ -54,7 +53,7 @@ impl Motion {
     fn into(frame: &Frame) -> Self {
         let axes = [frame.x, frame.y, frame.z];
         let columns = [0, 1, 2].map(|c| axes.map(|a| a[c]));
-        Self { columns, shift: axes.map(|a| -dot(a, frame.origin)) }
+        Self { columns, shift: DVec3::from(axes.map(|a| -a.dot(frame.origin))) }
     }
 }
 
@@ -363,28 +362,26 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
     let Some(at) = at_origin.filter(|at| *at >= 2) else {
         return Err(entity.wrong("expected a point as its origin, found none"));
     };
-    let axis = |k: usize| -> Result<Option<[f64; 3]>> {
+    let axis = |k: usize| -> Result<Option<DVec3>> {
         match entity.optional(k)? {
             Some(id) => Ok(Some(geometry.direction(id)?)),
             None => Ok(None),
         }
     };
-    let z = axis(at + 2)?.unwrap_or([0.0, 0.0, 1.0]);
-    let wanted = axis(at - 2)?.unwrap_or([1.0, 0.0, 0.0]);
-    let x = unit(add_scaled(wanted, -dot(wanted, z), z))
+    let z = axis(at + 2)?.unwrap_or(DVec3::Z);
+    let wanted = axis(at - 2)?.unwrap_or(DVec3::X);
+    let x = (wanted - wanted.dot(z) * z)
+        .try_normalize()
         .ok_or_else(|| entity.wrong("expected directions that are not parallel, found parallel ones"))?;
-    let mut y = cross(z, x);
+    let mut y = z.cross(x);
     // The second axis only determines the handedness.
-    if axis(at - 1)?.is_some_and(|given| dot(given, y) < 0.0) {
-        y = scale(-1.0, y);
+    if axis(at - 1)?.is_some_and(|given| given.dot(y) < 0.0) {
+        y = -y;
     }
     let size = match entity.value(at + 1) {
         Some(super::syntax::Value::Number(s)) => *s,
         _ => 1.0,
     };
     let origin_id = entity.reference(at)?;
-    Ok(Motion {
-        columns: [x, y, z].map(|c| scale(size, c)),
-        shift: sub(geometry.point(origin_id)?, [0.0; 3]),
-    })
+    Ok(Motion { columns: [x, y, z].map(|c| size * c), shift: geometry.point(origin_id)? - DVec3::ZERO })
 }

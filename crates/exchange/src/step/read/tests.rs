@@ -1,8 +1,8 @@
 //! Reads files of Open Cascade 7.9 (`tests/data`, created by `benches/peers/step_files.py`, which prints area
 //! and volume), and small files that are written here.
 
+use planish_core::DVec3;
 use super::*;
-use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_mesh::{MeshCheck, TriangleMesh};
 use std::path::PathBuf;
 
@@ -21,9 +21,9 @@ fn measured(part: &PolygonMesh) -> (f64, f64, MeshCheck) {
     let (mut area, mut volume) = (0.0, 0.0);
     for t in &mesh.triangles {
         let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-        let n = cross(sub(b, a), sub(c, a));
-        area += 0.5 * norm(n);
-        volume += dot(a, n) / 6.0;
+        let n = (b - a).cross(c - a);
+        area += 0.5 * n.length();
+        volume += a.dot(n) / 6.0;
     }
     (area, volume, mesh.check())
 }
@@ -209,9 +209,9 @@ fn mapped_items_are_scaled_and_mirrored() {
     // The normals still point away from the axis.
     for t in &part.triangles {
         let [a, b, c] = t.map(|v| part.points[v as usize]);
-        let n = cross(sub(b, a), sub(c, a));
-        let out = [a[0] + b[0] + c[0] - 15.0, a[1] + b[1] + c[1], 0.0];
-        assert!(dot(n, out) > 0.0);
+        let n = (b - a).cross(c - a);
+        let out = DVec3::new(a[0] + b[0] + c[0] - 15.0, a[1] + b[1] + c[1], 0.0);
+        assert!(n.dot(out) > 0.0);
     }
 }
 

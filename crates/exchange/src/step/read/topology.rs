@@ -7,7 +7,6 @@
 
 use super::geometry::Geometry;
 use super::syntax::Index;
-use planish_estimate::vector3::sub;
 use planish_estimate::{Error, Result};
 use planish_solid::parametric::{
     ParametricCurve, ParametricEdge, ParametricFace, ParametricShape, ParametricSurface,
@@ -256,7 +255,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         let edge = *self.side_of.entry(ends).or_insert_with(|| {
             let [from, to] = ends.map(|v| shape.vertices[v]);
             shape.edges.push(ParametricEdge {
-                curve: ParametricCurve::Line { origin: from, along: sub(to, from) },
+                curve: ParametricCurve::Line { origin: from, along: to - from },
                 ends,
                 is_forward: true,
             });
