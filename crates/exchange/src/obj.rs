@@ -359,7 +359,7 @@ fn too_few(line: u64, found: usize) -> Error {
 /// Parses the next three numbers of a line.
 fn three(rest: &mut &[u8], line: u64) -> Result<DVec3> {
     let mut numbers = DVec3::ZERO;
-    for (found, number) in numbers.iter_mut().enumerate() {
+    for (found, number) in numbers.as_mut().iter_mut().enumerate() {
         let word = next_word(rest)
             .ok_or_else(|| Error::input(format!("line {line}: expected 3 numbers, found {found}")))?;
         *number = parse_number(word)

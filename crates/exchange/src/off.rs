@@ -132,7 +132,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         let at = line(source, &mut buffer, "a vertex")?;
         let mut rest = &buffer[..];
         let mut point = DVec3::ZERO;
-        for x in &mut point {
+        for x in point.as_mut() {
             let word = next_word(&mut rest).unwrap_or_default();
             *x = (parse_number(word).filter(|x| x.is_finite())).ok_or_else(|| {
                 Error::input(format!("line {at}: expected a finite coordinate, found {}", shown(word)))
@@ -190,7 +190,7 @@ mod tests {
     fn written_meshes_read_back_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.off");
-        let points = [[0.0, 0.1, 1e-17], DVec3::X.to_array(), [0.0, 1.0, -0.3]];
+        let points = [DVec3::new(0.0, 0.1, 1e-17), DVec3::X, DVec3::new(0.0, 1.0, -0.3)];
         let mesh = MeshColumns { points: &points, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
         write_mesh(&path, &mesh).unwrap();
         let found = read_mesh(&path).unwrap();

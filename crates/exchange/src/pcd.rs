@@ -465,10 +465,11 @@ mod tests {
         )
     }
 
-    const POINTS: [DVec3; 4] = [DVec3::Z, DVec3::new(1.0, 0.0, 1.5), DVec3::new(f64::NAN, 0.0, 0.0), DVec3::new(1.0, 1.0, 0.25)];
+    const POINTS: [DVec3; 4] =
+        [DVec3::Z, DVec3::new(1.0, 0.0, 1.5), DVec3::new(f64::NAN, 0.0, 0.0), DVec3::new(1.0, 1.0, 0.25)];
 
     fn record(p: DVec3) -> [Vec<u8>; 7] {
-        let DVec3 { x, y, z } = p.map(|c| c.to_le_bytes().to_vec());
+        let [x, y, z] = p.to_array().map(|c| c.to_le_bytes().to_vec());
         let [a, b, c] = [0.0_f32, 0.0, 1.0].map(|n| n.to_le_bytes().to_vec());
         [x, y, z, a, b, c, vec![1, 0, 2, 0, 3, 0]]
     }
@@ -480,7 +481,8 @@ mod tests {
     }
 
     fn text() -> Vec<u8> {
-        let lines: String = POINTS.iter().map(|DVec3 { x, y, z }| format!("{x} {y} {z} 0 0 1 1 2 3\r\n")).collect();
+        let lines: String =
+            POINTS.iter().map(|DVec3 { x, y, z }| format!("{x} {y} {z} 0 0 1 1 2 3\r\n")).collect();
         (header("ascii") + &lines).into_bytes()
     }
 
@@ -507,7 +509,10 @@ mod tests {
             let scan = read(&bytes).unwrap();
             assert_eq!(scan.points, [POINTS[0], POINTS[1], POINTS[3]]);
             assert_eq!(scan.normals.unwrap(), [DVec3::Z; 3]);
-            assert_eq!((scan.dropped_not_finite, scan.viewing), (1, Viewing::Origin(DVec3::new(0.0, 0.0, 5.0))));
+            assert_eq!(
+                (scan.dropped_not_finite, scan.viewing),
+                (1, Viewing::Origin(DVec3::new(0.0, 0.0, 5.0)))
+            );
             let grid = scan.grid.unwrap();
             assert_eq!((grid.columns, grid.rows), (2, 2));
             assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2]);
@@ -534,7 +539,10 @@ mod tests {
             0\nPOINTS 1\nDATA ascii\n1 2 3\n",
         )
         .unwrap();
-        assert_eq!((scan.points, scan.viewing, scan.grid), (vec![[1.0, 2.0, 3.0]], Viewing::Unknown, None));
+        assert_eq!(
+            (scan.points, scan.viewing, scan.grid),
+            (vec![DVec3::new(1.0, 2.0, 3.0)], Viewing::Unknown, None)
+        );
     }
 
     #[test]

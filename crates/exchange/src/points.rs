@@ -262,11 +262,11 @@ impl PointCollector {
             }
         }
         if let Some(columns) = self.columns.normal {
-            let normal = columns.map(|c| record[c]);
+            let normal = DVec3::from_array(columns.map(|c| record[c]));
             // Kept as zero instead of dropped, so that normals stay parallel to points.
-            let known = normal.iter().all(|c| c.is_finite());
+            let known = normal.is_finite();
             let normals = self.scan.normals.get_or_insert_default();
-            normals.push(if known { normal: DVec3::from(normal) } else { DVec3::ZERO });
+            normals.push(if known { normal } else { DVec3::ZERO });
         }
         if let Some(columns) = self.columns.parameters {
             let parameters = columns.map(|c| record[c]);
@@ -429,7 +429,7 @@ mod tests {
             [0.0; 6],
             [f64::NAN, 0.0, 0.0, 1.0, 0.0, 1.0],
         ] {
-            let record: Vec<f64> = DVec3::ZERO.into_iter.to_array()().chain(c).collect();
+            let record: Vec<f64> = [0.0; 3].into_iter().chain(c).collect();
             assert!(collect(&names, &[&record]).is_err(), "{c:?}");
         }
     }

@@ -267,7 +267,7 @@ fn write_placement<W: Write>(out: &mut Part21<W>) -> io::Result<Id> {
 }
 
 fn write_point<W: Write>(out: &mut Part21<W>, point: DVec3) -> io::Result<Id> {
-    out.add(format_args!("CARTESIAN_POINT('',({}))", reals(&point)))
+    out.add(format_args!("CARTESIAN_POINT('',({}))", reals(point.as_ref())))
 }
 
 /// Writes control points as consecutive instances; returns the first.

@@ -18,6 +18,7 @@
 mod tests;
 
 use planish_core::DVec3;
+use planish_core::vector3::coordinates;
 use std::collections::HashMap;
 use std::io::{self, Read, Write};
 use std::path::Path;
@@ -93,7 +94,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 /// ```
 #[must_use]
 pub fn rounding(points: &[DVec3]) -> f64 {
-    let largest = points.iter().flatten().fold(0.0_f64, |m, c| m.max(c.abs()));
+    let largest = coordinates(points).iter().fold(0.0_f64, |m, c| m.max(c.abs()));
     f64::from(f32::EPSILON) / 2.0 * largest
 }
 
@@ -129,7 +130,7 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
         // A degenerate triangle has no normal and gets zero.
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let mut record = [0; RECORD];
-        let numbers = normal.to_array().iter().chain(corners.iter().flatten());
+        let numbers = normal.as_ref().iter().chain(coordinates(&corners));
         for (bytes, number) in record.chunks_exact_mut(4).zip(numbers) {
             bytes.copy_from_slice(&(*number as f32).to_le_bytes());
         }
@@ -193,7 +194,9 @@ impl Soup {
                 )));
             };
             let mut corners = [DVec3::ZERO; 3];
-            for (number, bytes) in corners.iter_mut().flatten().zip(record[12..].chunks_exact(4)) {
+            for (number, bytes) in
+                corners.iter_mut().flat_map(|p| p.as_mut()).zip(record[12..].chunks_exact(4))
+            {
                 *number = NumberType::F32.decode::<false>(bytes);
             }
             self.push(&corners, format_args!("byte {byte} (triangle {triangle})"))?;
@@ -228,7 +231,7 @@ impl Soup {
                     b"outer" | b"loop" | b"endfacet" => {}
                     b"vertex" => {
                         let mut point = DVec3::ZERO;
-                        for (found, coordinate) in point.iter_mut().enumerate() {
+                        for (found, coordinate) in point.as_mut().iter_mut().enumerate() {
                             let word = next_word(&mut line).ok_or_else(|| {
                                 Error::input(format!("line {number}: expected 3 numbers, found {found}"))
                             })?;
@@ -289,7 +292,7 @@ impl Soup {
                 )
             })?;
             // Adding zero turns −0 into +0, so that both are one key.
-            *index = *self.vertices.entry(corner.map(|c| (c + 0.0).to_bits())).or_insert(next);
+            *index = *self.vertices.entry(corner.to_array().map(|c| (c + 0.0).to_bits())).or_insert(next);
             if *index == next {
                 self.points.push(*corner);
             }

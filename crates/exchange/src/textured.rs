@@ -13,7 +13,6 @@ pub use crate::appearance::{
     read_vertex_list, write_textured_obj,
 };
 use crate::source::extension;
-use planish_core::DVec3;
 use planish_estimate::Result;
 use std::path::Path;
 
@@ -53,6 +52,7 @@ pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
 
     const OBJ: &str = "mtllib a.mtl none.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 \
         1\nvt 0 1\nvt 0.5 0.5\n\

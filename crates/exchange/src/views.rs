@@ -33,10 +33,10 @@
 //!
 //! **Limits.** Lenses are assumed to be free of distortion.
 
-use planish_core::DVec3;
 use crate::Unit;
 use crate::calibration::table;
 use crate::source::{parse_number, read_file, read_text, shown};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_shell::{Camera, PoseNoise};
 use serde::Deserialize;
@@ -361,7 +361,7 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
         assert_eq!((a.name.as_str(), b.name.as_str(), found.unit), ("a", "other", Some(Unit::Metre)));
         assert_eq!(a.mask.as_deref(), Some(Path::new("folder/a.png")));
         let [p, q] = [a.camera.pinhole, b.camera.pinhole];
-        let pairs = p.k.iter().flatten().chain(&p.t).zip(q.k.iter().flatten().chain(&q.t));
+        let pairs = p.k.iter().flatten().chain(p.t.as_ref()).zip(q.k.iter().flatten().chain(q.t.as_ref()));
         assert!(pairs.map(|(x, y)| (x - y).abs()).all(|off| off < 1e-9));
         assert!(a.pose.is_none() && b.pose.is_some() && b.held_out && a.sigma_px == 0.4);
     }

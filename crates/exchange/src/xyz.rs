@@ -15,7 +15,6 @@
 //! **Limits.** A column without a header is never read as σ, because scanners write intensities there
 //! (decision 0039). Decimal commas are an error, because a comma may also separate numbers.
 
-use planish_core::DVec3;
 use std::io::Read;
 use std::path::Path;
 
@@ -256,6 +255,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
     use proptest::prelude::*;
 
     fn read(text: &[u8]) -> Result<Scan> {

@@ -141,7 +141,8 @@ fn parse(text: &str) -> Result<GridCalibration> {
 }
 
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
-    let made = Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: DVec3::from(view.t.unwrap_or([0.0; 3])) };
+    let made =
+        Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: DVec3::from(view.t.unwrap_or([0.0; 3])) };
     let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {

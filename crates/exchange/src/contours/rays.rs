@@ -1,9 +1,9 @@
 //! Reads 3D readings from CSV files.
 
-use planish_core::DVec3;
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
 use planish_contour::primitive::{Ray, RayTarget};
+use planish_core::DVec3;
 use planish_core::Setting;
 use planish_estimate::{Error, Result};
 use std::path::Path;

@@ -67,7 +67,10 @@ fn every_format_gives_the_same_organised_scan() {
         assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2, 3, 4]);
         // Column 0, row 1: half a unit left of the axis and a quarter below it, at 1.5 m.
         let p = scan.points[2];
-        assert!(p.to_array().iter().zip([-0.75, 0.375, 1.5]).all(|(a, b)| (a - b).abs() < 1e-12), "{name} {p:?}");
+        assert!(
+            p.to_array().iter().zip([-0.75, 0.375, 1.5]).all(|(a, b)| (a - b).abs() < 1e-12),
+            "{name} {p:?}"
+        );
         let ray = DVec3::from_array([-0.75, 0.375, 1.5].map(|c| c / 2.953_125_f64.sqrt()));
         let sigma = scan.covariance.as_ref().unwrap()[2].along(ray).sqrt();
         assert!((sigma - 0.0055 * 1.3125_f64.sqrt()).abs() < 1e-12, "{name} {sigma}");

@@ -100,8 +100,9 @@ impl Animation {
         if !(seconds > 0.0 && seconds.is_finite()) {
             return Err(Error::input(format!("expected a positive time per frame, found {seconds} s")));
         }
-        let centre = BoundingBox::from_points(&last.points)
-            .map_or(DVec3::ZERO, |b| DVec3::from_array(std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k]))));
+        let centre = BoundingBox::from_points(&last.points).map_or(DVec3::ZERO, |b| {
+            DVec3::from_array(std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k])))
+        });
         let mut columns: Vec<Column> = vec![
             last.points.iter().map(|p| (*p - centre).map(|c| c as f32)).collect(),
             last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
@@ -208,7 +209,11 @@ mod tests {
     fn frame(height: f64) -> MeshFrame {
         MeshFrame {
             name: format!("{height}"),
-            points: vec![DVec3::new(10.0, 0.0, height), DVec3::new(11.0, 0.0, 0.0), DVec3::new(10.0, 1.0, 0.0)],
+            points: vec![
+                DVec3::new(10.0, 0.0, height),
+                DVec3::new(11.0, 0.0, 0.0),
+                DVec3::new(10.0, 1.0, 0.0),
+            ],
             normals: vec![DVec3::Z; 3],
             colours: vec![[height, 0.5, 0.0]; 3],
         }

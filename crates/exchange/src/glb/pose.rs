@@ -10,6 +10,7 @@ use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
 use planish_core::DVec3;
+use planish_core::vector3::as_arrays;
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -171,15 +172,15 @@ fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
 }
 
 fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
-    let single = |p: &DVec3| p.map(|x| x as f32);
+    let single = |p: &[f64; 3]| p.map(|x| x as f32);
     let low = mesh.points.iter().fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
     let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
-    let center: DVec3 = DVec3::new(0, 1, 2).map(|k| low[k] + 0.5 * (high[k] - low[k]));
+    let center: DVec3 = DVec3::from_array([0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k])));
     let mut chunk = Chunk::default();
     // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
     // origin.
-    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&(*p - center))).collect();
-    let normals: Vec<[f32; 3]> = mesh.normals.iter().map(single).collect();
+    let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single((*p - center).as_ref())).collect();
+    let normals: Vec<[f32; 3]> = as_arrays(mesh.normals).iter().map(single).collect();
     let mut attributes = serde_json::Map::new();
     let at = chunk.floats(&points, Some(ATTRIBUTES), extremes(&points));
     attributes.insert("POSITION".to_owned(), json!(at));
@@ -208,7 +209,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     for target in mesh.targets {
         // glTF morph targets are differences from the mesh at rest.
         let difference = |to: &[DVec3], from: &[DVec3]| -> Vec<[f32; 3]> {
-            to.iter().zip(from).map(|(to, from)| single(&(*to - *from))).collect()
+            to.iter().zip(from).map(|(to, from)| single((*to - *from).as_ref())).collect()
         };
         let moved = difference(&target.points, mesh.points);
         let turned = difference(&target.normals, mesh.normals);
@@ -272,9 +273,10 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
 mod tests {
     use super::*;
 
-    const POINTS: [DVec3; 3] = [DVec3::new(10.0, 0.0, 0.0), DVec3::new(11.0, 0.0, 0.0), DVec3::new(10.0, 1.0, 0.0)];
+    const POINTS: [DVec3; 3] =
+        [DVec3::new(10.0, 0.0, 0.0), DVec3::new(11.0, 0.0, 0.0), DVec3::new(10.0, 1.0, 0.0)];
     const NORMALS: [DVec3; 3] = [DVec3::Z; 3];
-    const SIGMA: DVec3 = DVec3::new(0.25, 0.5, 1.0);
+    const SIGMA: [f64; 3] = [0.25, 0.5, 1.0];
 
     fn posed(
         picture: Option<&'static [u8]>,
@@ -284,7 +286,7 @@ mod tests {
         let path = folder.path().join("a.glb");
         let targets = [MorphTarget {
             name: "up".to_owned(),
-            points: POINTS.map(|p| [p[0], p[1], p[2] + 2.0]).to_vec(),
+            points: POINTS.map(|p| DVec3::new(p.x, p.y, p.z + 2.0)).to_vec(),
             normals: NORMALS.to_vec(),
         }];
         let keyframes = [0.0, 1.5].map(|seconds| Keyframe { seconds, weights: vec![seconds; weights] });
@@ -317,10 +319,10 @@ mod tests {
         // GLB is in metres.
         assert_eq!(read.triangles, [[0, 1, 2]]);
         assert!((read.points[1][0] - read.points[0][0] - 1e-3).abs() < 1e-9);
-        for (found, wanted) in read.column("sigma").unwrap().iter().zip.to_array()(SIGMA) {
+        for (found, wanted) in read.column("sigma").unwrap().iter().zip(SIGMA) {
             assert!((found / (1e-3 * wanted) - 1.0).abs() < 1e-6);
         }
-        assert_eq!(read.column("observed").unwrap(), DVec3::new(1.0, 0.0, 1.0));
+        assert_eq!(read.column("observed").unwrap(), [1.0, 0.0, 1.0]);
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
         let binary = &bytes[28 + length..];

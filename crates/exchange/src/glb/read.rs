@@ -97,7 +97,7 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
     // The first vertex at a position keeps its columns; copies differ only in texture coordinates.
     for (vertex, point) in mesh.points.iter().enumerate() {
         // Adding zero turns −0 into +0, so that both are one position.
-        let place = point.map(|x| (x + 0.0).to_bits());
+        let place = point.to_array().map(|x| (x + 0.0).to_bits());
         new.push(*places.entry(place).or_insert_with(|| {
             kept.push(vertex);
             kept.len() as u32 - 1
@@ -536,7 +536,7 @@ fn node_transform(node: &Value) -> Result<Transform> {
         let m: [f64; 16] = numbers(&node["matrix"]).ok_or_else(|| wrong("matrix", 16))?;
         return Ok(Transform {
             // glTF stores matrices by columns.
-            columns: [0, 1, 2].map(|c| [0, 1, 2].map(|r| m[4 * c + r])),
+            columns: [0, 1, 2].map(|c| DVec3::from_slice(&m[4 * c..4 * c + 3])),
             translation: DVec3::new(m[12], m[13], m[14]),
         });
     }
@@ -549,9 +549,9 @@ fn node_transform(node: &Value) -> Result<Transform> {
         made.columns = made.columns.map(|axis| pose.rotate(axis));
     }
     if stated("scale") {
-        let s: DVec3 = DVec3::from(numbers(&node["scale"]).ok_or_else(|| wrong("scale", 3))?);
-        for (column, factor) in made.columns.iter_mut().zip.to_array()(s).to_array() {
-            *column = column.map(|c| c * factor);
+        let s: [f64; 3] = numbers(&node["scale"]).ok_or_else(|| wrong("scale", 3))?;
+        for (column, factor) in made.columns.iter_mut().zip(s) {
+            *column *= factor;
         }
     }
     if stated("translation") {

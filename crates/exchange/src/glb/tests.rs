@@ -19,7 +19,8 @@ fn written(mesh: &MeshColumns) -> Vec<u8> {
 }
 
 const FAR: DVec3 = DVec3::new(4_000_000.0, -1_000_000.0, 250.0);
-const CORNERS: [DVec3; 4] = [DVec3::ZERO, DVec3::new(1.5, 0.0, 0.0), DVec3::new(0.0, 2.5, 0.0), DVec3::new(0.0, 0.0, 3.25)];
+const CORNERS: [DVec3; 4] =
+    [DVec3::ZERO, DVec3::new(1.5, 0.0, 0.0), DVec3::new(0.0, 2.5, 0.0), DVec3::new(0.0, 0.0, 3.25)];
 const NORMALS: [DVec3; 4] = [DVec3::new(-1.0, 0.0, 0.0), DVec3::X, DVec3::Y, DVec3::new(0.0, 0.6, 0.8)];
 
 fn tetrahedron(points: &[DVec3], unit: Unit) -> MeshColumns<'_> {
@@ -61,7 +62,8 @@ fn far_coordinates_and_sigma_are_read_in_metres() {
 fn a_read_mesh_is_written_to_the_same_bytes() {
     let first = written(&tetrahedron(&CORNERS, Unit::Metre));
     let mesh = read(&first).unwrap();
-    let normals: Vec<DVec3> = (0..4).map(|v| mesh.columns.1[v]).collect();
+    let normals: Vec<DVec3> =
+        (0..4).map(|v| DVec3::from_array([0, 1, 2].map(|k| mesh.columns[k].1[v]))).collect();
     let again = MeshColumns {
         points: &mesh.points,
         normals: Some(&normals),
@@ -151,7 +153,7 @@ fn invalid_and_unsupported_files_are_reported() {
         assert!(e.to_string().contains(words), "{to}: {e}");
     }
     assert!(read(b"glTF").is_err() && read(b"ply\n").unwrap_err().to_string().contains("not a GLB file"));
-    let points = [[f64::NAN, 0.0, 0.0]; 3];
+    let points = [DVec3::new(f64::NAN, 0.0, 0.0); 3];
     assert!(Layout::new(&tetrahedron(&points, Unit::Metre)).is_err());
 }
 

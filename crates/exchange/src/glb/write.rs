@@ -1,6 +1,7 @@
 //! Writes meshes as GLB files.
 
 use planish_core::DVec3;
+use planish_core::vector3::coordinates;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -136,7 +137,7 @@ pub(super) const INDICES: u64 = 34963;
 
 /// A position relative to the centre, as it is written.
 fn local(point: DVec3, center: DVec3) -> [f32; 3] {
-    (point - center).map(|c| c as f32)
+    (point - center).to_array().map(|c| c as f32)
 }
 
 impl Layout {
@@ -216,11 +217,11 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Lay
             writer.write_all(&c.to_le_bytes())?;
         }
     }
-    for c in mesh.normals.iter().copied().flatten().flatten() {
+    for c in mesh.normals.iter().copied().flat_map(coordinates) {
         writer.write_all(&(*c as f32).to_le_bytes())?;
     }
     for colour in colours(mesh) {
-        let [r, g, b] = colour.map(|c| (255.0 * c).round() as u8).to_array();
+        let [r, g, b] = colour.to_array().map(|c| (255.0 * c).round() as u8);
         writer.write_all(&[r, g, b, 255])?;
     }
     for column in ["sigma", "observed"].iter().filter_map(|name| mesh.column(name)) {

@@ -1,4 +1,5 @@
 use planish_core::DVec3;
+use planish_core::vector3::coordinates;
 use std::io::{Cursor, Write};
 
 use planish_estimate::ErrorKind;
@@ -70,7 +71,7 @@ fn fields_of_structured_arrays_are_columns() {
     let record = |sigma: f32, p: DVec3, n: [f32; 3]| {
         let mut bytes = sigma.to_le_bytes().to_vec();
         bytes.extend_from_slice(b"abc");
-        bytes.extend(doubles(&p));
+        bytes.extend(doubles(p.as_ref()));
         bytes.extend_from_slice(&[0; 8]);
         bytes.extend_from_slice(&n[0].to_be_bytes());
         bytes.extend_from_slice(&n[1].to_le_bytes());
@@ -79,8 +80,8 @@ fn fields_of_structured_arrays_are_columns() {
         bytes
     };
     let body = [
-        record(0.5, TWO[0], DVec3::Z),
-        record(0.25, [f64::NAN, 0.0, 0.0], DVec3::ZERO),
+        record(0.5, TWO[0], [0.0, 0.0, 1.0]),
+        record(0.25, DVec3::new(f64::NAN, 0.0, 0.0), [0.0; 3]),
         record(0.125, TWO[1], [0.5, 0.0, 0.0]),
     ]
     .concat();
@@ -203,7 +204,7 @@ fn read_archive(bytes: &[u8]) -> Result<Scan> {
 }
 
 fn points() -> Vec<u8> {
-    file("'<f8'", false, "(2, 3)", &doubles(&TWO.concat()))
+    file("'<f8'", false, "(2, 3)", &doubles(coordinates(&TWO)))
 }
 
 #[test]
@@ -274,7 +275,7 @@ proptest! {
     #[test]
     fn no_changed_byte_causes_a_panic(at in 0_usize..400, value in any::<u8>()) {
         let mut bytes = file("[('x', '<f8'), ('y', '<f8'), ('z', \
-            '<f8')]", false, "(2,)", &doubles(&TWO.concat()));
+            '<f8')]", false, "(2,)", &doubles(coordinates(&TWO)));
         let at = at % bytes.len();
         bytes[at] = value;
         let _ = read(&bytes);

@@ -69,7 +69,10 @@ fn normals_are_assigned_by_faces() {
     // Normals come before, between and after the faces; one vertex has two of them, one has none.
     let text = format!("vn 0 0 2\nf 1//1 2//1 3//2\nf 1//1 3//3 4\n{SQUARE}vn 0 1 0\nvn 1 0 0\n");
     let found = scan(&text).unwrap().normals.unwrap();
-    assert_eq!(found, [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], DVec3::new(1.0, 1.0, 0.0).to_array(), DVec3::ZERO.to_array()]);
+    assert_eq!(
+        found,
+        [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], DVec3::new(1.0, 1.0, 0.0).to_array(), DVec3::ZERO.to_array()]
+    );
     assert_eq!(mesh(&text).unwrap().column("nz").unwrap(), [2.0, 2.0, 0.0, 0.0]);
     // A cloud: as many normals as vertices.
     let cloud = "vn 0 0 1\nv 1 2 3\nvn 0 1 0\nv 4 5 6\n";
@@ -110,8 +113,9 @@ fn errors_name_the_line() {
 
 #[test]
 fn written_files_read_back_to_the_last_digit() {
-    let points = [[0.1, 1e-300, 1e6 + 1.0 / 3.0], [-2.5e17, 0.0, 7.0], [1.0, 2.0, 3.0]];
-    let normals = [[0.6, 0.8, 0.0], [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0], DVec3::Z.to_array()];
+    let points =
+        [[0.1, 1e-300, 1e6 + 1.0 / 3.0], [-2.5e17, 0.0, 7.0], [1.0, 2.0, 3.0]].map(DVec3::from_array);
+    let normals = [DVec3::new(0.6, 0.8, 0.0), DVec3::new(1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0), DVec3::Z];
     for (normals, unit) in [(Some(&normals[..]), Some(Unit::Inch)), (None, None)] {
         let written = MeshColumns {
             points: &points,
@@ -129,7 +133,7 @@ fn written_files_read_back_to_the_last_digit() {
         );
         let columns: Vec<DVec3> = match read.columns.is_empty() {
             true => Vec::new(),
-            false => (0..3).map(|v| read.columns.1[v]).collect(),
+            false => (0..3).map(|v| DVec3::from_array([0, 1, 2].map(|k| read.columns[k].1[v]))).collect(),
         };
         assert_eq!(columns, normals.unwrap_or_default());
         let mut again = Vec::new();

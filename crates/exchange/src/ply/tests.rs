@@ -357,8 +357,8 @@ fn invalid_range_grids_are_rejected() {
 fn write_read_write_gives_the_same_numbers_and_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
-    let points = [[0.1, -0.0, 1e-300], [1.0 / 3.0, f64::MAX, 3.0], [0.0, 1.0, 2.0]];
-    let normals = [[0.0, 0.6, 0.8]; 3];
+    let points = [[0.1, -0.0, 1e-300], [1.0 / 3.0, f64::MAX, 3.0], [0.0, 1.0, 2.0]].map(DVec3::from_array);
+    let normals = [DVec3::new(0.0, 0.6, 0.8); 3];
     let (sigma, observed, triangles) = ([0.5, 1e-9, f64::INFINITY], [1, 0, 2], [[0, 1, 2], [2, 1, 0]]);
     let first = MeshColumns {
         points: &points,
@@ -374,7 +374,8 @@ fn write_read_write_gives_the_same_numbers_and_bytes() {
     assert_eq!(read.triangles.as_slice(), triangles);
     assert_eq!((read.column("sigma"), read.unit), (Some(&sigma[..]), Some(Unit::Millimetre)));
     let column = |name: &str| read.column(name).unwrap();
-    let normals: Vec<DVec3> = (0..3).map(|i| DVec3::new(column("nx")[i], column("ny")[i], column("nz")[i])).collect();
+    let normals: Vec<DVec3> =
+        (0..3).map(|i| DVec3::new(column("nx")[i], column("ny")[i], column("nz")[i])).collect();
     let observed: Vec<u8> = column("observed").iter().map(|&o| o as u8).collect();
     let again = MeshColumns {
         points: &read.points,

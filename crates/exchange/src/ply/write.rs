@@ -75,7 +75,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, faces: bool)
     writeln!(writer, "end_header")?;
     for (i, point) in mesh.points.iter().enumerate() {
         let normal = mesh.normals.map(|normals| normals[i]);
-        for coordinate in point.to_array().iter().chain(normal.iter().flatten()) {
+        for coordinate in point.as_ref().iter().chain(normal.iter().flat_map(|n| n.as_ref())) {
             writer.write_all(&coordinate.to_le_bytes())?;
         }
         for (_, column) in &mesh.columns {

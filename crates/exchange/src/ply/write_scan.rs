@@ -6,7 +6,6 @@
 //!
 //! **Limits.** Poses and viewing directions are not written; they belong in the job.
 
-use planish_core::DVec3;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -118,16 +117,16 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
     writeln!(writer, "end_header")?;
     for (i, point) in scan.points.iter().enumerate() {
         let mut put = |values: &[f64]| values.iter().try_for_each(|v| writer.write_all(&v.to_le_bytes()));
-        put(point)?;
+        put(point.as_ref())?;
         if let Some(normals) = &scan.normals {
-            put(&normals[i])?;
+            put(normals[i].as_ref())?;
         }
         if let Some(sigma) = &scan.sigma_normal_deg {
             put(&[sigma[i]])?;
         }
         if let Some(curvatures) = &scan.curvatures {
             put(&curvatures[i].values)?;
-            put(&curvatures[i].direction)?;
+            put(curvatures[i].direction.as_ref())?;
         }
         if let Some(sigma) = &scan.sigma_curvature {
             put(&[sigma[i]])?;
@@ -153,6 +152,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
 #[cfg(test)]
 mod tests {
     use super::super::read_scan;
+    use planish_core::DVec3;
     use super::*;
     use planish_core::SymmetricMatrix3;
 

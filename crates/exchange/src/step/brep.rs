@@ -161,9 +161,7 @@ impl Brep {
                         index,
                     );
                 };
-                let apart = pole.map_or(0.0, |p| {
-                    p.to_array().iter().zip(vertex_at).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
-                });
+                let apart = pole.map_or(0.0, |p| p.distance(*vertex_at));
                 // Curves that are not clamped do not end at their first and last pole.
                 if is_clamped(edge.curve.degree, &edge.curve.knots) && apart > uncertainty {
                     let message =

@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 use std::io::{self, Write};
 
 fn write_direction<W: Write>(out: &mut Part21<W>, direction: DVec3) -> io::Result<Id> {
-    out.add(format_args!("DIRECTION('',({}))", reals(&direction)))
+    out.add(format_args!("DIRECTION('',({}))", reals(direction.as_ref())))
 }
 
 fn write_frame<W: Write>(out: &mut Part21<W>, origin: DVec3, z: DVec3, x: DVec3) -> io::Result<Id> {
@@ -227,7 +227,11 @@ mod tests {
         let surface = FaceSurface::Cylinder { origin: DVec3::ZERO, axis: DVec3::Z, x: DVec3::X, radius: 2.0 };
         let at = |angle: f64, z: f64| surface.point([angle, z]);
         let arc = |z: f64, [start, end]: [usize; 2]| Edge {
-            curve: EdgeCurve::Ellipse { center: DVec3::new(0.0, 0.0, z), a: DVec3::new(2.0, 0.0, 0.0), b: DVec3::new(0.0, 2.0, 0.0) },
+            curve: EdgeCurve::Ellipse {
+                center: DVec3::new(0.0, 0.0, z),
+                a: DVec3::new(2.0, 0.0, 0.0),
+                b: DVec3::new(0.0, 2.0, 0.0),
+            },
             range: [from, to],
             start,
             end,

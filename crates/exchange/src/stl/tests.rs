@@ -119,7 +119,7 @@ fn errors_name_line_or_byte() {
     bomb[HEADER..HEADER + 4].copy_from_slice(&4_000_000_000_u32.to_le_bytes());
     assert!(message(&bomb).contains("promises 4000000000 triangles"));
     assert!(mesh_from(&mut Source::new(&bomb[..], None)).is_err(), "also with unknown length, as from gzip");
-    let far = [[1e300, 0.0, 0.0]; 3];
+    let far = [DVec3::new(1e300, 0.0, 0.0); 3];
     let mesh = MeshColumns { points: &far, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
     assert!(check_size(&mesh).unwrap_err().to_string().contains("vertex 0"));
 }
@@ -140,8 +140,8 @@ fn truncated_files_are_rejected() {
 
 #[test]
 fn rounding_bounds_the_error_of_writing() {
-    let points = [[1_234_567.891, -3.3, 0.07]];
-    let moved = points[0].map(|c: f64| (f64::from(c as f32) - c).abs());
+    let points = [DVec3::new(1_234_567.891, -3.3, 0.07)];
+    let moved = points[0].to_array().map(|c: f64| (f64::from(c as f32) - c).abs());
     assert!(moved[0] > 0.0 && moved.iter().all(|&m| m <= rounding(&points)));
 }
 

@@ -52,8 +52,8 @@ impl Motion {
     /// Map into the coordinates of a frame; the inverse of [`Motion::out_of`].
     fn into(frame: &Frame) -> Self {
         let axes = [frame.x, frame.y, frame.z];
-        let columns = [0, 1, 2].map(|c| axes.map(|a| a[c]));
-        Self { columns, shift: DVec3::from(axes.map(|a| -a.dot(frame.origin))) }
+        let columns = [0, 1, 2].map(|c| DVec3::from_array(axes.map(|a| a[c])));
+        Self { columns, shift: DVec3::from_array(axes.map(|a| -a.dot(frame.origin))) }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Reads files of Open Cascade 7.9 (`tests/data`, created by `benches/peers/step_files.py`, which prints area
 //! and volume), and small files that are written here.
 
-use planish_core::DVec3;
 use super::*;
+use planish_core::DVec3;
 use planish_mesh::{MeshCheck, TriangleMesh};
 use std::path::PathBuf;
 
