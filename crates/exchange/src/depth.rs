@@ -116,7 +116,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
         let (u, v) = (column as f64, row as f64);
         // A pixel without a reading becomes NaN and is dropped, so its covariance does not matter.
         let point = camera.point(u, v, reading).unwrap_or(DVec3::splat(f64::NAN));
-        record[..3].copy_from_slice(&point);
+        record[..3].copy_from_slice(point.as_ref());
         record[3..].copy_from_slice(&camera.covariance(u, v, point[2]).unwrap_or_default().to_array());
         collector
             .push(&record, format_args!("column {column}, row {row}"))

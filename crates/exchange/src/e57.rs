@@ -123,7 +123,7 @@ fn scan_from(
         let position = layout.position(cloud, &values).map_err(cannot)?;
         // Only kept points have a cell.
         let before = collector.len();
-        collector.push(&position.unwrap_or(DVec3::splat(f64::NAN)), format_args!("point {number}"))?;
+        collector.push(position.unwrap_or(DVec3::NAN).as_ref(), format_args!("point {number}"))?;
         if let Some([column, row]) = layout.cell.filter(|_| collector.len() > before) {
             let index = |k: usize| values[k].to_i64(&cloud.prototype[k].data_type).map_err(cannot);
             cells.push([index(column)?, index(row)?]);

@@ -8,7 +8,6 @@
 //!
 //! **Limits.** It is not checked that scans overlap, or that scans without a pose share a frame.
 
-use planish_core::DVec3;
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -400,6 +399,7 @@ fn refuse_doubles(wanted: &[Wanted]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
 
     fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();

@@ -26,7 +26,6 @@ use std::path::Path;
 
 use planish_core::Pinhole;
 use planish_core::matrix3::IDENTITY;
-use planish_estimate::vector3::{cross, dot};
 use planish_estimate::{Error, Result};
 use planish_sense::stripes::{GridCamera, StripePattern};
 use serde::Deserialize;
@@ -143,7 +142,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     let made =
         Pinhole { k: view.k, r: view.r.unwrap_or(IDENTITY), t: DVec3::from(view.t.unwrap_or([0.0; 3])) };
-    let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
+    let finite = made.k.iter().chain(&made.r).flatten().chain(made.t.as_ref()).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
         return Err(Error::input(format!(
@@ -154,7 +153,14 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     }
     // Orthonormal rows and a third row that is the cross product: a mirror is rejected.
     let [a, b, c] = made.r;
-    let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
+    let [a, b, c] = [a, b, c].map(DVec3::from_array);
+    let off = [
+        a.length_squared() - 1.0,
+        b.length_squared() - 1.0,
+        a.dot(b),
+        a.cross(b).dot(c) - 1.0,
+        c.length_squared() - 1.0,
+    ];
     match off.iter().find(|o| o.abs() > ROTATION_TOLERANCE) {
         Some(_) => Err(Error::input(format!("expected a rotation in {name}.R, found {:?}", made.r))),
         None => Ok(made),

@@ -68,7 +68,10 @@ fn every_point_cloud_is_a_scan_with_its_pose() {
     let scans = read_e57(&path).unwrap();
     let [door, dome] = &scans[..] else { panic!("{}", scans.len()) };
     assert_eq!((door.name.as_str(), dome.name.as_str()), ("a.e57 1 (door)", "a.e57 2"));
-    assert_eq!((&door.points[..], door.dropped_not_finite), (&[[0.0, 0.5, -1.0], [2.0, 0.5, -1.0]][..], 1));
+    assert_eq!(
+        (&door.points[..], door.dropped_not_finite),
+        (&[DVec3::new(0.0, 0.5, -1.0), DVec3::new(2.0, 0.5, -1.0)][..], 1)
+    );
     assert!(door.grid.is_none() && door.viewing == Viewing::Origin(DVec3::ZERO));
     let p = door.world_from_scanner.apply(door.points[1]);
     assert!(p.to_array().iter().zip([9.5, 22.0, 29.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");

@@ -10,6 +10,7 @@ use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
+use planish_core::vector3::as_arrays;
 use planish_core::{BoundingBox, DVec3};
 use planish_estimate::{Error, Result};
 use serde_json::{Value, json};
@@ -104,17 +105,17 @@ impl Animation {
             DVec3::from_array(std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k])))
         });
         let mut columns: Vec<Column> = vec![
-            last.points.iter().map(|p| (*p - centre).map(|c| c as f32)).collect(),
-            last.normals.iter().map(|n| n.map(|c| c as f32)).collect(),
+            last.points.iter().map(|p| (*p - centre).to_array().map(|c| c as f32)).collect(),
+            last.normals.iter().map(|n| n.to_array().map(|c| c as f32)).collect(),
             last.colours.iter().map(|c| c.map(|c| c as f32)).collect(),
         ];
         // Computed in double precision and rounded once.
-        let differences = |from: &[DVec3], to: &[DVec3]| -> Column {
-            to.iter().zip(from).map(|(to, from)| (*to - *from).map(|c| c as f32)).collect()
+        let differences = |from: &[[f64; 3]], to: &[[f64; 3]]| -> Column {
+            to.iter().zip(from).map(|(to, from)| [0, 1, 2].map(|k| (to[k] - from[k]) as f32)).collect()
         };
         for frame in earlier {
-            columns.push(differences(&last.points, &frame.points));
-            columns.push(differences(&last.normals, &frame.normals));
+            columns.push(differences(as_arrays(&last.points), as_arrays(&frame.points)));
+            columns.push(differences(as_arrays(&last.normals), as_arrays(&frame.normals)));
             columns.push(differences(&last.colours, &frame.colours));
         }
         if columns.iter().flatten().flatten().any(|c| !c.is_finite()) {

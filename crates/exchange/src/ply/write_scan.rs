@@ -152,8 +152,8 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
 #[cfg(test)]
 mod tests {
     use super::super::read_scan;
-    use planish_core::DVec3;
     use super::*;
+    use planish_core::DVec3;
     use planish_core::SymmetricMatrix3;
 
     #[test]
