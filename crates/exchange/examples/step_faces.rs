@@ -40,12 +40,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             counts[3] += check.misoriented_edges;
             for t in &mesh.triangles {
                 let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-                let n = planish_estimate::vector3::cross(
-                    planish_estimate::vector3::sub(b, a),
-                    planish_estimate::vector3::sub(c, a),
-                );
-                sums[0] += 0.5 * planish_estimate::vector3::norm(n);
-                sums[1] += planish_estimate::vector3::dot(a, n) / 6.0;
+                let n = (b - a).cross(c - a);
+                sums[0] += 0.5 * n.length();
+                sums[1] += a.dot(n) / 6.0;
             }
         }
         let [triangles, open, shared, turned] = counts;

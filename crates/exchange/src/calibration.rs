@@ -81,7 +81,7 @@ fn one() -> f64 {
 /// std::fs::write(&path, "fx = 525\nfy = 525\ncx = 319.5\ncy = 239.5\nscale = 0.001\nunit = \"m\"\n")?;
 /// let camera = planish_exchange::calibration::read_calibration(&path)?.camera;
 /// // A reading of 2000 at the principal point is 2 m away.
-/// assert_eq!(camera.point(319.5, 239.5, 2000.0), Some([0.0, 0.0, 2.0]));
+/// assert_eq!(camera.point(319.5, 239.5, 2000.0), Some(2.0 * planish_core::DVec3::Z));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_calibration(path: &Path) -> Result<Calibration> {

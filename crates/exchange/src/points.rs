@@ -382,8 +382,8 @@ mod tests {
     fn columns_are_found_in_any_order() {
         let names = ["nz", "z", "red", "sigma", "y", "x", "ny", "nx"];
         let scan = collect(&names, &[&[6.0, 3.0, 9.0, 0.5, 2.0, 1.0, 5.0, 4.0]]).unwrap();
-        assert_eq!(scan.points, [[1.0, 2.0, 3.0]]);
-        assert_eq!(scan.normals.unwrap(), [[4.0, 5.0, 6.0]]);
+        assert_eq!(scan.points, [DVec3::new(1.0, 2.0, 3.0)]);
+        assert_eq!(scan.normals.unwrap(), [DVec3::new(4.0, 5.0, 6.0)]);
         assert_eq!(scan.sigma.unwrap(), [0.5]);
     }
 

@@ -47,7 +47,7 @@ pub struct ListedScan {
 /// let path = folder.path().join("list.conf");
 /// std::fs::write(&path, "bmesh a.xyz 10 20 30 0 0 0 1\n")?;
 /// let scans = planish_exchange::vrip::read_conf(&path)?;
-/// assert_eq!(scans[0].world_from_scanner.translation, [10.0, 20.0, 30.0]);
+/// assert_eq!(scans[0].world_from_scanner.translation.to_array(), [10.0, 20.0, 30.0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_conf(path: &Path) -> Result<Vec<ListedScan>> {

@@ -281,7 +281,7 @@ mod tests {
             "1 2.5 -3 255 0\n4 5 6e-3 0 255\n",
         ] {
             let scan = read(text.as_bytes()).unwrap();
-            assert_eq!(scan.points, expected, "{text:?}");
+            assert_eq!(scan.points, expected.map(planish_core::DVec3::from_array), "{text:?}");
             assert!(scan.normals.is_none() && scan.sigma.is_none());
         }
     }
@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn a_header_names_columns_in_any_order() {
         let scan = read(b"sigma,Z,Y,X,time,nx,ny,nz,sigma_n_deg\n0.1,3,2,1,99,0,0,1,2\n").unwrap();
-        assert_eq!(scan.points, [[1.0, 2.0, 3.0]]);
+        assert_eq!(scan.points, [DVec3::new(1.0, 2.0, 3.0)]);
         assert_eq!(scan.sigma.unwrap(), [0.1]);
         assert_eq!(scan.normals.unwrap(), [DVec3::Z]);
         assert_eq!(scan.sigma_normal_deg.unwrap(), [2.0]);

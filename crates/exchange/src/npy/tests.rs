@@ -98,7 +98,7 @@ fn six_columns_are_normals_only_when_all_have_unit_length() {
     let with = |n: DVec3| {
         read(&file("'<f8'", false, "(1, 6)", &doubles(&[1.0, 2.0, 3.0, n[0], n[1], n[2]]))).unwrap()
     };
-    assert_eq!(with(DVec3::new(0.6, 0.0, 0.8)).normals.unwrap(), [[0.6, 0.0, 0.8]]);
+    assert_eq!(with(DVec3::new(0.6, 0.0, 0.8)).normals.unwrap(), [DVec3::new(0.6, 0.0, 0.8)]);
     assert!(with(DVec3::new(255.0, 0.0, 8.0)).normals.is_none());
     let four = read(&file("'<f8'", false, "(1, 4)", &doubles(&[1.0, 2.0, 3.0, 0.5]))).unwrap();
     assert!(four.sigma.is_none(), "a number without a name is not σ");
@@ -118,7 +118,13 @@ fn organised_arrays_give_a_grid() {
         let scan = read(&file("'<f8'", columns_first, "(2, 3, 3)", &doubles(numbers))).unwrap();
         assert_eq!(
             scan.points,
-            [[0.0, 0.0, 9.0], [2.0, 0.0, 9.0], [0.0, 1.0, 9.0], [1.0, 1.0, 9.0], [2.0, 1.0, 9.0]]
+            [
+                9.0 * DVec3::Z,
+                DVec3::new(2.0, 0.0, 9.0),
+                DVec3::new(0.0, 1.0, 9.0),
+                DVec3::new(1.0, 1.0, 9.0),
+                DVec3::new(2.0, 1.0, 9.0)
+            ]
         );
         let grid = scan.grid.unwrap();
         assert_eq!((grid.columns, grid.rows), (3, 2));

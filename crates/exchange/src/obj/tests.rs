@@ -69,10 +69,7 @@ fn normals_are_assigned_by_faces() {
     // Normals come before, between and after the faces; one vertex has two of them, one has none.
     let text = format!("vn 0 0 2\nf 1//1 2//1 3//2\nf 1//1 3//3 4\n{SQUARE}vn 0 1 0\nvn 1 0 0\n");
     let found = scan(&text).unwrap().normals.unwrap();
-    assert_eq!(
-        found,
-        [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], DVec3::new(1.0, 1.0, 0.0).to_array(), DVec3::ZERO.to_array()]
-    );
+    assert_eq!(found, [2.0 * DVec3::Z, 2.0 * DVec3::Z, DVec3::new(1.0, 1.0, 0.0), DVec3::ZERO]);
     assert_eq!(mesh(&text).unwrap().column("nz").unwrap(), [2.0, 2.0, 0.0, 0.0]);
     // A cloud: as many normals as vertices.
     let cloud = "vn 0 0 1\nv 1 2 3\nvn 0 1 0\nv 4 5 6\n";

@@ -61,7 +61,7 @@ fn a_range_scan_has_its_grid_and_viewing_direction() {
         range_scan().strip_suffix(b"\n").unwrap().to_vec(),
     ] {
         let scan = scan(&bytes).unwrap();
-        assert_eq!(scan.points, [[0.1, 0.2, 0.3], [-1.0, -2.0, -0.035]]);
+        assert_eq!(scan.points, [DVec3::new(0.1, 0.2, 0.3), DVec3::new(-1.0, -2.0, -0.035)]);
         assert_eq!(scan.dropped_not_finite, 1);
         assert_eq!(scan.viewing, Viewing::Direction(DVec3::new(0.0, 0.0, -1.0)));
         let no = RangeGrid::EMPTY;
@@ -119,7 +119,7 @@ fn every_type_reads_the_same_in_every_encoding() {
     };
     let text = "2 1 2 -3\n0 4\n-1 200 -300 60000 -70000 4000000000 0.5 0.1 2 7 -8 1e-300\n9 4 0 0 0 0\n5\n";
     let expected = mesh(&ascii(elements, text)).unwrap();
-    assert_eq!(expected.points, [[0.5, 0.1, 1e-300]]);
+    assert_eq!(expected.points, [DVec3::new(0.5, 0.1, 1e-300)]);
     assert_eq!(expected.triangles, [[0, 0, 0]; 2]);
     let columns: Vec<_> = expected.columns.iter().map(|(n, c)| (n.as_str(), c[0])).collect();
     let numbers = [("a", -1.0), ("b", 200.0), ("c", -300.0), ("d", 6e4), ("e", -7e4), ("f", 4e9)];
@@ -245,7 +245,10 @@ fn elements_and_properties_may_come_in_any_order() {
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
     assert_eq!(mesh.column("sigma").unwrap(), [0.5, 0.5, 0.25]);
     let scan = scan(&ascii(elements, body)).unwrap();
-    assert_eq!(scan.points, [[1.0, 2.0, 3.0], [4.0, 2.0, 3.0], [4.0, 5.0, 3.0]]);
+    assert_eq!(
+        scan.points,
+        [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 3.0)]
+    );
     assert_eq!(scan.sigma.unwrap(), [0.5, 0.5, 0.25]);
     assert_eq!(scan.normals.unwrap(), [DVec3::Z; 3]);
 }
@@ -258,7 +261,7 @@ fn headers_with_invalid_utf8_and_blank_lines_are_read() {
     bytes.extend_from_slice(b"element \xff 1\nproperty int \xfe\nelement vertex 1\n");
     bytes.extend_from_slice(format!("{XYZ}\nend_header\n\n7\n\n 1\t2  3 \n").as_bytes());
     let mesh = mesh(&bytes).unwrap();
-    assert_eq!(mesh.points, [[1.0, 2.0, 3.0]]);
+    assert_eq!(mesh.points, [DVec3::new(1.0, 2.0, 3.0)]);
     assert_eq!(mesh.unit, Some(Unit::Inch));
 }
 
