@@ -376,7 +376,7 @@ mod tests {
     fn hills(place: [f64; 2], observed: impl Fn(usize) -> bool) -> SurfaceModel {
         let flat = refined_surface(Shape::Sheet);
         let vertices = (flat.vertices().iter())
-            .map(|p| [p[0] + place[0], p[1] + place[1], 0.3 * (3.0 * p[0]).sin() * p[1]])
+            .map(|p| DVec3::new(p[0] + place[0], p[1] + place[1], 0.3 * (3.0 * p[0]).sin() * p[1]))
             .collect();
         model_of(flat.with_vertices(vertices).unwrap(), observed)
     }
@@ -393,9 +393,12 @@ mod tests {
         {
             let x = grid.corner[0] + (0.5 + (at % grid.columns) as f64) * grid.cell;
             let y = grid.corner[1] - (0.5 + (at / grid.columns) as f64) * grid.cell;
-            let p = [x, y, f64::from(*height)];
-            let foot =
-                (model.surface).project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
+            let p = DVec3::new(x, y, f64::from(*height));
+            let foot = (model.surface).project(
+                DVec3::from(p),
+                search.nearest(p, DVec3::ZERO),
+                &ProjectionOptions::default(),
+            );
             assert!(foot.height.abs() < 1e-6 && foot.slip < 1e-5, "{p:?}");
             let along =
                 Posterior::sigma_along(&posterior.leaf(foot.leaf as usize).unwrap(), foot.local, foot.normal);
@@ -433,11 +436,12 @@ mod tests {
         };
         assert!(refused(&small_model(Shape::Ball), None).contains("needed a sheet, found a ball"));
         let flat = refined_surface(Shape::Sheet);
-        let upright = flat.vertices().iter().map(|p| [p[0], p[2], p[1]]).collect();
+        let upright = flat.vertices().iter().map(|p| DVec3::new(p[0], p[2], p[1])).collect();
         let upright = model_of(flat.with_vertices(upright).unwrap(), |_| true);
         assert!(refused(&upright, Some(0.1)).contains("one height over every place"));
-        let rolled =
-            (flat.vertices().iter()).map(|p| [p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()]).collect();
+        let rolled = (flat.vertices().iter())
+            .map(|p| DVec3::new(p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()))
+            .collect();
         let rolled = model_of(flat.with_vertices(rolled).unwrap(), |_| true);
         assert!(refused(&rolled, Some(0.02)).contains("leans over"), "{}", refused(&rolled, Some(0.02)));
         assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("a larger cell size"));

@@ -317,7 +317,8 @@ mod tests {
         assert!(mesh.findings.is_empty() && mesh.mesh.check().watertight);
         // A unit ball: no chord lies deeper than the tolerance.
         for corners in (0..mesh.mesh.triangles.len()).map(|t| mesh.mesh.corners(t)) {
-            let middle = [0, 1, 2].map(|d| corners.iter().map(|p| p[d]).sum::<f64>() / 3.0);
+            let middle =
+                DVec3::from_array([0, 1, 2].map(|d| corners.iter().map(|p| p[d]).sum::<f64>() / 3.0));
             assert!(middle.length() > 1.0 - 1.1 * mesh.tolerance - 1e-3);
         }
     }

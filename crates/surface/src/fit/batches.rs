@@ -361,6 +361,7 @@ pub(super) fn add_batches(
 #[cfg(test)]
 mod tests {
     use crate::fit::{FitOptions, fit};
+    use planish_core::DVec3;
     use planish_core::Silent;
     use planish_exchange::{PosedScan, ScanSet, Unit};
     use planish_sense::{Scan, Sensor, SensorKind};
@@ -380,10 +381,10 @@ mod tests {
         let mut points: Vec<DVec3> = (0..330_000)
             .map(|_| {
                 let (x, y) = (10.0 * random.random::<f64>(), 8.0 * random.random::<f64>());
-                [x, y, height(x, y)].map(|c| {
+                DVec3::from_array([x, y, height(x, y)].map(|c| {
                     let noise: f64 = StandardNormal.sample(&mut random);
                     c + SIGMA * noise
-                })
+                }))
             })
             .collect();
         // Some are written twice, far from each other in the file.
@@ -434,7 +435,7 @@ mod tests {
             let normal = jet.normal().unwrap();
             let sigma =
                 crate::model::Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), [0.5, 0.5], normal);
-            let [x, y, z] = jet.point;
+            let DVec3 { x, y, z } = jet.point;
             squares += ((z - height(x, y)) * normal[2].abs() / sigma).powi(2) / leaves as f64;
         }
         assert!((0.5..1.6).contains(&squares), "mean square of normalised errors {squares}");

@@ -286,9 +286,16 @@ mod tests {
                 normals.push(n);
             }
         };
-        capsule(&mut points, &mut normals, DVec3::ZERO, [0.02, 0.0, 0.0], 1.0, 8000);
-        capsule(&mut points, &mut normals, [0.4, 0.0, 0.7], [0.9, 0.0, 2.0], 0.22, 2500);
-        capsule(&mut points, &mut normals, [-0.4, 0.0, 0.7], [-0.9, 0.0, 2.0], 0.22, 2500);
+        capsule(&mut points, &mut normals, DVec3::ZERO, DVec3::new(0.02, 0.0, 0.0), 1.0, 8000);
+        capsule(&mut points, &mut normals, DVec3::new(0.4, 0.0, 0.7), DVec3::new(0.9, 0.0, 2.0), 0.22, 2500);
+        capsule(
+            &mut points,
+            &mut normals,
+            DVec3::new(-0.4, 0.0, 0.7),
+            DVec3::new(-0.9, 0.0, 2.0),
+            0.22,
+            2500,
+        );
         // Points inside another part are not on the surface.
         let inside = |p: &DVec3| {
             let to_segment = |a: DVec3, b: DVec3| {
@@ -296,9 +303,9 @@ mod tests {
                 let t = ((*p - a).dot(ab) / ab.length_squared()).clamp(0.0, 1.0);
                 (*p - (a + t * ab)).length()
             };
-            to_segment(DVec3::ZERO, [0.02, 0.0, 0.0]) < 0.99
-                || to_segment([0.4, 0.0, 0.7], [0.9, 0.0, 2.0]) < 0.21
-                || to_segment([-0.4, 0.0, 0.7], [-0.9, 0.0, 2.0]) < 0.21
+            to_segment(DVec3::ZERO, DVec3::new(0.02, 0.0, 0.0)) < 0.99
+                || to_segment(DVec3::new(0.4, 0.0, 0.7), DVec3::new(0.9, 0.0, 2.0)) < 0.21
+                || to_segment(DVec3::new(-0.4, 0.0, 0.7), DVec3::new(-0.9, 0.0, 2.0)) < 0.21
         };
         let keep: Vec<bool> = points.iter().map(|p| !inside(p)).collect();
         let mut k = keep.iter();

@@ -188,7 +188,7 @@ impl Grid {
     fn locate(self, p: DVec3) -> ([usize; 3], DVec3) {
         let x = (1.0 / self.cell * (p - self.origin)).map(|c| c.clamp(0.0, self.cells as f64 - 1.0));
         let corner = x.map(|c| (c as usize).min(self.cells - 2));
-        (corner, [0, 1, 2].map(|d| x[d] - corner[d] as f64))
+        (corner, DVec3::from_array([0, 1, 2].map(|d| x[d] - corner[d] as f64)))
     }
 
     /// The index of a grid point.
@@ -203,7 +203,9 @@ impl Grid {
         for c in 0..2 {
             for b in 0..2 {
                 for a in 0..2 {
-                    let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
+                    let w = DVec3::from_array(
+                        [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c],
+                    );
                     self.index([corner[0] + a, corner[1] + b, corner[2] + c]) + w;
                 }
             }
@@ -218,11 +220,11 @@ fn split(index: usize, n: usize) -> [usize; 3] {
 
 /// Wave vector of a spectral index, in radians a grid cell.
 fn wave(index: usize, n: usize) -> DVec3 {
-    split(index, n).map(|m| {
+    DVec3::from(split(index, n).map(|m| {
         let signed = if m > n / 2 { m as f64 - n as f64 } else { m as f64 };
         // The highest frequency has no sign, so an odd multiplier must be zero there.
         if m == n / 2 { 0.0 } else { TAU * signed / n as f64 }
-    })
+    }))
 }
 
 /// Spectral index of the opposite wave vector.
@@ -284,11 +286,14 @@ mod tests {
         let field = indicator.blurred(1.5 * indicator.cell());
         let level = field.level(&points);
         for p in points.iter().step_by(50) {
-            let (value, gradient) = field.sample(*p);
+            let (value, gradient) = field.sample(DVec3::from(*p));
             let off = (value - level) / gradient.length();
             assert!(off.abs() < 0.05, "{p:?} is {off} off the level set");
             assert!(gradient.dot(*p - DVec3::new(5.0, 0.0, 0.0)) < 0.0, "the indicator falls outwards");
         }
-        assert!(field.sample([5.0, 0.0, 0.0]).0 > level && field.sample([5.0, 0.0, -1.4]).0 < level);
+        assert!(
+            field.sample(DVec3::new(5.0, 0.0, 0.0)).0 > level
+                && field.sample(DVec3::new(5.0, 0.0, -1.4)).0 < level
+        );
     }
 }

@@ -236,7 +236,7 @@ impl Smoothing {
     pub(super) fn surface(&self, system: &SurfaceSystem, total: &Totals) -> Result<Surface> {
         let origin = total.sums.origin();
         let vertices = (self.solution.chunks_exact(3))
-            .map(|x| [origin[0] + x[0], origin[1] + x[1], origin[2] + x[2]])
+            .map(|x| DVec3::new(origin[0] + x[0], origin[1] + x[1], origin[2] + x[2]))
             .collect();
         Surface::new(Arc::clone(system.space()), vertices)
     }
@@ -268,21 +268,23 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
             let undetermined =
                 || Error::undetermined("the readings' parameters lie on one line: they determine no surface");
             let [origin, along_u, along_v] = sums.affine().ok_or_else(undetermined)?.map;
-            Box::new(move |u, v| std::array::from_fn(|d| origin[d] + u * along_u[d] + v * along_v[d]))
+            Box::new(move |u, v| {
+                DVec3::from_array(std::array::from_fn(|d| origin[d] + u * along_u[d] + v * along_v[d]))
+            })
         }
         Shape::Tube => {
             let radius = nu / TAU;
-            Box::new(move |u, v| [radius * (TAU * u / nu).cos(), radius * (TAU * u / nu).sin(), v])
+            Box::new(move |u, v| DVec3::new(radius * (TAU * u / nu).cos(), radius * (TAU * u / nu).sin(), v))
         }
         Shape::Ball => {
             let radius = nu / TAU;
             Box::new(move |u, v| {
                 let (longitude, latitude) = (TAU * u / nu, PI * (v / nv - 0.5));
-                [
+                DVec3::new(
                     radius * latitude.cos() * longitude.cos(),
                     radius * latitude.cos() * longitude.sin(),
                     radius * latitude.sin(),
-                ]
+                )
             })
         }
         Shape::Torus => {
@@ -293,7 +295,7 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
             Box::new(move |u, v| {
                 let (a, b) = (TAU * u / nu, TAU * v / nv);
                 let out = ring + tube * b.cos();
-                [out * a.cos(), out * a.sin(), tube * b.sin()]
+                DVec3::new(out * a.cos(), out * a.sin(), tube * b.sin())
             })
         }
     };

@@ -93,7 +93,7 @@ impl NodeCovariance {
     /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate,
     /// zero for the others.
     pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
-        let motion = VertexMotion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
+        let motion = VertexMotion::Coordinates(DVec3::from(measured.map(|m| if m { scale } else { 0.0 })));
         Self::of_motion(inverse, motion)
     }
 
@@ -186,7 +186,7 @@ impl<'a> Posterior<'a> {
                     // A patch filter knows coefficients of leaves directly, so the weights are the identity.
                     motion: VertexMotion::Coordinates(match filter.options().layout {
                         StateLayout::Height => DVec3::Z,
-                        _ => [1.0; 3],
+                        _ => DVec3::splat(1.0),
                     }),
                     covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
                     unresolved_shape,
@@ -297,7 +297,7 @@ impl LeafCovariance<'_> {
                 (self.weights.iter().map(at_point).collect(), (0..3).map(|d| scales[d] * a[d] * a[d]).sum())
             }
             VertexMotion::Freely => {
-                ((self.weights.iter().map(at_point)).flat_map(|w| a.map(|c| w * c)).collect(), 1.0)
+                ((self.weights.iter().map(at_point)).flat_map.to_array()(|w| a.map(|c| w * c)).collect(), 1.0)
             }
         };
         // rᵀ Σ r, with Σ row by row in memory order.

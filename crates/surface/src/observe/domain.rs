@@ -44,7 +44,9 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     let mut corners = Vec::new();
     let mut boxes = Vec::new();
     for posed in &set.scans {
-        if let Some(at) = posed.scan.points.iter().position(|p| p.iter().any(|c| c.abs() > MAX_LENGTH)) {
+        if let Some(at) =
+            posed.scan.points.iter().position(|p| p.to_array().iter().any(|c| c.abs() > MAX_LENGTH))
+        {
             let point = posed.scan.points[at];
             return Err(wrong(
                 posed,
@@ -75,7 +77,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
         // The size of the cloud is the only scale by which a σ can be judged.
         check_sigma(posed, set, size, inputs)?;
     }
-    let away = bounds.min.iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
+    let away = bounds.min.to_array().iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
     if away > MAX_DISTANCE * size {
         return Err(Error::input(format!(
             "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are \
@@ -171,8 +173,11 @@ mod tests {
     use planish_sense::{Noise, Scan, Sensor, SensorKind};
 
     fn set(change: impl FnOnce(&mut Scan, &mut Sensor)) -> ScanSet {
-        let mut scan =
-            Scan { name: "a.ply".to_owned(), points: vec![DVec3::ZERO, [3.0, 4.0, 0.0]], ..Scan::default() };
+        let mut scan = Scan {
+            name: "a.ply".to_owned(),
+            points: vec![DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0)],
+            ..Scan::default()
+        };
         let mut sensor = Sensor {
             name: "laser".to_owned(),
             kind: SensorKind::Range,
@@ -192,7 +197,7 @@ mod tests {
         type Change = fn(&mut Scan, &mut Sensor);
         let cases: [(Change, &str); 6] = [
             (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
-            (|scan, _| scan.points[1] = [1e-80, 0.0, 0.0], "larger than"),
+            (|scan, _| scan.points[1] = DVec3::new(1e-80, 0.0, 0.0), "larger than"),
             (|scan, _| scan.sigma = Some(vec![0.1, 1e-13]), "a.ply: point 1: σ = 1e-13"),
             (
                 |scan, _| {
@@ -238,8 +243,9 @@ mod tests {
             check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml").unwrap().is_empty()
         );
         // A survey in a national grid: kilometres of size, thousands of kilometres from its origin.
-        let survey =
-            |scan: &mut Scan, _: &mut Sensor| scan.points = vec![[3e6, 5e6, 0.0], [3.001e6, 5.001e6, 90.0]];
+        let survey = |scan: &mut Scan, _: &mut Sensor| {
+            scan.points = vec![DVec3::new(3e6, 5e6, 0.0), DVec3::new(3.001e6, 5.001e6, 90.0)]
+        };
         assert!(check_domain(&set(survey), "job.toml").unwrap().is_empty());
         let far = |scan: &mut Scan, _: &mut Sensor| scan.points.iter_mut().for_each(|p| p[0] += 1e7);
         assert!(check_domain(&set(far), "job.toml").unwrap()[0].text.contains("digits are lost"));

@@ -87,11 +87,11 @@ impl Foot {
             Measured::Position => self.residuals,
             Measured::Normal(normal) => {
                 let [a, b] = frame.tilt(*normal);
-                [-a, -b, 0.0]
+                DVec3::new(-a, -b, 0.0)
             }
             Measured::Curvature(tensor) => {
                 let bend = frame.bend(tensor);
-                std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r])
+                DVec3::from_array(std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r]))
             }
         })
     }

@@ -180,7 +180,7 @@ impl Observations {
             .for_each(|((point, normal), &scan)| {
                 if let Some(motion) = &motions[scan as usize] {
                     *point = motion.apply(*point);
-                    *normal = motion.rotate(normal.map(f64::from)).map(|c| c as f32);
+                    *normal = motion.rotate(DVec3::from(normal.map(f64::from))).map(|c| c as f32);
                 }
             });
         for (noise, motion) in self.scans.noise.iter_mut().zip(motions) {

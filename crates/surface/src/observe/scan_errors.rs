@@ -348,8 +348,8 @@ impl ScanErrors {
                 if length > longest { v.map(|c| c * longest / length) } else { v }
             };
             // A limited step keeps its direction, so the iteration still goes downhill.
-            let translation = limited([by[0], by[1], by[2]], MAX_STEP * self.size);
-            let rotation = limited([by[3], by[4], by[5]], MAX_STEP);
+            let translation = limited(DVec3::new(by[0], by[1], by[2]), MAX_STEP * self.size);
+            let rotation = limited(DVec3::new(by[3], by[4], by[5]), MAX_STEP);
             let turn = Pose::from_rotation_vector(rotation, DVec3::ZERO);
             // About the centre: z ↦ R (z − c) + c + τ.
             let motion =

@@ -220,7 +220,7 @@ fn degrees_by_channel(
         factor.solve_in_place(&mut y)?;
         let moved = |by: &[f64]| {
             surface.with_vertices(
-                directions.iter().zip(by).map(|(d, s)| [d[0] * s, d[1] * s, d[2] * s]).collect(),
+                directions.iter().zip(by).map(|(d, s)| DVec3::new(d[0] * s, d[1] * s, d[2] * s)).collect(),
             )
         };
         let (z, y) = (moved(&z)?, moved(&y)?);

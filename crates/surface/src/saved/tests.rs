@@ -1,5 +1,6 @@
 use super::*;
 use crate::test_support::{assert_same_model, small_model};
+use planish_core::DVec3;
 use planish_estimate::ErrorKind;
 use serde_json::json;
 
@@ -36,7 +37,7 @@ fn a_loaded_model_has_the_same_covariance() {
     let loaded = load(&path).unwrap();
     let c = planish_spline::leaf_weights(0.3, 0.6);
     let variance = |model: &SurfaceModel| {
-        model.posterior().unwrap().leaf(5).unwrap().variance_along(&c, [0.0, 0.6, 0.8])
+        model.posterior().unwrap().leaf(5).unwrap().variance_along(&c, DVec3::new(0.0, 0.6, 0.8))
     };
     assert_eq!(variance(&model).to_bits(), variance(&loaded).to_bits());
 }

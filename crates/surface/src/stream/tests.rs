@@ -15,10 +15,10 @@ fn readings(count: usize, seed: u64) -> Vec<Reading> {
     (0..count)
         .map(|_| {
             let [x, y] = [10.0 * random.random::<f64>(), 8.0 * random.random::<f64>()];
-            let point = [x, y, height(x, y)].map(|c| {
+            let point = DVec3::from_array([x, y, height(x, y)].map(|c| {
                 let noise: f64 = StandardNormal.sample(&mut random);
                 c + SIGMA * noise
-            });
+            }));
             match Reading::position(point, SIGMA) {
                 Reading::Position { point, covariance, .. } => {
                     Reading::Position { point, covariance, facing: Some(DVec3::Z) }
@@ -75,7 +75,7 @@ fn sigma_is_calibrated_and_memory_constant() {
     for i in 0..20 {
         for j in 0..20 {
             let [x, y] = [0.5 + 9.0 * f64::from(i) / 19.0, 0.5 + 7.0 * f64::from(j) / 19.0];
-            let place = stream.nearest([x, y, height(x, y)]);
+            let place = stream.nearest(DVec3::new(x, y, height(x, y)));
             let error = (place.position[2] - height(place.position[0], place.position[1])) * place.normal[2];
             squares += (error / place.sigma).powi(2) / 400.0;
             sigmas += place.sigma / 400.0;
@@ -92,13 +92,13 @@ fn sigma_is_calibrated_and_memory_constant() {
 fn gross_errors_are_rejected_and_wrong_files_refused() {
     let all = readings(1500, 3);
     let mut stream = SurfaceStream::start(&all[..1000], &options()).unwrap();
-    let before = stream.nearest([5.0, 4.0, 0.0]);
-    let wild = Reading::position([5.0, 4.0, 2.0], SIGMA);
+    let before = stream.nearest(DVec3::new(5.0, 4.0, 0.0));
+    let wild = Reading::position(DVec3::new(5.0, 4.0, 2.0), SIGMA);
     assert_eq!(stream.push(&wild).unwrap(), Some(RejectionCause::Outlier));
-    assert_eq!(stream.nearest([5.0, 4.0, 0.0]), before);
-    let beyond = Reading::position([30.0, 4.0, 0.0], SIGMA);
+    assert_eq!(stream.nearest(DVec3::new(5.0, 4.0, 0.0)), before);
+    let beyond = Reading::position(DVec3::new(30.0, 4.0, 0.0), SIGMA);
     assert_eq!(stream.push(&beyond).unwrap(), Some(RejectionCause::BeyondBorder));
-    assert!(stream.push(&Reading::position([f64::NAN, 4.0, 0.0], SIGMA)).is_err());
+    assert!(stream.push(&Reading::position(DVec3::new(f64::NAN, 4.0, 0.0), SIGMA)).is_err());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("global.planish");
     save(&crate::test_support::small_model(Shape::Sheet), &[], &path).unwrap();
@@ -112,15 +112,15 @@ fn normals_and_curvatures_lower_sigma() {
     let all = readings(800, 4);
     let mut stream = SurfaceStream::start(&all, &options()).unwrap();
     let [x, y] = [5.2, 3.9];
-    let at = stream.nearest([x, y, height(x, y)]);
+    let at = stream.nearest(DVec3::new(x, y, height(x, y)));
     let before = at.sigma;
     for k in 0..40 {
         let shift = 0.3 * f64::from(k % 5) - 0.6;
-        let place = stream.nearest([x + shift, y, height(x + shift, y)]);
-        let [px, py, _] = place.position;
+        let place = stream.nearest(DVec3::new(x + shift, y, height(x + shift, y)));
+        let [px, py, _] = place.position.to_array();
         let slope = [0.36 * (0.9 * px).cos() * (0.7 * py).cos(), -0.28 * (0.9 * px).sin() * (0.7 * py).sin()];
         let length = (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
-        let normal = [-slope[0] / length, -slope[1] / length, 1.0 / length];
+        let normal = DVec3::new(-slope[0] / length, -slope[1] / length, 1.0 / length);
         let reading = Reading::Normal { at: place.position, normal, sigma_rad: 0.01 };
         assert_eq!(stream.push(&reading).unwrap(), None);
     }

@@ -89,8 +89,9 @@ fn noise_of_surface(
         .map(|draw| {
             // Each draw has its own seed, so the draws depend neither on their order nor on the threads.
             let mut rng = ChaCha8Rng::seed_from_u64(draw);
-            let drawn: Vec<DVec3> =
-                (0..feet.len()).map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng))).collect();
+            let drawn: Vec<DVec3> = (0..feet.len())
+                .map(|_| DVec3::from_array([(); 3].map(|()| StandardNormal.sample(&mut rng))))
+                .collect();
             let sums = system.accumulate_along(directions, |leaf, add| {
                 for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
                     let (foot, w) = (&feet[k as usize], information[k as usize]);

@@ -16,7 +16,7 @@ pub(in crate::fit) fn scan_pose_reports(set: &ScanSet) -> Vec<ScanPoseReport> {
         .iter()
         .map(|posed| ScanPoseReport {
             scan: posed.scan.name.clone(),
-            translation: posed.scan.world_from_scanner.translation,
+            translation: posed.scan.world_from_scanner.translation.to_array(),
             quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
             sigma_translation: posed.sigma_translation,
             sigma_rotation_deg: posed.sigma_rotation_deg,

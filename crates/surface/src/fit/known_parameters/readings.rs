@@ -390,7 +390,7 @@ impl<'a> Readings<'a> {
                 for (bin, r) in bins[bin..].iter_mut().zip(surface.residual(reading)) {
                     let r = (r * reading.information.sqrt() / spread)
                         .clamp(-self.options.gate, self.options.gate);
-                    *bin = [bin[0] + r, bin[1] + r * r, bin[2] + 1.0];
+                    *bin = DVec3::new(bin[0] + r, bin[1] + r * r, bin[2] + 1.0);
                 }
             }
         }
@@ -536,7 +536,7 @@ pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
             let hashes = |wanted: fn(u64) -> bool| -> Vec<(u64, u32)> {
                 let mut all: Vec<(u64, u32)> = (points.par_iter().zip(parameters).enumerate())
                     .with_min_len(TASK)
-                    .map(|(k, (p, at))| (hash_of(p.iter().chain(at)), k as u32))
+                    .map(|(k, (p, at))| (hash_of(p.to_array().iter().chain(at)), k as u32))
                     .filter(|(hash, _)| wanted(*hash))
                     .collect();
                 all.par_sort_unstable();

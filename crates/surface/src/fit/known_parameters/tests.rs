@@ -26,7 +26,7 @@ fn heights(n: usize, sigma: f64, seed: u64) -> Scan {
         .iter()
         .map(|&[u, v]| {
             let noise: f64 = StandardNormal.sample(&mut random);
-            [u, v, franke(u, v) + sigma * noise]
+            DVec3::new(u, v, franke(u, v) + sigma * noise)
         })
         .collect();
     Scan { name: "heights".to_owned(), points, parameters: Some(parameters), ..Scan::default() }
@@ -116,7 +116,9 @@ fn vertices_and_sigmas_match_dense_normal_equations() {
             let cell = posterior.leaf(leaf).unwrap();
             assert!((cell.variance_along(&b, DVec3::Z) / wanted - 1.0).abs() < 1e-6);
             // The plan is exact: along a slanted normal only the height counts.
-            assert!((cell.variance_along(&b, [0.6, 0.0, 0.8]) / (0.64 * wanted) - 1.0).abs() < 1e-6);
+            assert!(
+                (cell.variance_along(&b, DVec3::new(0.6, 0.0, 0.8)) / (0.64 * wanted) - 1.0).abs() < 1e-6
+            );
         }
     }
 }
@@ -194,10 +196,10 @@ fn closed_shapes_with_known_parameters_are_fitted() {
     scan.points = (scan.parameters.iter().flatten())
         .map(|&[u, v]| {
             let (a, b) = (std::f64::consts::TAU * u, std::f64::consts::PI * (v - 0.5));
-            [2.0 * b.cos() * a.cos(), 2.0 * b.cos() * a.sin(), 3.0 * b.sin()].map(|x| {
+            DVec3::from_array([2.0 * b.cos() * a.cos(), 2.0 * b.cos() * a.sin(), 3.0 * b.sin()].map(|x| {
                 let noise: f64 = StandardNormal.sample(&mut random);
                 100.0 + x + sigma * noise
-            })
+            }))
         })
         .collect();
     let options = FitOptions { shape: Some(Shape::Ball), ..options([24, 12]) };

@@ -152,7 +152,7 @@ impl RigidTracker<'_> {
     pub(crate) fn report(&self, set: &ScanSet) -> Result<MotionReport> {
         let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
         let turn = DVec3::from_array([0, 1, 2].map(|k| self.twist[k]));
-        let velocity = [3, 4, 5].map(|k| self.twist[k]);
+        let velocity = DVec3::from_array([3, 4, 5].map(|k| self.twist[k]));
         // σ of the length of a vector is its σ along the vector.
         let length = |first: usize, v: DVec3| {
             let size = v.length();
@@ -167,13 +167,13 @@ impl RigidTracker<'_> {
         let is_turning = rate[0] > 3.0 * rate[1];
         Ok(MotionReport {
             kind: "rigid".to_owned(),
-            angular_velocity_deg_per_s: turn.map(f64::to_degrees),
+            angular_velocity_deg_per_s: turn.map(f64::to_degrees).to_array(),
             sigma_angular_velocity_deg_per_s: [6, 7, 8].map(|k| sigma(k).to_degrees()),
-            velocity,
+            velocity: velocity.to_array(),
             sigma_velocity: [9, 10, 11].map(sigma),
             rate_deg_per_s: rate.map(f64::to_degrees),
-            speed: length(9, velocity),
-            middle: self.middle,
+            speed: length(9, DVec3::from(velocity)),
+            middle: self.middle.to_array(),
             axis_point: is_turning.then(|| self.middle + 1.0 / turn.length_squared() * turn.cross(velocity)),
             poses: (self.tracked.iter().zip(&self.times))
                 .map(|(known, &time_s)| {
@@ -182,7 +182,7 @@ impl RigidTracker<'_> {
                     MotionPose {
                         scan: set.scans[known.scan].scan.name.clone(),
                         time_s,
-                        translation: pose.translation,
+                        translation: pose.translation.to_array(),
                         quaternion_xyzw: pose.quaternion_xyzw(),
                         sigma_translation: [3, 4, 5].map(sigma),
                         sigma_rotation_deg: [0, 1, 2].map(|k| sigma(k).to_degrees()),

@@ -291,7 +291,7 @@ pub(super) fn about_origin(pose: &Pose, middle: DVec3) -> Pose {
 }
 
 pub(super) fn exp(twist: &Vector6<f64>) -> Pose {
-    Pose::from_twist([twist[0], twist[1], twist[2]], [twist[3], twist[4], twist[5]])
+    Pose::from_twist(DVec3::new(twist[0], twist[1], twist[2]), DVec3::new(twist[3], twist[4], twist[5]))
 }
 
 pub(super) fn log(pose: &Pose) -> Vector6<f64> {
@@ -303,7 +303,7 @@ pub(super) fn log(pose: &Pose) -> Vector6<f64> {
 fn adjoint(pose: &Pose) -> Matrix6<f64> {
     let mut made = Matrix6::zeros();
     for j in 0..3 {
-        let column = [0, 1, 2].map(|i| pose.rotation[i][j]);
+        let column = DVec3::from_array([0, 1, 2].map(|i| pose.rotation[i][j]));
         let moved = pose.translation.cross(column);
         for i in 0..3 {
             made[(i, j)] = column[i];

@@ -55,7 +55,7 @@ impl ReadingColumns {
     #[inline]
     #[must_use]
     pub fn normal(&self, i: usize) -> DVec3 {
-        self.normals[i].map(f64::from)
+        DVec3::from(self.normals[i].map(f64::from))
     }
 
     pub(super) fn row(&self, i: usize) -> ReadingRow {

@@ -36,7 +36,7 @@ impl ScanErrorEstimate {
             });
             report.moved = Some((sum / f64::from(count.max(1))).sqrt());
             report.turned_deg = Some(back.rotation_vector().length().to_degrees());
-            report.translation = self.pose.translation + origin;
+            report.translation = (self.pose.translation + origin).to_array();
             report.quaternion_xyzw = self.pose.quaternion_xyzw();
             report.set_covariance(*covariance);
             report.undetermined.clone_from(&self.undetermined);
