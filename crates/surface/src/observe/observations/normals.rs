@@ -98,7 +98,7 @@ impl Observations {
         const STEEP: f64 = 0.5;
         let (_, axes, _) = principal_axes(&self.readings.points);
         let flat = axes[2];
-        let largest = flat.into_iter.to_array()().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
+        let largest = flat.to_array().into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
         for i in (0..self.len()).filter(|&i| !self.readings.oriented[i]) {
             let up = self.normal(i).dot(flat) * largest.signum();
             if up < -STEEP {
