@@ -116,7 +116,8 @@ fn replace(temporary: &Path, target: &Path) -> io::Result<()> {
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::{Error, write_as_set, write_atomically};
+/// use planish_core::Error;
+/// use planish_exchange::{write_as_set, write_atomically};
 /// use std::io::Write;
 /// # let folder = tempfile::tempdir().unwrap();
 /// let [mesh, report] = ["part.ply", "report.html"].map(|name| folder.path().join(name));
