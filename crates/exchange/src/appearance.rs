@@ -17,7 +17,7 @@ use planish_estimate::{Error, Result};
 
 use crate::Unit;
 use crate::atomic::{write_atomically, write_packed};
-use crate::output_set::recover;
+use crate::output_set::recover_beside;
 use crate::source::read_text;
 
 /// Marks a corner without texture coordinates.
@@ -148,7 +148,7 @@ impl TexturedMesh {
 /// # Errors
 /// `Io` if the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    recover(path.parent().unwrap_or(Path::new("")));
+    recover_beside(path);
     std::fs::read(path)
         .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
 }

@@ -10,7 +10,9 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use crate::output_set::{note_folder, recover, stage_file, stage_folder, temporary_file, temporary_folder};
+use crate::output_set::{
+    folder_of, note_folder, recover, stage_file, stage_folder, temporary_file, temporary_folder,
+};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use planish_estimate::{Error, Result};
@@ -293,14 +295,6 @@ impl PendingFolder {
         }
         // The check allows an empty folder, which is replaced.
         stage_folder(self.made, self.lock, self.target)
-    }
-}
-
-/// The parent folder of a path; `.` for a bare file name.
-fn folder_of(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
-        _ => PathBuf::from("."),
     }
 }
 

@@ -31,9 +31,14 @@ pub fn sha256_of(path: &Path) -> Result<String> {
             n => sum.update(&piece[..n]),
         }
     }
-    Ok(sum.finalize().iter().fold(String::new(), |mut digits, byte| {
+    Ok(hexadecimal(&sum.finalize()))
+}
+
+/// Two digits for each byte.
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut digits, byte| {
         // Writing to a string cannot fail.
         let _ = write!(digits, "{byte:02x}");
         digits
-    }))
+    })
 }

@@ -15,6 +15,7 @@
 //! published at once. On file systems without locks nothing is recovered. Devices and pipes are written at
 //! once.
 
+use crate::checksum::hexadecimal;
 use planish_core::{Error, Result};
 use sha2::{Digest, Sha256};
 use std::cell::RefCell;
@@ -116,7 +117,8 @@ fn replace(temporary: &Path, target: &Path) -> io::Result<()> {
 ///
 /// # Examples
 /// ```
-/// use planish_exchange::{Error, write_as_set, write_atomically};
+/// use planish_core::Error;
+/// use planish_exchange::{write_as_set, write_atomically};
 /// use std::io::Write;
 /// # let folder = tempfile::tempdir().unwrap();
 /// let [mesh, report] = ["part.ply", "report.html"].map(|name| folder.path().join(name));
@@ -270,17 +272,14 @@ fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(tempfi
     Ok(written)
 }
 
-/// Completes or removes what killed processes have left in the folders of files, once per process and folder.
+/// Completes or removes what killed processes have left in the folder of a file, once per process and folder.
 ///
 /// Reading a file does this too. Call it before the first look at a folder, for example before a listing.
-pub fn recover_beside(paths: &[PathBuf]) {
-    for path in paths {
-        recover(&folder_of(path));
-    }
+pub fn recover_beside(path: &Path) {
+    recover(&folder_of(path));
 }
 
-/// [`recover_beside`] for one folder. Failures are ignored: a folder that may not be changed is read as it
-/// is.
+/// [`recover_beside`] by the folder. Failures are ignored: a folder that may not be changed is read as it is.
 pub(crate) fn recover(folder: &Path) {
     let folder = absolute(folder);
     // A poisoned lock only means that another thread panicked while it added a folder.
@@ -368,7 +367,7 @@ fn is_checksum(bytes: &[u8], sum: &OsStr) -> bool {
 }
 
 fn checksum(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    hexadecimal(&Sha256::digest(bytes))
 }
 
 /// A locked file with a hidden random name in a folder.
@@ -417,7 +416,8 @@ fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-fn folder_of(path: &Path) -> PathBuf {
+/// The parent folder of a path; `.` for a bare file name.
+pub(crate) fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
         _ => PathBuf::from("."),

@@ -11,7 +11,7 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind as IoKind, Read};
 use std::path::Path;
 
-use crate::output_set::recover;
+use crate::output_set::recover_beside;
 use flate2::read::MultiGzDecoder;
 use planish_estimate::{Error, Result};
 
@@ -43,7 +43,7 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
         _ => Error::io("could not be opened").with_source(e),
     };
     // A process that was killed while it published this file may have left the set half renamed.
-    recover(path.parent().unwrap_or(Path::new("")));
+    recover_beside(path);
     let metadata = fs::metadata(path).map_err(failed)?;
     if metadata.is_dir() {
         return Err(Error::io("expected a file, found a folder"));

@@ -221,7 +221,7 @@ pub struct ModelInfo {
 /// # Ok::<(), planish::Error>(())
 /// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
-    recover_beside(&[path.to_path_buf()]);
+    recover_beside(path);
     match extension(path).as_str() {
         "planish" => model(path),
         "ply" => {

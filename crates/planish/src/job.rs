@@ -53,7 +53,7 @@ pub trait Job {
     /// is also an input, and `Io` for one that cannot be written.
     fn run(&self, progress: &dyn Progress) -> Result<Self::Report> {
         let (outputs, inputs) = (self.outputs()?, self.inputs()?);
-        recover_beside(&inputs);
+        inputs.iter().for_each(|path| recover_beside(path));
         check_outputs(&outputs, &inputs)?;
         write_as_set(|| self.execute(progress))
     }

@@ -198,12 +198,13 @@ pub fn fit_points(
 ///
 /// # Examples
 /// ```
+/// use planish_core::SymmetricMatrix3;
 /// use planish_mesh::icosphere;
 /// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell};
 /// let ball = icosphere(1.0, 2);
 /// let deformation = Dirichlet::new(&icosphere(1.2, 1).positions, &ball.positions)?;
 /// let points: Vec<PointReading> = (icosphere(1.1, 3).positions.into_iter())
-///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+///     .map(|at| PointReading { at, covariance: SymmetricMatrix3::isotropic(1e-4) })
 ///     .collect();
 /// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
 /// let fit = fit_shell(&ball, &deformation, &readings, &ShellFitOptions::default())?;
@@ -239,6 +240,7 @@ pub struct ShellProgress {
 /// ```
 /// use planish_core::DVec3;
 /// use planish_estimate::{Error, ErrorKind};
+/// use planish_core::SymmetricMatrix3;
 /// use planish_mesh::icosphere;
 /// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_with_progress};
 /// # fn main() -> planish_estimate::Result<()> {
@@ -246,7 +248,7 @@ pub struct ShellProgress {
 /// let controls: Vec<DVec3> = icosphere(1.2, 1).positions;
 /// let deformation = Dirichlet::new(&controls, &ball.positions)?;
 /// let points: Vec<PointReading> = icosphere(1.1, 3).positions.into_iter()
-///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+///     .map(|at| PointReading { at, covariance: SymmetricMatrix3::isotropic(1e-4) })
 ///     .collect();
 /// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
 /// let mut calls = 0;

@@ -21,6 +21,7 @@
 //!
 //! Fit a sphere of radius 1 to points on a sphere of radius 1.1:
 //! ```
+//! use planish_core::SymmetricMatrix3;
 //! use planish_mesh::icosphere;
 //! use planish_shell::{Dirichlet, PointReading, ShellFitOptions, automatic_controls, fit_points};
 //! use planish_shell::{stiffness, stiffness_for_xyz};
@@ -30,7 +31,7 @@
 //! let points: Vec<PointReading> = icosphere(1.1, 3)
 //!     .positions
 //!     .into_iter()
-//!     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+//!     .map(|at| PointReading { at, covariance: SymmetricMatrix3::isotropic(1e-4) })
 //!     .collect();
 //! let k = stiffness(&controls.points, &controls.triangles, &controls.edges);
 //! let options = ShellFitOptions { stiffness: Some(stiffness_for_xyz(&k)), ..ShellFitOptions::default() };

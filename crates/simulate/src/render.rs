@@ -178,7 +178,7 @@ impl Exposure<'_> {
     /// ```
     /// use planish_core::DVec3;
     /// use planish_mesh::{MeshSearch, icosphere};
-    /// use planish_sense::stripes::Pinhole;
+    /// use planish_sense::Pinhole;
     /// use planish_simulate::{Exposure, Light, Texture};
     /// # fn main() -> planish_estimate::Result<()> {
     /// let ball = MeshSearch::try_new(&icosphere(8.0, 3))?;

@@ -36,8 +36,8 @@ poses.toml:
   seconds = 1.5
   weights = { \"shoulders up\" = 1 }
 
-A .glb file has the undeformed mesh with its texture, a morph target for each pose, and an animation if there \
-are keyframes. Other formats have the first pose. Controls that are not moved stay fixed. A rigid part \
+A .glb file has the undeformed mesh with its texture, a morph target for each pose, and an animation if \
+there are keyframes. Other formats have the first pose. Controls that are not moved stay fixed. A rigid part \
 follows the controls around it with the nearest rigid motion.";
 
 /// Arguments of `planish shell pose`.

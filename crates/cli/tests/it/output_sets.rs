@@ -3,6 +3,7 @@
 use crate::support::{pebble, planish, repository};
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -75,14 +76,20 @@ fn a_termination_signal_counts_as_an_interruption() {
         let mut child = Command::new(env!("CARGO_BIN_EXE_planish"))
             .arg("fit")
             .arg(&data)
-            .args(["-o", "a.ply", "-o", "a.step", "--quiet"])
+            .args(["-o", "a.ply", "-o", "a.step", "--progress", "json"])
             .current_dir(place)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .expect("a run");
-        // The handler is installed with the first step.
-        std::thread::sleep(Duration::from_millis(200));
+        // The handler is installed before the first report of progress.
+        let mut lines = BufReader::new(child.stderr.take().expect("a pipe")).lines();
+        let first = lines.next().expect("progress").expect("text");
+        assert!(first.contains("progress"), "{first}");
         let sent = Command::new("kill").arg(signal).arg(child.id().to_string()).status().expect("kill");
         assert!(sent.success());
+        // A full pipe would block the child.
+        lines.for_each(drop);
         let status = child.wait().expect("an end");
         assert_eq!(status.code(), Some(130), "{signal}");
         assert!(contents(place).is_empty(), "{signal}: {:?}", contents(place).keys());

@@ -67,7 +67,8 @@ fn killed(folders: [&Path; 2], commit: bool, renames: usize) {
             Staged { content: Content::File(file), target: folders[k % 2].join(format!("{k}")) }
         })
         .collect();
-    let places = folders.map(Path::to_path_buf);
+    let mut places = folders.map(Path::to_path_buf).to_vec();
+    places.dedup();
     let manifests = if commit { write_manifests(&staged, &places).unwrap() } else { Vec::new() };
     for (k, item) in staged.into_iter().enumerate() {
         let Content::File(file) = item.content else { unreachable!() };

@@ -57,7 +57,7 @@ pub(crate) fn fit_page(
         job: "fit".to_owned(),
         title: title_of(named),
         headline: format!(
-            "{verb} a {} of {} with {}. Half of what was measured is known to better than {}.",
+            "{verb} a {} of {} with {}. Median σ of the measured surface: {}.",
             report.shape,
             counted(report.coefficients, "control vertex"),
             counted(report.observations, "reading"),
@@ -75,7 +75,7 @@ pub(crate) fn fit_page(
                 length(report.rms),
                 format!("{} of their σ", significant(report.rms_normalised, 3)),
             ),
-            Figure::new("reduced χ²", significant(report.reduced_chi_square, 3), "1 where all σ are true"),
+            Figure::new("reduced χ²", significant(report.reduced_chi_square, 3), "1 if all σ are correct"),
             Figure::new(
                 "held-out readings",
                 match report.held_out.n {
@@ -84,7 +84,7 @@ pub(crate) fn fit_page(
                 },
                 match report.held_out.n {
                     0 => String::new(),
-                    n => format!("rms over predicted σ, of {}", count(n).replace(' ', "\u{202f}")),
+                    n => format!("normalised rms of {} readings", count(n).replace(' ', "\u{202f}")),
                 },
             ),
             Figure::new("measured", percent(report.observed_area_fraction), "of the area"),
@@ -132,7 +132,7 @@ fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Se
             (report.rejected.iter()).map(|(cause, n)| format!("{} {}", count(*n), why(cause))).collect();
         format!("{} rejected: {}.", counted(total, "reading"), causes.join(", "))
     }));
-    Section::new("What went in", blocks)
+    Section::new("Inputs", blocks)
 }
 
 /// Causes in words.
@@ -238,7 +238,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
             unit.text(left.rms)
         )));
     }
-    Section::new("How good it is", blocks)
+    Section::new("Quality", blocks)
 }
 
 /// The section about parts that were completed from measured parts.

@@ -55,7 +55,7 @@ fn merge_page(merged: &Merged) -> Page {
         scene: Some(scene(merged)),
         drawings: Vec::new(),
         sections: [
-            Some(Section::new("What went in", vec![Block::Table(patches(report, unit))])),
+            Some(Section::new("Inputs", vec![Block::Table(patches(report, unit))])),
             (!report.poses.is_empty()).then(|| Section::new("How patches were moved", alignment(report))),
             Some(Section::new("Where patches overlap", vec![Block::Table(regions(report, unit))])),
             Some(Section::new("The mesh", vec![Block::Text(mesh_text(report, regular))])),

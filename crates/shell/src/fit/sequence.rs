@@ -60,6 +60,7 @@ pub struct FrameFit {
 ///
 /// # Examples
 /// ```
+/// use planish_core::SymmetricMatrix3;
 /// use planish_mesh::icosphere;
 /// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, ShellTracker};
 /// use planish_shell::{automatic_controls, stiffness, stiffness_for_xyz};
@@ -70,7 +71,7 @@ pub struct FrameFit {
 /// let options = ShellFitOptions { stiffness: Some(k), ..ShellFitOptions::default() };
 /// let mut tracker = ShellTracker::new(&ball, &deformation, options)?;
 /// let points: Vec<PointReading> = (icosphere(1.05, 3).positions.into_iter())
-///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+///     .map(|at| PointReading { at, covariance: SymmetricMatrix3::isotropic(1e-4) })
 ///     .collect();
 /// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
 /// assert!(tracker.follow(&readings)?.predicted.is_none());

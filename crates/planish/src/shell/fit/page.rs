@@ -150,7 +150,7 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
         );
     }
     Section::new(
-        "What went in",
+        "Inputs",
         vec![
             Block::Table(table),
             Block::Text(format!(
