@@ -7,7 +7,7 @@
 //! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
-//! | [`DVec3`] | points, normals and directions, with operators; from the crate `glam` |
+//! | [`DVec3`], [`Vec3`] | points, normals and directions in double and single precision, from the crate `glam` |
 //! | [`vector3`], [`matrix3`] | what `DVec3` lacks, and arithmetic of 3 × 3 matrices |
 //! | [`SymmetricMatrix3`] | covariances and curvature tensors |
 //! | [`Pose`] | rigid motions between two frames |
@@ -52,7 +52,7 @@ pub use bounding_box::{BoundingBox, Coordinates};
 pub use disjoint_sets::DisjointSets;
 pub use error::{Error, ErrorKind, Result};
 pub use finding::{Finding, FindingCode, FindingLevel};
-pub use glam::DVec3;
+pub use glam::{DVec3, Vec3};
 pub use pinhole::Pinhole;
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};

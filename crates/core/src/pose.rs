@@ -139,10 +139,7 @@ impl Pose {
     #[must_use]
     pub fn after(&self, inner: &Self) -> Self {
         let columns = [0, 1, 2].map(|k| self.rotate(DVec3::from_array(inner.rotation.map(|row| row[k]))));
-        Self {
-            rotation: from_columns(columns),
-            translation: self.apply(inner.translation),
-        }
+        Self { rotation: from_columns(columns), translation: self.apply(inner.translation) }
     }
 
     /// The exponential of a twist: the motion after unit time with the constant angular velocity

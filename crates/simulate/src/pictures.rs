@@ -14,8 +14,8 @@
 
 use super::render::{Exposure, Light, Texture};
 use super::truth::{Truth, positive};
-use planish_core::matrix3::from_columns;
 use planish_core::Pinhole;
+use planish_core::matrix3::from_columns;
 use planish_core::{DVec3, Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;

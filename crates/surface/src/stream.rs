@@ -118,7 +118,7 @@ impl Reading {
                 ),
             },
         };
-        if (made.at.to_array().iter().chain(&made.facing)).all(|x| x.is_finite()) {
+        if made.at.is_finite() && made.facing.is_finite() {
             Ok(made)
         } else {
             Err(Error::input("a reading's place or direction is not finite"))

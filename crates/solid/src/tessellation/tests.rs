@@ -170,12 +170,7 @@ fn half_a_cone() -> Solid {
     };
     let solid = Solid {
         vertices: vec![tip, right, left],
-        edges: vec![
-            arc,
-            line(left, right, [2, 1]),
-            line(right, tip, [1, 0]),
-            line(left, tip, [2, 0]),
-        ],
+        edges: vec![arc, line(left, right, [2, 1]), line(right, tip, [1, 0]), line(left, tip, [2, 0])],
         faces: vec![
             face(plane(DVec3::new(0.0, 0.0, -1.0)), &[(0, false), (1, false)]),
             face(plane(DVec3::new(0.0, -1.0, 0.0)), &[(1, true), (2, true), (3, false)]),

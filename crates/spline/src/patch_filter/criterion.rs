@@ -194,9 +194,8 @@ fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
 pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [DVec3; 5])> {
     let value = jet.curvature()?.gaussian();
     let mut gradient = [DVec3::ZERO; 5];
-    let largest = |start, vectors: &[DVec3]| {
-        coordinates(vectors).iter().fold(start, |m: f64, x| m.max(x.abs()))
-    };
+    let largest =
+        |start, vectors: &[DVec3]| coordinates(vectors).iter().fold(start, |m: f64, x| m.max(x.abs()));
     let first = largest(0.0, &[jet.du, jet.dv]);
     // A flat surface has no second derivatives from which a step could be derived.
     let second = largest(1e-3 * first, &[jet.duu, jet.duv, jet.dvv]);

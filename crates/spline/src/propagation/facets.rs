@@ -271,11 +271,8 @@ mod tests {
         // The stated variance is four times too small, which the scatter reveals.
         let facets = Facets::new(&points, &normals, &vec![0.25 * sigma * sigma; points.len()], true).unwrap();
         assert!((facets.variance_factor - 4.0).abs() < 0.4, "{}", facets.variance_factor);
-        let squares: f64 = facets
-            .all
-            .iter()
-            .map(|f| (f.point.length() - 3.0).powi(2) / f.variance(&Facet::own()))
-            .sum();
+        let squares: f64 =
+            facets.all.iter().map(|f| (f.point.length() - 3.0).powi(2) / f.variance(&Facet::own())).sum();
         let mean = squares / facets.all.len() as f64;
         // The mean of squares, within four standard errors plus the fourth-order error of a quadric.
         assert!(

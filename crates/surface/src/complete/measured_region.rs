@@ -41,5 +41,5 @@ impl<'a> MeasuredRegion<'a> {
 }
 
 fn cell(p: DVec3, side: f64) -> [i64; 3] {
-    p.map(|c| (c / side).floor() as i64)
+    p.to_array().map(|c| (c / side).floor() as i64)
 }

@@ -78,7 +78,7 @@ impl<'a> Batches<'a> {
                 Some(_) => vec![0; posed.scan.points.len()],
                 None => (posed.scan.points.par_iter())
                     .with_min_len(4096)
-                    .map(|p| (hash(p, options.seed) % count as u64) as u8)
+                    .map(|p| (hash(*p, options.seed) % count as u64) as u8)
                     .collect(),
             })
             .collect();
@@ -185,11 +185,11 @@ fn spread(x: u32) -> u32 {
 }
 
 /// A repeatable number for coordinates.
-fn hash(p: &DVec3, seed: u64) -> u64 {
+fn hash(p: DVec3, seed: u64) -> u64 {
     // Constants of SplitMix64 (Steele, Lea & Flood 2014), whose output bits all depend on all input bits:
     // points of one scan line must not fall into one batch.
     let mut x = seed ^ 0x9E37_79B9_7F4A_7C15;
-    for c in p {
+    for c in p.to_array() {
         x = (x ^ c.to_bits()).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         x = (x ^ (x >> 29)).wrapping_mul(0x94D0_49BB_1331_11EB);
         x ^= x >> 32;

@@ -269,7 +269,7 @@ mod tests {
             let axis = to - from;
             let length = axis.length();
             let axis = 1.0 / length * axis;
-            let (e1, e2) = planish_estimate::vector3::tangents(axis);
+            let (e1, e2) = planish_core::vector3::tangents(axis);
             for i in 0..count {
                 let h = (length + 2.0 * r) * (i as f64 + 0.5) / count as f64 - r;
                 let a = i as f64 * 2.399_963_229_728_653;

@@ -58,11 +58,13 @@ struct Grid {
 impl Indicator {
     /// The indicator of oriented points; those with zero normals do not count.
     pub(super) fn new(points: &[DVec3], normals: &[DVec3]) -> Self {
-        let (lo, hi) = points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-            ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
-        });
-        let side = PADDING * (0..3).map(|d| hi[d] - lo[d]).fold(0.0, f64::max);
-        let grid = Grid { origin: 0.5 * (lo + hi) - 0.5 * side, cell: side / CELLS as f64, cells: CELLS };
+        let (lo, hi) = (points.iter()).fold((DVec3::MAX, DVec3::MIN), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        let side = PADDING * (hi - lo).max_element().max(0.0);
+        let grid = Grid {
+            origin: 0.5 * (lo + hi) - DVec3::splat(0.5 * side),
+            cell: side / CELLS as f64,
+            cells: CELLS,
+        };
         let mut counts = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         for p in points {
             // One thread adds all points: the order of additions decides the last digits.
@@ -156,7 +158,7 @@ impl BlurredIndicator {
             [low + t[1] * (high - low), low_x + t[1] * (high_x - low_x), high - low]
         };
         let (low, high) = (along_y(0), along_y(1));
-        let [value, gx, gy] = low + t[2] * (high - low);
+        let [value, gx, gy] = [0, 1, 2].map(|k| low[k] + t[2] * (high[k] - low[k]));
         (value, 1.0 / self.grid.cell * DVec3::new(gx, gy, high[0] - low[0]))
     }
 
@@ -187,7 +189,7 @@ impl Grid {
     /// The lowest corner of the cube that holds `p`, and the local coordinates in it.
     fn locate(self, p: DVec3) -> ([usize; 3], DVec3) {
         let x = (1.0 / self.cell * (p - self.origin)).map(|c| c.clamp(0.0, self.cells as f64 - 1.0));
-        let corner = x.map(|c| (c as usize).min(self.cells - 2));
+        let corner = x.to_array().map(|c| (c as usize).min(self.cells - 2));
         (corner, DVec3::from_array([0, 1, 2].map(|d| x[d] - corner[d] as f64)))
     }
 
@@ -203,10 +205,8 @@ impl Grid {
         for c in 0..2 {
             for b in 0..2 {
                 for a in 0..2 {
-                    let w = DVec3::from_array(
-                        [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c],
-                    );
-                    self.index([corner[0] + a, corner[1] + b, corner[2] + c]) + w;
+                    let w = [1.0 - t[0], t[0]][a] * [1.0 - t[1], t[1]][b] * [1.0 - t[2], t[2]][c];
+                    add(self.index([corner[0] + a, corner[1] + b, corner[2] + c]), w);
                 }
             }
         }
@@ -278,7 +278,7 @@ mod tests {
             let z = 1.0 - 2.0 * (i as f64 + 0.5) / 6000.0;
             let a = i as f64 * 2.399_963_229_728_653;
             let r = (1.0_f64 - z * z).sqrt();
-            points.push([r * a.cos() + 5.0, r * a.sin(), z]);
+            points.push(DVec3::new(r * a.cos() + 5.0, r * a.sin(), z));
         }
         points.retain(|p| p[2] > -0.8);
         let normals: Vec<DVec3> = points.iter().map(|p| *p - DVec3::new(5.0, 0.0, 0.0)).collect();
@@ -286,7 +286,7 @@ mod tests {
         let field = indicator.blurred(1.5 * indicator.cell());
         let level = field.level(&points);
         for p in points.iter().step_by(50) {
-            let (value, gradient) = field.sample(DVec3::from(*p));
+            let (value, gradient) = field.sample(*p);
             let off = (value - level) / gradient.length();
             assert!(off.abs() < 0.05, "{p:?} is {off} off the level set");
             assert!(gradient.dot(*p - DVec3::new(5.0, 0.0, 0.0)) < 0.0, "the indicator falls outwards");

@@ -508,7 +508,9 @@ fn over_coordinates(
     }
     let rows = information.vector().chunks_exact(3).zip(&row_sums);
     for (to, (from, sum)) in out.vector_mut().chunks_exact_mut(3).zip(rows) {
-        to = weights * (from + sum * origin);
+        for d in 0..3 {
+            to[d] = weights[d] * (from[d] + sum * origin[d]);
+        }
     }
     Ok(out)
 }

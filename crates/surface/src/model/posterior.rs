@@ -297,7 +297,7 @@ impl LeafCovariance<'_> {
                 (self.weights.iter().map(at_point).collect(), (0..3).map(|d| scales[d] * a[d] * a[d]).sum())
             }
             VertexMotion::Freely => {
-                ((self.weights.iter().map(at_point)).flat_map(|w| a.map(|c| w * c)).collect(), 1.0)
+                ((self.weights.iter().map(at_point)).flat_map(|w| a.to_array().map(|c| w * c)).collect(), 1.0)
             }
         };
         // rᵀ Σ r, with Σ row by row in memory order.

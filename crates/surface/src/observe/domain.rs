@@ -4,7 +4,7 @@
 //! range no square overflows and positions keep enough digits. Numbers outside usually come from a wrong unit
 //! or a faulty export.
 
-use planish_core::{DVec3, Finding, FindingCode};
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
@@ -77,7 +77,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
         // The size of the cloud is the only scale by which a σ can be judged.
         check_sigma(posed, set, size, inputs)?;
     }
-    let away = bounds.min.to_array().iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
+    let away = bounds.min.abs().max(bounds.max.abs()).max_element();
     if away > MAX_DISTANCE * size {
         return Err(Error::input(format!(
             "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are \

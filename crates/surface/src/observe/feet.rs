@@ -37,7 +37,7 @@ pub(crate) struct Foot {
     /// For a position, the signed distance from the surface less the expected lift by tangential noise. For a
     /// normal, the tilts of the two tangents towards it. For a curvature, `11`, `√2·12` and `22` of the
     /// second fundamental form.
-    pub(crate) residuals: DVec3,
+    pub(crate) residuals: [f64; 3],
     /// Stated variance of each residual; for a position `nᵀRn`.
     pub variance: f64,
 }
@@ -81,17 +81,17 @@ impl Foot {
     }
 
     /// The residuals of a normal or a curvature at this foot; none if the surface has no tangent plane there.
-    pub(crate) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<DVec3> {
+    pub(crate) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<[f64; 3]> {
         let frame = surface.tangent_rows(self.leaf as usize, self.local)?;
         Some(match measured {
             Measured::Position => self.residuals,
             Measured::Normal(normal) => {
                 let [a, b] = frame.tilt(*normal);
-                DVec3::new(-a, -b, 0.0)
+                [-a, -b, 0.0]
             }
             Measured::Curvature(tensor) => {
                 let bend = frame.bend(tensor);
-                DVec3::from_array(std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r]))
+                std::array::from_fn(|r| CURVATURE_SCALE[r] * bend[r])
             }
         })
     }
@@ -168,7 +168,7 @@ pub(crate) fn project(
                 local: foot.local,
                 normal: foot.normal,
                 quantity: observations.quantity(i),
-                residuals: DVec3::ZERO,
+                residuals: [0.0; 3],
                 variance: observations.variance(i, foot.normal),
             };
             match observations.measured(i) {

@@ -113,7 +113,7 @@ impl Observations {
         for (index, reading) in (0..).zip(readings) {
             self.readings.push(ReadingRow {
                 point: reading.point,
-                normal: reading.normal.map(|c| c as f32),
+                normal: reading.normal.as_vec3(),
                 scan,
                 held_out: false,
                 index,
@@ -180,7 +180,7 @@ impl Observations {
             .for_each(|((point, normal), &scan)| {
                 if let Some(motion) = &motions[scan as usize] {
                     *point = motion.apply(*point);
-                    *normal = motion.rotate(DVec3::from(normal.map(f64::from))).map(|c| c as f32);
+                    *normal = motion.rotate(normal.as_dvec3()).as_vec3();
                 }
             });
         for (noise, motion) in self.scans.noise.iter_mut().zip(motions) {
@@ -334,8 +334,8 @@ impl Observations {
             .with_min_len(256)
             .filter(|(_, oriented)| !**oriented)
             .for_each(|((normal, p), _)| {
-                if normal.map(f64::from).dot(normal_near(*p)) < 0.0 {
-                    *normal = normal.map(|c| -c);
+                if normal.as_dvec3().dot(normal_near(*p)) < 0.0 {
+                    *normal = -*normal;
                 }
             });
     }

@@ -379,7 +379,7 @@ impl<'a> Readings<'a> {
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();
         // Sum, sum of squares and number of each bin and coordinate.
-        let mut bins = vec![DVec3::ZERO; (side * side) as usize * coordinates];
+        let mut bins = vec![[0.0_f64; 3]; (side * side) as usize * coordinates];
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let spread = variances[posed.sensor].sqrt();
@@ -390,7 +390,7 @@ impl<'a> Readings<'a> {
                 for (bin, r) in bins[bin..].iter_mut().zip(surface.residual(reading)) {
                     let r = (r * reading.information.sqrt() / spread)
                         .clamp(-self.options.gate, self.options.gate);
-                    *bin = DVec3::new(bin[0] + r, bin[1] + r * r, bin[2] + 1.0);
+                    *bin = [bin[0] + r, bin[1] + r * r, bin[2] + 1.0];
                 }
             }
         }

@@ -172,9 +172,10 @@ impl RigidTracker<'_> {
             velocity: velocity.to_array(),
             sigma_velocity: [9, 10, 11].map(sigma),
             rate_deg_per_s: rate.map(f64::to_degrees),
-            speed: length(9, DVec3::from(velocity)),
+            speed: length(9, velocity),
             middle: self.middle.to_array(),
-            axis_point: is_turning.then(|| self.middle + 1.0 / turn.length_squared() * turn.cross(velocity)),
+            axis_point: is_turning
+                .then(|| (self.middle + 1.0 / turn.length_squared() * turn.cross(velocity)).to_array()),
             poses: (self.tracked.iter().zip(&self.times))
                 .map(|(known, &time_s)| {
                     let pose = about_origin(&known.pose, self.middle);

@@ -2,7 +2,7 @@
 
 use super::InferredVariance;
 use crate::observe::RejectionCause;
-use planish_core::{DVec3, SymmetricMatrix3};
+use planish_core::{DVec3, SymmetricMatrix3, Vec3};
 use planish_sense::{Noise, Viewing};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +14,7 @@ pub struct ReadingColumns {
     /// Unit normals of the scans, in the world frame; zero if unknown. They select a side, for which single
     /// precision is enough. Normals that were measured are kept with the noise of their scan, in double
     /// precision.
-    pub normals: Vec<[f32; 3]>,
+    pub normals: Vec<Vec3>,
     /// Index of the scan of each reading.
     pub scan: Vec<u32>,
     /// True if the reading is held out of the fit to judge it.
@@ -31,7 +31,7 @@ pub struct ReadingColumns {
 #[derive(Clone, Copy)]
 pub(super) struct ReadingRow {
     pub point: DVec3,
-    pub normal: [f32; 3],
+    pub normal: Vec3,
     pub scan: u32,
     pub held_out: bool,
     pub index: u32,
@@ -55,7 +55,7 @@ impl ReadingColumns {
     #[inline]
     #[must_use]
     pub fn normal(&self, i: usize) -> DVec3 {
-        DVec3::from(self.normals[i].map(f64::from))
+        self.normals[i].as_dvec3()
     }
 
     pub(super) fn row(&self, i: usize) -> ReadingRow {

@@ -81,7 +81,7 @@ impl Observations {
                     let normal = turn
                         .rotate(scan.normals.as_ref().map_or(DVec3::ZERO, |all| all[i]))
                         .try_normalize()?;
-                    let side = normal.dot(DVec3::from(self.readings.normals[k].map(f64::from)));
+                    let side = normal.dot(self.readings.normals[k].as_dvec3());
                     Some((k, i, normal, if side < 0.0 { -1.0 } else { 1.0 }))
                 })
                 .collect();

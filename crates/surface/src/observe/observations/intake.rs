@@ -142,7 +142,7 @@ impl Observations {
             let may_be_held_out = scan.points.len() >= MIN_JUDGED;
             self.readings.push(ReadingRow {
                 point: world,
-                normal: scan.world_from_scanner.rotate(normal).map(|c| c as f32),
+                normal: scan.world_from_scanner.rotate(normal).as_vec3(),
                 scan: s as u32,
                 // By a hash of the point number, so that the choice depends on no other point.
                 held_out: may_be_held_out
@@ -260,7 +260,7 @@ impl SeenPoints {
         (s, i): (usize, usize),
         world: DVec3,
     ) -> Option<usize> {
-        match self.0.entry(world.map(f64::to_bits)) {
+        match self.0.entry(world.to_array().map(f64::to_bits)) {
             Entry::Vacant(new) => {
                 new.insert((s as u32, i as u32));
                 None

@@ -3,7 +3,7 @@
 use super::Observations;
 use super::intake::{MIN_POINTS, has_ground};
 use crate::observe::RejectionCause;
-use planish_core::DVec3;
+use planish_core::{DVec3, Vec3};
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use planish_sense::{
@@ -27,7 +27,7 @@ impl Observations {
             return Ok(());
         }
         let unknown =
-            |made: &Self, i: usize| !made.readings.oriented[i] && made.readings.normals[i] == DVec3::ZERO;
+            |made: &Self, i: usize| !made.readings.oriented[i] && made.readings.normals[i] == Vec3::ZERO;
         if (0..self.len()).any(|i| unknown(self, i)) {
             // Among all scans: a point that is alone in its own scan may have neighbours in another.
             let cloud = cloud_geometry(&self.readings.points, neighbours)?;
@@ -47,7 +47,7 @@ impl Observations {
             }
             for i in (0..self.len()).filter(|&i| !gone[i]) {
                 if unknown(self, i) {
-                    self.readings.normals[i] = cloud.normals[i].map(|c| c as f32);
+                    self.readings.normals[i] = cloud.normals[i].as_vec3();
                 }
             }
             self.reject(&gone, RejectionCause::Isolated);
@@ -58,7 +58,7 @@ impl Observations {
         // Normals of known side keep it, and pass it on to their neighbours.
         let mut normals: Vec<DVec3> = (0..self.len()).map(|i| self.normal(i)).collect();
         orient_normals(&self.readings.points, &mut normals, &self.readings.oriented, neighbours)?;
-        self.readings.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
+        self.readings.normals = normals.iter().map(|n| n.as_vec3()).collect();
         Ok(())
     }
 
@@ -102,9 +102,9 @@ impl Observations {
         for i in (0..self.len()).filter(|&i| !self.readings.oriented[i]) {
             let up = self.normal(i).dot(flat) * largest.signum();
             if up < -STEEP {
-                self.readings.normals[i] = self.readings.normals[i].map(|c| -c);
+                self.readings.normals[i] = -self.readings.normals[i];
             } else if up < STEEP {
-                self.readings.normals[i] = DVec3::ZERO;
+                self.readings.normals[i] = Vec3::ZERO;
             }
         }
     }
@@ -119,7 +119,7 @@ impl Observations {
                 let largest = (0..scans.len())
                     .filter(|&s| self.scans.channel[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;
-                let known = |i: usize| self.readings.normals[i] != DVec3::ZERO;
+                let known = |i: usize| self.readings.normals[i] != Vec3::ZERO;
                 let own: Vec<usize> = (0..self.len())
                     .filter(|&i| self.readings.scan[i] as usize == largest && known(i))
                     .collect();
