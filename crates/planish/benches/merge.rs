@@ -9,6 +9,7 @@
 use planish::Unit;
 use planish::merge::{MergeMethod, MergeOptions, merge, read_patches, write_merged};
 use planish::progress::Progress;
+use planish_core::DVec3;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -37,7 +38,7 @@ impl Progress for Stages {
 
 fn write_patch(folder: &Path, name: &str, begin: f64, side: usize, random: &mut ChaCha8Rng) -> PathBuf {
     let step = LENGTH / (side - 1) as f64;
-    let points: Vec<[f64; 3]> = (0..side * side)
+    let points: Vec<DVec3> = (0..side * side)
         .map(|k| {
             let noise: f64 = StandardNormal.sample(random);
             // A quarter of a step apart, so that vertices do not lie on one another.

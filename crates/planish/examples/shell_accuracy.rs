@@ -12,8 +12,7 @@
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
 use nalgebra::{DMatrix, DVector};
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{add, add_scaled, dot, norm, sub};
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, sample_points};
@@ -66,7 +65,7 @@ fn main() -> Result<()> {
 /// The bounds of a mesh, and which of their sides is the longest.
 fn longest_side(mesh: &TriangleMesh) -> Result<(BoundingBox, usize)> {
     let bounds = BoundingBox::from_points(&mesh.positions).ok_or_else(|| Error::input("an empty mesh"))?;
-    let sides = sub(bounds.max, bounds.min);
+    let sides = bounds.max - bounds.min;
     let axis = (0..3).fold(0, |best, k| if sides[k] > sides[best] { k } else { best });
     Ok((bounds, axis))
 }
@@ -88,11 +87,11 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
         *cuts.entry([a, b]).or_insert_with(|| {
             let [p, q] = [a, b].map(|v| whole.positions[v as usize]);
             let share = (level - p[axis]) / (q[axis] - p[axis]);
-            let between = |p: [f64; 3], q: [f64; 3]| add_scaled(p, share, sub(q, p));
+            let between = |p: DVec3, q: DVec3| p + share * (q - p);
             let mut outward = between(normals[a as usize], normals[b as usize]);
             outward[axis] = 0.0;
             let root = between(p, q);
-            let tip = add_scaled(root, 0.06 * bounds.diagonal() / norm(outward).max(1e-9), outward);
+            let tip = root + 0.06 * bounds.diagonal() / outward.length().max(1e-9) * outward;
             positions.extend([root, tip]);
             let count = positions.len() as u32;
             [count - 2, count - 1]
@@ -140,8 +139,7 @@ fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     for [a, b] in roots {
         let [c, d] = [a, b].map(|v| {
             *tips.entry(v).or_insert_with(|| {
-                let tip =
-                    add_scaled(made.positions[v as usize], 0.06 * bounds.diagonal(), normals[v as usize]);
+                let tip = made.positions[v as usize] + 0.06 * bounds.diagonal() * normals[v as usize];
                 made.positions.push(tip);
                 made.positions.len() as u32 - 1
             })
@@ -167,19 +165,19 @@ fn one(
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
     let affine: [f64; 9] = std::array::from_fn(|_| 0.04 * normal());
     let wave: [f64; 9] = std::array::from_fn(|_| 5.0 / size * normal());
-    let center = BoundingBox::from_points(&mesh.positions).map_or([0.0; 3], |b| b.center());
+    let center = BoundingBox::from_points(&mesh.positions).map_or(DVec3::ZERO, |b| b.center());
     let q = DVector::from_iterator(
         deformation.parameters(),
         controls.points.iter().flat_map(|p| {
-            let p = sub(*p, center);
+            let p = *p - center;
             let of = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-            let own: [f64; 3] = std::array::from_fn(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin());
+            let own: DVec3 = std::array::from_fn(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin());
             own
         }),
     );
     let by = displacements(&deformation, &q);
     let truth = TriangleMesh {
-        positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
+        positions: mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect(),
         triangles: mesh.triangles.clone(),
     };
     let bounds = BoundingBox::from_points(&truth.positions).ok_or_else(|| Error::input("an empty mesh"))?;
@@ -210,14 +208,13 @@ fn one(
     for ((reading, sample), _) in readings.iter().zip(&samples).zip(&good).filter(|(_, good)| **good) {
         let vertices = mesh.triangles[sample.triangle as usize];
         let direction = normals[sample.triangle as usize];
-        let rest = (0..3).fold([0.0; 3], |sum, k| {
-            add_scaled(sum, sample.barycentric[k], mesh.positions[vertices[k] as usize])
-        });
+        let rest = (0..3)
+            .fold(DVec3::ZERO, |sum, k| sum + sample.barycentric[k] * mesh.positions[vertices[k] as usize]);
         let mut row = DVector::zeros(basis);
         for (vertex, w) in vertices.iter().zip(sample.barycentric) {
             deformation.row(*vertex, direction, &mut |k, entry| row[k] += w * entry);
         }
-        vector.axpy(dot(sub(reading.at, rest), direction) / (sigma * sigma), &row, 1.0);
+        vector.axpy((reading.at - rest).dot(direction) / (sigma * sigma), &row, 1.0);
         information.ger(1.0 / (sigma * sigma), &row, &row, 1.0);
     }
     let r = deformation.reduction().ok_or_else(|| Error::input("no reduction"))?;
@@ -226,19 +223,18 @@ fn one(
         .ok_or_else(|| Error::undetermined("no fit by true places"))?
         .solve(&r.tr_mul(&vector));
     let by = displacements(&deformation, &told);
-    let told: Vec<[f64; 3]> = mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect();
+    let told: Vec<DVec3> = mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect();
 
     let search = MeshSearch::try_new(&truth)?;
     // Places spread over the area, not vertices: those crowd where a mesh is fine.
     let mut spread = ChaCha8Rng::seed_from_u64(13);
     let judged = sample_points(mesh, 4000, || spread.random_range(0.0..1.0))?;
-    let heights = |positions: &[[f64; 3]]| -> Vec<f64> {
+    let heights = |positions: &[DVec3]| -> Vec<f64> {
         (judged.iter())
             .map(|place| {
                 let corners = mesh.triangles[place.triangle as usize];
-                let at = (0..3).fold([0.0; 3], |sum, k| {
-                    add_scaled(sum, place.barycentric[k], positions[corners[k] as usize])
-                });
+                let at = (0..3)
+                    .fold(DVec3::ZERO, |sum, k| sum + place.barycentric[k] * positions[corners[k] as usize]);
                 search.closest(at).map_or(0.0, |foot| foot.distance)
             })
             .collect()

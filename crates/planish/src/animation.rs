@@ -12,8 +12,8 @@
 //! do not animate colours.
 
 use crate::view::Camera;
-use planish_core::Progress;
-use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, Progress};
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
@@ -43,7 +43,7 @@ const SAMPLES: usize = 3;
 const MAX_DOTS: usize = 6000;
 /// Direction of the camera: elevation above the plane of a sheet, or direction for other shapes.
 const SLANT: f64 = 0.75;
-const CAMERA_DIRECTION: [f64; 3] = [0.55, -0.75, 0.5];
+const CAMERA_DIRECTION: DVec3 = DVec3::new(0.55, -0.75, 0.5);
 /// Minimum length of the sum of normals, relative to the area, of a surface that faces one way (a sheet). For
 /// a closed surface the sum is zero.
 const FACING: f64 = 0.5;
@@ -53,7 +53,7 @@ const MIN_LAST_FRAME: f64 = 0.6;
 const AMBIENT: f64 = 0.35;
 const DOT: [u8; 3] = [255, 110, 20];
 /// Background colour in linear brightness.
-const PAPER: [f64; 3] = [0.956, 0.956, 0.939];
+const PAPER: DVec3 = DVec3::new(0.956, 0.956, 0.939);
 
 /// Output of an animation.
 #[derive(Debug, Clone, PartialEq)]
@@ -164,9 +164,8 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         let then = &snapshot.surface;
         let located: Vec<(usize, [f64; 2])> =
             made.parameters.iter().map(|&[u, v]| then.space().locate(u, v)).collect();
-        let points: Vec<[f64; 3]> =
-            located.iter().map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t)).collect();
-        let normals: Vec<[f64; 3]> = (made.parameters.iter().zip(&made.normals))
+        let points: Vec<DVec3> = located.iter().map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t)).collect();
+        let normals: Vec<DVec3> = (made.parameters.iter().zip(&made.normals))
             // Early snapshots can be degenerate at a place.
             .map(|(&[u, v], last)| then.normal(u, v).unwrap_or(*last))
             .collect();
@@ -223,32 +222,32 @@ struct FramePainter {
 }
 
 impl FramePainter {
-    fn new(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
+    fn new(first: &[DVec3], points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self> {
         let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
-        let (mut facing, mut area) = ([0.0; 3], 0.0);
+        let (mut facing, mut area) = (DVec3::ZERO, 0.0);
         for t in triangles {
             let [a, b, c] = t.map(|k| points[k as usize]);
-            let n = cross(sub(b, a), sub(c, a));
-            facing = add(facing, n);
-            area += norm(n);
+            let n = (b - a).cross(c - a);
+            facing += n;
+            area += n.length();
         }
-        let towards = match unit(facing).filter(|_| norm(facing) > FACING * area) {
+        let towards = match facing.try_normalize().filter(|_| facing.length() > FACING * area) {
             Some(n) => {
                 let (_, side) = tangents(n);
-                unit(add_scaled(n, -SLANT, side))
+                (n - SLANT * side).try_normalize()
             }
-            None => unit(CAMERA_DIRECTION),
+            None => CAMERA_DIRECTION.try_normalize(),
         };
         let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
-        let at = add_scaled(bounds.center(), 4.0 * bounds.diagonal(), from);
-        let forward = scale(-1.0, from);
-        let up = if from[2].abs() < 0.95 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
-        let right = unit(cross(forward, up)).unwrap_or([1.0, 0.0, 0.0]);
-        let up = cross(right, forward);
+        let at = bounds.center() + 4.0 * bounds.diagonal() * from;
+        let forward = -from;
+        let up = if from[2].abs() < 0.95 { DVec3::Z } else { DVec3::Y };
+        let right = forward.cross(up).try_normalize().unwrap_or(DVec3::X);
+        let up = right.cross(forward);
         let diagonal = bounds.diagonal();
         let mut camera = Camera { at, axes: [right, up, from], focal: 1.0, middle: [0.0; 2], diagonal };
-        let room = |points: &[[f64; 3]]| {
+        let room = |points: &[DVec3]| {
             let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
                 let [x, y] = camera.project(*p).at;
                 [most[0].max(x.abs()), most[1].max(y.abs())]
@@ -264,7 +263,7 @@ impl FramePainter {
     }
 
     /// Draws a frame with its readings: red, green and blue of every pixel, row by row.
-    fn draw(&self, frame: &MeshFrame, triangles: &[[u32; 3]], places: &[[f64; 3]]) -> Vec<u8> {
+    fn draw(&self, frame: &MeshFrame, triangles: &[[u32; 3]], places: &[DVec3]) -> Vec<u8> {
         let [columns, rows] = PICTURE;
         let corners: Vec<Projected> = (frame.points.iter())
             .map(|p| {
@@ -322,18 +321,20 @@ impl FramePainter {
                 Some(seen) => self.shade(frame, triangles, &seen),
             }
         };
-        let sum = (0..SAMPLES * SAMPLES).map(sample).fold([0.0; 3], add);
+        let sum = (0..SAMPLES * SAMPLES).map(sample).sum::<DVec3>();
         sum.map(|c| (255.0 * screen_brightness(c / (SAMPLES * SAMPLES) as f64)).round() as u8)
     }
 
-    fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &DepthVisibility) -> [f64; 3] {
+    fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &DepthVisibility) -> DVec3 {
         let corners = triangles[seen.triangle as usize].map(|c| c as usize);
-        let mix = |of: &[[f64; 3]]| {
-            (corners.iter().zip(seen.barycentric)).fold([0.0; 3], |sum, (&c, w)| add_scaled(sum, w, of[c]))
+        let mix = |of: &[DVec3]| {
+            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * of[c])
         };
-        let direction = sub(mix(&frame.points), self.camera.at);
-        let cosine = unit(mix(&frame.normals)).map_or(1.0, |normal| dot(normal, direction) / norm(direction));
+        let direction = mix(&frame.points) - self.camera.at;
+        let cosine = mix(&frame.normals)
+            .try_normalize()
+            .map_or(1.0, |normal| normal.dot(direction) / direction.length());
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
-        scale(light, mix(&frame.colours))
+        light * mix(&frame.colours)
     }
 }

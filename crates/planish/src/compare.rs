@@ -19,14 +19,13 @@ pub(crate) mod page;
 
 pub use inputs::{Compared, ComparedMesh, Reference};
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use crate::saved;
 use page::compare_page;
 use planish_core::Progress;
-use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::{ScanSet, Unit, read_inputs};
@@ -161,7 +160,7 @@ pub fn compare(
 /// The reference as a report shows it.
 pub(crate) struct ShownReference {
     /// Its points that were compared, in the model's unit.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// The model's signed deviation from each.
     pub deviations: Vec<f64>,
     /// The same over its σ; not finite if none is known.
@@ -286,9 +285,9 @@ fn deviations(signed: &[f64]) -> Result<Option<Deviations>> {
 /// A point of the reference and its foot on the model.
 struct Pair {
     point: usize,
-    foot: [f64; 3],
+    foot: DVec3,
     /// The model's normal there.
-    normal: [f64; 3],
+    normal: DVec3,
     /// The model's σ along it.
     sigma: Option<f64>,
 }
@@ -302,14 +301,14 @@ fn summarise_backward(
     let mut normalised = Vec::with_capacity(pairs.len());
     let (mut with_sigma, mut covered, mut against) = (0_usize, 0_usize, 0_usize);
     for pair in pairs {
-        let offset = sub(pair.foot, reference.points[pair.point]);
+        let offset = pair.foot - reference.points[pair.point];
         let own = reference.normal(pair.point);
         // The sign is that of the reference if it has normals, so that both directions agree on what
         // "outside" is.
-        let direction = if own == [0.0; 3] { pair.normal } else { own };
-        against += usize::from(dot(own, pair.normal) < 0.0);
-        let size = norm(offset);
-        signed.push(if dot(offset, direction) < 0.0 { -size } else { size });
+        let direction = if own == DVec3::ZERO { pair.normal } else { own };
+        against += usize::from(own.dot(pair.normal) < 0.0);
+        let size = offset.length();
+        signed.push(if offset.dot(direction) < 0.0 { -size } else { size });
         if let Some(sigma) = pair.sigma {
             with_sigma += 1;
             // The errors of model and reference are independent, so their variances add.
@@ -378,8 +377,8 @@ fn surface_pairs(
 /// The nearest points of a surface to points with normals (zero where they are not known).
 pub(crate) fn feet_on(
     surface: &Surface,
-    points: &[[f64; 3]],
-    normal: impl Fn(usize) -> [f64; 3] + Sync,
+    points: &[DVec3],
+    normal: impl Fn(usize) -> DVec3 + Sync,
 ) -> Result<Vec<FootPoint>> {
     let extent = BoundingBox::from_points(surface.vertices()).map_or(0.0, |b| b.diagonal());
     // Opposite normals count like a distance of a fifth of the size. This keeps the points of one side of a
@@ -391,13 +390,13 @@ pub(crate) fn feet_on(
         .with_min_len(256)
         .map(|k| {
             let z = points[k];
-            let away = |foot: &FootPoint| distance(foot.jet.point, z);
+            let away = |foot: &FootPoint| foot.jet.point.distance(z);
             let first = surface.project(z, search.nearest(z, normal(k)), &options);
             // No foot of a perpendicular: the iteration got stuck, or the normal misled it.
             if first.at_border || first.converged && first.slip <= 0.05 * away(&first) + 1e-6 * extent {
                 return first;
             }
-            let second = surface.project(z, search.nearest(z, [0.0; 3]), &options);
+            let second = surface.project(z, search.nearest(z, DVec3::ZERO), &options);
             // The second start ignores the normal. It replaces the first only if it is nearer, so a good
             // normal is never overruled without gain.
             if away(&second) < away(&first) { second } else { first }
@@ -445,7 +444,7 @@ fn observed_vertices(
     model: &Compared,
     options: &CompareOptions,
     skipped: &mut Skipped,
-) -> Result<Vec<[f64; 3]>> {
+) -> Result<Vec<DVec3>> {
     let (positions, observed): (_, Vec<Observed>) = match model {
         Compared::Surface(model) => {
             let tolerance = match options.mesh_tolerance {
@@ -468,7 +467,7 @@ fn observed_vertices(
         }
     };
     let all = positions.len();
-    let kept: Vec<[f64; 3]> = positions
+    let kept: Vec<DVec3> = positions
         .into_iter()
         .zip(&observed)
         .filter(|(_, observed)| options.part.holds(**observed))

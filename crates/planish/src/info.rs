@@ -4,7 +4,7 @@
 //! file is read, not only the header, so that truncated and malformed files are detected.
 
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
@@ -54,9 +54,9 @@ pub enum Contents {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct BoxInfo {
     /// Smallest coordinates.
-    pub min: [f64; 3],
+    pub min: DVec3,
     /// Greatest coordinates.
-    pub max: [f64; 3],
+    pub max: DVec3,
 }
 
 /// A scan.
@@ -116,7 +116,7 @@ pub struct ListedScanInfo {
     /// Its sensor.
     pub sensor: String,
     /// World from scanner: translation.
-    pub translation: [f64; 3],
+    pub translation: DVec3,
     /// World from scanner: rotation.
     pub quaternion_xyzw: [f64; 4],
     /// σ of the translation, where stated.
@@ -307,7 +307,7 @@ fn scan_info(scan: &Scan) -> ScanInfo {
 }
 
 fn scan_list(set: &ScanSet) -> ScanListInfo {
-    let world: Vec<[f64; 3]> = set
+    let world: Vec<DVec3> = set
         .scans
         .iter()
         .flat_map(|posed| {
@@ -447,7 +447,7 @@ fn model(path: &Path) -> Result<FileInfo> {
 }
 
 /// Nine by nine points of every cell, its corners among them.
-fn points_of_cells(surface: &planish_spline::Surface) -> Vec<[f64; 3]> {
+fn points_of_cells(surface: &planish_spline::Surface) -> Vec<DVec3> {
     (0..surface.space().leaves().len())
         .flat_map(|leaf| {
             (0..81).map(move |k| surface.leaf_point(leaf, f64::from(k % 9) / 8.0, f64::from(k / 9) / 8.0))
@@ -455,6 +455,6 @@ fn points_of_cells(surface: &planish_spline::Surface) -> Vec<[f64; 3]> {
         .collect()
 }
 
-fn bounds(points: &[[f64; 3]]) -> Option<BoxInfo> {
+fn bounds(points: &[DVec3]) -> Option<BoxInfo> {
     BoundingBox::from_points(points).map(|b| BoxInfo { min: b.min, max: b.max })
 }

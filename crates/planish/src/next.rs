@@ -20,9 +20,8 @@ use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use page::next_page;
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, Length, Progress, Unit};
+use planish_core::{DVec3, Finding, Length, Progress, Unit};
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
-use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
 use planish_exchange::{extension, write_atomically};
@@ -83,7 +82,7 @@ pub struct NextOptions {
     /// Stop where the largest σ of the region is at most this.
     pub goal: Option<f64>,
     /// Two corners of a box that limits the region; the whole surface if none is given.
-    pub region: Option<[[f64; 3]; 2]>,
+    pub region: Option<[DVec3; 2]>,
     /// Whether the region is limited to parts that were measured already.
     pub measured_only: bool,
     /// The quantity to minimise.
@@ -113,9 +112,9 @@ impl Default for NextOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NextPoint {
     /// Position on the surface.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// The surface's unit normal there.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// σ of the surface along it, once all points before this one are measured.
     pub sigma_before: f64,
     /// σ after this point is measured as well.
@@ -186,8 +185,8 @@ impl UnmeasurableSigma {
 /// A place of the region: the middle of a leaf.
 struct Place {
     leaf: usize,
-    position: [f64; 3],
-    normal: [f64; 3],
+    position: DVec3,
+    normal: DVec3,
     area: f64,
     /// The row of a reading along the normal: nodes and weights.
     row: Vec<(u32, f64)>,
@@ -321,7 +320,7 @@ fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
 /// The information of a model, with one direction of motion per vertex, and the places of the region.
 struct Prepared {
     system: SurfaceSystem,
-    directions: Vec<[f64; 3]>,
+    directions: Vec<DVec3>,
     /// Information of data and prior, with one unknown per node.
     information: BlockInformation,
     places: Vec<Place>,
@@ -348,7 +347,7 @@ impl Prepared {
 fn variances_of(
     model: &SurfaceModel,
     factor: &CholeskyFactor,
-    directions: Vec<[f64; 3]>,
+    directions: Vec<DVec3>,
     places: &[Place],
 ) -> Result<Vec<f64>> {
     let posterior = Posterior::new(&model.surface, Arc::new(model.covariance_along(factor, directions)?));
@@ -493,20 +492,20 @@ fn region_leaves(model: &SurfaceModel, options: &NextOptions) -> Vec<usize> {
         .collect()
 }
 
-fn places(model: &SurfaceModel, directions: &[[f64; 3]], options: &NextOptions) -> Vec<Place> {
+fn places(model: &SurfaceModel, directions: &[DVec3], options: &NextOptions) -> Vec<Place> {
     let space = model.surface.space();
     let weights = leaf_weights(0.5, 0.5);
     (region_leaves(model, options).into_iter())
         .map(|leaf| {
             let jet = model.surface.leaf_jet(leaf, 0.5, 0.5);
-            let normal = jet.normal().unwrap_or([0.0; 3]);
+            let normal = jet.normal().unwrap_or(DVec3::ZERO);
             let side = space.leaves()[leaf].side();
             // The row of the reading: the weights of the nodes at the middle of the leaf, times the component
             // of each node's motion along the normal.
             let (nodes, extraction) = space.extraction(leaf);
             let row = nodes.iter().zip(extraction).map(|(&node, e)| {
                 let weight: f64 = e.iter().zip(&weights).map(|(e, w)| e * w).sum();
-                (node, weight * dot(normal, directions[node as usize]))
+                (node, weight * normal.dot(directions[node as usize]))
             });
             Place {
                 leaf,

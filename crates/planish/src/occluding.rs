@@ -13,7 +13,7 @@
 mod patch;
 
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 pub use planish_sense::occluding::OccludingOptions;
 
 use crate::job::Job;
@@ -370,7 +370,7 @@ fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<Vi
     if views.iter().filter(closed).count() < 2 {
         return Ok(None);
     }
-    let places: Vec<[f64; 3]> = found.points.iter().map(|p| p.position).collect();
+    let places: Vec<DVec3> = found.points.iter().map(|p| p.position).collect();
     // Without any point, nothing shows where in space the hull should be sought.
     let Some(bounds) = BoundingBox::from_points(&places) else {
         return Ok(None);

@@ -4,7 +4,7 @@
 //! [`plan_outputs`] finds problems with paths before the work. [`prepare`] finds problems with the model
 //! before the first file is written. The remaining failures are those of the disk.
 
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
@@ -380,7 +380,7 @@ mod tests {
                 positions: vec![[offset, 0.0, 0.0], [offset + 1.0, 0.0, 0.0], [offset, 1.0, 0.0]],
                 triangles: vec![[0, 1, 2]],
             },
-            normals: vec![[0.0, 0.0, 1.0]; 3],
+            normals: vec![DVec3::Z; 3],
             sigma: vec![0.02; 3],
             observed: vec![1; 3],
             tolerance: 0.01,

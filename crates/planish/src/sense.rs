@@ -324,9 +324,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
 /// σ along the rays from the sensor.
 fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
     let covariances = scan.covariance.as_ref()?.iter().zip(&scan.points);
-    summary(
-        covariances.filter_map(|(c, p)| Some(c.along(planish_estimate::vector3::unit(*p)?).sqrt())).collect(),
-    )
+    summary(covariances.filter_map(|(c, p)| Some(c.along(p.try_normalize()?).sqrt())).collect())
 }
 
 pub(crate) fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {

@@ -14,7 +14,7 @@ mod viewed_content;
 pub(crate) use camera::Camera;
 pub use camera::{CameraAngles, Up};
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 pub use viewed_content::ViewedFile;
 
 use crate::job::Job;
@@ -417,7 +417,7 @@ fn pixels(
 }
 
 /// Width of dots so that dots of a surface seen from the front nearly touch.
-fn dot_width(positions: &[[f64; 3]], camera: &Camera, [columns, rows]: [usize; 2]) -> f64 {
+fn dot_width(positions: &[DVec3], camera: &Camera, [columns, rows]: [usize; 2]) -> f64 {
     // The fraction of occupied cells of a coarse grid estimates the area covered by dots.
     const CELLS: usize = 96;
     let cell = [columns, rows].map(|n| n as f64 / CELLS as f64);

@@ -2,7 +2,7 @@
 
 use crate::scene::Scene;
 use askama::Template;
-use planish_core::{Finding, FindingLevel};
+use planish_core::{DVec3, Finding, FindingLevel};
 
 /// The CSS class of a level.
 pub(crate) fn class(level: &FindingLevel) -> &'static str {
@@ -230,7 +230,7 @@ mod tests {
         page.scene = Some(Scene {
             surfaces: vec![SurfaceShown {
                 name: "</script><script>alert(1)".to_owned(),
-                positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+                positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
                 triangles: vec![[0, 1, 2]],
                 ..SurfaceShown::default()
             }],
@@ -282,7 +282,7 @@ mod tests {
                 at: [1e6 + 1.0, 2.0, 0.0],
                 label: "1".to_owned(),
                 text: String::new(),
-                normal: [0.0, 0.0, 1.0],
+                normal: DVec3::Z,
             }],
             ..Scene::default()
         };
@@ -290,7 +290,7 @@ mod tests {
         assert_eq!(packed["centre"], serde_json::json!([1e6 + 1.0, 2.0, 0.0]));
         assert_eq!(packed["low"], serde_json::json!([-1.0, -2.0, 0.0]));
         assert_eq!(packed["steps"][0], serde_json::json!([-100.0, -2.0, 0.0]));
-        assert_eq!(packed["marks"][0]["at"], serde_json::json!([0.0, 0.0, 0.0]));
+        assert_eq!(packed["marks"][0]["at"], serde_json::json!(DVec3::ZERO));
         assert!(Scene::default().packed().is_none());
     }
 }

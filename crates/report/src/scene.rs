@@ -10,6 +10,7 @@ use crate::colour::{Map, Scale, hex};
 use crate::field::{Field, Values};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use planish_core::DVec3;
 use serde_json::{Value, json};
 use thin::{MAX_TRIANGLES, thinned};
 
@@ -30,7 +31,7 @@ pub struct SurfaceShown {
     /// Name shown to the reader.
     pub name: String,
     /// Vertex positions, in the unit of the scene.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// Triangles as vertex indices.
     pub triangles: Vec<[u32; 3]>,
     /// Quantities for colouring; the first is selected at the start.
@@ -51,7 +52,7 @@ pub struct Cloud {
     /// Name shown to the reader.
     pub name: String,
     /// Positions, in the unit of the scene.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// Quantities for colouring; the first is selected at the start.
     pub fields: Vec<Field>,
     /// True if they are hidden at the start.
@@ -66,7 +67,7 @@ pub struct LineSet {
     /// Name shown to the reader.
     pub name: String,
     /// Both ends of each segment.
-    pub segments: Vec<[[f64; 3]; 2]>,
+    pub segments: Vec<[DVec3; 2]>,
     /// CSS colour; dark grey if empty.
     pub colour: String,
     /// True if they are hidden at the start.
@@ -77,13 +78,13 @@ pub struct LineSet {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
     /// Position.
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// The number, as text.
     pub label: String,
     /// Description, shown on a click.
     pub text: String,
     /// Direction from which the mark is visible: the outward normal.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
 }
 
 /// The content of a 3D view.
@@ -104,7 +105,7 @@ pub struct Scene {
 }
 
 /// Default viewing direction, from the object to the camera (not normalised): oblique from above.
-const OBLIQUE_VIEW: [f64; 3] = [0.55, -0.75, 0.5];
+const OBLIQUE_VIEW: DVec3 = DVec3::new(0.55, -0.75, 0.5);
 /// Ratio of |Σ area vectors| to the area above which a surface faces one direction and is shown from the
 /// front.
 ///
@@ -115,7 +116,7 @@ impl Scene {
     /// Bounding box of the surfaces, or of everything if there is no surface. It determines the view.
     ///
     /// Points include outliers, which would make the surface a speck.
-    fn bounds(&self) -> Option<[[f64; 3]; 2]> {
+    fn bounds(&self) -> Option<[DVec3; 2]> {
         let surfaces = self.surfaces.iter().flat_map(|s| &s.positions);
         let others = (self.clouds.iter().flat_map(|c| &c.positions))
             .chain(self.lines.iter().flat_map(|l| l.segments.iter().flatten()))
@@ -124,7 +125,7 @@ impl Scene {
     }
 
     /// Bounding box of everything: the range of the quantised positions.
-    fn outer(&self) -> Option<[[f64; 3]; 2]> {
+    fn outer(&self) -> Option<[DVec3; 2]> {
         box_of(
             (self.surfaces.iter().flat_map(|s| &s.positions))
                 .chain(self.clouds.iter().flat_map(|c| &c.positions))
@@ -138,8 +139,8 @@ impl Scene {
         let inner = self.bounds()?;
         let outer = self.outer()?;
         // 32-bit floats of map coordinates would have steps of up to half a metre.
-        let centre: [f64; 3] = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
-        let about = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|d| p[d] - centre[d]) };
+        let centre: DVec3 = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
+        let about = |p: &DVec3| -> DVec3 { std::array::from_fn(|d| p[d] - centre[d]) };
         let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
@@ -226,42 +227,40 @@ impl Scene {
     /// # Examples
     /// ```
     /// let (_, up) = planish_report::Scene::default().view();
-    /// assert_eq!(up, [0.0, 0.0, 1.0]);
+    /// assert_eq!(up, DVec3::Z);
     /// ```
     #[must_use]
-    pub fn view(&self) -> ([f64; 3], [f64; 3]) {
-        let (mut facing, mut area) = ([0.0; 3], 0.0);
+    pub fn view(&self) -> (DVec3, DVec3) {
+        let (mut facing, mut area) = (DVec3::ZERO, 0.0);
         for surface in &self.surfaces {
             for t in &surface.triangles {
                 let [a, b, c] = t.map(|k| surface.positions[k as usize]);
-                let [p, q]: [[f64; 3]; 2] = [b, c].map(|x| std::array::from_fn(|d| x[d] - a[d]));
+                let [p, q]: [DVec3; 2] = [b, c].map(|x| std::array::from_fn(|d| x[d] - a[d]));
                 let n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
-                for d in 0..3 {
-                    facing[d] += n[d];
-                }
+                facing += n;
                 area += length(n);
             }
         }
         let towards = length(facing);
         if towards <= FACING * area || area == 0.0 {
-            return (OBLIQUE_VIEW, [0.0, 0.0, 1.0]);
+            return (OBLIQUE_VIEW, DVec3::Z);
         }
         let n = facing.map(|c| c / towards);
         // Up is z unless the sheet faces up or down; then it is y. A slight slant shows the relief.
-        let up = if n[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
+        let up = if n[2].abs() < 0.9 { DVec3::Z } else { DVec3::Y };
         let from = std::array::from_fn(|d| n[d] + 0.35 * [0.5, -0.8, 0.4][d]);
         (from, up)
     }
 }
 
 /// Euclidean length.
-fn length(v: [f64; 3]) -> f64 {
+fn length(v: DVec3) -> f64 {
     v.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
 /// Bounding box of the finite points.
-fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2]> {
-    points.filter(|p| p.iter().all(|c| c.is_finite())).fold(None, |found: Option<[[f64; 3]; 2]>, p| {
+fn box_of<'a>(points: impl Iterator<Item = &'a DVec3>) -> Option<[DVec3; 2]> {
+    points.filter(|p| p.iter().all(|c| c.is_finite())).fold(None, |found: Option<[DVec3; 2]>, p| {
         let [low, high] = found.unwrap_or([*p, *p]);
         Some([std::array::from_fn(|d| low[d].min(p[d])), std::array::from_fn(|d| high[d].max(p[d]))])
     })
@@ -271,14 +270,14 @@ fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2
 ///
 /// 16 bits halve the size of the file, and no screen resolves the steps.
 struct Steps {
-    low: [f64; 3],
-    high: [f64; 3],
+    low: DVec3,
+    high: DVec3,
 }
 
 impl Steps {
     /// Encodes positions as 16-bit steps.
-    fn packed(&self, places: impl Iterator<Item = [f64; 3]>) -> Value {
-        let step = |p: [f64; 3]| -> [u16; 3] {
+    fn packed(&self, places: impl Iterator<Item = DVec3>) -> Value {
+        let step = |p: DVec3| -> [u16; 3] {
             std::array::from_fn(|d| {
                 // A flat scene has no extent along one axis.
                 let side = self.high[d] - self.low[d];

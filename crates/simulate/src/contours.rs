@@ -95,7 +95,7 @@ impl ContoursShape {
     /// The point at a height and an angle about the axis.
     fn at(self, z: f64, angle: f64) -> DVec3 {
         let [r, _] = self.profile(z);
-        [r * angle.cos(), r * angle.sin(), z]
+        DVec3::new(r * angle.cos(), r * angle.sin(), z)
     }
 }
 
@@ -235,7 +235,7 @@ fn camera(angle: f64, height: f64) -> Result<Camera> {
     let focal = 0.75 * SIZE[1] as f64 * DISTANCE_MM / (2.0 * HALF);
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
-        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z],
+        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z.to_array()],
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
         (-(r * Vector3::from(from))).into(),
     )
@@ -334,7 +334,7 @@ fn closed_surface(shape: ContoursShape) -> TriangleMesh {
     let mut mesh = surface_of_revolution(shape, up, around);
     for (ring, z) in [(0, -HALF), (up, HALF)] {
         let middle = mesh.positions.len() as u32;
-        mesh.positions.push([0.0, 0.0, z]);
+        mesh.positions.push(DVec3::new(0.0, 0.0, z));
         for j in 0..around {
             let [a, b] = [j, (j + 1) % around].map(|j| (ring * around + j) as u32);
             mesh.triangles.push(if z < 0.0 { [middle, b, a] } else { [middle, a, b] });

@@ -200,7 +200,8 @@ impl ClosedForm {
                 })
             }
             Shape::Ball => {
-                let semi_axes = [0.5, 0.42, 0.34].map(|share| size * share * between(0.95, 1.05));
+                let semi_axes =
+                    DVec3::from_array([0.5, 0.42, 0.34].map(|share| size * share * between(0.95, 1.05)));
                 let bumps = (0..10)
                     .map(|k| {
                         let sharpness = [4.0, 7.0, 12.0, 20.0][k % 4] * between(0.8, 1.2);
@@ -208,7 +209,7 @@ impl ClosedForm {
                         let ring = (1.0 - z * z).sqrt();
                         let sign = if between(0.0, 1.0) < 0.4 { -1.0 } else { 1.0 };
                         BallBump {
-                            direction: [ring * angle.cos(), ring * angle.sin(), z],
+                            direction: DVec3::new(ring * angle.cos(), ring * angle.sin(), z),
                             sharpness,
                             // The curvature of a bump is a κ. Above about 1, a dent makes the surface
                             // concave.
@@ -302,7 +303,7 @@ impl ClosedForm {
 /// The unit vector at parameters `(u, v)` of a ball: longitude `2πu`, angle `πv` from −z.
 fn direction(u: f64, v: f64) -> DVec3 {
     let ((s, c), (sin, cos)) = ((PI * v).sin_cos(), (TAU * u).sin_cos());
-    [s * cos, s * sin, -c]
+    DVec3::new(s * cos, s * sin, -c)
 }
 
 /// The parameters `(u, v)` of a ball in a direction, which need not be a unit vector.
@@ -333,14 +334,15 @@ impl BentForm {
         // Both coordinates of the catenary with their first and second derivatives with respect to its arc
         // length. κs²/(r + 1) is (r − 1)/κ without cancellation for small κ, and without division by zero.
         let along = if k == 0.0 { arc } else { (k * arc).asinh() / k };
-        let mut along = s.compose([along, 1.0 / r, -k * k * arc / r.powi(3)]);
-        let mut up = s.compose([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
+        let mut along = s.compose(DVec3::new(along, 1.0 / r, -k * k * arc / r.powi(3)));
+        let mut up = s.compose(DVec3::new(k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)));
         if let Some(bulge) = &self.bulge {
             let (dx, dy) = (x - bulge.centre[0], y - bulge.centre[1]);
             let height = ((dx * dx + dy * dy) * (-0.5 / (bulge.width * bulge.width))).exp() * bulge.height;
-            let sin_slope = s.compose([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
+            let sin_slope =
+                s.compose(DVec3::new(k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)));
             let bend = k * k * (2.0 * (k * arc).powi(2) - 1.0) / r.powi(5);
-            let cos_slope = s.compose([1.0 / r, -k * k * arc / r.powi(3), bend]);
+            let cos_slope = s.compose(DVec3::new(1.0 / r, -k * k * arc / r.powi(3), bend));
             along += sin_slope * height * -1.0;
             up += cos_slope * height;
         }

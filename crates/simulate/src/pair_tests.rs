@@ -19,14 +19,14 @@ fn camera(at: DVec3, along: DVec3) -> Pinhole {
     let x = DVec3::Y.cross(z).try_normalize().unwrap();
     let y = z.cross(x);
     let world_from_camera = Pose { rotation: from_columns([x, y, z]), translation: at };
-    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], DVec3::Z], &world_from_camera)
+    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], DVec3::Z.to_array()], &world_from_camera)
 }
 
 fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {
     let exposure = Exposure {
         camera,
         size: SIZE,
-        light: &Light::Lamp([0.0, -15.0, -50.0]),
+        light: &Light::Lamp(DVec3::new(0.0, -15.0, -50.0)),
         texture: &Texture { contrast: 0.7, grain: 0.3, seed: 5 },
         sigma_brightness: 1.0,
         seed,
@@ -52,19 +52,19 @@ fn converging_cameras_are_as_accurate_as_a_rectified_pair() {
     let matched =
         |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();
 
-    let level = places.map(|at| camera(at, DVec3::Z));
+    let level = places.map(|at| camera(DVec3::from(at), DVec3::Z));
     let images = [picture(&ball, &level[0], 1), picture(&ball, &level[1], 2)];
     let rectified =
         StereoCamera { focal: FOCAL, center: [119.5, 89.5], baseline: 6.0, doffs: 0.0, sigma_disparity: 0.0 };
     let mut scan = rectified.scan(&matched(&images), &choice, "level").unwrap();
     for p in &mut scan.points {
-        *p = std::array::from_fn(|k| p[k] + places[0][k]);
+        *p = DVec3::from_array(std::array::from_fn(|k| p[k] + places[0][k]));
     }
     let (level_count, level_median) = count_and_median(&scan);
 
     // Both cameras look at the middle of the ball, the second from a slightly higher position.
     let places = [[-3.0, 0.0, -50.0], [3.0, -1.0, -50.0]];
-    let cameras = places.map(|at| camera(at, DVec3::ZERO - at));
+    let cameras = places.map(|at| camera(DVec3::from(at), DVec3::ZERO - at));
     let images = [picture(&ball, &cameras[0], 1), picture(&ball, &cameras[1], 2)];
     let rig = StereoRig {
         cameras: cameras.map(|pinhole| LensCamera { pinhole, distortion: [0.0; 5] }),

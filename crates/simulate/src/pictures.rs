@@ -350,7 +350,7 @@ impl Stage {
         for pose in &poses {
             let camera_from_world = pose.inverse();
             for p in &mesh.positions {
-                let [x, y, z] = camera_from_world.apply(*p);
+                let DVec3 { x, y, z } = camera_from_world.apply(*p);
                 half = [half[0].max(x.abs() / z), half[1].max(y.abs() / z)];
             }
         }
@@ -378,7 +378,7 @@ impl Stage {
 
     /// A camera at a pose whose principal point has the column `cx`.
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
-        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], DVec3::Z], pose)
+        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], DVec3::Z.to_array()], pose)
     }
 
     fn baseline(&self) -> f64 {
@@ -424,7 +424,8 @@ impl Stage {
         let left = self.camera(pose, self.axis()[0]);
         let camera = match (scene, which) {
             (PictureScene::Stereo, 1) => {
-                let to_the_right = Pose { translation: pose.apply([self.baseline(), 0.0, 0.0]), ..*pose };
+                let to_the_right =
+                    Pose { translation: pose.apply(DVec3::new(self.baseline(), 0.0, 0.0)), ..*pose };
                 self.camera(&to_the_right, self.axis()[0] + self.doffs())
             }
             _ => left,
@@ -541,8 +542,8 @@ impl Stage {
 
 /// Pose of a camera on a ring around the vertical axis that looks at `middle`: x right, y down, z forward.
 fn pose_on_ring(middle: DVec3, far: f64, up: DVec3, turn: f64, elevation_deg: f64) -> Result<Pose> {
-    let across = [up[1], up[2], up[0]];
-    let third = up.cross(across);
+    let across = DVec3::new(up[1], up[2], up[0]);
+    let third = up.cross(DVec3::from(across));
     let (sin, cos) = elevation_deg.to_radians().sin_cos();
     let level = turn.cos() * across + turn.sin() * third;
     let towards = cos * level + sin * up;

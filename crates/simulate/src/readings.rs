@@ -115,7 +115,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     }
     let sensor = SensorOptions {
         outlier_share: options.outlier_share,
-        velocity: options.velocity,
+        velocity: options.velocity.to_array(),
         ..default_sensor(options.noise, options.sweep, millimetre)
     };
     // The sensor moves around this point. The vertices of the L lie around the origin; the parameters of all
@@ -127,7 +127,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     write_table(&paths[0], &made.noisy)?;
     write_table(&paths[1], &made.exact)?;
     let parameters = parameters_json(&options.kind, &theta);
-    let [vx, vy, turn] = options.velocity;
+    let [vx, vy, turn] = options.velocity.to_array();
     let truth = json!({
         "kind": options.kind.to_string(),
         "parameters": parameters,
@@ -151,7 +151,7 @@ pub(super) fn default_sensor(noise: f64, sweep: usize, millimetre: f64) -> Senso
         sigma_range_share: 0.01 * noise,
         sweep: sweep.max(1),
         outlier_share: 0.0,
-        velocity: DVec3::ZERO,
+        velocity: DVec3::ZERO.to_array(),
         rate_hz: 100.0,
     }
 }

@@ -267,9 +267,9 @@ mod tests {
     use planish_mesh::{grid_sheet, icosphere};
 
     const CAMERA: Pinhole = Pinhole {
-        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], DVec3::Z],
+        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], DVec3::Z.to_array()],
         r: planish_core::matrix3::IDENTITY,
-        t: [0.0, 0.0, 50.0],
+        t: DVec3::new(0.0, 0.0, 50.0),
     };
     const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };
 
@@ -288,7 +288,7 @@ mod tests {
     #[test]
     fn brightness_follows_lambert_and_the_background_is_black() {
         let ball = MeshSearch::try_new(&icosphere(8.0, 4)).unwrap();
-        let seen = take(&ball, &Light::Lamp([0.0, 0.0, -500.0]), 0.0);
+        let seen = take(&ball, &Light::Lamp(DVec3::new(0.0, 0.0, -500.0)), 0.0);
         assert_eq!(seen[0], 0);
         let middle = f64::from(seen[20 * 41 + 20]);
         assert!((middle - WHITE * ALBEDO).abs() < 2.0, "{middle}");
@@ -323,11 +323,11 @@ mod tests {
         // A post in front of the wall, lit from the side, casts a shadow.
         let post = |o: DVec3, d: DVec3| {
             let at = |z: f64| std::array::from_fn(|k| o[k] + d[k] * (z - o[2]) / d[2]);
-            let near: DVec3 = at(-20.0);
+            let near: DVec3 = DVec3::from(at(-20.0));
             let z = if near[0].abs() < 1.0 { -20.0 } else { 0.0 };
             (d[2] != 0.0).then(|| (at(z), DVec3::new(0.0, 0.0, -1.0)))
         };
-        let seen = take(&post, &Light::Lamp([-9.0, 0.0, -50.0]), 0.0);
+        let seen = take(&post, &Light::Lamp(DVec3::new(-9.0, 0.0, -50.0)), 0.0);
         let dark =
             seen.iter().filter(|v| (f64::from(**v) - WHITE * ALBEDO * AMBIENT_OF_LAMP).abs() < 2.0).count();
         assert!(dark > 20, "{dark}");

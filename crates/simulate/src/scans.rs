@@ -340,7 +340,8 @@ fn view_pose(
             DVec3::new(1.0, -1.0, -1.0),
             DVec3::new(-1.0, 1.0, -1.0),
             DVec3::new(-1.0, -1.0, 1.0),
-        ][view],
+        ][view]
+            .to_array(),
         _ => {
             let z = 1.0 - (2 * view + 1) as f64 / views as f64;
             let ring = (1.0 - z * z).sqrt();
@@ -381,7 +382,7 @@ pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optic
     let scanner_from_world = pose.inverse();
     let mut half = [0.0_f64; 2];
     for p in truth.mesh(5120).0.positions {
-        let [x, y, z] = scanner_from_world.apply(p);
+        let DVec3 { x, y, z } = scanner_from_world.apply(p);
         let by = if parallel { 1.0 } else { -z };
         half = [half[0].max(x.abs() / by), half[1].max(y.abs() / by)];
     }

@@ -43,28 +43,28 @@ impl SecondOrder {
 
     pub fn sin(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        self.compose([s, c, -s])
+        self.compose(DVec3::new(s, c, -s))
     }
 
     pub fn cos(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        self.compose([c, -s, -c])
+        self.compose(DVec3::new(c, -s, -c))
     }
 
     pub fn exp(self) -> Self {
         let e = self.f.exp();
-        self.compose([e, e, e])
+        self.compose(DVec3::new(e, e, e))
     }
 
     /// The point and derivatives of a surface, given its three coordinates.
     pub fn jet(p: [Self; 3]) -> Jet {
         Jet {
-            point: p.map(|c| c.f),
-            du: p.map(|c| c.u),
-            dv: p.map(|c| c.v),
-            duu: p.map(|c| c.uu),
-            duv: p.map(|c| c.uv),
-            dvv: p.map(|c| c.vv),
+            point: DVec3::from(p.map(|c| c.f)),
+            du: DVec3::from(p.map(|c| c.u)),
+            dv: DVec3::from(p.map(|c| c.v)),
+            duu: DVec3::from(p.map(|c| c.uu)),
+            duv: DVec3::from(p.map(|c| c.uv)),
+            dvv: DVec3::from(p.map(|c| c.vv)),
         }
     }
 }

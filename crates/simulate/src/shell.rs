@@ -126,7 +126,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let moved: Vec<DVec3> =
         (controls.iter()).map(|_| gaussian_vector(&mut random, options.deformation * size)).collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
-    let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
+    let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten().to_array());
     let truth = TriangleMesh {
         positions: displaced_positions(&rest.positions, &deformation, &q),
         triangles: rest.triangles.clone(),
@@ -140,8 +140,10 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     // All positions are drawn before all errors, so that another σ leaves the positions unchanged.
     let points: Vec<DVec3> = (points.into_iter())
         .map(|place| match random.random::<f64>() < options.outliers {
-            true => std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])),
-            false => place + gaussian_vector(&mut random, sigma),
+            true => {
+                DVec3::from_array(std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])))
+            }
+            false => DVec3::from((place + gaussian_vector(&mut random, sigma)).to_array()),
         })
         .collect();
     make_folder(folder)?;
@@ -216,10 +218,10 @@ fn write_masks(
 
 /// A Gaussian vector with this σ along each axis.
 fn gaussian_vector(random: &mut ChaCha8Rng, sigma: f64) -> DVec3 {
-    std::array::from_fn(|_| {
+    DVec3::from_array(std::array::from_fn(|_| {
         let x: f64 = StandardNormal.sample(random);
         sigma * x
-    })
+    }))
 }
 
 /// A camera that looks at the middle of a box, with the z axis upwards in the image.
@@ -239,7 +241,7 @@ fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let focal = 0.8 * SIZE[1] as f64 * DISTANCE;
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
-        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z],
+        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z.to_array()],
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
         t.into(),
     )

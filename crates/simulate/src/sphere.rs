@@ -351,7 +351,7 @@ impl SharedModel {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [CELLS; 2])?);
         let cylinder = fit_function(&space, |u, v| {
             let [a, b] = [u, v].map(|x| (2.0 * x / CELLS as f64 - 1.0) * HALF_OPENING);
-            [a.sin(), b, a.cos()]
+            DVec3::new(a.sin(), b, a.cos())
         })?;
         // Subdivided everywhere, because the weight is needed before the filter decides where to split.
         let mut finest = Hierarchy::clone(&space);
@@ -476,7 +476,7 @@ impl SharedModel {
             let (nodes, weights) = space.extraction(leaf);
             let at = self.cylinder.point(u, v);
             let departure = point - at;
-            squares += departure.iter().map(|x| x * x).sum::<f64>() / variance;
+            squares += departure.to_array().iter().map(|x| x * x).sum::<f64>() / variance;
             let c = leaf_weights(s, t);
             let row: Vec<f64> = weights.iter().map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum()).collect();
             let matrix: Vec<f64> =

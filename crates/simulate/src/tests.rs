@@ -1,4 +1,5 @@
 use super::*;
+use planish_core::DVec3;
 use planish_core::Silent;
 use planish_estimate::ErrorKind;
 use planish_exchange::{Unit, read_inputs};
@@ -124,7 +125,7 @@ fn distances_of_points_moved_along_normals_are_exact() {
     let beyond = sheet.point(1.0, 0.5) + 3.0 * DVec3::X;
     let foot = sheet.foot(beyond).unwrap();
     assert!(foot.at_border && foot.signed_distance.abs() <= 3.0 && foot.signed_distance.abs() > 2.5);
-    assert!(sheet.foot([f64::NAN; 3]).is_none());
+    assert!(sheet.foot(DVec3::splat(f64::NAN)).is_none());
 }
 
 #[test]
@@ -322,7 +323,7 @@ fn readings_are_neither_hidden_nor_grazing() {
     }
     // A parallel scanner measures nothing on the far side of a ball.
     let truth = Truth::freeform(Shape::Ball, SIZE, 2).unwrap();
-    let pose = Pose { translation: [0.0, 0.0, 300.0], ..Pose::identity() };
+    let pose = Pose { translation: DVec3::new(0.0, 0.0, 300.0), ..Pose::identity() };
     let noise = Noise::Isotropic { sigma: 0.01 };
     let scanner = VirtualScanner::new("top", pose, Optics::Parallel { half: [70.0; 2] }, [40, 30], noise);
     let seen = scanner.scan(&truth, 1).unwrap();

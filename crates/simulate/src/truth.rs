@@ -162,7 +162,7 @@ impl Truth {
         let mut draw: Vec<f64> = (0..unknowns).map(|_| rng.sample(StandardNormal)).collect();
         factor.solve_lower_transpose_in_place(&mut draw)?;
         let moved = mean.vertices().iter().zip(draw.chunks_exact(3));
-        let vertices = moved.map(|(p, d)| [p[0] + d[0], p[1] + d[1], p[2] + d[2]]).collect();
+        let vertices = moved.map(|(p, d)| DVec3::new(p[0] + d[0], p[1] + d[1], p[2] + d[2])).collect();
         Ok(Self::from_surface(Surface::new(Arc::clone(mean.space()), vertices)?))
     }
 

@@ -86,7 +86,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
     options.sanity_check()?;
     let size = options.size();
     let bump = |z: f64, [sharpness, amplitude]: [f64; 2]| BallBump {
-        direction: [0.0, 0.0, z],
+        direction: DVec3::new(0.0, 0.0, z),
         sharpness,
         amplitude,
     };

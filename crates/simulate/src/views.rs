@@ -92,7 +92,8 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
     }
     let [x, y, z] = size;
     let front = [[0.0, 0.0], [x, 0.0], [0.0, z]];
-    let vertices: Vec<DVec3> = [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| [x, depth, z])).collect();
+    let vertices: Vec<DVec3> =
+        [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| DVec3::new(x, depth, z))).collect();
     let truth = json!({
         "size": size,
         "vertices": vertices,

@@ -173,9 +173,11 @@ impl VirtualScanner {
         let [a, b] = [0, 1].map(|k| (2 * index[k] + 1) as f64 / self.grid[k] as f64 - 1.0);
         let rho2 = 0.5 * (a * a + b * b);
         match self.optics {
-            Optics::Parallel { half } => ([a * half[0], b * half[1], 0.0], DVec3::new(0.0, 0.0, -1.0), rho2),
+            Optics::Parallel { half } => {
+                (DVec3::new(a * half[0], b * half[1], 0.0), DVec3::new(0.0, 0.0, -1.0), rho2)
+            }
             Optics::Central { tangents } => {
-                let d = [a * tangents[0], b * tangents[1], -1.0];
+                let d = DVec3::new(a * tangents[0], b * tangents[1], -1.0);
                 (DVec3::ZERO, d.try_normalize().unwrap_or(DVec3::new(0.0, 0.0, -1.0)), rho2)
             }
         }
@@ -330,7 +332,7 @@ pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
 
 /// A random Gaussian error of a reading on this unit ray, with σ multiplied by a factor.
 fn draw(noise: Noise, ray: DVec3, factor: f64, rng: &mut ChaCha8Rng) -> DVec3 {
-    let [a, b, c]: DVec3 = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
+    let [a, b, c]: DVec3 = DVec3::from_array([0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal)));
     match noise {
         Noise::Isotropic { sigma } => sigma * DVec3::new(a, b, c),
         Noise::Ray { sigma_along, sigma_across } => {

@@ -5,6 +5,7 @@ use flate2::read::GzDecoder;
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish::saved::save;
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{PosedMesh, write_posed};
 use planish_exchange::mesh::{Column, MeshColumns};
@@ -16,7 +17,7 @@ use std::io::Read as _;
 /// Meshes of triangles and polygons.
 pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
     let points = points(3);
-    let normals = vec![[0.0, 0.0, 1.0]; 9];
+    let normals = vec![DVec3::Z; 9];
     let mesh = MeshColumns {
         points: &points,
         normals: Some(&normals),
@@ -37,7 +38,7 @@ pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
 /// Eight triangles over a square, in the format that the extension of `name` selects.
 fn square(name: &str) -> Result<Vec<u8>> {
     let points = points(3);
-    let normals = vec![[0.0, 0.0, 1.0]; 9];
+    let normals = vec![DVec3::Z; 9];
     let mesh = MeshColumns {
         points: &points,
         normals: Some(&normals),
@@ -88,8 +89,8 @@ pub fn glbs() -> Result<Vec<Vec<u8>>> {
 /// A mesh with texture coordinates and a picture.
 pub fn posed() -> Result<Vec<Vec<u8>>> {
     let mesh = PosedMesh {
-        points: &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
-        normals: &[[0.0, 0.0, 1.0]; 4],
+        points: &[DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::X],
+        normals: &[DVec3::Z; 4],
         triangles: &[[0, 1, 2], [0, 2, 3]],
         uv: &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5]],
         sigma: &[0.1; 4],
@@ -128,7 +129,7 @@ pub fn models() -> Result<Vec<Vec<u8>>> {
 fn model(shape: planish::Shape) -> Result<Vec<u8>> {
     let folder = tempfile::tempdir().map_err(|e| Error::io("no folder").with_source(e))?;
     let (scan, model) = (folder.path().join("a.ply"), folder.path().join("a.planish"));
-    let round = |[u, v, _]: [f64; 3]| {
+    let round = |[u, v, _]: DVec3| {
         let (longitude, z) = (std::f64::consts::TAU * u, 2.0 * v - 1.0);
         let radius = (1.0 - z * z).max(0.0).sqrt();
         [radius * longitude.cos(), radius * longitude.sin(), z]

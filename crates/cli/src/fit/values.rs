@@ -3,6 +3,7 @@
 use crate::values::within;
 use planish::SymmetryKind;
 use planish::complete::SymmetryChoice;
+use planish_core::DVec3;
 
 /// Largest subdivision depth that is accepted. At depth 7 a cell is 1/128 of a base cell, smaller than the
 /// spacing of readings in practice.
@@ -34,17 +35,17 @@ pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
 }
 
 /// `x`, `y`, `z`, or three numbers separated by commas.
-fn direction(text: &str) -> Result<[f64; 3], String> {
+fn direction(text: &str) -> Result<DVec3, String> {
     let needed = || format!("needed a direction: x, y, z or three numbers like 0,0.1,1; found {text:?}");
     match text {
-        "x" => return Ok([1.0, 0.0, 0.0]),
-        "y" => return Ok([0.0, 1.0, 0.0]),
-        "z" => return Ok([0.0, 0.0, 1.0]),
+        "x" => return Ok(DVec3::X),
+        "y" => return Ok(DVec3::Y),
+        "z" => return Ok(DVec3::Z),
         _ => {}
     }
     let numbers: Vec<f64> =
         (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
-    let all: [f64; 3] = numbers.try_into().map_err(|_| needed())?;
+    let all: DVec3 = numbers.try_into().map_err(|_| needed())?;
     if all.iter().all(|c: &f64| c.is_finite()) && all.iter().any(|c| *c != 0.0) {
         Ok(all)
     } else {

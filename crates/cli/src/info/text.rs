@@ -4,6 +4,7 @@ use crate::lines::{Align, Lines, sensor_cells};
 use crate::numbers::{count, counted, percent, significant};
 use planish::Unit;
 use planish::info::{BoxInfo, Contents, FileInfo, MeshInfo, ModelInfo, ScanInfo, ScanListInfo};
+use planish_core::DVec3;
 use std::path::Path;
 
 /// Formats lengths and boxes in the unit of the file.
@@ -23,7 +24,7 @@ impl Lengths {
             return String::new();
         };
         let size = [0, 1, 2].map(|d| significant(max[d] - min[d], 4)).join(" × ");
-        let corner = |p: &[f64; 3]| p.map(|c| significant(c, 4)).join(", ");
+        let corner = |p: &DVec3| p.map(|c| significant(c, 4)).join(", ");
         // A file without a unit leaves two blanks in its place.
         format!("{size} {} from ({}) to ({})", self.name(), corner(min), corner(max)).replace("  ", " ")
     }

@@ -11,6 +11,7 @@ use planish::Finding;
 use planish::finding::with_warnings;
 use planish::simulate::{ReadingsOptions, ReadingsSummary, write_readings_scene};
 use planish::{Error, Result, Unit};
+use planish_core::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -55,13 +56,13 @@ pub struct ReadingsArgs {
     outliers: f64,
     /// Velocity of the object, in lengths and degrees per second, at 100 readings per second
     #[arg(long, value_name = "VX,VY,DEG", value_parser = velocity, allow_hyphen_values = true)]
-    velocity: Option<[f64; 3]>,
+    velocity: Option<DVec3>,
     /// Common options.
     #[command(flatten)]
     common: CommonArgs,
 }
 
-fn velocity(text: &str) -> Result<[f64; 3], String> {
+fn velocity(text: &str) -> Result<DVec3, String> {
     numbers(text, "10,-5,20")
 }
 
@@ -109,7 +110,7 @@ fn work(args: &ReadingsArgs) -> Result<Summary<ReadingsBody>> {
         sweep: args.sweep,
         noise: args.noise,
         outlier_share: args.outliers,
-        velocity: args.velocity.map_or([0.0; 3], |[x, y, deg]| [x, y, deg.to_radians()]),
+        velocity: args.velocity.map_or(DVec3::ZERO, |[x, y, deg]| [x, y, deg.to_radians()]),
         seed: args.common.seed,
         unit,
     };

@@ -29,9 +29,9 @@ pub struct ComparedMesh {
 #[derive(Debug, Clone, Default)]
 pub struct Reference {
     /// Its points: the vertices of a mesh, or a cloud.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
     /// Unit normals. Zero if unknown; absent if no point has one.
-    pub normals: Option<Vec<[f64; 3]>>,
+    pub normals: Option<Vec<DVec3>>,
     /// Triangles between the points; none for a cloud.
     pub triangles: Vec<[u32; 3]>,
     /// Covariances of the points. Zero if not stated; absent if the reference counts as exact.
@@ -147,7 +147,7 @@ impl Reference {
             let pose = &scan.world_from_scanner;
             for k in 0..scan.points.len() {
                 made.points.push(pose.apply(scan.points[k]));
-                let normal = scan.normals.as_ref().and_then(|n| unit(n[k])).unwrap_or([0.0; 3]);
+                let normal = scan.normals.as_ref().and_then(|n| unit(n[k])).unwrap_or(DVec3::ZERO);
                 normals.push(pose.rotate(normal));
                 let stated = match (&scan.covariance, &scan.sigma, set.sensors[posed.sensor].noise) {
                     (Some(all), _, _) => all[k].rotated(&pose.rotation),
@@ -158,7 +158,7 @@ impl Reference {
                 covariance.push(stated);
             }
         }
-        let known = |n: &[f64; 3]| *n != [0.0; 3];
+        let known = |n: &DVec3| *n != DVec3::ZERO;
         made.normals = normals.iter().any(known).then_some(normals);
         made.covariance = covariance.iter().any(|c| *c != SymmetricMatrix3::ZERO).then_some(covariance);
         made
@@ -168,17 +168,17 @@ impl Reference {
     pub(super) fn scaled(mut self, factor: f64) -> Self {
         // Without conversion, the numbers stay exactly those of the file.
         if factor != 1.0 {
-            self.points.iter_mut().for_each(|p| *p = scale(factor, *p));
+            self.points.iter_mut().for_each(|p| *p = factor * *p);
             self.covariance.iter_mut().flatten().for_each(|c| *c = c.scaled(factor).scaled(factor));
         }
         self
     }
 
-    pub(super) fn normal(&self, k: usize) -> [f64; 3] {
-        self.normals.as_ref().map_or([0.0; 3], |n| n[k])
+    pub(super) fn normal(&self, k: usize) -> DVec3 {
+        self.normals.as_ref().map_or(DVec3::ZERO, |n| n[k])
     }
 
-    pub(super) fn variance(&self, k: usize, direction: [f64; 3]) -> f64 {
+    pub(super) fn variance(&self, k: usize, direction: DVec3) -> f64 {
         self.covariance.as_ref().map_or(0.0, |c| c[k].along(direction))
     }
 }
@@ -207,13 +207,13 @@ fn covariances(file: &PolygonMesh) -> Result<Option<Vec<SymmetricMatrix3>>> {
     Ok(Some(all))
 }
 
-fn normals(file: &PolygonMesh) -> Option<Vec<[f64; 3]>> {
+fn normals(file: &PolygonMesh) -> Option<Vec<DVec3>> {
     let [Some(x), Some(y), Some(z)] = ["nx", "ny", "nz"].map(|name| file.column(name)) else {
         return None;
     };
     Some(
         (0..x.len())
-            .map(|k| unit([x[k], y[k], z[k]]).filter(|n| norm(*n).is_finite()).unwrap_or([0.0; 3]))
+            .map(|k| unit([x[k], y[k], z[k]]).filter(|n| n.length().is_finite()).unwrap_or(DVec3::ZERO))
             .collect(),
     )
 }

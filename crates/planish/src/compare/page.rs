@@ -3,6 +3,7 @@
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
 use crate::report::scenes::{MAX_TRIANGLES, model_scene_of, numbers, observed_field};
 use crate::report::words::SmallUnit;
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, percent, significant};
@@ -135,7 +136,7 @@ pub(crate) fn known_mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
 /// Signed distances of vertices from the reference; not finite where they are not compared.
 fn deviation_field(
     reference: &TriangleMesh,
-    vertices: &[[f64; 3]],
+    vertices: &[DVec3],
     observed: Option<&[u8]>,
     options: &CompareOptions,
     unit: &str,

@@ -27,7 +27,7 @@ fn mesh_reference(mesh: TriangleMesh) -> Reference {
     }
 }
 
-fn points(points: Vec<[f64; 3]>) -> Reference {
+fn points(points: Vec<DVec3>) -> Reference {
     Reference { points, ..Reference::default() }
 }
 
@@ -56,7 +56,7 @@ fn a_model_outside_its_reference_is_positive_both_ways() {
 fn signs_follow_the_references_normals_then_the_models() {
     let model = measured(Shape::Ball);
     let small = icosphere(0.9, 3);
-    let inward: Vec<[f64; 3]> = small.vertex_normals().into_iter().map(|n| scale(-1.0, n)).collect();
+    let inward: Vec<DVec3> = small.vertex_normals().into_iter().map(|n| -n).collect();
     let turned = Reference { normals: Some(inward), ..points(small.positions.clone()) };
     let report = compared(&model, turned);
     assert!(report.backward.unwrap().mean < -0.09);
@@ -100,7 +100,7 @@ fn noisy_plane(seed: u64, stated: f64) -> Compared {
 /// Points of the true plane, well inside, with errors of `sigma` along z that are stated.
 fn points_of_plane(rng: &mut ChaCha8Rng, sigma: f64) -> Reference {
     let on_grid = |k: usize| [-0.85 + 0.1 * (k % 18) as f64, -0.65 + 0.1 * (k / 18) as f64];
-    let made: Vec<[f64; 3]> = (0..18 * 14)
+    let made: Vec<DVec3> = (0..18 * 14)
         .map(|k| {
             let [x, y] = on_grid(k);
             [x, y, sigma * standard_normal(rng)]
@@ -202,7 +202,7 @@ fn a_reference_in_another_unit_is_converted() {
     let model = measured(Shape::Ball);
     let in_unit = |unit: Option<Unit>, factor: f64| {
         let mut reference = mesh_reference(icosphere(0.9, 3));
-        reference.points.iter_mut().for_each(|p| *p = scale(factor, *p));
+        reference.points.iter_mut().for_each(|p| *p = factor * *p);
         reference.covariance =
             Some(vec![SymmetricMatrix3::isotropic((0.05 * factor).powi(2)); reference.points.len()]);
         Reference { unit, ..reference }

@@ -6,7 +6,7 @@ use crate::report::scenes::{kinds, numbers};
 use crate::report::title_of;
 use crate::report::words::with_article;
 use planish_contour::primitive::{PrimitiveFit, PrimitiveKind};
-use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
+use planish_core::{DVec3, vector3::tangents};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, icosphere, parallelepiped};
 use planish_report::{Cloud, FieldKind, Page, Scene, Section, SurfaceShown};
@@ -19,12 +19,12 @@ const SIDES: u32 = 96;
 pub(crate) fn shape_page(
     report: &ContourReport,
     fit: &PrimitiveFit,
-    points: Vec<[f64; 3]>,
+    points: Vec<DVec3>,
     input: &Path,
 ) -> Result<Page> {
     let unit = report.unit.map_or("", |unit| unit.name());
     // Rejected readings must not enlarge a plane or a cylinder.
-    let counting: Vec<[f64; 3]> =
+    let counting: Vec<DVec3> =
         (points.iter().zip(&fit.used)).filter(|(_, used)| **used).map(|(p, _)| *p).collect();
     let mesh = mesh_of(fit.shape, &fit.parameters, &counting)?;
     let used = fit.used.iter().map(|used| u16::from(*used)).collect();
@@ -77,28 +77,29 @@ pub(crate) fn shape_page(
 }
 
 /// A shape as triangles, as large as its readings where it has no end.
-fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[[f64; 3]]) -> Result<TriangleMesh> {
+fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<TriangleMesh> {
     let bounds = BoundingBox::from_points(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
     let number = |k: usize| parameters[k];
     let place = |k: usize| [number(k), number(k + 1), number(k + 2)];
-    let reach = |along: [f64; 3], from: [f64; 3]| {
-        let values = used.iter().map(|p| dot(sub(*p, from), along));
+    let reach = |along: DVec3, from: DVec3| {
+        let values = used.iter().map(|p| (*p - from).dot(along));
         [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
     };
     match shape {
         PrimitiveKind::Sphere => {
             let mut ball = icosphere(number(3), 5);
-            ball.positions.iter_mut().for_each(|p| *p = add(*p, place(0)));
+            ball.positions.iter_mut().for_each(|p| *p += place(0));
             Ok(ball)
         }
         PrimitiveKind::Plane => {
-            let normal = unit(place(0)).ok_or_else(|| Error::undetermined("a plane without a normal"))?;
+            let normal =
+                place(0).try_normalize().ok_or_else(|| Error::undetermined("a plane without a normal"))?;
             let middle = bounds.center();
             // The point of the plane nearest to the middle of the readings. The origin may be far away.
-            let foot = add_scaled(middle, number(3) - dot(normal, middle), normal);
+            let foot = middle + (number(3) - normal.dot(middle)) * normal;
             let (a, b) = tangents(normal);
             let [along, across] = [reach(a, foot), reach(b, foot)];
-            let corner = |x: f64, y: f64| add_scaled(add_scaled(foot, x, a), y, b);
+            let corner = |x: f64, y: f64| foot + x * a + y * b;
             TriangleMesh::try_new(
                 vec![
                     corner(along[0], across[0]),
@@ -110,15 +111,16 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[[f64; 3]]) -> Resul
             )
         }
         PrimitiveKind::Cylinder => {
-            let axis = unit(place(3)).ok_or_else(|| Error::undetermined("a cylinder without an axis"))?;
+            let axis =
+                place(3).try_normalize().ok_or_else(|| Error::undetermined("a cylinder without an axis"))?;
             let (a, _) = tangents(axis);
-            let b = cross(axis, a);
+            let b = axis.cross(a);
             // A cylinder has no ends, so the outermost readings along the axis are used.
             let ends = reach(axis, place(0));
             let ring = |end: f64, side: u32| {
                 let (sine, cosine) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
-                let out = add(scale(number(6) * cosine, a), scale(number(6) * sine, b));
-                add(add_scaled(place(0), end, axis), out)
+                let out = number(6) * cosine * a + number(6) * sine * b;
+                place(0) + end * axis + out
             };
             let positions = ends.iter().flat_map(|end| (0..SIDES).map(|side| ring(*end, side)));
             let triangles = (0..SIDES).flat_map(|k| {
@@ -128,7 +130,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[[f64; 3]]) -> Resul
             TriangleMesh::try_new(positions.collect(), triangles.collect())
         }
         PrimitiveKind::Box => {
-            let edges = [0, 1, 2].map(|d| scale(number(3 + d), place(6 + 3 * d)));
+            let edges = [0, 1, 2].map(|d| number(3 + d) * place(6 + 3 * d));
             Ok(parallelepiped(place(0), edges))
         }
     }
@@ -156,7 +158,7 @@ mod tests {
                 turn: [0.3, 0.5, -0.2],
                 size: [1.2, 0.8, 0.6],
             };
-            let points: Vec<[f64; 3]> =
+            let points: Vec<DVec3> =
                 rays(&solid, 300, &sensor, 1).exact.iter().map(|ray| ray.point()).collect();
             let mesh = mesh_of(shape, &solid.parameters(), &points).unwrap();
             let search = MeshSearch::try_new(&mesh).unwrap();

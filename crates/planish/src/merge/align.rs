@@ -32,8 +32,7 @@ mod tests;
 use equations::{Equations, Residual, excess_variance, residuals};
 use nalgebra::{DMatrix, Matrix6};
 use planish_core::Progress;
-use planish_core::{Finding, FindingCode, Setting};
-use planish_estimate::vector3::{add, cross, distance, norm, sub, unit};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result, median_magnitude_scale};
 use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Neighbours, TriangleMesh};
 use planish_sense::Pose;
@@ -89,7 +88,7 @@ struct Side<'a> {
     patch: &'a MergePatch,
     search: &'a MeshSearch,
     /// Smoothed normals of the vertices.
-    normals: Vec<[f64; 3]>,
+    normals: Vec<DVec3>,
     /// Whether a vertex is far enough from the border. Normals at the border use triangles of one side only,
     /// and scanners measure borders worst.
     within: Vec<bool>,
@@ -97,7 +96,7 @@ struct Side<'a> {
     areas: Vec<f64>,
     /// Every `stride`-th vertex is used and represents `stride` vertices.
     stride: usize,
-    middle: [f64; 3],
+    middle: DVec3,
     /// Half the diagonal of the bounding box.
     radius: f64,
     pose: Pose,
@@ -129,7 +128,7 @@ pub(super) fn align(
         for p in &mut patch.mesh.positions {
             // The reported motion is the rms over vertices: a translation alone would depend on the origin.
             let moved = pose.apply(*p);
-            square += distance(moved, *p).powi(2) / count;
+            square += moved.distance(*p).powi(2) / count;
             *p = moved;
         }
         // The first patch does not move, so its search structure stays valid.
@@ -154,7 +153,7 @@ pub(super) fn align(
             quaternion_xyzw: pose.quaternion_xyzw(),
             undetermined: motion.undetermined,
             moved: (k > 0).then(|| square.sqrt()),
-            turned_deg: (k > 0).then(|| norm(pose.rotation_vector()).to_degrees()),
+            turned_deg: (k > 0).then(|| pose.rotation_vector().length().to_degrees()),
             ..ScanPoseReport::default()
         };
         if let Some(covariance) = motion.covariance {
@@ -167,13 +166,13 @@ pub(super) fn align(
 
 /// Adds the pose's variance to the variance of each vertex along its normal. The later fusion treats it as
 /// an independent error of each vertex.
-fn add_pose_variance(patch: &mut MergePatch, covariance: &[[f64; 6]; 6], origin: [f64; 3]) {
+fn add_pose_variance(patch: &mut MergePatch, covariance: &[[f64; 6]; 6], origin: DVec3) {
     if patch.sigma.is_empty() {
         return;
     }
     let normals = patch.mesh.vertex_normals();
     for ((p, n), sigma) in (patch.mesh.positions.iter().zip(normals)).zip(&mut patch.sigma) {
-        let [a, b, c] = cross(sub(*p, origin), n);
+        let [a, b, c] = (*p - origin).cross(n);
         let row = [n[0], n[1], n[2], a, b, c];
         let variance: f64 = (0..36).map(|k| row[k / 6] * covariance[k / 6][k % 6] * row[k % 6]).sum();
         *sigma = sigma.hypot(variance.max(0.0).sqrt());
@@ -336,10 +335,10 @@ fn motion(
     let about_middle = Matrix6::from_fn(|a, b| covariances[(start + a, start + b)]);
     // The covariance is that of a rotation about the centre; in the frame of the pose, rotation also moves
     // the origin.
-    let arm = sub(pose.translation, sides[k].middle_now());
+    let arm = pose.translation - sides[k].middle_now();
     let of_frame = |v: [f64; 6]| -> [f64; 6] {
         let [x, y, z, a, b, c] = v;
-        let by = cross([a, b, c], arm);
+        let by = DVec3::new(a, b, c).cross(arm);
         [x + by[0], y + by[1], z + by[2], a, b, c]
     };
     // `T C Tᵀ` in two passes, with `T` the change of the centre of rotation.
@@ -357,15 +356,15 @@ fn motion(
 }
 
 impl Side<'_> {
-    fn middle_now(&self) -> [f64; 3] {
+    fn middle_now(&self) -> DVec3 {
         self.pose.apply(self.middle)
     }
 }
 
 /// Motion by a translation and a rotation vector about a centre.
-fn about(by: [f64; 6], middle: [f64; 3]) -> Pose {
+fn about(by: [f64; 6], middle: DVec3) -> Pose {
     let [x, y, z, a, b, c] = by;
-    let turn = Pose::from_rotation_vector([a, b, c], [0.0; 3]);
+    let turn = Pose::from_rotation_vector([a, b, c], DVec3::ZERO);
     let turned = turn.rotate(middle);
     Pose {
         translation: [middle[0] - turned[0] + x, middle[1] - turned[1] + y, middle[2] - turned[2] + z],
@@ -380,7 +379,7 @@ fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
     for t in &mesh.triangles {
         let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
         // A vertex represents a third of each of its triangles, so the areas add up to that of the mesh.
-        let third = norm(cross(sub(b, a), sub(c, a))) / 6.0;
+        let third = (b - a).cross(c - a).length() / 6.0;
         for v in t {
             areas[*v as usize] += third;
         }
@@ -391,7 +390,7 @@ fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
         within: within_border(mesh, &neighbours),
         areas,
         stride: mesh.positions.len().div_ceil(MAX_VERTICES).max(1),
-        middle: bounds.as_ref().map_or([0.0; 3], BoundingBox::center),
+        middle: bounds.as_ref().map_or(DVec3::ZERO, BoundingBox::center),
         radius: bounds.as_ref().map_or(0.0, |b| 0.5 * b.diagonal()),
         pose: Pose::identity(),
         patch,
@@ -401,13 +400,13 @@ fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
 
 /// Vertex normals, averaged with their neighbours. Noise of normals would appear as information about motions
 /// along the surface.
-fn smooth_normals(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<[f64; 3]> {
+fn smooth_normals(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<DVec3> {
     let mut normals = mesh.vertex_normals();
     for _ in 0..NORMAL_SMOOTHING_ROUNDS {
         normals = (0..normals.len())
             .map(|v| {
                 let around = neighbours.of_vertex(v as u32).iter().map(|n| normals[*n as usize]);
-                unit(around.fold(normals[v], add)).unwrap_or(normals[v])
+                around.fold(normals[v], add).try_normalize().unwrap_or(normals[v])
             })
             .collect();
     }

@@ -13,8 +13,7 @@
 //!
 //! Not guaranteed: shape finer than the cells of a piece is smoothed.
 
-use planish_core::Progress;
-use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
+use planish_core::{DVec3, Progress};
 use planish_estimate::{Dispersion, Result};
 use planish_mesh::{FusedVertices, MergePatch, Neighbours, Overlap, noise_correlation};
 use planish_spline::{HeightField, HeightReading};
@@ -64,7 +63,7 @@ struct Piece {
 struct FittedVertex {
     place: Place,
     weight: f64,
-    position: [f64; 3],
+    position: DVec3,
     sigma: f64,
 }
 
@@ -80,8 +79,8 @@ pub(super) fn refitted(
     let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::from_mesh(&p.mesh)).collect();
     let shared = |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beside);
     let mut weight: Vec<Vec<f64>> = patches.iter().map(|p| vec![0.0; p.mesh.positions.len()]).collect();
-    let mut moved: Vec<Vec<[f64; 3]>> =
-        patches.iter().map(|p| vec![[0.0; 3]; p.mesh.positions.len()]).collect();
+    let mut moved: Vec<Vec<DVec3>> =
+        patches.iter().map(|p| vec![DVec3::ZERO; p.mesh.positions.len()]).collect();
     let mut sigma: Vec<Vec<f64>> = weight.clone();
     let mut walk = Walk::new(patches);
     let mut seeds: Vec<Place> = patches
@@ -126,7 +125,7 @@ pub(super) fn refitted(
             }
             for fitted in fit {
                 let (p, v) = (fitted.place.0 as usize, fitted.place.1 as usize);
-                moved[p][v] = add_scaled(moved[p][v], fitted.weight, fitted.position);
+                moved[p][v] += fitted.weight * fitted.position;
                 sigma[p][v] += fitted.weight * fitted.sigma;
             }
         }
@@ -139,13 +138,13 @@ pub(super) fn refitted(
             if !(w > 1e-9 && shared(place)) {
                 continue;
             }
-            let to = scale(1.0 / w, moved[p][v]);
+            let to = 1.0 / w * moved[p][v];
             let share = match how {
                 Refit::Shared => 1.0,
                 Refit::Information => within_others(patches, overlap, place),
             };
             let from = fused.positions[v];
-            fused.positions[v] = add_scaled(from, share, sub(to, from));
+            fused.positions[v] = from + share * (to - from);
             // The refit averages over neighbours. With correlated errors, the variance decreases less than
             // the number of neighbours suggests.
             let alone = fused.sigma[v];
@@ -186,29 +185,29 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
     let of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
     let count = piece.members.len() as f64;
-    let mut middle = [0.0; 3];
-    let mut axis = [0.0; 3];
+    let mut middle = DVec3::ZERO;
+    let mut axis = DVec3::ZERO;
     let mut spacing = 0.0;
     for (place, _) in &piece.members {
         let (known, v) = of(*place);
-        middle = add(middle, at(*place));
-        axis = add(axis, known.normals[v]);
+        middle += at(*place);
+        axis += known.normals[v];
         spacing += known.spacing[v];
     }
-    let (middle, spacing) = (scale(1.0 / count, middle), spacing / count);
-    let Some(z) = unit(axis) else {
+    let (middle, spacing) = (1.0 / count * middle, spacing / count);
+    let Some(z) = axis.try_normalize() else {
         return Ok(Vec::new());
     };
     // The axis most perpendicular to `z` gives a cross product far from zero.
     let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
-    let aside: [f64; 3] = std::array::from_fn(|k| f64::from(u8::from(k == smallest)));
-    let Some(x) = unit(cross(aside, z)) else {
+    let aside: DVec3 = std::array::from_fn(|k| f64::from(u8::from(k == smallest)));
+    let Some(x) = aside.cross(z).try_normalize() else {
         return Ok(Vec::new());
     };
-    let y = cross(z, x);
+    let y = z.cross(x);
     let frame = |place: Place| {
-        let d = sub(at(place), middle);
-        ([dot(d, x), dot(d, y)], dot(d, z))
+        let d = at(place) - middle;
+        ([d.dot(x), d.dot(y)], d.dot(z))
     };
     let readings: Vec<HeightReading> = piece
         .members
@@ -218,7 +217,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
             let (known, v) = of(*member);
             // σ along the normal, converted to the axis of the height field. The limit of 0.2 keeps steep
             // vertices from losing all weight.
-            let along = known.sigma[v] / dot(known.normals[v], z).max(0.2);
+            let along = known.sigma[v] / known.normals[v].dot(z).max(0.2);
             HeightReading {
                 place,
                 height,
@@ -242,7 +241,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         .zip(field.at_all(&places))
         .filter_map(|(((member, w), reading), found)| {
             let found = found?;
-            let to = add_scaled(at(*member), found.height - reading.height, z);
+            let to = at(*member) + (found.height - reading.height) * z;
             // From the axis of the height field back to the normal.
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
             Some(FittedVertex {
@@ -286,9 +285,9 @@ impl Walk {
         let mut queue = vec![first];
         self.met[first.0 as usize][first.1 as usize] = self.walks;
         while let Some(place) = queue.pop() {
-            let far = distance(at(place), middle) / radius;
+            let far = at(place).distance(middle) / radius;
             let (of, v) = known(place);
-            if far >= 1.0 || dot(of.normals[v], normal) < MIN_COSINE || !belongs(place) {
+            if far >= 1.0 || of.normals[v].dot(normal) < MIN_COSINE || !belongs(place) {
                 continue;
             }
             let w = 1.0 - far * far;

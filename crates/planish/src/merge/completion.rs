@@ -6,7 +6,6 @@
 //! the bound is undetermined are kept as they are ([`Facing::undetermined`]).
 
 use planish_core::{Finding, FindingCode};
-use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
 use planish_mesh::{
     DisjointSets, FusedVertices, MergePatch, MeshSearch, Overlap, OverlapOptions, StitchOptions,
@@ -169,7 +168,7 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
     let step = (mesh.positions.len() / ORIENTATION_SAMPLES).max(1);
     let cosines: Vec<f64> = (mesh.positions.par_iter().zip(&normals).enumerate())
         .map(|(v, (p, n))| match v % step {
-            0 => bound.closest(*p).map_or(0.0, |foot| dot(foot.normal, *n)),
+            0 => bound.closest(*p).map_or(0.0, |foot| foot.normal.dot(*n)),
             _ => 0.0,
         })
         .collect();
@@ -214,7 +213,7 @@ fn within(
     let stays = |t: usize| {
         let Some((search, edge)) = bound else { return true };
         let [a, b, c] = mesh.corners(t);
-        let longest = distance(a, b).max(distance(b, c)).max(distance(c, a));
+        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
         // Corners alone would miss a large triangle that leaves the bound in its middle.
         let steps = ((longest / edge).ceil().max(1.0) as usize).min(MAX_STEPS);
         let mut places = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| [i, j, steps - i - j]));
@@ -241,7 +240,6 @@ fn within(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::norm;
     use planish_mesh::icosphere;
 
     /// Two patches of a ball leave its poles open. The bound is a little larger and oriented inwards; patches
@@ -282,7 +280,7 @@ mod tests {
             assert!(done.vertices > 100);
             for (p, (source, _)) in done.whole.mesh.positions.iter().zip(&done.whole.source) {
                 let radius = if *source == 0 { 10.0 } else { 10.3 };
-                assert!((norm(*p) - radius).abs() < 1e-9, "{p:?}");
+                assert!((p.length() - radius).abs() < 1e-9, "{p:?}");
             }
             let kept = done.whole.source.iter().filter(|(source, _)| *source == 0).count();
             assert_eq!((kept, done.carved), (count - 3, 1));

@@ -4,8 +4,7 @@
 //! messages about problems. Not guaranteed: a copy is recognised only if its coordinates are exactly equal.
 
 use super::patches::NamedPatch;
-use planish_core::{Finding, FindingCode, Setting};
-use planish_estimate::vector3::dot;
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Overlap, searches_of};
@@ -73,7 +72,7 @@ pub(super) fn leave_out_copies(
 }
 
 /// Positions sorted by x, then y, then z, so that copies with reordered vertices compare equal.
-fn sorted(places: &[[f64; 3]]) -> Vec<[f64; 3]> {
+fn sorted(places: &[DVec3]) -> Vec<DVec3> {
     let mut all = places.to_vec();
     all.sort_unstable_by(|a, b| {
         let by = |k: usize| a[k].total_cmp(&b[k]);
@@ -142,7 +141,7 @@ pub(super) fn turn_alike(
                 if let Some(foot) = searches[j].closest_within(*p, reach)
                     && !foot.on_boundary
                 {
-                    let cosine = dot(here.normal, foot.normal);
+                    let cosine = here.normal.dot(foot.normal);
                     agree[i * count + j] += cosine;
                     agree[j * count + i] += cosine;
                 }

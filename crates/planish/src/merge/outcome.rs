@@ -3,8 +3,8 @@
 //! These are plain records. The fields of the report are the keys of the JSON output.
 
 use super::MergeMethod;
-use planish_core::Finding;
 use planish_core::finding::with_warnings;
+use planish_core::{DVec3, Finding};
 use planish_exchange::Unit;
 use planish_mesh::{TriangleMesh, VertexCurvature};
 use planish_surface::model::{ScanPoseReport, SigmaSummary};
@@ -137,7 +137,7 @@ pub struct Merged {
     /// Positions and triangles.
     pub mesh: TriangleMesh,
     /// Unit normals of the vertices.
-    pub normals: Vec<[f64; 3]>,
+    pub normals: Vec<DVec3>,
     /// σ along them.
     pub sigma: Vec<f64>,
     /// 1 where it was measured, 2 where it was completed.

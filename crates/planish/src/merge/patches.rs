@@ -5,8 +5,7 @@
 
 use crate::compare::ComparedMesh;
 use crate::saved;
-use planish_core::{Finding, FindingCode, Length, Setting, SymmetricMatrix3};
-use planish_estimate::vector3::{cross, distance, dot, sub};
+use planish_core::{DVec3, Finding, FindingCode, Length, Setting, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, is_step_file, read_mesh};
 use planish_exchange::step::read_step;
@@ -273,7 +272,7 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
 
 /// Two triangles of every four neighbours of a grid, over the shorter diagonal, one where a corner is
 /// missing; none over a step in depth (G. Turk, M. Levoy 1994, section 3).
-fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
+fn triangles_of_grid(grid: &RangeGrid, points: &[DVec3]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
     let at = |k: usize| points[k];
     for row in 0..grid.rows.saturating_sub(1) {
@@ -281,7 +280,7 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
             let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| grid.point(column + i, row + j));
             match corners {
                 [Some(a), Some(b), Some(c), Some(d)] => {
-                    if distance(at(a), at(c)) <= distance(at(b), at(d)) {
+                    if at(a).distance(at(c)) <= at(b).distance(at(d)) {
                         triangles.extend([[a, b, c], [a, c, d]]);
                     } else {
                         triangles.extend([[a, b, d], [b, c, d]]);
@@ -296,7 +295,7 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
             }
         }
     }
-    let longest = |t: &[usize; 3]| (0..3).map(|k| distance(at(t[k]), at(t[(k + 1) % 3]))).fold(0.0, f64::max);
+    let longest = |t: &[usize; 3]| (0..3).map(|k| at(t[k]).distance(at(t[(k + 1) % 3]))).fold(0.0, f64::max);
     let mut lengths: Vec<f64> = triangles.iter().map(longest).collect();
     if lengths.is_empty() {
         return Vec::new();
@@ -311,12 +310,12 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
 
 /// Turns all triangles where most look away from the sensor: which way round they are depends on how the grid
 /// runs.
-fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[[f64; 3]], viewing: Viewing) {
+fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[DVec3], viewing: Viewing) {
     let against: f64 = triangles
         .iter()
         .filter_map(|t| {
             let [a, b, c] = t.map(|v| points[v as usize]);
-            Some(dot(ray_at(viewing, a)?, cross(sub(b, a), sub(c, a))))
+            Some(ray_at(viewing, a)?.dot((b - a).cross(c - a)))
         })
         .sum();
     // Weighted by area and decided once for the whole scan: single triangles at noise may face anywhere.

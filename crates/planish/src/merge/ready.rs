@@ -9,7 +9,7 @@ use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalik
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -257,12 +257,12 @@ fn judge(report: &MergeReport) -> Vec<Finding> {
 
 /// The numbers of patches in the order of their first places in space.
 fn order_in_space(patches: &[MergePatch]) -> Vec<usize> {
-    let by = |a: &[f64; 3], b: &[f64; 3]| {
+    let by = |a: &DVec3, b: &DVec3| {
         let by = |k: usize| a[k].total_cmp(&b[k]);
         by(0).then(by(1)).then(by(2))
     };
     let first = |patch: &MergePatch| patch.mesh.positions.iter().copied().min_by(by);
-    let firsts: Vec<Option<[f64; 3]>> = patches.iter().map(first).collect();
+    let firsts: Vec<Option<DVec3>> = patches.iter().map(first).collect();
     let sorted = |k: usize| {
         let mut all = patches[k].mesh.positions.clone();
         all.sort_unstable_by(by);

@@ -12,9 +12,8 @@
 use super::Merged;
 use crate::compare::feet_on;
 use crate::output::{OutputOptions, PlannedOutput, WrittenFile, prepare};
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_core::{Progress, WRITING_STAGE};
-use planish_estimate::vector3::{dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::{TriangleMesh, quantile_of_sorted};
@@ -129,8 +128,8 @@ fn spline_options(seed: u64) -> FitOptions {
 
 /// The vertices of a mesh that were measured.
 struct Vertices {
-    points: Vec<[f64; 3]>,
-    normals: Vec<[f64; 3]>,
+    points: Vec<DVec3>,
+    normals: Vec<DVec3>,
     sigma: Vec<f64>,
 }
 
@@ -192,7 +191,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     let inside: Vec<usize> = (0..feet.len()).filter(|&k| !feet[k].at_border).collect();
     let leaf: Vec<u32> = inside.iter().map(|&k| feet[k].leaf).collect();
     let local: Vec<[f64; 2]> = inside.iter().map(|&k| feet[k].local).collect();
-    let along: Vec<[f64; 3]> = inside.iter().map(|&k| feet[k].normal).collect();
+    let along: Vec<DVec3> = inside.iter().map(|&k| feet[k].normal).collect();
     let of_fit = sigmas_along(&model.posterior()?, &leaf, &local, &along)?;
     let mut ratios: Vec<f64> = (inside.iter().zip(&of_fit))
         .map(|(&k, own)| (sigma[k] / own).powi(2))
@@ -222,7 +221,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     let mut beyond = vec![[0.0; 2]; model.observed.len()];
     let mut square = 0.0;
     for (j, &k) in inside.iter().enumerate() {
-        let off = dot(sub(points[k], feet[k].jet.point), along[j]);
+        let off = (points[k] - feet[k].jet.point).dot(along[j]);
         square += off * off;
         let sums = &mut beyond[leaf[j] as usize];
         sums[0] += sigma[k] * sigma[k] + off * off - factor * of_fit[j] * of_fit[j];

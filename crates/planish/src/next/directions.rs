@@ -1,6 +1,6 @@
 //! The direction in which each vertex of a model moves, for models with one unknown a vertex.
 
-use planish_core::Setting;
+use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
 use planish_spline::SurfaceSystem;
 use planish_surface::model::{Knowledge, SurfaceModel};
@@ -9,7 +9,7 @@ use planish_surface::model::{Knowledge, SurfaceModel};
 ///
 /// # Errors
 /// `Unsupported` for models with more than one unknown a vertex, and for those of the patch filter.
-pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result<Vec<[f64; 3]>> {
+pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result<Vec<DVec3>> {
     match &model.known {
         Knowledge::AlongNormals { .. } => Ok(system.node_normals(&model.surface)),
         Knowledge::PerCoordinate { measured, .. } => {
@@ -30,7 +30,7 @@ pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result
 }
 
 /// The axis of the one coordinate that was measured.
-fn only_coordinate(measured: [bool; 3]) -> Result<[f64; 3]> {
+fn only_coordinate(measured: [bool; 3]) -> Result<DVec3> {
     if measured.iter().filter(|m| **m).count() != 1 {
         return Err(Error::unsupported(
             "expected a model along normals, or of heights, found one with several independently measured \

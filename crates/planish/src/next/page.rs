@@ -3,8 +3,7 @@
 use crate::next::{Change, NextPoint, NextReport, ViewsReport};
 use crate::report::scenes::model_scene;
 use crate::report::words::{SmallUnit, head};
-use planish_core::Finding;
-use planish_estimate::vector3::{add_scaled, distance, scale};
+use planish_core::{DVec3, Finding};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, counted, percent, significant};
@@ -157,16 +156,16 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
     for (k, view) in next.views.iter().enumerate() {
         let pose = Pose::from_quaternion_xyzw(view.quaternion_xyzw, view.translation).unwrap_or_default();
         let at = view.translation;
-        let axis = pose.rotate([0.0, 0.0, 1.0]);
+        let axis = pose.rotate(DVec3::Z);
         // An axis may miss the model if only the border of the field of view sees it.
         let met = search.first_hit(at, axis).map_or_else(|| bounds.center(), |hit| hit.point);
         // A short line is enough to show the direction. The sensor itself may be far away.
-        sights.push([met, add_scaled(met, -SIGHT * bounds.diagonal(), axis)]);
-        let far = distance(at, met);
+        sights.push([met, met - SIGHT * bounds.diagonal() * axis]);
+        let far = at.distance(met);
         let [[left, right], [top, bottom]] = sensor.borders;
         let corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
             // A quarter of the distance keeps the pyramids apart from the model and from each other.
-            .map(|[x, y]| add_scaled(at, 0.25 * far, pose.rotate([x, y, 1.0])));
+            .map(|[x, y]| at + 0.25 * far * pose.rotate([x, y, 1.0]));
         for (c, corner) in corners.iter().enumerate() {
             fields.push([at, *corner]);
             fields.push([*corner, corners[(c + 1) % 4]]);
@@ -174,7 +173,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         scene.marks.push(Mark {
             at: met,
             label: (k + 1).to_string(),
-            normal: scale(-1.0, axis),
+            normal: -axis,
             text: format!("view {} looks here; largest σ then {}", k + 1, unit.text(view.worst_sigma_after)),
         });
     }

@@ -11,7 +11,7 @@
 //! about its axis is not optimised.
 
 use super::Place;
-use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_sense::{Pose, ViewSensor};
@@ -23,7 +23,7 @@ use planish_surface::model::SurfaceModel;
 use rayon::prelude::*;
 
 /// A reading on a leaf: weights of its coefficients, direction, value and information.
-type SeenRow = ([f64; 16], [f64; 3], f64, f64);
+type SeenRow = ([f64; 16], DVec3, f64, f64);
 
 /// Chord error of the tessellation relative to the diagonal. The limit of triangles may make it larger. A
 /// coarser mesh hides places just behind its chords.
@@ -45,8 +45,8 @@ const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 pub(super) struct Reading {
     pub(super) leaf: u32,
     pub(super) local: [f64; 2],
-    pub(super) point: [f64; 3],
-    pub(super) normal: [f64; 3],
+    pub(super) point: DVec3,
+    pub(super) normal: DVec3,
     /// Along the normal.
     pub(super) variance: f64,
     /// Along the ray.
@@ -66,7 +66,7 @@ impl Readings {
         for r in &self.readings {
             let weights = leaf_weights(r.local[0], r.local[1]);
             let information = self.stands_for / r.variance;
-            of_leaf[r.leaf as usize].push((weights, r.normal, dot(r.normal, r.point), information));
+            of_leaf[r.leaf as usize].push((weights, r.normal, r.normal.dot(r.point), information));
         }
         of_leaf
     }
@@ -104,14 +104,14 @@ impl<'a> Sight<'a> {
     }
 
     /// Coordinates of a visible place in the sensor's frame, and the cosine of its incidence angle.
-    pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<([f64; 3], f64)> {
+    pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<(DVec3, f64)> {
         let local = pose.inverse().apply(place.position);
         // Cheap tests first. The line of sight costs most and is evaluated last.
         if !self.sensor.reaches(local) {
             return None;
         }
-        let ray = unit(sub(place.position, pose.translation))?;
-        let cosine = -dot(ray, place.normal);
+        let ray = (place.position - pose.translation).try_normalize()?;
+        let cosine = -ray.dot(place.normal);
         let open = || self.mesh.sees(pose.translation, place.position, self.clearance);
         (self.sensor.accepts(cosine) && open()).then_some((local, cosine))
     }
@@ -135,17 +135,17 @@ impl<'a> Sight<'a> {
         Readings { readings, stands_for: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64 }
     }
 
-    fn reading(&self, origin: [f64; 3], ray: [f64; 3]) -> Option<Reading> {
+    fn reading(&self, origin: DVec3, ray: DVec3) -> Option<Reading> {
         let [near, far] = self.sensor.range;
         let hit = self.mesh.first_hit_between(origin, ray, 0.0, far)?;
         // A hit from behind ends the ray as well: the surface is opaque.
-        if hit.distance < near || dot(hit.normal, ray) >= 0.0 {
+        if hit.distance < near || hit.normal.dot(ray) >= 0.0 {
             return None;
         }
         let start = self.feet.nearest(hit.point, hit.normal);
         let foot = self.surface.project(hit.point, start, &ProjectionOptions::default());
-        let cosine = -dot(ray, foot.normal);
-        let found = foot.converged && distance(foot.jet.point, hit.point) <= self.clearance;
+        let cosine = -ray.dot(foot.normal);
+        let found = foot.converged && foot.jet.point.distance(hit.point) <= self.clearance;
         (found && self.sensor.accepts(cosine)).then(|| Reading {
             leaf: foot.leaf,
             local: foot.local,
@@ -178,16 +178,16 @@ impl<'a> Sight<'a> {
         }
         for target in spread(places, representatives) {
             let Place { position, normal, .. } = places[target];
-            let seen = sphere().filter(|towards| self.sensor.accepts(dot(*towards, normal)));
+            let seen = sphere().filter(|towards| self.sensor.accepts(towards.dot(normal)));
             for towards in std::iter::once(normal).chain(seen) {
                 wanted.extend(distances.iter().map(|d| (position, towards, *d)));
             }
         }
         (wanted.par_iter())
             .filter_map(|&(target, towards, far)| {
-                let origin = add_scaled(target, far, towards);
+                let origin = target + far * towards;
                 let free = self.mesh.closest_within(origin, near).is_none();
-                if free { looking(origin, scale(-1.0, towards)) } else { None }
+                if free { looking(origin, -towards) } else { None }
             })
             .collect()
     }
@@ -195,7 +195,7 @@ impl<'a> Sight<'a> {
 
 /// Directions spread evenly over the sphere, along Fibonacci's spiral (González, *Measurement of areas on a
 /// sphere using Fibonacci and latitude–longitude lattices*, 2010).
-fn sphere() -> impl Iterator<Item = [f64; 3]> {
+fn sphere() -> impl Iterator<Item = DVec3> {
     (0..DIRECTIONS).map(|k| {
         let z = 1.0 - (2.0 * k as f64 + 1.0) / DIRECTIONS as f64;
         let r = (1.0 - z * z).sqrt();
@@ -213,7 +213,7 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
         let at = representatives[next];
         found.push(at);
         for (least, &other) in nearest.iter_mut().zip(representatives) {
-            *least = least.min(distance(places[at].position, places[other].position));
+            *least = least.min(places[at].position.distance(places[other].position));
         }
         // Reversed, because `max_by` returns the last of equal ones: the first is wanted.
         next = (0..nearest.len()).rev().max_by(|&a, &b| nearest[a].total_cmp(&nearest[b])).unwrap_or(0);
@@ -223,11 +223,11 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
 
 /// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it
 /// is written.
-pub(super) fn looking(origin: [f64; 3], z: [f64; 3]) -> Option<Pose> {
+pub(super) fn looking(origin: DVec3, z: DVec3) -> Option<Pose> {
     // Near the vertical, the horizontal axis would be undetermined.
-    let up = if z[2].abs() > 0.95 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
-    let x = unit(cross(z, up))?;
-    let y = cross(z, x);
+    let up = if z[2].abs() > 0.95 { DVec3::Y } else { DVec3::Z };
+    let x = z.cross(up).try_normalize()?;
+    let y = z.cross(x);
     let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: origin };
     // Through the quaternion, so that a pose that is read back from a file sees exactly the same.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), origin)

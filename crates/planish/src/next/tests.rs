@@ -2,7 +2,6 @@
 
 use super::*;
 use planish_core::Silent;
-use planish_estimate::vector3::{add_scaled, norm, scale, sub};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 use planish_sense::{Noise, Pose, Scan, Sensor, ViewSensor};
@@ -47,7 +46,7 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
     let at: Vec<usize> = (report.points.iter())
         .map(|point| {
             let same =
-                |leaf: &usize| norm(sub(model.surface.leaf_point(*leaf, 0.5, 0.5), point.position)) < 1e-9;
+                |leaf: &usize| (model.surface.leaf_point(*leaf, 0.5, 0.5) - point.position).length() < 1e-9;
             (0..model.observed.len()).find(same).unwrap()
         })
         .collect();
@@ -100,7 +99,7 @@ fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
     let at: Vec<usize> = sample(&mut random, leaves, count.min(leaves)).into_vec();
     let mut drawn = model.clone();
     let more = system.accumulate(|leaf, cell| {
-        let normal = model.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or([0.0; 3]);
+        let normal = model.surface.leaf_jet(leaf, 0.5, 0.5).normal().unwrap_or(DVec3::ZERO);
         if at.contains(&leaf) {
             cell.add_scalar(&leaf_weights(0.5, 0.5), normal, 0.0, 1.0 / (0.004 * 0.004));
         }
@@ -225,14 +224,14 @@ fn what_stands_behind_something_is_not_read() {
     let sensor = ViewSensor { max_incidence_rad: 1.5, ..camera() };
     let sight = sight::Sight::new(&model, &sensor).unwrap();
     // From the side, level with the ring: its near part hides the far one's middle, and the hole.
-    let pose = sight::looking([5.0, 0.0, 0.0], [-1.0, 0.0, 0.0]).unwrap();
+    let pose = sight::looking([5.0, 0.0, 0.0], DVec3::new(-1.0, 0.0, 0.0)).unwrap();
     let taken = sight.readings(&pose);
     assert!(taken.readings.len() > 200);
     for r in &taken.readings {
         let hidden = r.point[0] < 0.9 && r.point[1].abs() < 0.3 && r.point[2].abs() < 0.3;
-        assert!(!hidden && dot(r.normal, sub(pose.translation, r.point)) > 0.0, "{r:?}");
+        assert!(!hidden && r.normal.dot(pose.translation - r.point) > 0.0, "{r:?}");
     }
-    let directions = vec![[0.0, 0.0, 1.0]; model.surface.space().node_count()];
+    let directions = vec![DVec3::Z; model.surface.space().node_count()];
     let places = places(&model, &directions, &NextOptions::default());
     for place in &places {
         let hidden =
@@ -251,7 +250,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
     let normal = model.surface.leaf_jet(0, 0.5, 0.5).normal().unwrap();
     let readings = |far: f64| {
         let towards = if far > 0.0 { -1.0 } else { 1.0 };
-        let pose = sight::looking(add_scaled(middle, far, normal), scale(towards, normal)).unwrap();
+        let pose = sight::looking(middle + far * normal, towards * normal).unwrap();
         sight.readings(&pose).readings.len()
     };
     assert!(readings(2.5) > 100);

@@ -8,7 +8,7 @@ use crate::output::unsupported_extension;
 use crate::report::{ReportOutput, with_page};
 use planish_core::Progress;
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, Length};
+use planish_core::{DVec3, Finding, Length};
 use planish_estimate::Result;
 use planish_exchange::calibration::read_view_sensor;
 use planish_exchange::ply::{Column, MeshColumns, write_points};
@@ -114,7 +114,7 @@ fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -
         let _ = write!(
             text,
             "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, \
-             quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
+             quaternion_xyzw = {:?} }}\nviewpoint = DVec3::ZERO\n",
             k + 1,
             view.translation,
             view.quaternion_xyzw
@@ -150,7 +150,7 @@ fn write_ply(path: &Path, views: &[NextView], unit: Unit) -> Result<()> {
     let axis = |v: &NextView| {
         let pose = Pose::from_quaternion_xyzw(v.quaternion_xyzw, v.translation).unwrap_or_default();
         // PLY has no poses. The axis as a normal shows the direction in any viewer.
-        pose.rotate([0.0, 0.0, 1.0])
+        pose.rotate(DVec3::Z)
     };
     let column = |value: fn(&NextView) -> f64| views.iter().map(value).collect::<Vec<f64>>();
     let (worst, mean) = (column(|v| v.worst_sigma_after), column(|v| v.mean_sigma_after));

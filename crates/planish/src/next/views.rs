@@ -18,11 +18,10 @@ use super::{
     figures, variances_of,
 };
 use nalgebra::{Cholesky, DMatrix};
-use planish_core::{Progress, Silent};
+use planish_core::{DVec3, Progress, Silent};
 use planish_estimate::Error;
 use planish_estimate::Result;
 use planish_estimate::sparse::CholeskyFactor;
-use planish_estimate::vector3::{distance, dot};
 use planish_sense::{Pose, ViewSensor};
 use planish_surface::model::SurfaceModel;
 use rayon::prelude::*;
@@ -39,7 +38,7 @@ const MIN_GAIN: f64 = 1e-6;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NextView {
     /// The sensor's place: translation of `p_world = R p_sensor + t`, in the model's unit.
-    pub translation: [f64; 3],
+    pub translation: DVec3,
     /// Its rotation; the sensor looks along its z, with x right and y down.
     pub quaternion_xyzw: [f64; 4],
     /// Number of rays with a reading.
@@ -58,9 +57,9 @@ pub struct NextView {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnseenPlace {
     /// Position on the surface.
-    pub position: [f64; 3],
+    pub position: DVec3,
     /// The surface's unit normal there.
-    pub normal: [f64; 3],
+    pub normal: DVec3,
     /// σ of the surface along the normal after all views.
     pub sigma: f64,
 }
@@ -202,7 +201,7 @@ impl Representatives {
         let size = places.iter().map(|p| p.area).sum::<f64>().sqrt();
         // Opposite sides of a thin part are not near.
         let apart = |a: &Place, b: &Place| {
-            distance(a.position, b.position).powi(2) + size * size * (1.0 - dot(a.normal, b.normal)).powi(2)
+            a.position.distance(b.position).powi(2) + size * size * (1.0 - a.normal.dot(b.normal)).powi(2)
         };
         let nearest: Vec<usize> = (places.par_iter())
             .map(|place| {
@@ -247,7 +246,7 @@ fn candidates(
             let information = |k: usize| {
                 let place = &places[representatives.places[k]];
                 let (local, cosine) = sight.sees(pose, place)?;
-                let range = dot(local, local).sqrt();
+                let range = local.length_squared().sqrt();
                 // A representative counts with all rays that meet its area.
                 let rays = sensor.rays_on(local, representatives.areas[k], cosine);
                 Some((k, rays / sensor.variance_along_normal(range, cosine)))

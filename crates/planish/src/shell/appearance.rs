@@ -5,7 +5,7 @@
 //!
 //! Not guaranteed: more of a material than the picture of its colour.
 
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::glb::{Keyframe, MorphTarget, PosedMesh, write_posed};
@@ -14,7 +14,7 @@ use planish_mesh::TriangleMesh;
 use std::path::{Path, PathBuf};
 
 /// A pose by its name, and where it brings the vertices.
-pub(super) type NamedPlaces<'a> = (&'a str, &'a [[f64; 3]]);
+pub(super) type NamedPlaces<'a> = (&'a str, &'a [DVec3]);
 
 /// The bytes of the texture; a finding if they cannot be read.
 pub(super) fn picture_of(file: &TexturedMesh, findings: &mut Vec<Finding>) -> Option<Vec<u8>> {
@@ -40,7 +40,7 @@ pub(super) struct Known<'a> {
     pub observed: &'a [u8],
 }
 
-pub(super) fn normals_of(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f64; 3]> {
+pub(super) fn normals_of(points: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
     TriangleMesh { positions: points.to_vec(), triangles: triangles.to_vec() }.vertex_normals()
 }
 
@@ -55,7 +55,7 @@ pub(super) struct PoseAnimation<'a> {
 pub(super) fn write_glb(
     path: &Path,
     file: &TexturedMesh,
-    points: &[[f64; 3]],
+    points: &[DVec3],
     PoseAnimation { poses, keyframes }: PoseAnimation<'_>,
     known: Known<'_>,
     picture: Option<&[u8]>,
@@ -66,9 +66,8 @@ pub(super) fn write_glb(
     let kept = |count: usize| if count == 0 { &[][..] } else { &split.vertex_of[..] };
     let sigma: Vec<f64> = (kept(known.sigma.len()).iter()).map(|v| known.sigma[each(v)]).collect();
     let observed: Vec<u8> = (kept(known.observed.len()).iter()).map(|v| known.observed[each(v)]).collect();
-    let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> {
-        split.vertex_of.iter().map(|v| values[*v as usize]).collect()
-    };
+    let of =
+        |values: &[[f64; 3]]| -> Vec<DVec3> { split.vertex_of.iter().map(|v| values[*v as usize]).collect() };
     let targets: Vec<MorphTarget> = (poses.iter())
         .map(|(name, places)| MorphTarget {
             name: (*name).to_owned(),
@@ -99,7 +98,7 @@ pub(super) fn write_glb(
 pub(super) fn write_obj(
     path: &Path,
     file: &TexturedMesh,
-    points: &[[f64; 3]],
+    points: &[DVec3],
     picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
     let moved = TexturedMesh { points: points.to_vec(), ..file.clone() };
@@ -111,7 +110,7 @@ pub(super) fn write_obj(
 pub(super) fn write_moved(
     path: &Path,
     file: &TexturedMesh,
-    points: &[[f64; 3]],
+    points: &[DVec3],
     known: Known<'_>,
     picture: Option<&[u8]>,
 ) -> Result<Option<Vec<PathBuf>>> {

@@ -38,8 +38,7 @@ use crate::job::Job;
 use nalgebra::DVector;
 use planish_core::Finding;
 use planish_core::finding::with_warnings;
-use planish_core::{Progress, WRITING_STAGE};
-use planish_estimate::vector3::{add, distance};
+use planish_core::{DVec3, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::extension;
@@ -85,7 +84,7 @@ pub struct ShellPoseReport {
     /// Number of controls.
     pub controls: usize,
     /// Positions of the controls.
-    pub control_points: Vec<[f64; 3]>,
+    pub control_points: Vec<DVec3>,
     /// Rigid parts and their vertices.
     pub rigid: Vec<RigidReport>,
     /// Poses.
@@ -200,7 +199,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         reports.push(PoseTargetReport {
             name: pose.name.clone(),
             moved,
-            farthest: (points.iter().zip(&mesh.positions)).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max),
+            farthest: (points.iter().zip(&mesh.positions)).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max),
         });
         targets.push(points);
     }
@@ -249,15 +248,14 @@ fn rigid_parts(
 
 /// Displacements of controls, and how many are moved; those of several moves add up. Places are within the
 /// mesh's `size` of some control.
-fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVector<f64>, usize)> {
+fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVector<f64>, usize)> {
     if entries.is_empty() {
         return Err(Error::input("it moves nothing: needed `move`"));
     }
-    let mut by = vec![[0.0; 3]; controls.len()];
+    let mut by = vec![DVec3::ZERO; controls.len()];
     for entry in entries {
-        let near = |at: [f64; 3]| {
-            (0..controls.len())
-                .min_by(|a, b| distance(controls[*a], at).total_cmp(&distance(controls[*b], at)))
+        let near = |at: DVec3| {
+            (0..controls.len()).min_by(|a, b| controls[*a].distance(at).total_cmp(&controls[*b].distance(at)))
         };
         let chosen: Vec<usize> = match entry.target {
             PoseTarget::Control(index) if index < controls.len() => vec![index],
@@ -269,16 +267,16 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
             }
             PoseTarget::Nearest(at) => near(at).into_iter().collect(),
             PoseTarget::Within(at, reach) => {
-                (0..controls.len()).filter(|k| distance(controls[*k], at) <= reach).collect()
+                (0..controls.len()).filter(|k| controls[*k].distance(at) <= reach).collect()
             }
         };
         let (at, reach, within) = match entry.target {
             PoseTarget::Within(at, reach) => (at, reach, true),
             PoseTarget::Nearest(at) => (at, size, false),
             // A control by its index has no distance to check.
-            PoseTarget::Control(_) => ([0.0; 3], f64::INFINITY, false),
+            PoseTarget::Control(_) => (DVec3::ZERO, f64::INFINITY, false),
         };
-        let away = near(at).map_or(f64::INFINITY, |k| distance(controls[k], at));
+        let away = near(at).map_or(f64::INFINITY, |k| controls[k].distance(at));
         // A place far from the mesh is usually in another unit. Without this check, the nearest control would
         // move.
         if chosen.is_empty() || away > reach {
@@ -293,11 +291,11 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
             )));
         }
         for k in chosen {
-            by[k] = add(by[k], entry.by);
+            by[k] += entry.by;
         }
     }
     // Counted after adding up: opposite moves of one control cancel.
-    let moved = by.iter().filter(|d| **d != [0.0; 3]).count();
+    let moved = by.iter().filter(|d| **d != DVec3::ZERO).count();
     Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()), moved))
 }
 
@@ -307,7 +305,7 @@ fn write(
     file: &TexturedMesh,
     mesh: &TriangleMesh,
     poses: &PoseFile,
-    targets: &[Vec<[f64; 3]>],
+    targets: &[Vec<DVec3>],
     picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
     // Formats without morph targets show the first pose.

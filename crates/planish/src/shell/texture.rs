@@ -26,7 +26,7 @@ use blend::{Blended, ViewColour};
 use output::write;
 use painted::{Painting, Texture, paint};
 use planish_core::finding::with_warnings;
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::read_picture;
@@ -240,7 +240,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
 /// The mesh in the unit of the cameras, and the views.
 struct Scene {
     mesh: TriangleMesh,
-    normals: Vec<[f64; 3]>,
+    normals: Vec<DVec3>,
     /// Whether its facets are turned both ways.
     two_sided: bool,
     /// The unit of the cameras.
@@ -254,7 +254,7 @@ struct Scene {
 
 impl Scene {
     /// Colours of a place in the given views; views that do not see it are skipped.
-    fn colours_at(&self, used: &[usize], at: [f64; 3], normal: [f64; 3]) -> Vec<ViewColour> {
+    fn colours_at(&self, used: &[usize], at: DVec3, normal: DVec3) -> Vec<ViewColour> {
         let colour_in = |k: &usize| {
             self.views[*k].sample(at, normal, self.two_sided).map(|found| ViewColour {
                 view: *k,
@@ -385,7 +385,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
             mesh.positions.len()
         )));
     }
-    let known: Vec<Option<[f64; 3]>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
+    let known: Vec<Option<DVec3>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
     let coloured = Coloured {
         colours: fill::on_mesh(mesh, &known),
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),

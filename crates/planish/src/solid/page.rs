@@ -3,6 +3,7 @@
 use crate::report::title_of;
 use crate::report::words::head;
 use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
+use planish_core::DVec3;
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{counted, significant};
@@ -59,7 +60,7 @@ pub(crate) fn solid_page(
                 at: [x, y, bounds.max[2] + LABEL_HEIGHT_RATIO * bounds.diagonal()],
                 label: (k + 1).to_string(),
                 text,
-                normal: [0.0, 0.0, 1.0],
+                normal: DVec3::Z,
             });
         }
         scene.lines.push(LineSet {
@@ -112,14 +113,13 @@ pub(crate) fn solid_page(
 }
 
 /// Edges of a mesh at which its facets bend.
-fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 2]> {
-    use planish_estimate::vector3::{cross, dot, sub, unit};
+fn mesh_edges(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[DVec3; 2]> {
     use std::collections::BTreeMap;
     // A sorted map, so that the page has the same bytes in every run.
-    let mut sides: BTreeMap<[u32; 2], Vec<[f64; 3]>> = BTreeMap::new();
+    let mut sides: BTreeMap<[u32; 2], Vec<DVec3>> = BTreeMap::new();
     for t in triangles {
         let [a, b, c] = t.map(|k| positions[k as usize]);
-        let Some(normal) = unit(cross(sub(b, a), sub(c, a))) else {
+        let Some(normal) = (b - a).cross(c - a).try_normalize() else {
             continue;
         };
         for k in 0..3 {
@@ -130,7 +130,7 @@ fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 
     let smooth = SMOOTH_DEG.to_radians().cos();
     (sides.into_iter())
         // Edges of chords on a round face are not edges of the solid.
-        .filter(|(_, normals)| normals.len() != 2 || dot(normals[0], normals[1]) < smooth)
+        .filter(|(_, normals)| normals.len() != 2 || normals[0].dot(normals[1]) < smooth)
         .map(|(ends, _)| ends.map(|k| positions[k as usize]))
         .collect()
 }

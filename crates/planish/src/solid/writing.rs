@@ -1,7 +1,7 @@
 //! Solids as files: STEP, or meshes within a tolerance.
 
 use super::SolidJob;
-use planish_core::Setting;
+use planish_core::{DVec3, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
 use planish_exchange::step::{StepOptions, write_solid};
@@ -65,7 +65,7 @@ fn too_fine(solid: &Solid, tolerance: f64) -> Error {
 }
 
 /// Refuses STL if the spacing of its 32-bit numbers, far from the origin, exceeds the mesh tolerance.
-fn refuse_coarse_numbers(job: &SolidJob, positions: &[[f64; 3]], tolerance: f64) -> Result<()> {
+fn refuse_coarse_numbers(job: &SolidJob, positions: &[DVec3], tolerance: f64) -> Result<()> {
     let farthest = positions.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
     let apart = farthest * f64::from(f32::EPSILON);
     match job.outputs.iter().find(|output| extension(output) == "stl") {

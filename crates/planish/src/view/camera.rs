@@ -1,6 +1,6 @@
 //! From where an object is looked at: directions by angles or names, and the projection onto a picture.
 
-use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, Projected};
 use std::str::FromStr;
@@ -45,15 +45,15 @@ impl FromStr for Up {
 impl Up {
     /// The direction.
     #[must_use]
-    pub fn direction(self) -> [f64; 3] {
-        let mut up = [0.0; 3];
+    pub fn direction(self) -> DVec3 {
+        let mut up = DVec3::ZERO;
         up[self.axis] = self.sign;
         up
     }
 
     /// The right-hand direction in the front view: x, or y if x is up.
-    fn right(self) -> [f64; 3] {
-        if self.axis == 0 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }
+    fn right(self) -> DVec3 {
+        if self.axis == 0 { DVec3::Y } else { DVec3::X }
     }
 }
 
@@ -119,25 +119,25 @@ impl FromStr for CameraAngles {
 }
 
 /// The directions of a picture: to the right, up, and from the object to the camera.
-pub(crate) type Axes = [[f64; 3]; 3];
+pub(crate) type Axes = [DVec3; 3];
 
 /// Axes of a camera at the given angles.
 pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
     let (upwards, across) = (up.direction(), up.right());
-    let front = cross(across, upwards);
+    let front = across.cross(upwards);
     let [azimuth, elevation] = [angles.azimuth_deg, angles.elevation_deg].map(f64::to_radians);
     // From angles and not from a cross product with `up`, which vanishes in views from above.
-    let level = add(scale(azimuth.sin(), across), scale(azimuth.cos(), front));
-    let from = add(scale(elevation.cos(), level), scale(elevation.sin(), upwards));
-    let right = add(scale(azimuth.cos(), across), scale(-azimuth.sin(), front));
-    [right, cross(from, right), from]
+    let level = azimuth.sin() * across + azimuth.cos() * front;
+    let from = elevation.cos() * level + elevation.sin() * upwards;
+    let right = azimuth.cos() * across + -azimuth.sin() * front;
+    [right, from.cross(right), from]
 }
 
 /// The axes of a camera that looks from this direction.
-pub(super) fn axes_from(from: [f64; 3], up: [f64; 3]) -> Result<Axes> {
-    let found = unit(from).and_then(|from| Some((from, unit(cross(up, from))?)));
+pub(super) fn axes_from(from: DVec3, up: DVec3) -> Result<Axes> {
+    let found = from.try_normalize().and_then(|from| Some((from, up.cross(from).try_normalize()?)));
     let (from, right) = found.ok_or_else(|| Error::input("a camera that looks along what is up"))?;
-    Ok([right, cross(from, right), from])
+    Ok([right, from.cross(right), from])
 }
 
 /// Area of the picture for the object, from the left and the top, in pixels.
@@ -151,7 +151,7 @@ pub(super) struct Frame {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Camera {
     /// Its place.
-    pub at: [f64; 3],
+    pub at: DVec3,
     /// The directions of the picture.
     pub axes: Axes,
     /// Pixels over tangents.
@@ -164,12 +164,12 @@ pub(crate) struct Camera {
 
 impl Camera {
     /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
-    pub(super) fn from_points(points: &[[f64; 3]], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
+    pub(super) fn from_points(points: &[DVec3], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
         let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
         // A single point has no size, but must not give NaN.
         let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
         let mut camera = Self {
-            at: add_scaled(bounds.center(), DISTANCE * diagonal, axes[2]),
+            at: bounds.center() + DISTANCE * diagonal * axes[2],
             axes,
             focal: 1.0,
             middle: [0.0; 2],
@@ -186,57 +186,56 @@ impl Camera {
     }
 
     /// Column and row, from the left and the top, and the distance along the camera's axis.
-    pub(crate) fn project(&self, p: [f64; 3]) -> Projected {
-        let off = sub(p, self.at);
-        let depth = -dot(off, self.axes[2]);
+    pub(crate) fn project(&self, p: DVec3) -> Projected {
+        let off = p - self.at;
+        let depth = -off.dot(self.axes[2]);
         Projected {
             at: [
-                self.middle[0] + self.focal * dot(off, self.axes[0]) / depth,
-                self.middle[1] - self.focal * dot(off, self.axes[1]) / depth,
+                self.middle[0] + self.focal * off.dot(self.axes[0]) / depth,
+                self.middle[1] - self.focal * off.dot(self.axes[1]) / depth,
             ],
             depth,
         }
     }
 
     /// A place of the picture at a depth: to the right, up, and towards the camera, from the camera.
-    pub(super) fn place(&self, [column, row]: [f64; 2], depth: f64) -> [f64; 3] {
+    pub(super) fn place(&self, [column, row]: [f64; 2], depth: f64) -> DVec3 {
         [(column - self.middle[0]) / self.focal * depth, -(row - self.middle[1]) / self.focal * depth, -depth]
     }
 
     /// A direction of the world in the picture's axes.
-    pub(super) fn turned(&self, direction: [f64; 3]) -> [f64; 3] {
-        self.axes.map(|axis| dot(axis, direction))
+    pub(super) fn turned(&self, direction: DVec3) -> DVec3 {
+        self.axes.map(|axis| axis.dot(direction))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_estimate::vector3::norm;
 
-    fn close(a: [f64; 3], b: [f64; 3]) {
-        assert!(norm(sub(a, b)) < 1e-12, "{a:?} {b:?}");
+    fn close(a: DVec3, b: DVec3) {
+        assert!((a - b).length() < 1e-12, "{a:?} {b:?}");
     }
 
     #[test]
     fn named_views_look_from_where_they_say() {
         let z = Up::default();
         let axes = |text: &str, up: Up| axes_at(&text.parse().unwrap(), up);
-        close(axes("front", z)[2], [0.0, -1.0, 0.0]);
-        close(axes("right", z)[2], [1.0, 0.0, 0.0]);
-        close(axes("left", z)[2], [-1.0, 0.0, 0.0]);
-        close(axes("back", z)[2], [0.0, 1.0, 0.0]);
-        close(axes("top", z)[2], [0.0, 0.0, 1.0]);
+        close(axes("front", z)[2], DVec3::new(0.0, -1.0, 0.0));
+        close(axes("right", z)[2], DVec3::X);
+        close(axes("left", z)[2], DVec3::new(-1.0, 0.0, 0.0));
+        close(axes("back", z)[2], DVec3::Y);
+        close(axes("top", z)[2], DVec3::Z);
         // In the view from above, the back of the object is at the top.
-        close(axes("top", z)[1], [0.0, 1.0, 0.0]);
-        close(axes("bottom", z)[1], [0.0, -1.0, 0.0]);
-        close(axes("iso", z)[2], [1.0, -1.0, 1.0].map(|c: f64| c / 3.0_f64.sqrt()));
+        close(axes("top", z)[1], DVec3::Y);
+        close(axes("bottom", z)[1], DVec3::new(0.0, -1.0, 0.0));
+        close(axes("iso", z)[2], DVec3::new(1.0, -1.0, 1.0).map(|c: f64| c / 3.0_f64.sqrt()));
         let y: Up = "y".parse().unwrap();
-        close(axes("front", y)[2], [0.0, 0.0, 1.0]);
-        close(axes("right", y)[2], [1.0, 0.0, 0.0]);
+        close(axes("front", y)[2], DVec3::Z);
+        close(axes("right", y)[2], DVec3::X);
         for up in ["x", "-x", "y", "-y", "z", "-z"] {
             let [right, upwards, from] = axes("0,0", up.parse().unwrap());
-            close(cross(right, upwards), from);
+            close(right.cross(upwards), from);
             close(upwards, up.parse::<Up>().unwrap().direction());
         }
     }
@@ -263,7 +262,7 @@ mod tests {
 
     #[test]
     fn all_of_a_thing_is_within_the_frame() {
-        let points: Vec<[f64; 3]> = (0..8)
+        let points: Vec<DVec3> = (0..8)
             .map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from))
             .map(|[x, y, z]| [5.0 * x + 100.0, y, 3.0 * z])
             .collect();
@@ -283,7 +282,7 @@ mod tests {
         assert!((columns[0] + columns[1] - 210.0).abs() < 1e-6 && (rows[0] + rows[1] - 140.0).abs() < 1e-6);
         // Places are the inverse of projections.
         let seen = camera.project(points[3]);
-        let expected = sub(points[3], camera.at);
+        let expected = points[3] - camera.at;
         close(camera.place(seen.at, seen.depth), camera.turned(expected));
     }
 }

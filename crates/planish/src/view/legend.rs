@@ -2,6 +2,7 @@
 
 use super::camera::Camera;
 use super::canvas::{Anchor, Canvas};
+use planish_core::DVec3;
 use planish_report::colour::{Colour, ColourKind, Range, Scale};
 
 const INK: Colour = [0.11, 0.115, 0.125];
@@ -105,9 +106,9 @@ fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], roo
 /// The axes of the world as the camera sees them, nearest last.
 fn axes(canvas: &mut Canvas, camera: &Camera, middle: [f64; 2], em: f64) {
     const COLOURS: [Colour; 3] = [[0.80, 0.27, 0.22], [0.17, 0.52, 0.28], [0.16, 0.38, 0.70]];
-    let mut all: Vec<(usize, [f64; 3])> = (0..3)
+    let mut all: Vec<(usize, DVec3)> = (0..3)
         .map(|d| {
-            let mut axis = [0.0; 3];
+            let mut axis = DVec3::ZERO;
             axis[d] = 1.0;
             (d, camera.turned(axis))
         })

@@ -10,7 +10,7 @@
 //! There are no shadows and no materials.
 
 use super::camera::Camera;
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_core::DVec3;
 use planish_mesh::{DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::{Colour, linear_light};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ const MAX_SAMPLES: usize = 16_000_000;
 /// Faces that meet at more than this angle, in degrees, have an edge between them.
 const SMOOTH_DEG: f64 = 40.0;
 /// Over the left shoulder: to the right, up, and towards the camera.
-const LAMP: [f64; 3] = [-0.42, 0.58, 0.70];
+const LAMP: DVec3 = DVec3::new(-0.42, 0.58, 0.70);
 /// Fractions of the light from the sky, the ground and the lamp.
 const SKY: f64 = 0.44;
 const GROUND: f64 = 0.24;
@@ -47,23 +47,23 @@ const MAX_SLOPE: f64 = 4.0;
 pub(super) enum Shape<'a> {
     /// Triangles; colours of a place by its triangle and weights of its corners, or of the normal (in the
     /// picture's axes) if none is given.
-    Surface { positions: &'a [[f64; 3]], triangles: &'a [[u32; 3]], colour: Option<&'a PlaceColour<'a>> },
+    Surface { positions: &'a [DVec3], triangles: &'a [[u32; 3]], colour: Option<&'a PlaceColour<'a>> },
     /// Dots with a colour and an optional normal each, and their width in pixels.
     Dots {
-        positions: &'a [[f64; 3]],
-        normals: Option<&'a [[f64; 3]]>,
+        positions: &'a [DVec3],
+        normals: Option<&'a [DVec3]>,
         colour: Option<&'a DotColour<'a>>,
         width: f64,
     },
 }
 
 /// The colour of a place on a triangle: its index, and weights of its corners.
-pub(super) type PlaceColour<'a> = dyn Fn(usize, [f64; 3]) -> Colour + Sync + 'a;
+pub(super) type PlaceColour<'a> = dyn Fn(usize, DVec3) -> Colour + Sync + 'a;
 /// The colour of a dot.
 pub(super) type DotColour<'a> = dyn Fn(usize) -> Colour + Sync + 'a;
 
 /// A direction as a colour: to the right is red, up is green, towards the camera is blue.
-pub(super) fn normal_colour(normal: [f64; 3]) -> Colour {
+pub(super) fn normal_colour(normal: DVec3) -> Colour {
     normal.map(|c| 0.5 + 0.5 * c)
 }
 
@@ -71,13 +71,13 @@ pub(super) fn normal_colour(normal: [f64; 3]) -> Colour {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Pixel {
     /// Linear light, of the part that is covered.
-    pub light: [f64; 3],
+    pub light: DVec3,
     /// Share that is covered.
     pub covered: f64,
     /// Mean distance along the camera's axis.
     depth: f64,
     /// Mean normal, in the picture's axes.
-    normal: [f64; 3],
+    normal: DVec3,
     is_dot: bool,
     /// Whether its colour represents a value. Such pixels are not darkened.
     is_value: bool,
@@ -161,8 +161,8 @@ fn pixel(
         // Shapes are in the order of their first triangle.
         let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
         let (light, normal) = lit(&prepared[which], camera, &seen);
-        mean.light = add_scaled(mean.light, 1.0, light);
-        mean.normal = add_scaled(mean.normal, 1.0, normal);
+        mean.light += 1.0 * light;
+        mean.normal += 1.0 * normal;
         mean.depth += seen.depth;
         match prepared[which].shape {
             Shape::Surface { colour, .. } => mean.is_value |= colour.is_none(),
@@ -174,8 +174,8 @@ fn pixel(
         n += 1.0;
     }
     if n > 0.0 {
-        mean.light = scale(1.0 / n, mean.light);
-        mean.normal = unit(mean.normal).unwrap_or([0.0, 0.0, 1.0]);
+        mean.light = 1.0 / n * mean.light;
+        mean.normal = mean.normal.try_normalize().unwrap_or(DVec3::Z);
         mean.depth /= n;
         mean.covered = n / all;
     }
@@ -183,52 +183,52 @@ fn pixel(
 }
 
 /// Linear light of a sample, and its normal towards the camera.
-fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> ([f64; 3], [f64; 3]) {
+fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
     let index = seen.triangle as usize - of.first;
     match of.shape {
         Shape::Surface { colour, .. } => {
             let corners = &of.normals[index];
             let mixed = (corners.iter().zip(seen.barycentric))
-                .fold([0.0; 3], |sum, (n, w)| add_scaled(sum, w, n.map(f64::from)));
-            let normal = towards_camera(unit(mixed).unwrap_or([0.0, 0.0, 1.0]));
+                .fold(DVec3::ZERO, |sum, (n, w)| sum + w * n.map(f64::from));
+            let normal = towards_camera(mixed.try_normalize().unwrap_or(DVec3::Z));
             match colour {
                 Some(colour) => {
                     let light = brightness(normal);
                     let own = colour(index, seen.barycentric).map(linear_light);
-                    (scale(light, own), normal)
+                    (light * own, normal)
                 }
                 None => (normal_colour(normal).map(linear_light), normal),
             }
         }
         Shape::Dots { normals, colour, .. } => {
             let dot_index = index / (OUTLINE - 2);
-            let known = normals.and_then(|n| unit(camera.turned(n[dot_index])));
-            let normal = towards_camera(known.unwrap_or([0.0, 0.0, 1.0]));
+            let known = normals.and_then(|n| camera.turned(n[dot_index]).try_normalize());
+            let normal = towards_camera(known.unwrap_or(DVec3::Z));
             let light = known.map_or(0.95, |_| brightness(normal));
             match colour {
-                Some(colour) => (scale(light, colour(dot_index).map(linear_light)), normal),
+                Some(colour) => (light * colour(dot_index).map(linear_light), normal),
                 None => (normal_colour(normal).map(linear_light), normal),
             }
         }
     }
 }
 
-fn towards_camera(normal: [f64; 3]) -> [f64; 3] {
+fn towards_camera(normal: DVec3) -> DVec3 {
     // Both sides of a surface are lit alike, because the orientation in files is unreliable.
-    if normal[2] < 0.0 { scale(-1.0, normal) } else { normal }
+    if normal[2] < 0.0 { -normal } else { normal }
 }
 
 /// Light on a matt surface of this normal.
-fn brightness(normal: [f64; 3]) -> f64 {
+fn brightness(normal: DVec3) -> f64 {
     let sky = 0.5 + 0.5 * normal[1];
-    let lamp = dot(normal, LAMP) / norm(LAMP);
+    let lamp = normal.dot(LAMP) / LAMP.length();
     let reached = ((lamp + LAMP_WRAP) / (1.0 + LAMP_WRAP)).max(0.0);
     GROUND + (SKY - GROUND) * sky + DIRECT * reached.powf(1.5)
 }
 
 /// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet
 /// smoothly.
-fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
+fn corner_normals(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
     // Files may contain a vertex several times, once for each adjacent face.
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     // Adding 0 turns −0 into 0, so that both compare equal.
@@ -242,10 +242,10 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
         }
         place_of[k as usize] = places;
     }
-    let face: Vec<[f64; 3]> = (triangles.par_iter())
+    let face: Vec<DVec3> = (triangles.par_iter())
         .map(|t| {
             let [a, b, c] = t.map(|k| positions[k as usize]);
-            camera.turned(cross(sub(b, a), sub(c, a)))
+            camera.turned((b - a).cross(c - a))
         })
         .collect();
     // Faces around every place, one list after the other.
@@ -269,17 +269,17 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
     let smooth = SMOOTH_DEG.to_radians().cos();
     (triangles.par_iter().enumerate())
         .map(|(t, corners)| {
-            let own = unit(face[t]);
+            let own = face[t].try_normalize();
             corners.map(|k| {
                 let place = place_of[k as usize] as usize;
                 let all = &around[starts[place] as usize..starts[place + 1] as usize];
-                let sum = all.iter().fold([0.0; 3], |sum, &other| {
+                let sum = all.iter().fold(DVec3::ZERO, |sum, &other| {
                     let other = face[other as usize];
                     // Faces are not normalised here: the mean is weighted by area.
-                    let meets = own.is_none_or(|own| dot(own, other) >= smooth * norm(other));
-                    if meets { add_scaled(sum, 1.0, other) } else { sum }
+                    let meets = own.is_none_or(|own| own.dot(other) >= smooth * other.length());
+                    if meets { sum + 1.0 * other } else { sum }
                 });
-                unit(sum).or(own).unwrap_or([0.0, 0.0, 1.0]).map(|c| c as f32)
+                sum.try_normalize().or(own).unwrap_or(DVec3::Z).map(|c| c as f32)
             })
         })
         .collect()
@@ -309,7 +309,7 @@ fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
                 } else {
                     obscurance(pixels, camera, size, at, &spiral)
                 };
-                pixel.light = scale(share, pixel.light);
+                pixel.light = share * pixel.light;
             }
             pixel
         })
@@ -342,10 +342,10 @@ fn obscurance(
         let Some(other) = covered(pixels, size, there) else {
             continue;
         };
-        let off = sub(camera.place(there.map(|x| x.floor() + 0.5), other.depth), place);
-        let square = dot(off, off);
+        let off = camera.place(there.map(|x| x.floor() + 0.5), other.depth) - place;
+        let square = off.length_squared();
         // Only nearby surface obscures. The offset keeps a place from obscuring itself.
-        let above = dot(off, pixel.normal) - 0.002 * camera.diagonal;
+        let above = off.dot(pixel.normal) - 0.002 * camera.diagonal;
         if above > 0.0 && square < 4.0 * reach * reach {
             sum += above * reach / (square + 0.01 * reach * reach) * (1.0 - square / (4.0 * reach * reach));
         }

@@ -4,8 +4,7 @@ use crate::compare::page::{compared_scene, known_mesh_scene};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
 use crate::report::scenes::{kinds, model_scene_of, numbers};
 use planish_core::Progress;
-use planish_core::{Finding, FindingCode};
-use planish_estimate::vector3::norm;
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{has_faces, read_mesh};
 use planish_exchange::{Unit, extension, read_inputs};
@@ -32,7 +31,7 @@ pub struct ViewedFile {
 pub(super) struct ViewedContent {
     pub scene: Scene,
     /// Normals of the points of the first cloud, if all are known.
-    pub normals: Option<Vec<[f64; 3]>>,
+    pub normals: Option<Vec<DVec3>>,
     /// One sentence that describes the content.
     pub headline: String,
     /// Every file that was read.
@@ -137,7 +136,7 @@ impl ViewedContent {
         let kept = || (0..all.points.len()).step_by(step);
         let mut fields = Vec::new();
         // All or none: a mixture of lit and unlit dots would look like shape.
-        let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| norm(*n) > 0.0));
+        let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| n.length() > 0.0));
         if let Some(covariance) = &all.covariance {
             let (label, sigma): (_, Vec<f64>) = match normals {
                 Some(normals) => {
@@ -207,7 +206,7 @@ impl ViewedContent {
     }
 
     /// Positions of everything that is visible initially.
-    pub(super) fn places(&self) -> Vec<[f64; 3]> {
+    pub(super) fn places(&self) -> Vec<DVec3> {
         let surfaces = self.scene.surfaces.iter().filter(|s| !s.hidden);
         let clouds = self.scene.clouds.iter().filter(|c| !c.hidden);
         (surfaces.flat_map(|s| &s.positions)).chain(clouds.flat_map(|c| &c.positions)).copied().collect()

@@ -1,7 +1,7 @@
 //! Surfaces as boundary representations: the faces are the surface, and Open Cascade agrees.
 
 use planish::export::{BrepOptions, brep_from_surface};
-use planish_estimate::vector3::{add_scaled, distance};
+use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_exchange::step::{Brep, BsplineCurve, BsplineSurface, StepOptions, read_step, write_step};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
@@ -21,7 +21,7 @@ fn base(shape: Shape, size: f64) -> BaseShape {
     let axis = [0.0, 0.6, 0.8];
     let centre = [size, -0.5 * size, 0.2 * size];
     match shape {
-        Shape::Sheet => BaseShape::plane(centre, [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], [size, 0.7 * size]),
+        Shape::Sheet => BaseShape::plane(centre, [DVec3::X, [0.0, 0.6, 0.8]], [size, 0.7 * size]),
         Shape::Tube => BaseShape::cylinder(centre, axis, 0.5 * size, size),
         Shape::Ball => BaseShape::sphere(centre, size, axis),
         Shape::Torus => BaseShape::torus(centre, axis, size, 0.4 * size),
@@ -37,7 +37,7 @@ fn bumpy(shape: Shape, size: f64, grid: [usize; 2], rounds: usize) -> Surface {
         let vertices = surface
             .vertices()
             .iter()
-            .map(|p| add_scaled(*p, bump, std::array::from_fn(|_| random.random_range(-1.0..1.0))));
+            .map(|p| *p + bump * std::array::from_fn(|_| random.random_range(-1.0..1.0)));
         let vertices = vertices.collect();
         surface = surface.with_vertices(vertices).unwrap();
         if round < rounds {
@@ -59,9 +59,9 @@ fn all_knots(knots: &[(f64, usize)]) -> Vec<f64> {
 }
 
 /// de Boor's algorithm, for cubics.
-fn spline_point(knots: &[f64], poles: &[[f64; 3]], t: f64) -> [f64; 3] {
+fn spline_point(knots: &[f64], poles: &[DVec3], t: f64) -> DVec3 {
     let span = (3..poles.len()).rev().find(|&k| knots[k] <= t).unwrap_or(3);
-    let mut d: [[f64; 3]; 4] = std::array::from_fn(|k| poles[span - 3 + k]);
+    let mut d: [DVec3; 4] = std::array::from_fn(|k| poles[span - 3 + k]);
     for r in 1..=3 {
         for k in (r..=3).rev() {
             let (low, high) = (knots[span - 3 + k], knots[span + 1 + k - r]);
@@ -72,10 +72,9 @@ fn spline_point(knots: &[f64], poles: &[[f64; 3]], t: f64) -> [f64; 3] {
     d[3]
 }
 
-fn surface_point(surface: &BsplineSurface, u: f64, v: f64) -> [f64; 3] {
+fn surface_point(surface: &BsplineSurface, u: f64, v: f64) -> DVec3 {
     let (ku, kv) = (all_knots(&surface.knots_u), all_knots(&surface.knots_v));
-    let column: Vec<[f64; 3]> =
-        surface.poles.chunks(surface.n_v).map(|row| spline_point(&kv, row, v)).collect();
+    let column: Vec<DVec3> = surface.poles.chunks(surface.n_v).map(|row| spline_point(&kv, row, v)).collect();
     spline_point(&ku, &column, u)
 }
 
@@ -83,7 +82,7 @@ fn range(knots: &[(f64, usize)]) -> [f64; 2] {
     [knots[0].0, knots[knots.len() - 1].0]
 }
 
-fn curve_point(curve: &BsplineCurve, share: f64) -> [f64; 3] {
+fn curve_point(curve: &BsplineCurve, share: f64) -> DVec3 {
     let [from, to] = range(&curve.knots);
     spline_point(&all_knots(&curve.knots), &curve.poles, from + share * (to - from))
 }
@@ -104,7 +103,7 @@ fn faces_are_the_surface_and_neighbours_share_their_edges() {
                         for b in 0..=8 {
                             let u = u0 + (u1 - u0) * f64::from(a) / 8.0;
                             let v = v0 + (v1 - v0) * f64::from(b) / 8.0;
-                            let apart = distance(surface_point(s, u, v), surface.point(u, v));
+                            let apart = surface_point(s, u, v).distance(surface.point(u, v));
                             assert!(apart < 1e-12, "{shape:?} {grid:?} at {u} {v}: {apart}");
                         }
                     }
@@ -117,7 +116,7 @@ fn faces_are_the_surface_and_neighbours_share_their_edges() {
                             let (u, v) = (u0 + share * (u1 - u0), v0 + share * (v1 - v0));
                             let nearest = [(u, v0), (u, v1), (u0, v), (u1, v)]
                                 .into_iter()
-                                .map(|(u, v)| distance(surface_point(s, u, v), p))
+                                .map(|(u, v)| surface_point(s, u, v).distance(p))
                                 .fold(f64::INFINITY, f64::min);
                             assert!(nearest < 1e-12, "{shape:?}: an edge is {nearest} away from its face");
                         }

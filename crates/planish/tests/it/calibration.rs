@@ -3,6 +3,7 @@
 //!
 //! The small sizes run with every test; `just nightly` runs the two hundred draws of each (`--ignored`).
 
+use planish_core::DVec3;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, SelectedInverse};
 use planish_estimate::{ChiSquareBand, vector3::sub};
 use planish_spline::{BaseShape, CellCovariance, Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};
@@ -16,9 +17,9 @@ const SIGMA: f64 = 0.01;
 
 fn base_of(shape: Shape) -> (BaseShape, [usize; 2]) {
     match shape {
-        Shape::Sheet => (BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]), [6, 5]),
-        Shape::Tube => (BaseShape::cylinder([0.0; 3], [0.0, 0.0, 1.0], 0.5, 1.0), [8, 5]),
-        _ => (BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]), [8, 4]),
+        Shape::Sheet => (BaseShape::plane(DVec3::ZERO, [DVec3::X, DVec3::Y], [1.0, 0.8]), [6, 5]),
+        Shape::Tube => (BaseShape::cylinder(DVec3::ZERO, DVec3::Z, 0.5, 1.0), [8, 5]),
+        _ => (BaseShape::sphere(DVec3::ZERO, 1.0, DVec3::Z), [8, 4]),
     }
 }
 
@@ -83,13 +84,10 @@ fn error_and_bound(
     for leaf in 0..space.leaves().len() {
         let dense = inverse.dense(space.extraction(leaf).0).unwrap();
         let cell = CellCovariance::new(space, leaf, &dense);
-        let e = sub(estimate.leaf_point(leaf, 0.5, 0.5), truth.leaf_point(leaf, 0.5, 0.5));
+        let e = estimate.leaf_point(leaf, 0.5, 0.5) - truth.leaf_point(leaf, 0.5, 0.5);
         let c = leaf_weights(0.5, 0.5);
         error += e.iter().map(|x| x * x).sum::<f64>();
-        bound += [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-            .map(|a| cell.variance_along(&c, a))
-            .iter()
-            .sum::<f64>();
+        bound += [DVec3::X, DVec3::Y, DVec3::Z].map(|a| cell.variance_along(&c, a)).iter().sum::<f64>();
     }
     (error, bound)
 }

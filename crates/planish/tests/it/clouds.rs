@@ -1,6 +1,7 @@
 //! Clouds without grid, normals and viewpoint, with isolated points, duplicates and misstated σ.
 
 use crate::common;
+use planish_core::DVec3;
 
 use planish::fit::{Fit, FitOptions, UpdateOptions, fit, update};
 use planish::progress::Silent;
@@ -17,7 +18,7 @@ fn height(x: f64, y: f64) -> f64 {
 }
 
 /// Noisy points of a wavy sheet over the unit square.
-fn sheet(count: usize, seed: u64) -> Vec<[f64; 3]> {
+fn sheet(count: usize, seed: u64) -> Vec<DVec3> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..count)
         .map(|_| {
@@ -28,7 +29,7 @@ fn sheet(count: usize, seed: u64) -> Vec<[f64; 3]> {
         .collect()
 }
 
-fn set_of(points: Vec<[f64; 3]>, sigma: Option<f64>) -> ScanSet {
+fn set_of(points: Vec<DVec3>, sigma: Option<f64>) -> ScanSet {
     common::probed(points, None, sigma)
 }
 
@@ -47,7 +48,7 @@ fn error(fit: &Fit) -> f64 {
         .map(|_| {
             let [x, y] = [0, 1].map(|_| rng.random_range(0.05..0.95));
             let p = [x, y, height(x, y)];
-            let foot = surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
+            let foot = surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
             foot.height * foot.height + foot.slip * foot.slip
         })
         .sum();
@@ -97,7 +98,7 @@ fn a_point_written_five_times_is_one_reading() {
 fn normals_of_zero_are_unknown_normals() {
     let mut set = set_of(sheet(3000, 5), None);
     let without = error(&run(&set));
-    set.scans[0].scan.normals = Some(vec![[0.0; 3]; 3000]);
+    set.scans[0].scan.normals = Some(vec![DVec3::ZERO; 3000]);
     assert!((error(&run(&set)) / without - 1.0).abs() < 0.05);
 }
 
@@ -142,12 +143,12 @@ fn no_more_coefficients_than_allowed() {
 #[test]
 fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
     let far = [6.5e5, 4.25e6, -1024.0];
-    let moved = |points: &[[f64; 3]]| -> Vec<[f64; 3]> {
-        let moved = points.iter().map(|p| [0, 1, 2].map(|d| p[d] + far[d]));
+    let moved = |points: &[DVec3]| -> Vec<DVec3> {
+        let moved = points.iter().map(|p| p + far);
         moved.collect()
     };
     // Both clouds rounded alike, so that only the place differs.
-    let rounded = |points: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
+    let rounded = |points: Vec<DVec3>| -> Vec<DVec3> {
         let digits = 2.0_f64.powi(-30);
         points.iter().map(|p| p.map(|c| (c / digits).round() * digits)).collect()
     };

@@ -1,10 +1,11 @@
 //! Helpers that several tests share.
 
+use planish_core::DVec3;
 use planish_exchange::{PosedScan, ScanSet};
 use planish_sense::{Noise, Scan, Sensor, SensorKind};
 
 /// One cloud of a touch probe, without grid and viewpoint; σ stated or not.
-pub fn probed(points: Vec<[f64; 3]>, normals: Option<Vec<[f64; 3]>>, sigma: Option<f64>) -> ScanSet {
+pub fn probed(points: Vec<DVec3>, normals: Option<Vec<DVec3>>, sigma: Option<f64>) -> ScanSet {
     ScanSet {
         sensors: vec![Sensor {
             name: "probe".to_owned(),

@@ -6,6 +6,7 @@ use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
 use planish_contour::planar::{ContourReading, ContourTarget, points};
 use planish_contour::primitive::{RayTarget, SimulatedPrimitive, SpaceSensor, rays};
+use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_exchange::contours::read_contour_json;
 use planish_exchange::picture::write_grey_png;
@@ -76,7 +77,7 @@ fn a_plate_with_holes_is_told_as_one() {
     is_near(&report, 2, "radius", 6.0);
 }
 
-fn scene(kind: ContourKind, velocity: [f64; 3], noise: f64, folder: &Path) -> PathBuf {
+fn scene(kind: ContourKind, velocity: DVec3, noise: f64, folder: &Path) -> PathBuf {
     let options = ReadingsOptions {
         kind,
         readings: 300,
@@ -94,7 +95,7 @@ fn scene(kind: ContourKind, velocity: [f64; 3], noise: f64, folder: &Path) -> Pa
 #[test]
 fn the_product_of_the_sides_finds_the_rectangle_too() {
     let folder = tempfile::tempdir().unwrap();
-    let path = scene(ContourKind::Rectangle, [0.0; 3], 0.2, folder.path());
+    let path = scene(ContourKind::Rectangle, DVec3::ZERO, 0.2, folder.path());
     let mut job = job(path, &[ContourKind::Rectangle]);
     job.fit.form = Form::Product;
     let report = job.run(&Silent).unwrap();

@@ -6,6 +6,7 @@ use planish::fit::{
 use planish::model::Posterior;
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
+use planish_core::DVec3;
 use planish_spline::{FootPointSearch, ProjectionOptions, Shape};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -41,7 +42,7 @@ fn fitted(scene: &ScanScene, filter: Filter) -> Fit {
 }
 
 /// How far a surface lies above places of the truth, along its own normal, and its σ there.
-fn deviations(fit: &Fit, places: &[([f64; 3], [f64; 3])]) -> Vec<Option<(f64, f64)>> {
+fn deviations(fit: &Fit, places: &[(DVec3, DVec3)]) -> Vec<Option<(f64, f64)>> {
     let surface = &fit.model.surface;
     let posterior = fit.posterior();
     let search = FootPointSearch::new(surface, 2, 20.0).unwrap();

@@ -2,6 +2,7 @@
 //! threads.
 
 use crate::common;
+use planish_core::DVec3;
 
 use planish::fit::{Fit, FitOptions, fit};
 use planish::progress::Silent;
@@ -66,7 +67,7 @@ fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
 fn a_noisy_sphere_keeps_its_radius() {
     let (sigma, count) = (0.05, 40_000);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let normals: Vec<[f64; 3]> = (0..count)
+    let normals: Vec<DVec3> = (0..count)
         .map(|n| {
             let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / f64::from(count);
             let (r, a) = (f64::sqrt(1.0 - z * z), f64::from(n) * 2.399_963);

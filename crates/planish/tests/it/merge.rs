@@ -4,7 +4,7 @@
 use planish::compare::{CompareOptions, Compared, Reference, compare};
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
 use planish::progress::Silent;
-use planish_estimate::vector3::{add_scaled, dot, norm, scale, unit};
+use planish_core::DVec3;
 use planish_mesh::{MergePatch, MeshSearch, icosphere};
 use planish_sense::Pose;
 use rand::{RngExt, SeedableRng};
@@ -17,13 +17,13 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// A ball of radius 10 with a swell, at a direction.
-fn radius(d: [f64; 3]) -> f64 {
+fn radius(d: DVec3) -> f64 {
     10.0 + 0.4 * (3.0 * d[0]).sin() * (2.0 * d[1] + d[2]).cos()
 }
 
 /// The part of the swollen ball about an axis, with noise along the normals' rays, of which a share is waves
 /// nine edges long and longer.
-fn patch(name: &str, axis: [f64; 3], least: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
+fn patch(name: &str, axis: DVec3, least: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
     let mut ball = icosphere(1.0, 5);
     let (s, c) = turn.sin_cos();
     for p in &mut ball.positions {
@@ -32,18 +32,18 @@ fn patch(name: &str, axis: [f64; 3], least: f64, turn: f64, smooth: f64, rng: &m
         let [x, y, z] = *p;
         *p = [x, c * y - s * z, s * y + c * z];
     }
-    ball.triangles.retain(|t| t.iter().all(|v| dot(ball.positions[*v as usize], axis) >= least));
-    let waves: Vec<([f64; 3], f64)> = (0..12)
+    ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= least));
+    let waves: Vec<(DVec3, f64)> = (0..12)
         .map(|_| {
-            let d = unit([normal(rng), normal(rng), normal(rng)]).expect("a direction");
-            (scale(20.0, d), std::f64::consts::TAU * rng.random::<f64>())
+            let d = DVec3::new(normal(rng), normal(rng), normal(rng)).try_normalize().expect("a direction");
+            (20.0 * d, std::f64::consts::TAU * rng.random::<f64>())
         })
         .collect();
     for p in &mut ball.positions {
-        let d = unit(*p).expect("a direction");
-        let wave: f64 = waves.iter().map(|(k, phase)| (dot(*k, d) + phase).sin()).sum();
+        let d = p.try_normalize().expect("a direction");
+        let wave: f64 = waves.iter().map(|(k, phase)| (k.dot(d) + phase).sin()).sum();
         let noise = (1.0 - smooth).sqrt() * normal(rng) + (smooth / 6.0).sqrt() * wave;
-        *p = add_scaled(scale(radius(d), d), SIGMA * noise, d);
+        *p = radius(d) * d + SIGMA * noise * d;
     }
     let sigma = vec![SIGMA; ball.positions.len()];
     NamedPatch {
@@ -59,12 +59,17 @@ fn four_patches() -> Vec<NamedPatch> {
 
 fn four_patches_with(smooth: f64) -> Vec<NamedPatch> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
-    let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
+    let corners = [
+        DVec3::new(1.0, 1.0, 1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(-1.0, -1.0, 1.0),
+    ];
     corners
         .iter()
         .enumerate()
         .map(|(k, axis)| {
-            let axis = unit(*axis).expect("a direction");
+            let axis = axis.try_normalize().expect("a direction");
             patch(&format!("patch {k}"), axis, -0.1, 0.3 + 0.5 * k as f64, smooth, &mut rng)
         })
         .collect()
@@ -81,8 +86,8 @@ fn errors(whole: &Merged) -> (f64, f64) {
     let n = whole.mesh.positions.len() as f64;
     let (mut normalized, mut squares) = (0.0, 0.0);
     for (p, s) in whole.mesh.positions.iter().zip(&whole.sigma) {
-        let d = unit(*p).expect("a direction");
-        let off = norm(*p) - radius(d);
+        let d = p.try_normalize().expect("a direction");
+        let off = p.length() - radius(d);
         squares += off * off / n;
         normalized += (off / s).powi(2) / n;
     }
@@ -142,7 +147,7 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
     assert_eq!(lid.len(), filled.vertices);
     let off = |v: usize| {
         let p = whole.mesh.positions[v];
-        (norm(p) - radius(unit(p).expect("a direction"))).abs()
+        (p.length() - radius(p.try_normalize().expect("a direction"))).abs()
     };
     let covered = lid.iter().filter(|v| off(**v) < 1.96 * whole.sigma[**v]).count();
     let worst = lid.iter().map(|v| off(*v)).fold(0.0, f64::max);
@@ -229,13 +234,13 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
     let ratio = report.sigma.median / merged.report.sigma.median;
     assert!((0.8..1.3).contains(&ratio), "σ {ratio} times the mesh's");
     // Against the truth, at places that no vertex is at.
-    let truth: Vec<[f64; 3]> = icosphere(1.0, 4)
+    let truth: Vec<DVec3> = icosphere(1.0, 4)
         .positions
         .iter()
         .map(|p| {
             let [x, y, z] = *p;
-            let d = unit([x + 0.01, y - 0.013, z + 0.007]).expect("a direction");
-            scale(radius(d), d)
+            let d = DVec3::new(x + 0.01, y - 0.013, z + 0.007).try_normalize().expect("a direction");
+            radius(d) * d
         })
         .collect();
     let reference = Reference { points: truth, ..Reference::default() };
@@ -252,7 +257,7 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut patches = four_patches();
     patches.truncate(2);
-    let mut far = patch("far", [0.0, 0.0, 1.0], 0.0, 0.0, 0.0, &mut rng);
+    let mut far = patch("far", DVec3::Z, 0.0, 0.0, 0.0, &mut rng);
     for p in &mut far.tidied.patch.mesh.positions {
         p[0] += 100.0;
     }

@@ -2,6 +2,7 @@
 //! estimated within their σ.
 
 use crate::common;
+use planish_core::DVec3;
 
 use nalgebra::{DMatrix, DVector};
 use planish::fit::{Fit, FitOptions, GlobalOptions, Strategy, UpdateOptions, fit, update};
@@ -15,7 +16,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-fn normals3(rng: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
+fn normals3(rng: &mut ChaCha8Rng, sigma: f64) -> DVec3 {
     std::array::from_fn(|_| {
         let z: f64 = StandardNormal.sample(rng);
         sigma * z
@@ -45,11 +46,11 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
         truths.push(truth);
         if s > 0 {
             let turn =
-                Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), [0.0; 3]);
+                Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), DVec3::ZERO);
             let t = normals3(&mut rng, sigma_translation);
             posed.scan.world_from_scanner = Pose {
                 translation: std::array::from_fn(|k| truth.translation[k] + t[k]),
-                ..turn.after(&Pose { translation: [0.0; 3], ..truth })
+                ..turn.after(&Pose { translation: DVec3::ZERO, ..truth })
             };
             (posed.sigma_translation, posed.sigma_rotation_deg) =
                 (Some(sigma_translation), Some(sigma_rotation_deg));
@@ -62,7 +63,7 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
 fn squared_error(report: &ScanPoseReport, truth: &Pose) -> f64 {
     let found = Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation).unwrap();
     let turn = found.after(&truth.inverse()).rotation_vector();
-    let t: [f64; 3] = std::array::from_fn(|k| found.translation[k] - truth.translation[k]);
+    let t: DVec3 = std::array::from_fn(|k| found.translation[k] - truth.translation[k]);
     let e = DVector::from_column_slice(&[t[0], t[1], t[2], turn[0], turn[1], turn[2]]);
     let covariance = DMatrix::from_fn(6, 6, |a, b| report.covariance.unwrap()[a][b]);
     e.dot(&covariance.lu().solve(&e).unwrap())

@@ -1,6 +1,7 @@
 //! Completion of unmeasured parts, compared with the truth.
 
 use crate::common;
+use planish_core::DVec3;
 
 use common::probed;
 use planish::complete::SymmetryChoice;
@@ -11,7 +12,6 @@ use planish::simulate::{
     BendingOptions, ScanScene, TurningOptions, VesselOptions, bending, in_bending_hole, turning, vessel,
 };
 use planish::{Shape, SymmetryKind};
-use planish_estimate::vector3::{add_scaled, cross, distance, scale, unit};
 use planish_sense::Pose;
 use planish_spline::{FootPointSearch, ProjectionOptions};
 use rand::{RngExt as _, SeedableRng};
@@ -19,7 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 /// Root mean square deviation and share within 1.96 σ of the points whose feet are known so, or of all.
-fn judge(fit: &Fit, truth: &[([f64; 3], [f64; 3])], known: Option<Observed>) -> (f64, f64, usize) {
+fn judge(fit: &Fit, truth: &[(DVec3, DVec3)], known: Option<Observed>) -> (f64, f64, usize) {
     let surface = &fit.model.surface;
     let posterior = fit.model.posterior().unwrap();
     let search = FootPointSearch::new(surface, 2, 1.0).unwrap();
@@ -39,7 +39,7 @@ fn judge(fit: &Fit, truth: &[([f64; 3], [f64; 3])], known: Option<Observed>) -> 
     ((squares / n).sqrt(), covered / n, count)
 }
 
-fn vessel_truth(scene: &planish::simulate::ScanScene) -> Vec<([f64; 3], [f64; 3])> {
+fn vessel_truth(scene: &planish::simulate::ScanScene) -> Vec<(DVec3, DVec3)> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let points = scene.truth.sample_area_uniform(3000, &mut rng);
     points.iter().map(|p| (p.position, p.normal)).collect()
@@ -94,13 +94,13 @@ fn real_readings_overrule_a_symmetry() {
     let foot = scene.truth.foot([-60.0, 0.0, -5.0]).unwrap();
     let (middle, n) = (foot.point.position, foot.point.normal);
     let (e1, e2) = planish_estimate::vector3::tangents(n);
-    let pressed: Vec<[f64; 3]> = (0..121)
+    let pressed: Vec<DVec3> = (0..121)
         .map(|k| {
             let [x, y] = [k % 11, k / 11].map(|c| 1.4 * (f64::from(c) - 5.0));
-            let p = add_scaled(add_scaled(middle, x, e1), y, e2);
+            let p = middle + x * e1 + y * e2;
             let on = scene.truth.foot(p).unwrap().point;
             let depth = 2.0 * (-(x * x + y * y) / 18.0_f64).exp();
-            add_scaled(on.position, -depth, on.normal)
+            on.position - depth * on.normal
         })
         .collect();
     let deepest = pressed[60];
@@ -116,14 +116,14 @@ fn real_readings_overrule_a_symmetry() {
 }
 
 /// A point and its normal.
-type Oriented = ([f64; 3], [f64; 3]);
+type Oriented = (DVec3, DVec3);
 
 /// Positions over a grid of parameters with noise, a disc of the parameters left out.
 fn with_gap(
     seed: u64,
     sigma: f64,
-    surface: impl Fn(f64, f64) -> ([f64; 3], [f64; 3]),
-) -> (Vec<[f64; 3]>, Vec<[f64; 3]>, Vec<Oriented>) {
+    surface: impl Fn(f64, f64) -> (DVec3, DVec3),
+) -> (Vec<DVec3>, Vec<DVec3>, Vec<Oriented>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut points, mut normals, mut truth) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..9000 {
@@ -132,7 +132,7 @@ fn with_gap(
         if x.hypot(y) < 3.5 {
             truth.push((p, n));
         } else {
-            points.push(add_scaled(p, sigma * rng.sample::<f64, _>(StandardNormal), n));
+            points.push(p + sigma * rng.sample::<f64, _>(StandardNormal) * n);
             normals.push(n);
         }
     }
@@ -141,8 +141,8 @@ fn with_gap(
 
 #[test]
 fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
-    type Surface = fn(f64, f64) -> ([f64; 3], [f64; 3]);
-    let table: Surface = |x, y| ([x, y, 0.1 * x], unit([-0.1, 0.0, 1.0]).unwrap());
+    type Surface = fn(f64, f64) -> (DVec3, DVec3);
+    let table: Surface = |x, y| ([x, y, 0.1 * x], DVec3::new(-0.1, 0.0, 1.0).try_normalize().unwrap());
     let dome: Surface = |x, y| {
         let n = [x / 20.0, y / 20.0, (1.0 - (x * x + y * y) / 400.0).sqrt()];
         (n.map(|c| 20.0 * c), n)
@@ -228,8 +228,8 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         let [rate, sigma] = motion.rate_deg_per_s;
         rate_error += ((rate - truth.rate_deg_per_s) / sigma).powi(2) / seeds.len() as f64;
         for pose in &motion.poses[1..] {
-            let turn = scale((truth.rate_deg_per_s * pose.time_s).to_radians(), truth.axis);
-            let true_pose = Pose::from_twist(turn, cross(truth.axis_point, turn));
+            let turn = (truth.rate_deg_per_s * pose.time_s).to_radians() * truth.axis;
+            let true_pose = Pose::from_twist(turn, truth.axis_point.cross(turn));
             let found = Pose::from_quaternion_xyzw(pose.quaternion_xyzw, pose.translation).unwrap();
             let (off, _) = found.inverse().after(&true_pose).twist();
             let squares: f64 =
@@ -271,7 +271,7 @@ fn bend() -> FitOptions {
 
 /// Points of the true sheet at the last time, away from its border: those in the hole of the last scan, or
 /// all others.
-fn true_sheet(scene: &ScanScene, hole: bool) -> Vec<([f64; 3], [f64; 3])> {
+fn true_sheet(scene: &ScanScene, hole: bool) -> Vec<(DVec3, DVec3)> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let points = scene.truth.sample_area_uniform(4000, &mut rng);
     let wanted = points.iter().filter(|p| {
@@ -320,7 +320,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
                 let [u, v] = first.space().extent();
                 let material = scene.states[0].foot(first.point(a * u, b * v)).unwrap().point.parameters;
                 let truth = scene.truth.point(material[0], material[1]);
-                distance(last.point(a * u, b * v), truth)
+                last.point(a * u, b * v).distance(truth)
             })
             .collect();
         let slide = (slide.iter().map(|d| d * d).sum::<f64>() / slide.len() as f64).sqrt();
@@ -386,14 +386,14 @@ fn what_cannot_bend_is_refused() {
         message.contains("bending needs a sheet, which has one border: found the shape ball"),
         "{message}"
     );
-    let sphere: Vec<[f64; 3]> = (0..3000)
+    let sphere: Vec<DVec3> = (0..3000)
         .map(|k| {
             let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
             let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
             [50.0 * (1.0 - z * z).sqrt() * cos, 50.0 * (1.0 - z * z).sqrt() * sin, 50.0 * z]
         })
         .collect();
-    let normals = sphere.iter().map(|p| scale(0.02, *p)).collect();
+    let normals = sphere.iter().map(|p| 0.02 * *p).collect();
     let mut closed = probed(sphere, Some(normals), Some(0.01));
     closed.scans.push(closed.scans[0].clone());
     let message = refused(&closed, &bend());
@@ -434,8 +434,8 @@ fn a_model_forms_reading_by_reading_and_ends_as_itself() {
             let posterior = snapshot.posterior();
             let cell = posterior.leaf(leaf).unwrap();
             (
-                Posterior::sigma_along(&cell, local, [0.0, 0.0, 1.0]),
-                distance(snapshot.surface.point(0.45 * u, 0.55 * v), surface.point(0.45 * u, 0.55 * v)),
+                Posterior::sigma_along(&cell, local, DVec3::Z),
+                snapshot.surface.point(0.45 * u, 0.55 * v).distance(surface.point(0.45 * u, 0.55 * v)),
             )
         };
         let figures: Vec<(f64, f64)> = forming.snapshots.iter().map(middle).collect();

@@ -2,8 +2,8 @@
 
 use planish::fit::{Fit, FitOptions, RefineBy, fit};
 use planish::progress::Silent;
-use planish_core::SymmetricMatrix3;
-use planish_estimate::vector3::{add_scaled, dot, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, SymmetricMatrix3};
 use planish_exchange::{PosedScan, ScanSet, Unit};
 use planish_sense::{Noise, PrincipalCurvatures, Scan, Sensor, SensorKind};
 use planish_spline::{BaseShape, Jet, Shape, Surface, SurfaceSystem, leaf_weights};
@@ -49,7 +49,7 @@ impl Truth {
         factor.solve_lower_transpose_in_place(&mut z).unwrap();
         let vertices = (plane.vertices().iter().zip(&z)).map(|(p, z)| [p[0], p[1], *z]);
         let jet = plane.jet(0.0, 0.0);
-        let plan = |p: [f64; 3]| [p[0], p[1]];
+        let plan = |p: DVec3| [p[0], p[1]];
         Self {
             surface: plane.with_vertices(vertices.collect()).unwrap(),
             origin: plan(jet.point),
@@ -60,7 +60,7 @@ impl Truth {
     /// Over so many cells a side.
     fn on_cells(cells: usize, seed: u64) -> Self {
         let middle = [0.5 * SIZE, 0.5 * SIZE, 0.0];
-        let base = BaseShape::plane(middle, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [0.5 * SIZE; 2]);
+        let base = BaseShape::plane(middle, [DVec3::X, DVec3::Y], [0.5 * SIZE; 2]);
         Self::over(&base.surface([cells, cells]).unwrap(), seed)
     }
 
@@ -75,10 +75,9 @@ impl Truth {
         let base = fit.model.surface.space().base();
         let corner = |u: f64, v: f64| fit.model.surface.jet(u * base[0] as f64, v * base[1] as f64).point;
         let [a, b, c] = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
-        let half =
-            |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|d| if d < 2 { 0.5 * (q[d] - p[d]) } else { 0.0 });
+        let half = |p: DVec3, q: DVec3| [0, 1, 2].map(|d| if d < 2 { 0.5 * (q[d] - p[d]) } else { 0.0 });
         let (du, dv) = (half(a, b), half(a, c));
-        let (lu, lv) = (dot(du, du).sqrt(), dot(dv, dv).sqrt());
+        let (lu, lv) = (du.length_squared().sqrt(), dv.length_squared().sqrt());
         let centre = [a[0] + du[0] + dv[0], a[1] + du[1] + dv[1], 0.0];
         let plane = BaseShape::plane(centre, [du.map(|x| x / lu), dv.map(|x| x / lv)], [lu, lv]);
         Self::over(&plane.surface(base).unwrap(), seed)
@@ -99,7 +98,7 @@ struct Mix {
     normals: usize,
     curvatures: usize,
     stereo: usize,
-    misstated: [f64; 3],
+    misstated: DVec3,
 }
 
 const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: [1.0; 3] };
@@ -107,14 +106,14 @@ const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, m
 /// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length,
 /// each match off by σ = 0.05 pixels: along the ray `z² / (f b)` of that, across it `z / f`. And its
 /// covariance.
-fn stereo_noise(point: [f64; 3], normal_draws: [f64; 3]) -> ([f64; 3], SymmetricMatrix3) {
+fn stereo_noise(point: DVec3, normal_draws: DVec3) -> (DVec3, SymmetricMatrix3) {
     let seen_from = [0.5 * SIZE, 0.5 * SIZE, 60.0];
-    let away: [f64; 3] = std::array::from_fn(|k| point[k] - seen_from[k]);
-    let (ray, z) = (unit(away).unwrap(), -away[2]);
+    let away: DVec3 = std::array::from_fn(|k| point[k] - seen_from[k]);
+    let (ray, z) = (away.try_normalize().unwrap(), -away[2]);
     let (along, across) = (z * z / (1000.0 * 20.0) * 0.05, z / 1000.0 * 0.05);
     let (e1, e2) = tangents(ray);
-    let noise = add_scaled(ray.map(|c| c * along * normal_draws[0]), across * normal_draws[1], e1);
-    let noise = add_scaled(noise, across * normal_draws[2], e2);
+    let noise = ray.map(|c| c * along * normal_draws[0]) + across * normal_draws[1] * e1;
+    let noise = noise + across * normal_draws[2] * e2;
     let covariance = SymmetricMatrix3::from_entries(|a, b| {
         let same = if a == b { across * across } else { 0.0 };
         same + (along * along - across * across) * ray[a] * ray[b]
@@ -173,9 +172,8 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
             scan.points.push(point);
             let sigma = mix.misstated[1] * SIGMA_DEG.to_radians();
             let (e1, e2) = tangents(normal);
-            let tilted =
-                add_scaled(add_scaled(normal, sigma * draw(&mut rng), e1), sigma * draw(&mut rng), e2);
-            normals.push(unit(if sensor == 1 { tilted } else { normal }).unwrap());
+            let tilted = normal + sigma * draw(&mut rng) * e1 + sigma * draw(&mut rng) * e2;
+            normals.push((if sensor == 1 { tilted } else { normal }).try_normalize().unwrap());
             // Isotropic noise on the tensor: σ on the diagonal, σ/√2 off it, in any frame.
             let sigma = mix.misstated[2] * SIGMA_CURVATURE;
             let [d1, d2] = curvature.directions;
@@ -188,7 +186,7 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
             let angle = 0.5 * b.atan2(half);
             curvatures.push(PrincipalCurvatures {
                 values: [mean + half.hypot(b), mean - half.hypot(b)],
-                direction: add_scaled(d1.map(|x| x * angle.cos()), angle.sin(), d2),
+                direction: d1.map(|x| x * angle.cos()) + angle.sin() * d2,
             });
         }
         if sensor == 3 {
@@ -224,7 +222,7 @@ fn errors(fit: &Fit, truth: &Truth) -> Vec<(f64, f64)> {
             let normal = jet.normal().unwrap();
             let true_jet = truth.jet_at(x, y);
             let n = true_jet.normal().unwrap();
-            let error = (z - true_jet.point[2]) * n[2] * dot(n, normal).signum();
+            let error = (z - true_jet.point[2]) * n[2] * n.dot(normal).signum();
             let variance = posterior.leaf(leaf).unwrap().variance_along(&leaf_weights(0.5, 0.5), normal);
             Some((error, variance.sqrt()))
         })

@@ -4,7 +4,7 @@
 use planish::Job;
 use planish::progress::Silent;
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, ShellFitReport};
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::write_grey_png;
@@ -22,16 +22,16 @@ const SECTION: f64 = 8.0;
 const ENDS: f64 = 2.2;
 
 /// The place of the bow's middle line that is nearest, and how far it is.
-fn height(at: [f64; 3]) -> f64 {
+fn height(at: DVec3) -> f64 {
     let turn = at[1].atan2(at[0]).clamp(-ENDS, ENDS);
-    norm(sub(at, [BOW * turn.cos(), BOW * turn.sin(), 0.0])) - SECTION
+    (at - DVec3::new(BOW * turn.cos(), BOW * turn.sin(), 0.0)).length() - SECTION
 }
 
 /// Whether a ray meets the bow: by steps as long as what is nearest is far.
-fn is_hit(from: [f64; 3], along: [f64; 3]) -> bool {
+fn is_hit(from: DVec3, along: DVec3) -> bool {
     let mut t = 100.0;
     while t < 300.0 {
-        let far = height(add_scaled(from, t, along));
+        let far = height(from + t * along);
         if far < 1e-3 {
             return true;
         }
@@ -48,26 +48,26 @@ fn scene(folder: &Path) -> ShellFitJob {
         let around = std::f64::consts::TAU * view as f64 / VIEWS as f64;
         let up = if view % 2 == 0 { 1.0_f64 } else { -0.5 };
         let out = [up.cos() * around.cos(), up.cos() * around.sin(), up.sin()];
-        let eye = scale(190.0, out);
-        let z = scale(-1.0, out);
-        let x = unit(cross(z, [0.0, 0.0, 1.0])).unwrap();
-        let r = [x, cross(z, x), z];
+        let eye = 190.0 * out;
+        let z = -out;
+        let x = z.cross(DVec3::Z).try_normalize().unwrap();
+        let r = [x, z.cross(x), z];
         let middle = SIZE.map(|n| 0.5 * (n - 1) as f64);
         let pixels: Vec<u8> = (0..SIZE[0] * SIZE[1])
             .map(|k| {
                 let [u, v] = [k % SIZE[0], k / SIZE[0]].map(|x| x as f64);
                 let within = [(u - middle[0]) / FOCAL, (v - middle[1]) / FOCAL, 1.0];
-                let along: [f64; 3] = std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum());
-                255 * u8::from(is_hit(eye, unit(along).unwrap()))
+                let along: DVec3 = std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum());
+                255 * u8::from(is_hit(eye, along.try_normalize().unwrap()))
             })
             .collect();
         write_grey_png(&folder.join(format!("m{view}.png")), SIZE[0], SIZE[1], &pixels).unwrap();
         let held_out = [5, 12].contains(&view);
-        let t = r.map(|row| -dot(row, eye));
+        let t = r.map(|row| -row.dot(eye));
         writeln!(
             text,
             "[[view]]\nname = \"v{view}\"\nmask = \"m{view}.png\"\nheld_out = {held_out}\nK = [[{FOCAL:?}, \
-             0.0, {:?}], [0.0, {FOCAL:?}, {:?}], [0.0, 0.0, 1.0]]\nR = {r:?}\nt = {t:?}",
+             0.0, {:?}], [0.0, {FOCAL:?}, {:?}], DVec3::Z]\nR = {r:?}\nt = {t:?}",
             middle[0], middle[1]
         )
         .unwrap();

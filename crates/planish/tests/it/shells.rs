@@ -3,8 +3,8 @@
 use planish::Job;
 use planish::progress::{Progress, Silent};
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob};
+use planish_core::DVec3;
 use planish_estimate::ErrorKind;
-use planish_estimate::vector3::{distance, norm};
 use planish_exchange::mesh::{PolygonMesh, read_mesh};
 use planish_exchange::textured::read_textured;
 use planish_mesh::icosphere;
@@ -65,8 +65,8 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
 }
 
 /// How far places are from the longer ball, at most, along its radius.
-fn off(points: &[[f64; 3]]) -> f64 {
-    (points.iter().map(|[x, y, z]| (norm([x / 1.05, *y, *z]) - 10.0).abs())).fold(0.0, f64::max)
+fn off(points: &[DVec3]) -> f64 {
+    (points.iter().map(|[x, y, z]| (DVec3::new(x / 1.05, *y, *z).length() - 10.0).abs())).fold(0.0, f64::max)
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn texture_and_its_coordinates_are_kept() {
     let sigma = |mesh: &PolygonMesh| mesh.column("sigma").unwrap().iter().sum::<f64>();
     assert!((1000.0 * sigma(&in_metres) / sigma(&stated) - 1.0).abs() < 1e-6);
     assert_eq!(in_metres.column("observed"), stated.column("observed"));
-    let points: Vec<[f64; 3]> = in_metres.points.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
+    let points: Vec<DVec3> = in_metres.points.iter().map(|p| p.map(|x| 1000.0 * x)).collect();
     assert!(off(&points) < 0.1, "{}", off(&points));
     let ply = std::fs::read(&job.outputs[2]).unwrap();
     assert!(ply.windows(5).any(|bytes| bytes == b"sigma"));
@@ -172,7 +172,7 @@ fn rigid_parts_keep_their_lengths() {
         let (before, after) = (read_textured(&job.mesh).unwrap(), read_textured(&job.outputs[0]).unwrap());
         let cap = before.vertices_of("cap").unwrap();
         assert!(cap.len() > 20);
-        let length = |points: &[[f64; 3]], a: u32, b: u32| distance(points[a as usize], points[b as usize]);
+        let length = |points: &[DVec3], a: u32, b: u32| points[a as usize].distance(points[b as usize]);
         (cap.iter().flat_map(|a| cap.iter().map(move |b| (*a, *b))))
             .filter(|(a, b)| a != b)
             .map(|(a, b)| (length(&after.points, a, b) / length(&before.points, a, b) - 1.0).abs())

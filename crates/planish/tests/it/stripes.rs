@@ -3,23 +3,19 @@
 
 use planish::GridOptions;
 use planish::simulate::{Exposure, Light, RaySurface, Texture};
-use planish_core::Pinhole;
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, tangents, unit};
+use planish_core::vector3::tangents;
+use planish_core::{DVec3, Pinhole};
 use planish_sense::Image;
 use planish_sense::stripes::{GridCamera, GridReadings, StripePattern, read_grid};
 
 const SIZE: [usize; 2] = [480, 400];
 
 /// A camera at a place that looks at the origin, with −y upright.
-fn looking(from: [f64; 3]) -> Pinhole {
-    let z = unit(scale(-1.0, from)).unwrap();
-    let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
-    let r = [x, cross(z, x), z];
-    Pinhole {
-        k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], [0.0, 0.0, 1.0]],
-        r,
-        t: r.map(|row| -dot(row, from)),
-    }
+fn looking(from: DVec3) -> Pinhole {
+    let z = (-from).try_normalize().unwrap();
+    let x = DVec3::Y.cross(z).try_normalize().unwrap();
+    let r = [x, z.cross(x), z];
+    Pinhole { k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], DVec3::Z], r, t: r.map(|row| -row.dot(from)) }
 }
 
 fn rig() -> GridCamera {
@@ -39,12 +35,12 @@ fn rig() -> GridCamera {
 /// A surface with what is true of it: where a ray meets it, the normal there, and the second fundamental form
 /// against the normal as a matrix.
 struct Shape<'a> {
-    hit: &'a (dyn Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync),
+    hit: &'a (dyn Fn(DVec3, DVec3) -> Option<(DVec3, DVec3)> + Sync),
     /// Signed distance to the surface, to first order.
-    distance: &'a dyn Fn([f64; 3]) -> f64,
-    normal: &'a dyn Fn([f64; 3]) -> [f64; 3],
+    distance: &'a dyn Fn(DVec3) -> f64,
+    normal: &'a dyn Fn(DVec3) -> DVec3,
     /// Curvature in a unit direction, positive where the surface bends towards its normal.
-    curvature: &'a dyn Fn([f64; 3], [f64; 3]) -> f64,
+    curvature: &'a dyn Fn(DVec3, DVec3) -> f64,
 }
 
 fn take(target: &impl RaySurface, light: &Light, texture: f64, sigma: f64, seed: u64) -> Image {
@@ -90,19 +86,19 @@ impl Judged {
         for r in &found.readings {
             let o = &r.orientation;
             let truth = (shape.normal)(o.point);
-            let truth = if dot(truth, o.normal) < 0.0 { scale(-1.0, truth) } else { truth };
+            let truth = if truth.dot(o.normal) < 0.0 { -truth } else { truth };
             self.place.push((shape.distance)(o.point).powi(2) / o.covariance.along(truth));
             // Two tangential components.
             let (e1, e2) = tangents(o.normal);
             let sigma = o.sigma_normal_deg.to_radians();
-            self.normal.extend([e1, e2].map(|e| (dot(truth, e) / sigma).powi(2)));
+            self.normal.extend([e1, e2].map(|e| (truth.dot(e) / sigma).powi(2)));
             if let Some(c) = &r.curvature {
-                let side = if dot((shape.normal)(o.point), o.normal) < 0.0 { -1.0 } else { 1.0 };
-                let d2 = cross(o.normal, c.d1);
+                let side = if (shape.normal)(o.point).dot(o.normal) < 0.0 { -1.0 } else { 1.0 };
+                let d2 = o.normal.cross(c.d1);
                 // The three components of the second fundamental form in its own frame, the mixed one with √2
                 // of its σ off the diagonal.
-                let of = |d: [f64; 3]| side * (shape.curvature)(o.point, d);
-                let both = unit(add_scaled(c.d1, 1.0, d2)).unwrap();
+                let of = |d: DVec3| side * (shape.curvature)(o.point, d);
+                let both = (c.d1 + 1.0 * d2).try_normalize().unwrap();
                 let (a, b) = (of(c.d1), of(d2));
                 let mixed = of(both) - 0.5 * (a + b);
                 self.curvature.extend(
@@ -130,44 +126,45 @@ impl Judged {
     }
 }
 
-fn ball(o: [f64; 3], d: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
-    let (a, b, c) = (dot(d, d), dot(o, d), dot(o, o) - 50.0 * 50.0);
+fn ball(o: DVec3, d: DVec3) -> Option<(DVec3, DVec3)> {
+    let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - 50.0 * 50.0);
     let root = b * b - a * c;
     (root > 0.0).then(|| {
-        let p = add_scaled(o, (-b - root.sqrt()) / a, d);
-        (p, scale(1.0 / 50.0, p))
+        let p = o + (-b - root.sqrt()) / a * d;
+        (p, 1.0 / 50.0 * p)
     })
 }
 
 /// An upright cylinder.
-fn tube(o: [f64; 3], d: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+fn tube(o: DVec3, d: DVec3) -> Option<(DVec3, DVec3)> {
     let (a, b, c) =
         (d[0] * d[0] + d[2] * d[2], o[0] * d[0] + o[2] * d[2], o[0] * o[0] + o[2] * o[2] - 40.0 * 40.0);
     let root = b * b - a * c;
     (root > 0.0).then(|| {
-        let p = add_scaled(o, (-b - root.sqrt()) / a, d);
+        let p = o + (-b - root.sqrt()) / a * d;
         (p, [p[0] / 40.0, 0.0, p[2] / 40.0])
     })
 }
 
 /// z = (x² − y²)/160, within 45 of the middle.
-fn saddle_gradient(p: [f64; 3]) -> [f64; 3] {
+fn saddle_gradient(p: DVec3) -> DVec3 {
     [-p[0] / 80.0, p[1] / 80.0, 1.0]
 }
 
-fn saddle_height(p: [f64; 3]) -> f64 {
+fn saddle_height(p: DVec3) -> f64 {
     p[2] - (p[0] * p[0] - p[1] * p[1]) / 160.0
 }
 
-fn saddle(o: [f64; 3], d: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
+fn saddle(o: DVec3, d: DVec3) -> Option<(DVec3, DVec3)> {
     // Newton's method from the plane z = 0: the slopes are gentle.
     let mut t = -o[2] / d[2];
     for _ in 0..30 {
-        let p = add_scaled(o, t, d);
-        t -= saddle_height(p) / dot(saddle_gradient(p), d);
+        let p = o + t * d;
+        t -= saddle_height(p) / saddle_gradient(p).dot(d);
     }
-    let p = add_scaled(o, t, d);
-    (saddle_height(p).abs() < 1e-9 && p[0].hypot(p[1]) < 45.0).then(|| (p, unit(saddle_gradient(p)).unwrap()))
+    let p = o + t * d;
+    (saddle_height(p).abs() < 1e-9 && p[0].hypot(p[1]) < 45.0)
+        .then(|| (p, saddle_gradient(p).try_normalize().unwrap()))
 }
 
 fn shapes<'a>() -> [(&'static str, Shape<'a>); 3] {
@@ -176,8 +173,8 @@ fn shapes<'a>() -> [(&'static str, Shape<'a>); 3] {
             "ball",
             Shape {
                 hit: &ball,
-                distance: &|p| norm(p) - 50.0,
-                normal: &|p| unit(p).unwrap(),
+                distance: &|p| p.length() - 50.0,
+                normal: &|p| p.try_normalize().unwrap(),
                 curvature: &|_, _| -1.0 / 50.0,
             },
         ),
@@ -186,7 +183,7 @@ fn shapes<'a>() -> [(&'static str, Shape<'a>); 3] {
             Shape {
                 hit: &tube,
                 distance: &|p| p[0].hypot(p[2]) - 40.0,
-                normal: &|p| unit([p[0], 0.0, p[2]]).unwrap(),
+                normal: &|p| DVec3::new(p[0], 0.0, p[2]).try_normalize().unwrap(),
                 curvature: &|_, d| -(1.0 - d[1] * d[1]) / 40.0,
             },
         ),
@@ -194,10 +191,10 @@ fn shapes<'a>() -> [(&'static str, Shape<'a>); 3] {
             "saddle",
             Shape {
                 hit: &saddle,
-                distance: &|p| saddle_height(p) / norm(saddle_gradient(p)),
-                normal: &|p| unit(saddle_gradient(p)).unwrap(),
+                distance: &|p| saddle_height(p) / saddle_gradient(p).length(),
+                normal: &|p| saddle_gradient(p).try_normalize().unwrap(),
                 // −dᵀ∇²F d/|∇F| with F = z − (x² − y²)/160.
-                curvature: &|p, d| (d[0] * d[0] - d[1] * d[1]) / 80.0 / norm(saddle_gradient(p)),
+                curvature: &|p, d| (d[0] * d[0] - d[1] * d[1]) / 80.0 / saddle_gradient(p).length(),
             },
         ),
     ]

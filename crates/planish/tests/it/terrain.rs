@@ -2,6 +2,7 @@
 //! are at hand.
 
 use crate::common;
+use planish_core::DVec3;
 
 use planish::Shape;
 use planish::fit::{Fit, FitOptions, GlobalOptions, GroundWidth, Strategy, fit};
@@ -22,7 +23,7 @@ fn meadow(x: f64, y: f64) -> f64 {
 }
 
 /// A village of 100 m on a map: meadows with three houses and a wood, seen from above.
-fn village(place: [f64; 3]) -> ScanSet {
+fn village(place: DVec3) -> ScanSet {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let house = |x: f64, y: f64| {
         [[20.0, 20.0], [50.0, 30.0], [75.0, 15.0]]
@@ -53,12 +54,12 @@ fn ground(set: &ScanSet) -> Fit {
 }
 
 /// Distances along the normal of truth from a fitted sheet, where it was measured.
-fn heights_off(fit: &Fit, truth: impl Iterator<Item = [f64; 3]>) -> Vec<f64> {
+fn heights_off(fit: &Fit, truth: impl Iterator<Item = DVec3>) -> Vec<f64> {
     let surface = &fit.model.surface;
     let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
     truth
         .filter_map(|p| {
-            let foot = surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
+            let foot = surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
             let inside = fit.model.observed[foot.leaf as usize].is_measured() && !foot.at_border;
             inside.then_some(foot.height)
         })
@@ -71,7 +72,7 @@ fn rms(values: &[f64]) -> f64 {
 
 #[test]
 fn the_meadow_under_houses_and_trees_is_found() {
-    let fit = ground(&village([0.0; 3]));
+    let fit = ground(&village(DVec3::ZERO));
     assert_eq!(fit.report.shape, Shape::Sheet.name());
     assert!(fit.report.rejected["above_ground"] > 4000, "{:?}", fit.report.rejected);
     let places = (0..400).map(|k| [5.0 + 4.5 * f64::from(k % 20), 5.0 + 4.5 * f64::from(k / 20)]);
@@ -83,7 +84,7 @@ fn the_meadow_under_houses_and_trees_is_found() {
 
 #[test]
 fn ground_on_a_map_is_the_ground_at_the_origin() {
-    let (near, place) = (ground(&village([0.0; 3])), [524_288.0, 4_194_304.0, 512.0]);
+    let (near, place) = (ground(&village(DVec3::ZERO)), [524_288.0, 4_194_304.0, 512.0]);
     let far = ground(&village(place));
     assert_eq!(near.report.coefficients, far.report.coefficients);
     let points = near.model.surface.vertices().iter().zip(far.model.surface.vertices());
@@ -129,7 +130,7 @@ fn the_reference_samples_are_told_apart() {
         }
         let set = read(&path);
         let truth = read(&folder.join(format!("samp{sample}-utm-ground.pcd")));
-        let bits = |p: &[f64; 3]| p.map(f64::to_bits);
+        let bits = |p: &DVec3| p.map(f64::to_bits);
         let bare: HashSet<[u64; 3]> = truth.scans[0].scan.points.iter().map(bits).collect();
         let points = &set.scans[0].scan.points;
         let truly: Vec<bool> = points.iter().map(|p| bare.contains(&bits(p))).collect();
@@ -143,7 +144,9 @@ fn the_reference_samples_are_told_apart() {
         let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
         let sigma = fit.report.sensors[0].sigma_estimated;
         let heights: Vec<f64> = (points.iter())
-            .map(|&p| surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default()).height)
+            .map(|&p| {
+                surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default()).height
+            })
             .collect();
         for most in [4.0 * sigma, 0.5] {
             let near: Vec<bool> = heights.iter().map(|h| h.abs() < most).collect();
@@ -176,7 +179,7 @@ fn the_reference_samples_are_told_apart() {
 #[ignore = "prints a time"]
 fn ten_million_points_are_told_apart() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let points: Vec<[f64; 3]> = (0..10_000_000)
+    let points: Vec<DVec3> = (0..10_000_000)
         .map(|_| {
             let (x, y): (f64, f64) = (rng.random_range(0.0..3000.0), rng.random_range(0.0..3000.0));
             let tree = if rng.random_bool(0.3) { rng.random_range(0.0..15.0) } else { 0.0 };

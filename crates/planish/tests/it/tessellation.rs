@@ -1,7 +1,7 @@
 //! Meshes of surfaces, judged by the mesh crate: manifold, closed where the surface is, within the chord
 //! error.
 
-use planish_estimate::vector3::{add_scaled, dot};
+use planish_core::DVec3;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_spline::{BaseShape, Shape, Surface, Tessellation, TessellationOptions, tessellate};
 use rand::{RngExt, SeedableRng};
@@ -13,7 +13,7 @@ fn bumpy(base: &BaseShape, random: &mut ChaCha8Rng) -> Surface {
         let bump = 0.08 * 0.4_f64.powi(round);
         let mut noise = || random.random_range(-bump..bump);
         let vertices =
-            surface.vertices().iter().map(|p| add_scaled(*p, 1.0, [noise(), noise(), noise()])).collect();
+            surface.vertices().iter().map(|p| *p + 1.0 * DVec3::new(noise(), noise(), noise())).collect();
         surface = surface.with_vertices(vertices).unwrap();
         if round < 2 {
             let supports = surface.space().support_leaves();
@@ -32,7 +32,7 @@ fn bumpy(base: &BaseShape, random: &mut ChaCha8Rng) -> Surface {
 fn shapes() -> [BaseShape; 4] {
     let axis = [0.0, 0.6, 0.8];
     [
-        BaseShape::plane([1.0, 2.0, 3.0], [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]], [2.0, 1.5]),
+        BaseShape::plane([1.0, 2.0, 3.0], [DVec3::X, [0.0, 0.6, 0.8]], [2.0, 1.5]),
         BaseShape::cylinder([1.0, 2.0, 3.0], axis, 1.0, 2.0),
         BaseShape::sphere([1.0, 2.0, 3.0], 1.5, axis),
         BaseShape::torus([1.0, 2.0, 3.0], axis, 2.0, 0.7),
@@ -94,7 +94,7 @@ fn the_surface_is_within_the_chord_error_of_its_mesh() {
 
 #[test]
 fn a_torus_mesh_encloses_its_volume_with_outward_normals() {
-    let base = BaseShape::torus([0.0; 3], [0.0, 0.0, 1.0], 2.0, 0.5);
+    let base = BaseShape::torus(DVec3::ZERO, DVec3::Z, 2.0, 0.5);
     let surface = base.surface([24, 12]).unwrap();
     let options = TessellationOptions { tolerance: 1e-4, ..TessellationOptions::default() };
     let tessellation = tessellate(&surface, &options).unwrap();
@@ -103,6 +103,6 @@ fn a_torus_mesh_encloses_its_volume_with_outward_normals() {
     let volume = mesh.signed_volume().unwrap();
     assert!((volume / exact - 1.0).abs() < 2e-3, "{volume} {exact}");
     for (a, b) in mesh.vertex_normals().iter().zip(&tessellation.normals) {
-        assert!(dot(*a, *b) > 0.99);
+        assert!(a.dot(*b) > 0.99);
     }
 }

@@ -4,7 +4,7 @@
 use planish::Job;
 use planish::progress::Silent;
 use planish::shell::texture::{ColourPlace, ShellTextureJob, ShellTextureReport};
-use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
+use planish_core::DVec3;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
 use planish_exchange::picture::{read_picture, write_colour_png, write_grey_png};
@@ -16,29 +16,29 @@ use std::path::{Path, PathBuf};
 const SIZE: [usize; 2] = [400, 300];
 const FOCAL: f64 = 400.0;
 /// A ball of 50, and a ball of 12 that stands before it as seen from +x.
-const SMALL: ([f64; 3], f64) = ([75.0, 0.0, 10.0], 12.0);
+const SMALL: (DVec3, f64) = ([75.0, 0.0, 10.0], 12.0);
 /// The view with the picture of another object.
 const ODD: usize = 3;
 const HELD_OUT: usize = 5;
 
 /// The colour at a place of the large ball; the small one is blue.
-fn colour(p: [f64; 3]) -> [f64; 3] {
-    if norm(sub(p, SMALL.0)) < SMALL.1 + 1.0 {
+fn colour(p: DVec3) -> DVec3 {
+    if (p - SMALL.0).length() < SMALL.1 + 1.0 {
         return [20.0, 30.0, 220.0];
     }
     [128.0 + 90.0 * (p[0] / 20.0).sin(), 110.0 + 80.0 * (p[1] / 25.0).cos(), 60.0 + 0.8 * p[2]]
 }
 
 /// Where a ray first meets one of the balls.
-fn hit(from: [f64; 3], along: [f64; 3]) -> Option<[f64; 3]> {
-    let of = |(center, radius): ([f64; 3], f64)| {
-        let to = sub(center, from);
-        let middle = dot(to, along);
-        let square = radius * radius - (dot(to, to) - middle * middle);
+fn hit(from: DVec3, along: DVec3) -> Option<DVec3> {
+    let of = |(center, radius): (DVec3, f64)| {
+        let to = center - from;
+        let middle = to.dot(along);
+        let square = radius * radius - (to.length_squared() - middle * middle);
         (square > 0.0).then(|| middle - square.sqrt())
     };
-    let near = [of(([0.0; 3], 50.0)), of(SMALL)].into_iter().flatten().reduce(f64::min)?;
-    Some(add_scaled(from, near, along))
+    let near = [of((DVec3::ZERO, 50.0)), of(SMALL)].into_iter().flatten().reduce(f64::min)?;
+    Some(from + near * along)
 }
 
 /// Both balls, eight pictures from above the equator, and views.toml: view 3 shows something green, view 5 is
@@ -47,7 +47,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
     let mut mesh = icosphere(50.0, 5);
     let small = icosphere(SMALL.1, 3);
     let first = mesh.positions.len() as u32;
-    mesh.positions.extend(small.positions.iter().map(|p| add_scaled(*p, 1.0, SMALL.0)));
+    mesh.positions.extend(small.positions.iter().map(|p| *p + 1.0 * SMALL.0));
     mesh.triangles.extend(small.triangles.iter().map(|t| t.map(|v| v + first)));
     write_mesh(
         &folder.join("balls.ply"),
@@ -63,17 +63,17 @@ fn scene(folder: &Path) -> ShellTextureJob {
     let mut text = String::from("unit = \"mm\"\n");
     for view in 0..8 {
         let angle = std::f64::consts::TAU * f64::from(view) / 8.0;
-        let from = unit([angle.cos(), angle.sin(), 0.3]).unwrap();
-        let eye = scale(220.0, from);
-        let forward = scale(-1.0, from);
-        let right = unit(cross(forward, [0.0, 0.0, 1.0])).unwrap();
-        let r = [right, cross(forward, right), forward];
+        let from = DVec3::new(angle.cos(), angle.sin(), 0.3).try_normalize().unwrap();
+        let eye = 220.0 * from;
+        let forward = -from;
+        let right = forward.cross(DVec3::Z).try_normalize().unwrap();
+        let r = [right, forward.cross(right), forward];
         let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
         let mut pixels = Vec::new();
         for k in 0..SIZE[0] * SIZE[1] {
             let (x, y) = ((k % SIZE[0]) as f64 - cx, (k / SIZE[0]) as f64 - cy);
-            let along = add_scaled(add_scaled(forward, x / FOCAL, right), y / FOCAL, r[1]);
-            let seen = match hit(eye, unit(along).unwrap()) {
+            let along = forward + x / FOCAL * right + y / FOCAL * r[1];
+            let seen = match hit(eye, along.try_normalize().unwrap()) {
                 Some(_) if view as usize == ODD => [0.0, 255.0, 0.0],
                 Some(place) => colour(place),
                 None => [255.0, 255.0, 255.0],
@@ -81,7 +81,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
             pixels.extend(seen.map(|v| v.round() as u8));
         }
         write_colour_png(&folder.join(format!("v{view}.png")), SIZE, &pixels).unwrap();
-        let t = r.map(|row| -dot(row, eye));
+        let t = r.map(|row| -row.dot(eye));
         writeln!(
             text,
             "[[view]]\nimage = \"v{view}.png\"\nheld_out = {}\nK = [[{FOCAL:?}, 0, {cx}], [0, {FOCAL:?}, \
@@ -106,13 +106,13 @@ fn run(job: &ShellTextureJob, outputs: &[PathBuf], place: ColourPlace) -> ShellT
     job.run(&Silent).unwrap()
 }
 
-fn colours_of(mesh: &PolygonMesh) -> Vec<[f64; 3]> {
+fn colours_of(mesh: &PolygonMesh) -> Vec<DVec3> {
     let [r, g, b] = ["red", "green", "blue"].map(|name| mesh.column(name).unwrap());
     (0..r.len()).map(|v| [r[v], g[v], b[v]]).collect()
 }
 
-fn largest(a: [f64; 3], b: [f64; 3]) -> f64 {
-    sub(a, b).into_iter().fold(0.0, |m, x| f64::max(m, x.abs()))
+fn largest(a: DVec3, b: DVec3) -> f64 {
+    (a - b).into_iter().fold(0.0, |m, x| f64::max(m, x.abs()))
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
             let off = largest(*c, colour(*p));
             assert!(off < 9.0, "{p:?}: {c:?}, not {:?}, from {n} views", colour(*p));
             sum += off * off;
-        } else if norm(*p) < 51.0 {
+        } else if p.length() < 51.0 {
             // Filled from what is around: a smooth continuation.
             assert!(largest(*c, colour(*p)) < 90.0, "{p:?}: {c:?}");
         }
@@ -142,7 +142,7 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
     assert!(rms < 2.0, "{rms}");
     // Nobody looks from below; everything above the equator is seen.
     let of = |low: f64, high: f64| {
-        let within = |p: &[f64; 3]| norm(*p) < 51.0 && (low..high).contains(&p[2]);
+        let within = |p: &DVec3| p.length() < 51.0 && (low..high).contains(&p[2]);
         let chosen: Vec<f64> =
             (mesh.points.iter().zip(views)).filter(|(p, _)| within(p)).map(|(_, n)| *n).collect();
         chosen.iter().filter(|n| **n > 0.0).count() as f64 / chosen.len() as f64
@@ -182,14 +182,14 @@ fn a_texture_on_an_atlas_shows_the_thing() {
     let mesh = read_textured(&out[0]).unwrap();
     let picture = read_picture(mesh.texture.as_ref().unwrap()).unwrap();
     assert_eq!((picture.columns, picture.rows), (texture.size, texture.size));
-    let place = |of: &[[f64; 3]], corners: [u32; 3]| {
-        corners.iter().fold([0.0; 3], |sum, v| add_scaled(sum, 1.0 / 3.0, of[*v as usize]))
+    let place = |of: &[DVec3], corners: [u32; 3]| {
+        corners.iter().fold(DVec3::ZERO, |sum, v| sum + 1.0 / 3.0 * of[*v as usize])
     };
     let mut worst: f64 = 0.0;
     for (t, corners) in mesh.triangles.iter().enumerate() {
         let at = place(&mesh.points, *corners);
         // What was seen, with a margin from where only grazing views see.
-        if at[2] < -5.0 || norm(at) > 51.0 {
+        if at[2] < -5.0 || at.length() > 51.0 {
             continue;
         }
         let uv = mesh.uv_triangles[t].map(|c| mesh.uv[c as usize]);
@@ -243,7 +243,7 @@ fn what_cannot_be_coloured_is_refused_by_name() {
         ..job.clone()
     };
     assert!(refused(&obj).contains("a.obj"), "{}", refused(&obj));
-    let cloud = TriangleMesh { positions: vec![[0.0; 3]], triangles: Vec::new() };
+    let cloud = TriangleMesh { positions: vec![DVec3::ZERO], triangles: Vec::new() };
     let points = folder.path().join("p.ply");
     write_mesh(&points, &MeshColumns { points: &cloud.positions, ..MeshColumns::default() }).unwrap();
     assert!(refused(&ShellTextureJob { mesh: points, ..job }).contains("has no faces"));

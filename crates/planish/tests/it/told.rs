@@ -7,6 +7,7 @@ use planish::fit::{
 };
 use planish::progress::{Progress, Silent};
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
+use planish_core::DVec3;
 use planish_estimate::ErrorKind;
 use planish_exchange::ScanSet;
 use planish_sense::{PrincipalCurvatures, Scan, Sensor};
@@ -110,7 +111,7 @@ fn a_ball_that_bends_is_refused_before_the_work() {
 /// A principal direction along the normal is invalid. A direction of zero means unknown.
 #[test]
 fn curvatures_along_the_normal_are_counted_by_that_name() {
-    let up = [0.0, 0.0, 1.0];
+    let up = DVec3::Z;
     let scan = Scan {
         name: "bent.csv".to_owned(),
         points: (0..40).map(|k| [f64::from(k % 8), f64::from(k / 8), 0.0]).collect(),
@@ -120,7 +121,7 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
             (0..40)
                 .map(|k| PrincipalCurvatures {
                     values: [0.1, 0.0],
-                    direction: [[1.0, 0.0, 0.0], up, [0.0; 3]][k % 3],
+                    direction: [DVec3::X, up, DVec3::ZERO][k % 3],
                 })
                 .collect(),
         ),

@@ -4,6 +4,7 @@ use planish::ErrorKind;
 use planish::Job;
 use planish::progress::Silent;
 use planish::view::{CameraAngles, ColourBy, PictureJob, PictureOptions, PictureReport, ViewedFile};
+use planish_core::DVec3;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_exchange::picture::{Picture, read_picture};
 use planish_mesh::{TriangleMesh, icosphere, parallelepiped};
@@ -134,7 +135,7 @@ fn points_are_drawn_and_edges_stay_sharp() {
     assert!(report.covered > 0.15, "{}", report.covered);
     assert!(covered(&picture, 105).len() > 60);
     // A cube that has each corner once: its faces are of one brightness each, up to their edges.
-    let cube = parallelepiped([0.5; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    let cube = parallelepiped([0.5; 3], [DVec3::X, DVec3::Y, DVec3::Z]);
     let path = write(folder.path(), "cube.stl", &cube, &[]);
     let (_, picture) = seen(&path, None, "top", Some(ColourBy::Plain)).unwrap();
     let columns = covered(&picture, 100);

@@ -6,6 +6,7 @@
 use super::{SeenBy, SurfaceShown};
 use crate::field::{Field, Values};
 use crate::numbers::count;
+use planish_core::DVec3;
 use std::collections::{HashMap, HashSet};
 
 /// Maximum number of triangles: a browser without a graphics card can load and rotate them without delay.
@@ -45,21 +46,20 @@ pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<Su
 }
 
 /// Cross product of two sides: twice the area vector.
-fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> [f64; 3] {
+fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> DVec3 {
     let [a, b, c] = triangle.map(|k| surface.positions[k as usize]);
-    let (u, v): ([f64; 3], [f64; 3]) =
-        (std::array::from_fn(|d| b[d] - a[d]), std::array::from_fn(|d| c[d] - a[d]));
+    let (u, v): (DVec3, DVec3) = (std::array::from_fn(|d| b[d] - a[d]), std::array::from_fn(|d| c[d] - a[d]));
     std::array::from_fn(|d| u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3])
 }
 
 /// Euclidean length.
-fn length(v: &[f64; 3]) -> f64 {
+fn length(v: &DVec3) -> f64 {
     v[0].hypot(v[1]).hypot(v[2])
 }
 
 /// Vertex normals, weighted by area (not normalised).
-fn normals(surface: &SurfaceShown) -> Vec<[f64; 3]> {
-    let mut normals = vec![[0.0; 3]; surface.positions.len()];
+fn normals(surface: &SurfaceShown) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; surface.positions.len()];
     for triangle in &surface.triangles {
         let cross = cross_of(surface, triangle);
         for k in triangle {
@@ -70,13 +70,13 @@ fn normals(surface: &SurfaceShown) -> Vec<[f64; 3]> {
 }
 
 /// Index of the axis direction (±x, ±y, ±z) that is closest to a normal.
-fn facing(normal: &[f64; 3]) -> u8 {
+fn facing(normal: &DVec3) -> u8 {
     let axis = (0..3).fold(0, |largest, d| if normal[d].abs() > normal[largest].abs() { d } else { largest });
     2 * axis as u8 + u8::from(normal[axis] < 0.0)
 }
 
 /// The vertices that represent the clusters, and the triangles between three different clusters.
-fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u32>, Vec<[u32; 3]>) {
+fn clustered(surface: &SurfaceShown, normals: &[DVec3], side: f64) -> (Vec<u32>, Vec<[u32; 3]>) {
     let mut numbers: HashMap<([i64; 3], u8), u32> = HashMap::new();
     let of_vertex: Vec<u32> = (surface.positions.iter().zip(normals))
         .map(|(p, normal)| {

@@ -5,7 +5,7 @@
 
 use super::{PosePrior, Side};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
+use planish_core::DVec3;
 use planish_estimate::{Error, Loss, Result};
 use planish_mesh::{BoundingBox, ClosestPoint};
 use planish_sense::Pose;
@@ -23,7 +23,7 @@ const MIN_INFORMATION_RATIO: f64 = 3.0;
 const MIN_CURVED_COSINE: f64 = 0.94;
 /// Cells per diagonal. The length of error correlation is unknown, so sums over three cell sizes are
 /// compared.
-const CELLS: [f64; 3] = [8.0, 16.0, 32.0];
+const CELLS: DVec3 = DVec3::new(8.0, 16.0, 32.0);
 /// Minimum number of cells for an estimate of the variance of their sums.
 const MIN_CELLS: usize = 30;
 
@@ -32,10 +32,10 @@ const MIN_CELLS: usize = 30;
 pub(super) struct Residual {
     pub here: usize,
     pub there: usize,
-    place: [f64; 3],
+    place: DVec3,
     /// The mean of both normals, and half their difference.
-    normal: [f64; 3],
-    lean: [f64; 3],
+    normal: DVec3,
+    lean: DVec3,
     /// Signed distance of `here` above `there`.
     pub distance: f64,
     /// σ of the difference of one vertex and its foot point.
@@ -55,9 +55,9 @@ impl Residual {
     }
 
     /// Derivative of the distance along a normal with respect to a motion about a centre.
-    fn derivative(&self, normal: [f64; 3], middle: [f64; 3]) -> [f64; 6] {
+    fn derivative(&self, normal: DVec3, middle: DVec3) -> [f64; 6] {
         let [x, y, z] = normal;
-        let [a, b, c] = cross(sub(self.place, middle), normal);
+        let [a, b, c] = (self.place - middle).cross(normal);
         [x, y, z, a, b, c]
     }
 }
@@ -109,10 +109,10 @@ fn residual(
     if !corners.iter().all(|v| there.within[*v]) {
         return None;
     }
-    let theirs = (corners.iter().zip(foot.barycentric))
-        .fold([0.0; 3], |sum, (v, b)| add_scaled(sum, b, there.normals[*v]));
-    let theirs = unit(theirs)?;
-    let normal = unit(add(mine, theirs))?;
+    let theirs =
+        (corners.iter().zip(foot.barycentric)).fold(DVec3::ZERO, |sum, (v, b)| sum + b * there.normals[*v]);
+    let theirs = theirs.try_normalize()?;
+    let normal = (mine + theirs).try_normalize()?;
     let at_foot = |values: &[f64]| mesh.interpolate(values, foot.triangle as usize, foot.barycentric);
     let there_sigma = match there.patch.sigma.is_empty() {
         true => 1.0,
@@ -127,8 +127,8 @@ fn residual(
         there: j,
         place: there.pose.apply(p),
         normal: there.pose.rotate(normal),
-        lean: there.pose.rotate(scale(0.5, sub(mine, theirs))),
-        distance: dot(normal, sub(p, foot.point)) - bulge(there, corners, &foot, normal),
+        lean: there.pose.rotate(0.5 * (mine - theirs)),
+        distance: normal.dot(p - foot.point) - bulge(there, corners, &foot, normal),
         sigma: here_variance.sqrt().hypot(there_sigma),
         weight,
     })
@@ -138,13 +138,13 @@ fn residual(
 ///
 /// This is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, α = 1/2). Without it,
 /// chords of coarse patches would pull convex objects inwards.
-fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]) -> f64 {
-    if corners.iter().any(|v| dot(side.normals[*v], normal) < MIN_CURVED_COSINE) {
+fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: DVec3) -> f64 {
+    if corners.iter().any(|v| side.normals[*v].dot(normal) < MIN_CURVED_COSINE) {
         return 0.0;
     }
     let mesh = &side.patch.mesh;
     let planes = corners.iter().zip(foot.barycentric);
-    0.5 * planes.map(|(v, b)| b * dot(side.normals[*v], sub(mesh.positions[*v], foot.point))).sum::<f64>()
+    0.5 * planes.map(|(v, b)| b * side.normals[*v].dot(mesh.positions[*v] - foot.point)).sum::<f64>()
 }
 
 /// Normal equations of all motions except the first, in units of the prior's σ.
@@ -180,7 +180,7 @@ impl Equations {
         for (k, side) in sides.iter().enumerate().skip(1) {
             let start = 6 * (k - 1);
             // The prior pulls each patch back to its original pose: residuals of its centre and rotation.
-            let moved = sub(side.middle_now(), side.middle);
+            let moved = side.middle_now() - side.middle;
             let turned = side.pose.rotation_vector();
             for a in 0..6 {
                 right[start + a] -= if a < 3 { moved[a] } else { turned[a - 3] } / scales[a];

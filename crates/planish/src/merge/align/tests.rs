@@ -1,7 +1,6 @@
 use super::*;
 use nalgebra::{Matrix6, Vector6};
 use planish_core::Silent;
-use planish_estimate::vector3::add_scaled;
 use planish_mesh::grid_sheet;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -23,12 +22,12 @@ fn square(
     mut error: impl FnMut(f64, f64) -> f64,
 ) -> MergePatch {
     let mut mesh = grid_sheet(ACROSS, ACROSS, 49, 49);
-    let least = mesh.bounding_box().map_or([0.0; 3], |b| b.min);
+    let least = mesh.bounding_box().map_or(DVec3::ZERO, |b| b.min);
     for p in &mut mesh.positions {
         let [a, b] = [p[0] - least[0] + x, p[1] - least[1]];
         let slope = |d: [f64; 2]| (height(a + d[0], b + d[1]) - height(a - d[0], b - d[1])) / 2e-3;
         let n = unit([-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0]).unwrap();
-        *p = moved.apply(add_scaled([a, b, height(a, b)], error(a, b), n));
+        *p = moved.apply(DVec3::new(a, b, height(a, b)) + error(a, b) * n);
     }
     MergePatch::make_manifold(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().patch
 }
@@ -79,7 +78,7 @@ fn pose_errors_match_their_covariances() {
             .collect();
         let (poses, findings) = aligned(&mut patches).unwrap();
         assert!(findings.is_empty(), "{findings:?}");
-        assert!(poses[0].covariance.is_none() && poses[0].translation == [0.0; 3]);
+        assert!(poses[0].covariance.is_none() && poses[0].translation == DVec3::ZERO);
         for k in [1, 2] {
             sum += chi_square(&poses[k], &moved[k]);
             far = far.max(error_of(&poses[k], &moved[k]).fixed_rows::<3>(0).norm());
@@ -97,9 +96,9 @@ fn pose_errors_match_their_covariances() {
 fn correlated_errors_increase_sigma() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     // Waves of half a patch and less.
-    let waves: Vec<[f64; 3]> = (0..40).map(|_| [0; 3].map(|_| normal(&mut random))).collect();
+    let waves: Vec<DVec3> = (0..40).map(|_| [0; 3].map(|_| normal(&mut random))).collect();
     let together = |x: f64, y: f64| -> f64 {
-        let wave = |[a, b, c]: &[f64; 3]| (0.4 * (a * x + b * y) + 9.0 * c).sin();
+        let wave = |[a, b, c]: &DVec3| (0.4 * (a * x + b * y) + 9.0 * c).sin();
         SIGMA * waves.iter().map(wave).sum::<f64>() / (waves.len() as f64 / 2.0).sqrt()
     };
     let mut sigma = |error: &mut dyn FnMut(f64, f64) -> f64| {

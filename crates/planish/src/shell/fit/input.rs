@@ -3,7 +3,7 @@
 use super::super::pose::{DEFAULT_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
 use nalgebra::{DMatrix, DVector};
-use planish_core::{Finding, FindingCode, Setting, SymmetricMatrix3};
+use planish_core::{DVec3, Finding, FindingCode, Setting, SymmetricMatrix3};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_exchange::picture::read_brightness;
@@ -312,7 +312,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
 }
 
 /// The vertices. Those of no triangle are moved to a vertex of the first triangle.
-fn within_surface(mesh: &TriangleMesh) -> Vec<[f64; 3]> {
+fn within_surface(mesh: &TriangleMesh) -> Vec<DVec3> {
     let mut places = vec![mesh.positions[mesh.triangles[0][0] as usize]; mesh.positions.len()];
     for v in mesh.triangles.iter().flatten() {
         places[*v as usize] = mesh.positions[*v as usize];

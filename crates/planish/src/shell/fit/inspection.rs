@@ -6,7 +6,7 @@
 
 use super::input::Frame;
 use super::{ReadingsReport, ShellFitReport};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::{DVec3, Finding, FindingCode, Setting};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, quantile_of_sorted};
@@ -157,7 +157,7 @@ fn at_frame(mask: &[bool], columns: usize, rows: usize) -> f64 {
 pub(super) fn outcome(
     done: &ShellFitReport,
     mesh: &TriangleMesh,
-    found: &[[f64; 3]],
+    found: &[DVec3],
     states_sigma: bool,
     believed: bool,
 ) -> Vec<Finding> {

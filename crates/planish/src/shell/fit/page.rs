@@ -4,7 +4,7 @@ use super::inspection::{ACCEPTED_FACTORS, MIN_OVERLAP};
 use crate::report::scenes::{numbers, observed_field};
 use crate::report::words::SmallUnit;
 use crate::shell::fit::{ReadingsReport, ShellFitReport};
-use planish_estimate::vector3::distance;
+use planish_core::DVec3;
 use planish_mesh::TriangleMesh;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Cloud, FieldKind, Figure, Page, Scene, Section, SurfaceShown, Table};
@@ -24,7 +24,7 @@ pub(crate) struct ShownShell<'a> {
     /// Whether readings determine the vertices more than the prior.
     pub observed: &'a [u8],
     /// Points that were read; of a sequence those of the last frame.
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<DVec3>,
 }
 
 /// The page of a fitted shell.
@@ -86,7 +86,7 @@ fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3
 fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     let name = report.unit.name();
     let moved =
-        (shown.found.positions.iter().zip(&shown.given.positions)).map(|(a, b)| distance(*a, *b)).collect();
+        (shown.found.positions.iter().zip(&shown.given.positions)).map(|(a, b)| a.distance(*b)).collect();
     // Every nth point, so that the selection is the same in every run.
     let step = shown.points.len().div_ceil(MAX_POINTS).max(1);
     let clouds = if shown.points.is_empty() {

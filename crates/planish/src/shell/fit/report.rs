@@ -2,6 +2,7 @@
 
 use super::input::Frame;
 use super::{CameraPoseReport, MIN_DATA_SHARE};
+use planish_core::DVec3;
 use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
@@ -13,7 +14,7 @@ pub(super) fn known(
     made: &ShellFit,
     deformation: &dyn Deformation,
     start_sigma: &[f64],
-) -> (Vec<[f64; 3]>, Vec<f64>, Vec<u8>) {
+) -> (Vec<DVec3>, Vec<f64>, Vec<u8>) {
     let normals = mesh.vertex_normals();
     // The part of the variance that readings account for: with information `A = D + P` of data and prior,
     // `A⁻¹ = A⁻¹ D A⁻¹ + A⁻¹ P A⁻¹`.

@@ -20,7 +20,7 @@
 use super::input::{Frame, FrameFiles, Units};
 use super::{FlowReport, ShellFitJob, overlap};
 use crate::occluding::contour_view;
-use planish_core::{Finding, FindingCode};
+use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::Result;
 use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::ViewFile;
@@ -67,11 +67,11 @@ struct Wider {
 }
 
 impl Region for Wider {
-    fn depth(&self, at: [f64; 3]) -> f64 {
+    fn depth(&self, at: DVec3) -> f64 {
         self.silhouettes.depth(at) + self.by
     }
 
-    fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+    fn may_contain_boundary(&self, at: DVec3, reach: f64) -> bool {
         self.silhouettes.may_contain_boundary(at, reach + self.by)
     }
 }
@@ -80,11 +80,11 @@ impl Region for Wider {
 struct Nothing;
 
 impl Region for Nothing {
-    fn depth(&self, _at: [f64; 3]) -> f64 {
+    fn depth(&self, _at: DVec3) -> f64 {
         f64::NEG_INFINITY
     }
 
-    fn may_contain_boundary(&self, _at: [f64; 3], _reach: f64) -> bool {
+    fn may_contain_boundary(&self, _at: DVec3, _reach: f64) -> bool {
         false
     }
 }

@@ -5,6 +5,7 @@
 //!
 //! All squares of an atlas have the same number of pixels, so large triangles have a lower resolution.
 
+use planish_core::DVec3;
 use planish_exchange::textured::{NO_UV, TexturedMesh};
 use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 
@@ -109,12 +110,7 @@ pub(super) fn atlas_share(triangles: usize) -> f64 {
 }
 
 /// A value of the corners at a place on a triangle.
-pub(super) fn at_place(
-    mesh: &TriangleMesh,
-    values: &[[f64; 3]],
-    triangle: u32,
-    weights: [f64; 3],
-) -> [f64; 3] {
+pub(super) fn at_place(mesh: &TriangleMesh, values: &[[f64; 3]], triangle: u32, weights: [f64; 3]) -> DVec3 {
     let corners = mesh.triangles[triangle as usize];
     [0, 1, 2].map(|c| (corners.iter().zip(weights)).map(|(v, w)| w * values[*v as usize][c]).sum())
 }

@@ -9,6 +9,8 @@
 //!
 //! Not guaranteed: if only two views see a place and differ, the one with the larger weight is used.
 
+use planish_core::DVec3;
+
 /// Tukey's constant: 95 % efficiency where errors are normal.
 const TUKEY: f64 = 4.685;
 /// Iterations of the mean. It starts at the medoid and settles in a few.
@@ -41,7 +43,7 @@ pub(super) struct Blended {
 }
 
 /// Root mean square difference over the three channels.
-fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+fn apart(a: DVec3, b: DVec3) -> f64 {
     ((0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>() / 3.0).sqrt()
 }
 
@@ -87,10 +89,10 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
         (1.0 - share * share).max(0.0).powi(2)
     };
     for _ in 0..ROUNDS {
-        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        let (mut sum, mut total) = (DVec3::ZERO, 0.0);
         for one in colours {
             let weight = one.weight * believed(colour, one);
-            sum = [0, 1, 2].map(|c| sum[c] + weight * one.colour[c]);
+            sum = sum + weight * one.colour;
             total += weight;
         }
         // If all weights vanish, the medoid remains.

@@ -11,7 +11,7 @@
 //! Not guaranteed: parts thinner than two pixels in a picture get no colour from it. Highlights and shadows
 //! are treated as colours.
 
-use planish_estimate::vector3::{dot, sub, unit};
+use planish_core::DVec3;
 use planish_exchange::picture::Picture;
 use planish_mesh::{DepthBuffer, TriangleMesh};
 use planish_shell::Camera;
@@ -87,7 +87,7 @@ impl ColourView {
 
     /// Colour of a place with a normal; `None` if the view does not see it. With `two_sided` the sign of the
     /// normal is ignored.
-    pub(super) fn sample(&self, at: [f64; 3], normal: [f64; 3], two_sided: bool) -> Option<ColourSample> {
+    pub(super) fn sample(&self, at: DVec3, normal: DVec3, two_sided: bool) -> Option<ColourSample> {
         let (pixel, depth) = self.camera.project(at)?;
         let corner = |x: f64, count: usize| {
             let low = x.floor();
@@ -114,7 +114,7 @@ impl ColourView {
         if depth > front + MAX_DEPTH_BEHIND * width {
             return None;
         }
-        let cosine = dot(normal, unit(sub(self.camera.center(), at))?);
+        let cosine = normal.dot((self.camera.center() - at).try_normalize()?);
         let cosine = if two_sided { cosine.abs() } else { cosine };
         // Also rejects back faces, whose cosine is negative.
         if cosine < MIN_COSINE {
@@ -132,7 +132,7 @@ impl ColourView {
     pub(super) fn difference(
         &self,
         mesh: &TriangleMesh,
-        colour: impl Fn(u32, [f64; 3]) -> [f64; 3] + Sync,
+        colour: impl Fn(u32, DVec3) -> DVec3 + Sync,
     ) -> Option<f64> {
         let buffer = DepthBuffer::draw(
             self.columns,
@@ -159,7 +159,7 @@ impl ColourView {
     }
 
     /// Approximate number of pixels of a triangle, visible or hidden; zero if seen from behind.
-    pub(super) fn pixels_on(&self, corners: [[f64; 3]; 3]) -> f64 {
+    pub(super) fn pixels_on(&self, corners: [DVec3; 3]) -> f64 {
         let mut at = [[0.0; 2]; 3];
         for (to, corner) in at.iter_mut().zip(corners) {
             match self.camera.project(corner) {
