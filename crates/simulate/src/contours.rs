@@ -185,7 +185,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
             write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
             made.files.push(path);
             // `{:?}` writes the shortest number that reads back exactly: cameras have no error of their own.
-            let rows = |m: &[DVec3; 3]| {
+            let rows = |m: &[[f64; 3]; 3]| {
                 let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
                 format!("[{}, {}, {}]", row(0), row(1), row(2))
             };
@@ -223,11 +223,11 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
 
 /// A camera that looks at the middle of the object from an angle about the axis and an elevation, in radians.
 fn camera(angle: f64, height: f64) -> Result<Camera> {
-    let from = [
+    let from = DVec3::new(
         DISTANCE_MM * height.cos() * angle.cos(),
         DISTANCE_MM * height.cos() * angle.sin(),
         DISTANCE_MM * height.sin(),
-    ];
+    );
     let forward = Vector3::from((-from).try_normalize().unwrap_or(DVec3::X));
     let right = forward.cross(&Vector3::z()).normalize();
     let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);

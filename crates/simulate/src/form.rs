@@ -318,7 +318,7 @@ impl SheetForm {
         let mut z = x * x * xx + x * y * xy + y * y * yy;
         for bump in &self.bumps {
             let (dx, dy) = (x - bump.centre[0], y - bump.centre[1]);
-            z += ((dx * dx + dy * dy) * (-0.5 / (bump.width * bump.width))).exp() * bump.height;
+            z = z + ((dx * dx + dy * dy) * (-0.5 / (bump.width * bump.width))).exp() * bump.height;
         }
         SecondOrder::jet([x, y, z])
     }
@@ -334,17 +334,16 @@ impl BentForm {
         // Both coordinates of the catenary with their first and second derivatives with respect to its arc
         // length. κs²/(r + 1) is (r − 1)/κ without cancellation for small κ, and without division by zero.
         let along = if k == 0.0 { arc } else { (k * arc).asinh() / k };
-        let mut along = s.compose(DVec3::new(along, 1.0 / r, -k * k * arc / r.powi(3)));
-        let mut up = s.compose(DVec3::new(k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)));
+        let mut along = s.compose([along, 1.0 / r, -k * k * arc / r.powi(3)]);
+        let mut up = s.compose([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
         if let Some(bulge) = &self.bulge {
             let (dx, dy) = (x - bulge.centre[0], y - bulge.centre[1]);
             let height = ((dx * dx + dy * dy) * (-0.5 / (bulge.width * bulge.width))).exp() * bulge.height;
-            let sin_slope =
-                s.compose(DVec3::new(k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)));
+            let sin_slope = s.compose([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
             let bend = k * k * (2.0 * (k * arc).powi(2) - 1.0) / r.powi(5);
-            let cos_slope = s.compose(DVec3::new(1.0 / r, -k * k * arc / r.powi(3), bend));
-            along += sin_slope * height * -1.0;
-            up += cos_slope * height;
+            let cos_slope = s.compose([1.0 / r, -k * k * arc / r.powi(3), bend]);
+            along = along + sin_slope * height * -1.0;
+            up = up + cos_slope * height;
         }
         SecondOrder::jet([along * cos + t * -sin, along * sin + t * cos, up])
     }
@@ -356,7 +355,7 @@ impl TubeForm {
         let mut r = SecondOrder::constant(1.0);
         for wave in &self.waves {
             let around = (theta * wave.around + wave.phases_rad[0]).cos();
-            r += around * (v * (PI * wave.along) + wave.phases_rad[1]).cos() * wave.amplitude;
+            r = r + around * (v * (PI * wave.along) + wave.phases_rad[1]).cos() * wave.amplitude;
         }
         r = r * self.radius;
         let phi = (v - 0.5) * self.turn_rad;
@@ -374,9 +373,9 @@ impl BallForm {
     fn jet(&self, d: [SecondOrder; 3]) -> Jet {
         let mut radius = SecondOrder::constant(1.0);
         for bump in &self.bumps {
-            let [a, b, c] = d * bump.direction;
-            radius += (((a + b + c) - 1.0) * bump.sharpness).exp() * bump.amplitude;
+            let [a, b, c] = [0, 1, 2].map(|k| d[k] * bump.direction[k]);
+            radius = radius + (((a + b + c) - 1.0) * bump.sharpness).exp() * bump.amplitude;
         }
-        SecondOrder::jet(radius * d * self.semi_axes)
+        SecondOrder::jet([0, 1, 2].map(|k| radius * d[k] * self.semi_axes[k]))
     }
 }

@@ -46,25 +46,25 @@ fn count_and_median(scan: &Scan) -> (usize, f64) {
 #[test]
 fn converging_cameras_are_as_accurate_as_a_rectified_pair() {
     let ball = MeshSearch::try_new(&icosphere(RADIUS, 5)).unwrap();
-    let places = [[-3.0, 0.0, -50.0], [3.0, 0.0, -50.0]];
+    let places = [DVec3::new(-3.0, 0.0, -50.0), DVec3::new(3.0, 0.0, -50.0)];
     let options = StereoOptions { least_disparity: -40, disparities: 120, ..StereoOptions::default() };
     let choice = StereoPoints { max_sigma_px: 0.3, ..StereoPoints::default() };
     let matched =
         |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();
 
-    let level = places.map(|at| camera(DVec3::from(at), DVec3::Z));
+    let level = places.map(|at| camera(at, DVec3::Z));
     let images = [picture(&ball, &level[0], 1), picture(&ball, &level[1], 2)];
     let rectified =
         StereoCamera { focal: FOCAL, center: [119.5, 89.5], baseline: 6.0, doffs: 0.0, sigma_disparity: 0.0 };
     let mut scan = rectified.scan(&matched(&images), &choice, "level").unwrap();
     for p in &mut scan.points {
-        *p = DVec3::from_array(std::array::from_fn(|k| p[k] + places[0][k]));
+        *p += places[0];
     }
     let (level_count, level_median) = count_and_median(&scan);
 
     // Both cameras look at the middle of the ball, the second from a slightly higher position.
-    let places = [[-3.0, 0.0, -50.0], [3.0, -1.0, -50.0]];
-    let cameras = places.map(|at| camera(DVec3::from(at), DVec3::ZERO - at));
+    let places = [DVec3::new(-3.0, 0.0, -50.0), DVec3::new(3.0, -1.0, -50.0)];
+    let cameras = places.map(|at| camera(at, -at));
     let images = [picture(&ball, &cameras[0], 1), picture(&ball, &cameras[1], 2)];
     let rig = StereoRig {
         cameras: cameras.map(|pinhole| LensCamera { pinhole, distortion: [0.0; 5] }),

@@ -479,8 +479,10 @@ impl Stage {
                     camera_from_world.after(&world_from_projector).inverse()
                 });
                 let projector = projector.unwrap_or_default();
-                let k =
-                    format!("[[{:?}, 0.0, {cx:?}], [0.0, {:?}, {cy:?}], DVec3::Z]", self.focal, self.focal);
+                let k = format!(
+                    "[[{:?}, 0.0, {cx:?}], [0.0, {:?}, {cy:?}], [0.0, 0.0, 1.0]]",
+                    self.focal, self.focal
+                );
                 write!(
                     text,
                     "sigma_px = 0.01\n\n[camera]\nK = {k}\n\n[projector]\nK = {k}\nR = {:?}\nt = \
@@ -512,7 +514,7 @@ impl Stage {
             let _ = write!(
                 text,
                 "\n[[scan]]\nsensor = \"{name}\"\nfile = \"{name}-{}.ply\"\npose = {{ translation = {:?}, \
-                 quaternion_xyzw = {:?} }}\nviewpoint = DVec3::ZERO\n",
+                 quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
                 view + 1,
                 pose.translation,
                 pose.quaternion_xyzw()

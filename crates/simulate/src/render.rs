@@ -322,8 +322,8 @@ mod tests {
         assert!(((squares / n).sqrt() / 4.0 - 1.0).abs() < 0.1);
         // A post in front of the wall, lit from the side, casts a shadow.
         let post = |o: DVec3, d: DVec3| {
-            let at = |z: f64| std::array::from_fn(|k| o[k] + d[k] * (z - o[2]) / d[2]);
-            let near: DVec3 = DVec3::from(at(-20.0));
+            let at = |z: f64| o + d * (z - o.z) / d.z;
+            let near = at(-20.0);
             let z = if near[0].abs() < 1.0 { -20.0 } else { 0.0 };
             (d[2] != 0.0).then(|| (at(z), DVec3::new(0.0, 0.0, -1.0)))
         };

@@ -331,23 +331,25 @@ fn view_pose(
     let towards = match shape {
         Shape::Sheet => {
             let (sin, cos) = 25.0_f64.to_radians().sin_cos();
-            [sin * turn.cos(), sin * turn.sin(), cos]
+            DVec3::new(sin * turn.cos(), sin * turn.sin(), cos)
         }
-        Shape::Tube => [turn.cos(), turn.sin(), 0.1],
+        Shape::Tube => DVec3::new(turn.cos(), turn.sin(), 0.1),
         // The corners of a tetrahedron: no direction is more than 70.5° from one of them.
-        _ if views <= 4 => [
-            DVec3::new(1.0, 1.0, 1.0),
-            DVec3::new(1.0, -1.0, -1.0),
-            DVec3::new(-1.0, 1.0, -1.0),
-            DVec3::new(-1.0, -1.0, 1.0),
-        ][view]
-            .to_array(),
+        _ if views <= 4 => DVec3::from_array(
+            [
+                DVec3::new(1.0, 1.0, 1.0),
+                DVec3::new(1.0, -1.0, -1.0),
+                DVec3::new(-1.0, 1.0, -1.0),
+                DVec3::new(-1.0, -1.0, 1.0),
+            ][view]
+                .to_array(),
+        ),
         _ => {
             let z = 1.0 - (2 * view + 1) as f64 / views as f64;
             let ring = (1.0 - z * z).sqrt();
             // The golden angle spreads any number of views.
             let angle = 2.399_963_229_728_653 * view as f64;
-            [ring * angle.cos(), ring * angle.sin(), z]
+            DVec3::from(DVec3::new(ring * angle.cos(), ring * angle.sin(), z).to_array())
         }
     };
     let [x, y, roll] = [0; 3].map(|_| rng.random::<f64>() - 0.5);

@@ -30,7 +30,7 @@ impl SecondOrder {
     }
 
     /// `g(self)`, given the value and the first two derivatives of `g` at `self.f`.
-    pub fn compose(self, [g, d, dd]: DVec3) -> Self {
+    pub fn compose(self, [g, d, dd]: [f64; 3]) -> Self {
         Self {
             f: g,
             u: d * self.u,
@@ -43,17 +43,17 @@ impl SecondOrder {
 
     pub fn sin(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        self.compose(DVec3::new(s, c, -s))
+        self.compose([s, c, -s])
     }
 
     pub fn cos(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        self.compose(DVec3::new(c, -s, -c))
+        self.compose([c, -s, -c])
     }
 
     pub fn exp(self) -> Self {
         let e = self.f.exp();
-        self.compose(DVec3::new(e, e, e))
+        self.compose([e, e, e])
     }
 
     /// The point and derivatives of a surface, given its three coordinates.

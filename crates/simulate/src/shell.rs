@@ -7,7 +7,7 @@
 
 use super::truth::positive;
 use nalgebra::{DVector, Matrix3, Vector3};
-use planish_core::DVec3;
+use planish_core::{DVec3, vector3};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{Column, MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::write_grey_png;
@@ -126,7 +126,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let moved: Vec<DVec3> =
         (controls.iter()).map(|_| gaussian_vector(&mut random, options.deformation * size)).collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
-    let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten().to_array());
+    let q = DVector::from_column_slice(vector3::coordinates(&moved));
     let truth = TriangleMesh {
         positions: displaced_positions(&rest.positions, &deformation, &q),
         triangles: rest.triangles.clone(),
@@ -200,7 +200,7 @@ fn write_masks(
         let path = folder.join(&name);
         write_grey_png(&path, SIZE[0], SIZE[1], &mask(truth, &camera))?;
         files.push(path);
-        let rows = |m: &[DVec3; 3]| {
+        let rows = |m: &[[f64; 3]; 3]| {
             let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[i][0], m[i][1], m[i][2]);
             format!("[{}, {}, {}]", row(0), row(1), row(2))
         };
@@ -294,7 +294,7 @@ mod tests {
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
         let list = |key: &str| -> Vec<DVec3> { serde_json::from_value(json[key].clone()).unwrap() };
         let deformation = Dirichlet::new(&list("controls"), &rest.points).unwrap();
-        let q = DVector::from_iterator(36, list("displacements").into_iter().flatten());
+        let q = DVector::from_column_slice(vector3::coordinates(&list("displacements")));
         for ((p, by), wanted) in rest.points.iter().zip(displacements(&deformation, &q)).zip(&truth.points) {
             assert!((*p + by).distance(*wanted) < 1e-9);
         }

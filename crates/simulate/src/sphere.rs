@@ -481,7 +481,8 @@ impl SharedModel {
             let row: Vec<f64> = weights.iter().map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum()).collect();
             let matrix: Vec<f64> =
                 row.iter().flat_map(|a| row.iter().map(move |b| a * b / variance)).collect();
-            let vector: Vec<f64> = row.iter().flat_map(|a| departure.map(|x| a * x / variance)).collect();
+            let vector: Vec<f64> =
+                row.iter().flat_map(|a| departure.to_array().map(|x| a * x / variance)).collect();
             data.add_element(nodes, &matrix, &vector)?;
         }
         let nodes = space.node_count();

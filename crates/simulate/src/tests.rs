@@ -224,7 +224,7 @@ fn draws_from_a_prior_have_its_information() {
     for seed in 0..runs {
         let drawn = Truth::drawn(mean, &factor, seed).unwrap();
         let drawn = drawn.surface().unwrap().vertices();
-        let d: Vec<f64> = drawn.iter().zip(mean.vertices()).flat_map(|(a, b)| *a - *b).collect();
+        let d: Vec<f64> = drawn.iter().zip(mean.vertices()).flat_map(|(a, b)| (*a - *b).to_array()).collect();
         sum += information.quadratic_form(&d).unwrap();
     }
     // dᵀ Λ d is χ² with n degrees of freedom.

@@ -332,7 +332,7 @@ pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
 
 /// A random Gaussian error of a reading on this unit ray, with σ multiplied by a factor.
 fn draw(noise: Noise, ray: DVec3, factor: f64, rng: &mut ChaCha8Rng) -> DVec3 {
-    let [a, b, c]: DVec3 = DVec3::from_array([0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal)));
+    let [a, b, c] = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
     match noise {
         Noise::Isotropic { sigma } => sigma * DVec3::new(a, b, c),
         Noise::Ray { sigma_along, sigma_across } => {

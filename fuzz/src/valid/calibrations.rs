@@ -42,8 +42,8 @@ pub fn views() -> Result<Vec<Vec<u8>>> {
 
 /// Cameras with masks. The named files need not exist.
 pub fn mask_views() -> Result<Vec<Vec<u8>>> {
-    let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], DVec3::Z]\n";
-    let posed = "R = [[0.96, 0.0, 0.28], DVec3::Y, [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 900.0]\n";
+    let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
+    let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 900.0]\n";
     let projection = "P = [[900, 0, 320, 1000], [0, 900, 240, 2000], [0, 0, 1, 800]]\n";
     Ok(vec![
         format!(
@@ -69,10 +69,10 @@ pub fn poses() -> Result<Vec<Vec<u8>>> {
 
 /// A camera and a projector of crossed stripe patterns.
 pub fn grids() -> Result<Vec<Vec<u8>>> {
-    let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], DVec3::Z]\n";
+    let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
     let stripes = "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, \
         20], [-20, 20]]\n";
-    let posed = "R = [[0.96, 0.0, 0.28], DVec3::Y, [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 20.0]\n";
+    let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 20.0]\n";
     Ok(vec![
         format!("unit = \"mm\"\nsigma_px = 0.02\n[camera]\n{k}[projector]\n{k}{posed}{stripes}").into_bytes(),
     ])

@@ -114,7 +114,7 @@ fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -
         let _ = write!(
             text,
             "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, \
-             quaternion_xyzw = {:?} }}\nviewpoint = DVec3::ZERO\n",
+             quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
             k + 1,
             view.translation,
             view.quaternion_xyzw

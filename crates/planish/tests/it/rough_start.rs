@@ -67,7 +67,7 @@ fn scene(folder: &Path) -> ShellFitJob {
         writeln!(
             text,
             "[[view]]\nname = \"v{view}\"\nmask = \"m{view}.png\"\nheld_out = {held_out}\nK = [[{FOCAL:?}, \
-             0.0, {:?}], [0.0, {FOCAL:?}, {:?}], DVec3::Z]\nR = {r:?}\nt = {t:?}",
+             0.0, {:?}], [0.0, {FOCAL:?}, {:?}], [0.0, 0.0, 1.0]]\nR = {r:?}\nt = {t:?}",
             middle[0], middle[1]
         )
         .unwrap();

@@ -52,7 +52,8 @@ impl GlobalFilter {
         // cylinder.
         let scalar = prior.information(&system, &model.metric)?;
         let mut wide = scalar.expanded(3)?;
-        let start: Vec<f64> = model.cylinder.refined(Arc::clone(space))?.vertices().as_flattened().to_vec();
+        let start = planish_core::vector3::coordinates(model.cylinder.refined(Arc::clone(space))?.vertices())
+            .to_vec();
         let mut vector = vec![0.0; start.len()];
         wide.multiply(&start, &mut vector)?;
         wide.vector_mut().copy_from_slice(&vector);

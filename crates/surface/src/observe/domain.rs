@@ -168,7 +168,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_core::SymmetricMatrix3;
+    use planish_core::{DVec3, SymmetricMatrix3};
     use planish_estimate::ErrorKind;
     use planish_sense::{Noise, Scan, Sensor, SensorKind};
 
