@@ -34,6 +34,7 @@ impl<'a> MeasuredRegion<'a> {
                 let i = i as usize;
                 let d = self.readings.points[i] - p;
                 d.length_squared() <= self.reach * self.reach
+                    // On a thin part, readings of one side must not make the other side measured.
                     && self.readings.normal(i).dot(normal) > MIN_SIDE_COSINE
             })
         })

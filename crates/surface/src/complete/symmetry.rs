@@ -188,14 +188,17 @@ impl Cloud {
                 let channel = observations.channels[observations.channel(i)];
                 channel.quantity == Quantity::Position
                     && !channel.inferred
+                    // Held-out readings judge the fit, so they must not shape it through their copies.
                     && !observations.readings.held_out[i]
             })
             .collect();
         let points: Vec<DVec3> = readings.iter().map(|&i| observations.readings.points[i as usize]).collect();
         let normals: Vec<DVec3> = readings.iter().map(|&i| observations.normal(i as usize)).collect();
         let mut variance: Vec<f64> = (readings.iter().zip(&normals))
+            // An exact sensor states a σ of zero, which would make the weights infinite.
             .map(|(&i, n)| observations.variance(i as usize, *n).max(f64::MIN_POSITIVE))
             .collect();
+        // The residuals of facets may enlarge a stated σ. They set it only if a channel states none.
         let is_stated = observations.channels.iter().all(|c| c.stated);
         let facets = Facets::new(&points, &normals, &variance, is_stated)?;
         for v in &mut variance {
@@ -208,6 +211,8 @@ impl Cloud {
     fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InferredReading> {
         let measured = MeasuredRegion::new(&observations.readings, MEASURED_REACH * self.facets.side);
         let sources: Vec<usize> = (0..self.readings.len())
+            // Facets that do not obey the symmetry, such as those of a handle, are not copied (decision
+            // 0017).
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();
         let turns = self.turns(found);
@@ -225,6 +230,7 @@ impl Cloud {
                     continue;
                 }
                 let variance = InferredVariance {
+                    // `n` copies of one reading are one measurement, so each weighs 1/n (decision 0017).
                     own: turns as f64 * self.variance[k],
                     shared: found.image_variance(angle, p, normal) + doubt,
                 };

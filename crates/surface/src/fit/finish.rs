@@ -191,6 +191,7 @@ pub(super) fn finish(
         covariance: &covariance,
         stated: &stated,
         noise: &noise,
+        // Inferred readings are no measurements: their degrees of freedom reduce no residual of a sensor.
         determined: (degrees.iter().zip(&observations.channels))
             .filter(|(_, channel)| !channel.inferred)
             .map(|(d, _)| d)
@@ -260,6 +261,7 @@ impl Finishing<'_> {
         if !observed.contains(&Observed::Measured) {
             return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
         }
+        // A user reads this σ as that of the real surface, so it includes the unresolved shape.
         let sigma = Posterior::new(&model.surface, Arc::clone(covariance))
             .with_unresolved_shape(&model.unresolved_shape)
             .sigma_summary(observed)?;
@@ -276,6 +278,7 @@ impl Finishing<'_> {
         let sensors =
             sensor_reports(set, self.readings(), self.information, noise, self.residuals_of_batches());
         let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
+        // Only a limit that the user has set can be raised by the user.
         let too_shallow = options.max_depth.is_some()
             && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
         let mut findings = all_findings(

@@ -134,8 +134,10 @@ impl LeafResiduals {
                     to.count += own.count;
                 }
             }
+            // A single reading has no other one to form a product with.
             for bin in merged.iter().filter(|bin| bin.count > 1.0) {
                 shape += (bin.sum * bin.sum - bin.squares) / bin.precision;
+                // With equal weights, the term of `n` readings has the variance 2 n (n − 1) / n² under noise.
                 pairs += 1.0 - 1.0 / bin.count;
             }
         }
@@ -219,6 +221,7 @@ pub(super) fn misfit(
     let residuals = residuals_by_leaf(space, readings, noise, options.gate);
     // What the fit took out of each measured leaf, on average.
     let measured = residuals.iter().filter(|r| r.count > 0).count();
+    // A fit with `k` degrees of freedom lowers χ², and with it the sum of products, by about `k`.
     let removed = degrees / measured.max(1) as f64;
     let quarters: Vec<(f64, f64)> = residuals
         .iter()
@@ -279,6 +282,7 @@ fn strong_first(
     mut weak: Vec<Misfit>,
     options: &FitOptions,
 ) -> Vec<Misfit> {
+    // Ties are broken by the number of the leaf, so that the order is always the same.
     let worst_first = |a: &Misfit, b: &Misfit| b.severity.total_cmp(&a.severity).then(a.leaf.cmp(&b.leaf));
     strong.sort_by(worst_first);
     let before = strong.len();

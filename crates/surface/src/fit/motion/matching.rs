@@ -43,6 +43,8 @@ impl RigidTracker<'_> {
                     };
                     pose = pose.after(&exp(&factor.solve(&sums.gradient)));
                 }
+                // A narrower gate for the score separates poses on the surface from those that only come
+                // near.
                 let sums = self.step_over(&pose, sample.iter().copied(), 0.15 * gate, 1.0);
                 (sums.score, pose)
             })
@@ -126,6 +128,8 @@ impl RigidTracker<'_> {
             if foot.at_border || !self.observed[leaf].is_measured() || n.dot(facing) < MIN_COSINE {
                 return None;
             }
+            // The error of the surface counts as well: the first scan alone has made it (see the module's
+            // documentation).
             let reading_variance = z.variance * scale_of_variance;
             let variance = reading_variance + self.variances[leaf];
             if foot.height.abs() > gate.max(LAST_GATE * variance.sqrt()) {
@@ -177,6 +181,7 @@ impl RigidTracker<'_> {
         for (a, b) in moved.chunks_exact(6).zip(solved.chunks_exact(6)) {
             spread += Vector6::from_row_slice(a) * Vector6::from_row_slice(b).transpose();
         }
+        // Rounding makes the sums slightly asymmetric.
         Ok(inverse * (0.5 * (spread + spread.transpose())) * inverse)
     }
 }
