@@ -101,7 +101,8 @@ struct Totals {
     count: usize,
     /// `Σ w h²`.
     chi_square: f64,
-    /// Numbers that were read: a normal counts two, a curvature three. `own` counts those at hand.
+    /// Measured components: a normal has two, a curvature three. `own_rows` counts those of the readings at
+    /// hand.
     rows: f64,
     own_rows: usize,
 }
@@ -209,7 +210,7 @@ pub(super) fn finish(
     Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: Some(sample), covariance })
 }
 
-/// The fit with its covariance and noise: all that its figures follow from.
+/// The fit with its covariance and noise, from which all figures of the report follow.
 struct Judged<'a> {
     model: &'a SurfaceModel,
     covariance: &'a Arc<NodeCovariance>,

@@ -59,25 +59,25 @@ struct Bin {
     count: f64,
 }
 
-/// The residuals of one leaf, in bins for each number of positions and normals.
+/// The residuals of one leaf, in bins for each component: the height, and the tilts along two tangents.
 ///
-/// Smooth shape is smooth in each of these numbers. Residuals of curvatures are not used: the prior acts on
+/// Smooth shape is smooth in each component. Residuals of curvatures are not used: the prior acts on
 /// curvature itself and shrinks all of its wavelengths alike, more so with more cells.
 #[derive(Clone, Default)]
 struct LeafResiduals {
-    /// The bins of one number after those of the other.
+    /// The bins of the first component, then those of the next.
     bins: Vec<Bin>,
-    /// Numbers that were read, and how many of them are positions.
+    /// Number of residuals, and how many of them belong to positions.
     count: u32,
     positions: u32,
     /// Mean variance of the positions; the smallest plausible one.
     variance: f64,
 }
 
-/// Numbers whose residuals are used: the height, and the tilts along two tangents.
+/// Components whose residuals are used: the height, and the tilts along two tangents.
 const COUNTED_NUMBERS: usize = 3;
 
-/// The first of these numbers that belongs to a quantity.
+/// The first of these components that belongs to a quantity.
 fn first_number(quantity: Quantity) -> usize {
     match quantity {
         Quantity::Position => 0,

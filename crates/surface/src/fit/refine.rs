@@ -221,7 +221,7 @@ pub(super) fn refine_to_noise(
 /// Leaves that should be divided.
 struct Verdict {
     misfits: Vec<Misfit>,
-    /// How many there were before roughness was considered.
+    /// Number of misfits before roughness is considered.
     by_residuals: usize,
 }
 

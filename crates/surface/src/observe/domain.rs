@@ -45,6 +45,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     let mut boxes = Vec::new();
     for posed in &set.scans {
         if let Some(at) =
+            // Before the pose is applied, because the message names a number of the file.
             posed.scan.points.iter().position(|p| p.to_array().iter().any(|c| c.abs() > MAX_LENGTH))
         {
             let point = posed.scan.points[at];

@@ -165,6 +165,7 @@ impl Observations {
         } else if let Some(noise) = sensor.noise {
             ScanNoise::Model { noise, viewing }
         } else {
+            // A channel has one scale, so a single scan without σ makes all of its σ unstated.
             self.channels[intake.sensor_of_scan[s]].stated = false;
             // One unit of length stands for the unknown σ until it is estimated.
             ScanNoise::Model { noise: Noise::Isotropic { sigma: 1.0 }, viewing: Viewing::Unknown }

@@ -82,6 +82,7 @@ impl Observations {
         // Two passes, so that each cause has its own count.
         let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
         self.reject(&below, RejectionCause::BelowGround);
+        // `reject` has removed readings, and `found` must stay in step with those that are left.
         found.retain(|&what| what != Ground::Below);
         let above: Vec<bool> = found.iter().map(|&what| what == Ground::Above).collect();
         self.reject(&above, RejectionCause::AboveGround);
