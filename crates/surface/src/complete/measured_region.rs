@@ -4,7 +4,8 @@ use crate::observe::ReadingColumns;
 use planish_core::DVec3;
 use std::collections::HashMap;
 
-/// Smallest cosine between normals on the same side of an object.
+/// Minimum cosine between normals on the same side of an object. A larger one would take noisy normals for
+/// another side; a smaller one would take both sides of a thin part for one.
 const MIN_SIDE_COSINE: f64 = 0.3;
 
 /// The readings of a cloud in a grid of cells.

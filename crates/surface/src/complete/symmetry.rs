@@ -14,9 +14,11 @@ use std::f64::consts::TAU;
 
 /// No copies are made within this distance of a reading, in sides of a facet of the cloud. See decision 0017.
 const MEASURED_REACH: f64 = 0.5;
-/// Largest number of copies. If there would be more, only every Nth reading is copied.
+/// Maximum number of copies; beyond it, only every Nth reading is copied. Fewer leave unobserved parts
+/// sparse, more cost time in every iteration of the fit.
 const MAX_COPIES: usize = 60_000;
-/// Copies of one reading about an axis: at least, and at most.
+/// Minimum and maximum number of copies of one reading about an axis. A part that was seen over less than
+/// about 15° would need more; its copies are then sparser than its readings.
 const MIN_TURNS: usize = 2;
 const MAX_TURNS: usize = 24;
 

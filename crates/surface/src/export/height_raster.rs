@@ -240,7 +240,7 @@ struct Place {
 /// The surface point at `(x, y)`, by Newton's method from the given parameters; none if the search leaves the
 /// sheet.
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
-    /// Most steps, and the largest last step, in leaves.
+    /// Maximum number of steps, and length of the last step, in sides of a leaf.
     const STEPS: usize = 12;
     const CLOSE: f64 = 1e-6;
     let space = surface.space();

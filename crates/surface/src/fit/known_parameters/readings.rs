@@ -17,20 +17,22 @@ use std::hash::Hasher;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Readings of one parallel task.
+/// Readings of one parallel task. Fixed, so that sums do not depend on the number of threads.
 pub(super) const TASK: usize = 1 << 13;
 /// Held-out readings that are enough to judge a fit: their normalised rms has a standard error of 1.3 %.
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
 /// Residuals that are enough to estimate the scale of a sensor: its standard error is 0.3 %.
 const ENOUGH_FOR_SCALE: usize = 50_000;
-/// Minimum number of readings of a fit.
+/// Minimum number of readings of a fit. A quadric has nine coefficients; one more reading leaves a residual.
 const MIN_READINGS: usize = 10;
-/// Readings farther than this many σ are softened while gross errors are searched for.
+/// Readings farther than this many σ are softened while gross errors are searched for. A larger bound lets
+/// these errors drag the surface along; a smaller one gives away information of correct readings.
 const BOUNDED: f64 = 2.5;
 /// Margin in σ beyond the gate, or beyond the farthest expected draw of noise, up to which distant readings
 /// can be noise.
 const BEYOND_NOISE: f64 = 2.0;
-/// Readings for each bin in which neighbours are compared.
+/// Readings for each bin in which neighbours are compared. More of them give more pairs, but average over
+/// finer shape.
 const READINGS_PER_BIN: f64 = 8.0;
 /// Unresolved shape is reported if it is this many standard deviations of noise, and at least this share of
 /// the residuals' variance.

@@ -10,12 +10,15 @@ use rayon::prelude::*;
 
 use super::tracker::FIRST_GATE;
 
-/// Readings that the search for a start uses, and steps from each start.
+/// Number of readings that the search for a start uses, and number of steps from each start. Nineteen starts
+/// are compared, so each of them has to be cheap.
 const START_READINGS: usize = 300;
 const START_STEPS: usize = 6;
-/// Rotations about each axis from which the search starts, in degrees.
+/// Rotations about each axis from which the search starts, in degrees. Their range limits the rotation
+/// between two scans that is found, and their number the cost of the search.
 const START_TURNS_DEG: [f64; 6] = [-32.0, -21.0, -10.0, 10.0, 21.0, 32.0];
-/// Smallest cosine between the normals of a reading and of the surface at its foot.
+/// Minimum cosine between the normals of a reading and of the surface at its foot. A smaller one would match
+/// the other side of thin parts; a larger one would reject correct readings while the pose is still wrong.
 const MIN_COSINE: f64 = 0.5;
 
 impl RigidTracker<'_> {

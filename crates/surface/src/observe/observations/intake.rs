@@ -22,7 +22,7 @@ const GROUND_CLASSES: [u8; 2] = [2, 8];
 /// fit would miss them.
 const MIN_JUDGED: usize = 30;
 
-/// Fewest points of a fit. A quadric has nine coefficients; one more point leaves a residual.
+/// Minimum number of points of a fit. A quadric has nine coefficients; one more point leaves a residual.
 pub(super) const MIN_POINTS: usize = 10;
 
 /// Scans on their way to observations.
