@@ -304,7 +304,7 @@ impl Sewing<'_> {
             (edge(0, a, b + 1), false),
             (edge(1, a, b), false),
         ];
-        // An edge along a pole has no length and is none, so such a loop has fewer than four edges.
+        // An edge along a pole would have no length: there is none, and the loop has fewer than four edges.
         let mut out: Vec<(usize, bool)> = around
             .into_iter()
             .filter_map(|(edge, forward)| edge.map(|edge| (edge, forward == outward)))

@@ -260,6 +260,8 @@ impl Lengths {
         let sigma = noise_of(&made.report.sensors, first);
         let misfit = made.report.rms / sigma;
         let readings = made.report.observations;
+        // Any of three signs is enough. Growth within the plane changes no residual and shows at the border
+        // only (decision 0020).
         let stretched = largest.iter().any(|c| *c > MAX_CHANGE);
         let off = beyond_border as f64 > MAX_BEYOND * readings as f64;
         Ok(BendingState {
