@@ -122,6 +122,8 @@ impl StreamingFilter {
         let [columns, rows] = space.base().map(|n| n * MARKS);
         (space.leaves().iter())
             .map(|cell| {
+                // A leaf smaller than a square shares its mark; a larger one is measured if any of its
+                // squares is.
                 let side = cell.side() * MARKS as f64;
                 let range = |k: u32, n: usize| {
                     let first = (f64::from(k) * side) as usize;

@@ -98,6 +98,8 @@ struct Metadata {
     sensors: Vec<SensorReport>,
     poses: Vec<PoseNotes>,
     provenance: Vec<Session>,
+    // Older files lack these keys. They are written only if they say something, so other files keep their
+    // bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     measured_coordinates: Option<[bool; 3]>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]

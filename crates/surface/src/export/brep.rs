@@ -244,6 +244,7 @@ impl Sewing<'_> {
                 let s = self.patch_surface(patch);
                 let i = if a == nu { s.n_u - 1 } else { 0 };
                 let j = if b == nv { s.n_v - 1 } else { 0 };
+                // A clamped surface passes through the control points of its corners.
                 let position = s.poles[i * s.n_v + j];
                 self.vertices.push(self.brep.vertices.len());
                 self.brep.vertices.push(position);

@@ -204,6 +204,7 @@ pub(super) fn finish(
     let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise);
     model.observed = judged.observed;
     model.sensors.clone_from(&report.sensors);
+    // Poses of earlier sessions come first, as their unknowns do in the information.
     model.poses.extend(report.poses.iter().cloned());
     model.observations += report.observations;
     progress.advance("done", 1.0);

@@ -107,6 +107,7 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<Finding> {
     let (mut gathered, first) = boxes.remove(0);
     // Scans near the gathered ones join them, until none is near.
     loop {
+        // The gathered box grows, so a scan that was far from it may be near now.
         let before = boxes.len();
         boxes.retain(|(next, _)| {
             let gap = (0..3)

@@ -412,7 +412,7 @@ impl<'a> Readings<'a> {
     }
 
     /// Each sensor's variance over that stated, from a sample of its residuals. Readings beyond the gate do
-    /// not matter.
+    /// not matter, because the gate itself is set by these variances.
     pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);

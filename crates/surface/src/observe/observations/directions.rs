@@ -24,6 +24,8 @@ impl Directions {
     pub(super) fn requested(scan: &Scan, sensor: &Sensor) -> Self {
         let (normals, curvatures) = (scan.normals.is_some(), scan.curvatures.is_some());
         Self {
+            // A normal without σ only selects the side of a position; it is no reading of its own (decision
+            // 0013).
             normals: sensor.kind == SensorKind::Normal
                 || normals && (scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some()),
             curvatures: sensor.kind == SensorKind::Curvature
