@@ -294,6 +294,7 @@ impl Raster {
             }
         }
         // Two sweeps, downwards and upwards, propagate nearest samples (Danielsson 1980).
+        // Distances are those of the sample itself, not sums of steps between cells: errors do not add up.
         let mut offer = |from: Option<usize>, cell: usize| {
             let Some(offered) = from.map(|from| self.sample[from]).filter(|&k| k != NO_SAMPLE) else {
                 return;
@@ -309,6 +310,7 @@ impl Raster {
                 offer(cell.checked_sub(columns), cell);
                 offer((i > 0).then(|| cell - 1), cell);
             });
+            // Each row is passed in both directions: one pass would not carry samples to the other side.
             (0..columns).rev().for_each(|i| {
                 let cell = j * columns + i;
                 offer((i + 1 < columns).then(|| cell + 1), cell);

@@ -43,7 +43,7 @@ const fn powers_of_half(end: f64) -> [[f64; 7]; 7] {
 /// Moments of the positions on one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellMoments {
-    /// `Σ w sⁱ tʲ` at `[j][i]`, `i, j ≤ 6`; the last column stays zero.
+    /// `Σ w sⁱ tʲ` at `[j][i]`, `i, j ≤ 6`. The eighth column completes a SIMD group of four and is not used.
     gram: [[f64; 8]; 7],
     /// `Σ w z sⁱ tʲ` at `[d][j][i]`, `i, j ≤ 3`, for the three coordinates of the positions.
     values: [[[f64; 4]; 4]; 3],
@@ -105,7 +105,6 @@ impl CellMoments {
     fn add_quarter(&mut self, fine: &Self, quarter: [usize; 2]) {
         let [along_u, along_v] = quarter.map(|half| &POWERS_OF_HALF[half]);
         for j in 0..7 {
-            // Sum over powers of t first.
             // Separable: 7 × 7 sums along v and then along u, instead of one sum over all pairs.
             let mut row = [0.0; 7];
             for (l, weight) in along_v[j][..=j].iter().enumerate() {
@@ -140,6 +139,8 @@ impl CellMoments {
             let ([s, t], w) = (reading.local, reading.information);
             let s2 = s * s;
             let low = [w, w * s, w * s2, w * (s2 * s)];
+            // Powers 4 to 7 are s⁴ times the first four, so that both halves of a row are one SIMD operation
+            // each.
             let s4 = s2 * s2;
             let mut power = 1.0;
             for row in &mut gram {
@@ -200,7 +201,7 @@ pub(crate) fn matrix_of_moments(gram: &[[f64; 8]; 7]) -> [[f64; 16]; 16] {
     let mut matrix = [[0.0; 16]; 16];
     for k in 0..4 {
         for l in 0..=k {
-            // Sum over powers of s first.
+            // Over powers of s first: the seven sums serve all products along the other direction.
             let mut along = [0.0; 7];
             for (sum, row) in along.iter_mut().zip(gram) {
                 *sum = (0..7).map(|i| products[k][l][i] * row[i]).sum();

@@ -57,6 +57,7 @@ impl Observed {
     #[must_use]
     pub fn mark(self) -> u8 {
         match self {
+            // These numbers are part of model and mesh files, so they never change.
             Self::PriorOnly => 0,
             Self::Measured => 1,
             Self::Inferred => 2,
@@ -117,6 +118,7 @@ impl SurfaceModel {
     pub(crate) fn translated(mut self, by: DVec3) -> Result<Self> {
         let vertices = self.surface.vertices().iter().map(|p| *p + by).collect();
         self.surface = self.surface.with_vertices(vertices)?;
+        // Poses are reported in world coordinates in any case, so they stay.
         if let Some(information) = self.known.information_mut() {
             information.translate(by)?;
         }
@@ -165,6 +167,7 @@ impl SurfaceModel {
                 Ok(NodeCovariance::of_coordinates(SelectedInverse::new(&factor), *measured, 1.0))
             }
             Knowledge::Free { information } => {
+                // A saved model has a pattern object of its own; sums need the one of the system.
                 let mut total = information.data.on_pattern(system.pattern())?;
                 total.add_scaled(&information.prior.on_pattern(system.pattern())?, 1.0)?;
                 let factor = system.factorize(&total)?;

@@ -20,7 +20,7 @@ use planish_spline::{
 /// At a doubling there are as many new readings as old ones, and a resumed stream knows the moment from the
 /// number alone (decision 0025).
 const FIRST_REFINEMENT: u64 = 256;
-/// Squares along each side of a base cell for which it is recorded whether anything was measured.
+/// Squares along each side of a base cell. Each has a mark that says whether anything was measured in it.
 ///
 /// Patches are divided while readings arrive, so the record cannot be kept by leaf. More squares follow the
 /// border of the measured part more closely.
@@ -111,6 +111,7 @@ impl StreamingFilter {
     /// Marks the square around the parameters as measured.
     pub(crate) fn mark(&mut self, [u, v]: [f64; 2]) {
         let [columns, rows] = self.filter.space().base().map(|n| n * MARKS);
+        // The far end of the domain belongs to the last square.
         let at = |x: f64, n: usize| ((x * MARKS as f64) as usize).min(n - 1);
         self.marks[at(v, rows) * columns + at(u, columns)] = true;
     }
@@ -121,6 +122,8 @@ impl StreamingFilter {
         let [columns, rows] = space.base().map(|n| n * MARKS);
         (space.leaves().iter())
             .map(|cell| {
+                // A leaf smaller than a square shares its mark; a larger one is measured if any of its
+                // squares is.
                 let side = cell.side() * MARKS as f64;
                 let range = |k: u32, n: usize| {
                     let first = (f64::from(k) * side) as usize;
@@ -162,6 +165,7 @@ impl StreamingFilter {
         let parameters = self.filter.space().parameters(foot.leaf as usize, foot.local);
         let equation = match reading.value {
             ReadingValue::Position(covariance) => {
+                // Where σ was estimated, the caller has scaled the covariance already.
                 let height = foot.height - expected_lift(&foot.jet, &covariance, 1.0);
                 SurfaceReading::Along {
                     parameters,

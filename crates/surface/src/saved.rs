@@ -98,6 +98,8 @@ struct Metadata {
     sensors: Vec<SensorReport>,
     poses: Vec<PoseNotes>,
     provenance: Vec<Session>,
+    // Older files lack these keys. They are written only if they say something, so other files keep their
+    // bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     measured_coordinates: Option<[bool; 3]>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -229,6 +231,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let cells = leaves.iter().flat_map(|c| [u32::from(c.level), c.i, c.j]).collect();
     let poses: Vec<f64> =
         model.poses.iter().flat_map(|p| p.translation.into_iter().chain(p.quaternion_xyzw)).collect();
+    // Sorted by name, so that equal models give equal bytes.
     let mut tensors: BTreeMap<String, Tensor> = [
         ("knots_u", knots(0)),
         ("knots_v", knots(1)),
@@ -322,6 +325,7 @@ impl Tensors {
     fn take(&mut self, name: &str, trailing: &[usize]) -> Result<(usize, TensorData)> {
         let Tensor { shape, data } = self
             .0
+            // Taken out instead of borrowed, so that large tensors are not held twice.
             .remove(name)
             .ok_or_else(|| Error::input(format!("needed the tensor `{name}`, found none")))?;
         match shape.split_first() {
@@ -355,6 +359,7 @@ impl Tensors {
 
     fn f64(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<f64>> {
         match self.take(name, trailing)?.1 {
+            // One NaN would spread through the factor to every σ.
             TensorData::F64(values) => match values.iter().position(|v| !v.is_finite()) {
                 Some(at) => {
                     Err(Error::input(format!("tensor `{name}`: number {at} is not finite: {}", values[at])))
@@ -439,6 +444,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     let mut tensors = Tensors(file.tensors);
     for (name, cells) in [("knots_u", metadata.base[0]), ("knots_v", metadata.base[1])] {
         let knots = tensors.f64(name, &[])?;
+        // A damaged file may state any number of cells.
         if knots.len() != cells.saturating_add(1)
             || knots.iter().enumerate().any(|(k, &knot)| knot != k as f64)
         {

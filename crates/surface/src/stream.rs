@@ -103,6 +103,7 @@ impl Reading {
                 facing: facing.unwrap_or(DVec3::ZERO),
                 value: ReadingValue::Position(covariance),
             },
+            // A measured normal states the side as well.
             Self::Normal { at, normal, sigma_rad } => IncomingReading {
                 at,
                 facing: normal,
@@ -296,6 +297,7 @@ impl SurfaceStream {
         let surface = self.surface()?;
         Ok(SurfaceModel {
             unit: self.unit,
+            // Neighbours of measured leaves count as measured, as in a fit.
             observed: (with_neighbours(surface.space(), &self.core.measured()).into_iter())
                 .map(|measured| if measured { Observed::Measured } else { Observed::PriorOnly })
                 .collect(),
@@ -303,6 +305,7 @@ impl SurfaceStream {
             poses: self.poses.clone(),
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
+            // It would follow from residuals, which a stream does not keep.
             unresolved_shape: Vec::new(),
             known: Knowledge::Patches(Arc::new(self.core.filter.clone())),
             surface,
@@ -367,6 +370,7 @@ impl SurfaceStream {
     /// Readings accepted so far, including those of the snapshot.
     #[must_use]
     pub fn readings(&self) -> usize {
+        // The filter does not count the readings of the first fit.
         self.earlier + (self.core.filter.readings() - self.counted) as usize
     }
 

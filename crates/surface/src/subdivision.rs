@@ -106,6 +106,7 @@ impl RefinementLog {
     }
 
     pub(crate) fn levels(&self) -> Vec<LevelRefinement> {
+        // Sorted maps list levels and causes in the same order in every run.
         (self.0.iter())
             .map(|(&level, causes)| LevelRefinement {
                 level,

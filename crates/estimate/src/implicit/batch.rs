@@ -138,12 +138,15 @@ pub fn fit_implicit<R: ImplicitReading>(
         ));
     }
     let (iterations, mut termination) = batch.descend(&mut point);
+    // Taken here, because the steps below change the equations or the readings, and with them the objective.
     let loss = point.loss;
     if let Some(margin) = options.margin
         && termination != Termination::Undetermined
     {
         batch.reject_near_ends(&mut point, margin);
     }
+    // Last, because the bias is computed at foot points, and a reading near an end may have its foot point on
+    // the wrong branch.
     if options.correct_bias && termination != Termination::Undetermined {
         batch.correct(&mut point);
     }

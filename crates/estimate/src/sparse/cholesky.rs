@@ -239,6 +239,8 @@ impl CholeskyFactor {
                         let part = &mut part[v * size..(v + 1) * size];
                         for &run in symbolic.runs(child as usize) {
                             let [(from, to, n), (rest, on, m)] = run.split(columns);
+                            // Every row of a child is a column or a row of its parent, so its values come
+                            // from both.
                             part[from..from + n].copy_from_slice(&own[to..to + n]);
                             part[rest..rest + m].copy_from_slice(&known[on..on + m]);
                         }

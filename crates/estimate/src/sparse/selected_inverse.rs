@@ -187,6 +187,7 @@ impl SelectedInverse {
         }
         let mut order: Vec<(u32, usize)> =
             (nodes.iter().enumerate()).map(|(a, &node)| (symbolic.new_from_old[node as usize], a)).collect();
+        // In elimination order, the entries below the diagonal lie in the column of the earlier node.
         order.sort_unstable();
         // Columns of one supernode share their rows, so the search for rows is done once.
         let mut places = vec![0; order.len()];

@@ -187,6 +187,7 @@ impl<'a> Walk<'a> {
         let (mut rest, mut spare) = (data, Spare::default());
         for &s in &chain {
             let own_length = self.start[s + 1] - self.start[s];
+            // In postorder, the data of a supernode follow those of its subtree.
             let (below, own) = rest.split_at_mut(rest.len() - own_length);
             rest = below;
             let next = visit(s, own, &parts[0], &mut spare);
@@ -206,6 +207,8 @@ impl<'a> Walk<'a> {
         visit: &impl Fn(usize, &mut [f64], &[f64], &mut Spare) -> Vec<Vec<f64>>,
     ) {
         let mut spare = Spare::default();
+        // Backwards through the postorder, the part of the next supernode is always the last one on the
+        // stack.
         for s in (first..=last).rev() {
             let own = &mut data[self.start[s] - self.start[first]..self.start[s + 1] - self.start[first]];
             let Some(part) = parts.pop() else {

@@ -166,6 +166,7 @@ impl PatchFilter {
     ) -> Result<Self> {
         prior.validate()?;
         let space = fitted.space();
+        // Patches that are divided later have the same metric, so it must not depend on present divisions.
         if metric.space().shape() != space.shape()
             || metric.space().base() != space.base()
             || metric.space().levels() > 1

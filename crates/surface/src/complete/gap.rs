@@ -41,7 +41,10 @@ impl GapReport {
         let radius = best.and_then(|b| b.primitive.radius());
         Self {
             kind: best.map_or("none", |b| b.primitive.name()).to_owned(),
+            // Accepted shapes are sorted, the most likely first. Without one, the prior alone completes the
+            // gap.
             probability: found.and_then(|f| f.probabilities.first().copied()),
+            // The radius is the last parameter of a sphere and of a cylinder: see `sigma`.
             radius: radius.zip(sigma.last().copied()).map(|(r, s)| [r, s]),
             reduced_chi_square: best.map(|b| b.chi_square / b.degrees),
             sigma,

@@ -4,7 +4,8 @@ use crate::observe::ReadingColumns;
 use planish_core::DVec3;
 use std::collections::HashMap;
 
-/// Smallest cosine between normals on the same side of an object.
+/// Minimum cosine between normals on the same side of an object. A larger one would take noisy normals for
+/// another side; a smaller one would take both sides of a thin part for one.
 const MIN_SIDE_COSINE: f64 = 0.3;
 
 /// The readings of a cloud in a grid of cells.
@@ -34,6 +35,7 @@ impl<'a> MeasuredRegion<'a> {
                 let i = i as usize;
                 let d = self.readings.points[i] - p;
                 d.length_squared() <= self.reach * self.reach
+                    // On a thin part, readings of one side must not make the other side measured.
                     && self.readings.normal(i).dot(normal) > MIN_SIDE_COSINE
             })
         })

@@ -14,9 +14,11 @@ use std::f64::consts::TAU;
 
 /// No copies are made within this distance of a reading, in sides of a facet of the cloud. See decision 0017.
 const MEASURED_REACH: f64 = 0.5;
-/// Largest number of copies. If there would be more, only every Nth reading is copied.
+/// Maximum number of copies; beyond it, only every Nth reading is copied. Fewer leave unobserved parts
+/// sparse, more cost time in every iteration of the fit.
 const MAX_COPIES: usize = 60_000;
-/// Copies of one reading about an axis: at least, and at most.
+/// Minimum and maximum number of copies of one reading about an axis. A part that was seen over less than
+/// about 15° would need more; its copies are then sparser than its readings.
 const MIN_TURNS: usize = 2;
 const MAX_TURNS: usize = 24;
 
@@ -188,14 +190,17 @@ impl Cloud {
                 let channel = observations.channels[observations.channel(i)];
                 channel.quantity == Quantity::Position
                     && !channel.inferred
+                    // Held-out readings judge the fit, so they must not shape it through their copies.
                     && !observations.readings.held_out[i]
             })
             .collect();
         let points: Vec<DVec3> = readings.iter().map(|&i| observations.readings.points[i as usize]).collect();
         let normals: Vec<DVec3> = readings.iter().map(|&i| observations.normal(i as usize)).collect();
         let mut variance: Vec<f64> = (readings.iter().zip(&normals))
+            // An exact sensor states a σ of zero, which would make the weights infinite.
             .map(|(&i, n)| observations.variance(i as usize, *n).max(f64::MIN_POSITIVE))
             .collect();
+        // The residuals of facets may enlarge a stated σ. They set it only if a channel states none.
         let is_stated = observations.channels.iter().all(|c| c.stated);
         let facets = Facets::new(&points, &normals, &variance, is_stated)?;
         for v in &mut variance {
@@ -208,6 +213,8 @@ impl Cloud {
     fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InferredReading> {
         let measured = MeasuredRegion::new(&observations.readings, MEASURED_REACH * self.facets.side);
         let sources: Vec<usize> = (0..self.readings.len())
+            // Facets that do not obey the symmetry, such as those of a handle, are not copied (decision
+            // 0017).
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();
         let turns = self.turns(found);
@@ -225,6 +232,7 @@ impl Cloud {
                     continue;
                 }
                 let variance = InferredVariance {
+                    // `n` copies of one reading are one measurement, so each weighs 1/n (decision 0017).
                     own: turns as f64 * self.variance[k],
                     shared: found.image_variance(angle, p, normal) + doubt,
                 };

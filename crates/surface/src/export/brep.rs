@@ -79,6 +79,7 @@ impl Patches {
         for cell in space.leaves() {
             let patch = |d: usize, index: u32| cuts[d].partition_point(|&cut| cut <= index >> cell.level) - 1;
             let at = patch(1, cell.j) * (cuts[0].len() - 1) + patch(0, cell.i);
+            // A coarse leaf has an exact representation at a finer level, but not the reverse.
             levels[at] = cell.level.max(levels[at]);
         }
         Self { shape: space.shape(), cuts, levels }
@@ -113,6 +114,8 @@ impl Patches {
         let spans = self.spans(patch, d);
         let side = 0.5_f64.powi(i32::from(self.level(patch)));
         let start = f64::from(self.cuts[d][patch[d]]);
+        // Four equal knots at each end: the outermost control points are then those of the border curve, on
+        // which the edges of neighbouring faces rely.
         (0..=spans).map(|k| (start + k as f64 * side, if k == 0 || k == spans { 4 } else { 1 })).collect()
     }
 
@@ -141,6 +144,8 @@ impl Patches {
         for column in 0..n_u {
             clamp_ends(&mut poles, column * n_v, 1, n_v);
         }
+        // After clamping, the control points of a row at a pole agree up to rounding only. A pole is one
+        // vertex, so they must be equal.
         if self.shape.polar() {
             for (at_pole, row, v) in [
                 (patch[1] == 0, 0, 0.0),
@@ -239,6 +244,7 @@ impl Sewing<'_> {
                 let s = self.patch_surface(patch);
                 let i = if a == nu { s.n_u - 1 } else { 0 };
                 let j = if b == nv { s.n_v - 1 } else { 0 };
+                // A clamped surface passes through the control points of its corners.
                 let position = s.poles[i * s.n_v + j];
                 self.vertices.push(self.brep.vertices.len());
                 self.brep.vertices.push(position);
@@ -299,11 +305,14 @@ impl Sewing<'_> {
             (edge(0, a, b + 1), false),
             (edge(1, a, b), false),
         ];
+        // An edge along a pole would have no length: there is none, and the loop has fewer than four edges.
         let mut out: Vec<(usize, bool)> = around
             .into_iter()
             .filter_map(|(edge, forward)| edge.map(|edge| (edge, forward == outward)))
             .collect();
         if !outward {
+            // Order and directions are both reversed: the loop then runs counter-clockwise about the opposite
+            // normal.
             out.reverse();
         }
         out
@@ -331,6 +340,8 @@ fn border_curve(surface: &BsplineSurface, d: usize, at_start: bool) -> BsplineCu
 /// `f(0,0,1) = (2 c1 + c2)/3`, and `f(0,1,2) = c2` as before.
 fn clamp_ends(c: &mut [DVec3], first: usize, stride: usize, count: usize) {
     let at = |k: usize| first + k * stride;
+    // All values are computed before any is written, because the two ends of a single span share
+    // coefficients.
     let ends = [[0, 1, 2], [count - 1, count - 2, count - 3]].map(|[k0, k1, k2]| {
         let (c0, c1, c2) = (c[at(k0)], c[at(k1)], c[at(k2)]);
         [(k0, (c0 + 4.0 * c1 + c2) / 6.0), (k1, (2.0 * c1 + c2) / 3.0)]
@@ -343,6 +354,7 @@ fn clamp_ends(c: &mut [DVec3], first: usize, stride: usize, count: usize) {
 /// Whether `S_u × S_v` of a closed surface points outward: `∫ (S − p)·(S_u × S_v) du dv > 0`.
 fn encloses_positive_volume(surface: &Surface) -> bool {
     let space = surface.space();
+    // About a point of the surface: far from the world's origin, large terms of both signs would cancel.
     let origin = surface.leaf_point(0, 0.5, 0.5);
     let mut volume = 0.0;
     for (leaf, cell) in space.leaves().iter().enumerate() {

@@ -151,6 +151,8 @@ fn places_under_cells(model: &SurfaceModel, layout: &Layout, map: &AffineMap) ->
                     let place = guess
                         .and_then(|from| place_under(surface, at, from))
                         .or_else(|| place_under(surface, at, map.parameters(at)));
+                    // Unmeasured places are no cells of the raster, but they are good starts for their
+                    // neighbours.
                     guess = place.as_ref().map(|p| p.parameters);
                     place
                         .filter(|p| model.observed[p.leaf as usize].is_measured())
@@ -173,6 +175,8 @@ fn without_overhangs(mut places: Vec<Place>, map: &AffineMap) -> Result<Vec<Plac
     let side = if 2 * up >= found { 1.0 } else { -1.0 };
     places.retain(|p| p.normal[2] * side > 0.0);
     let overhangs = found - places.len();
+    // If no place was found at all, either the sheet is vertical, which is refused, or cells are too large,
+    // which is a finding.
     if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
             "a raster of heights: needed a sheet with one height over every place, found one that stands \
@@ -196,6 +200,7 @@ fn values_of_cells(
     let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
     let mut sorted = vertical.clone();
     sorted.sort_by(f64::total_cmp);
+    // The median, because the σ of extrapolated cells would raise a mean above themselves.
     let max_sigma = sorted.get(sorted.len() / 2).map_or(0.0, |median| MAX_MEDIANS * median);
     let mut known = 0;
     for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= max_sigma) {
@@ -235,7 +240,7 @@ struct Place {
 /// The surface point at `(x, y)`, by Newton's method from the given parameters; none if the search leaves the
 /// sheet.
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
-    /// Most steps, and the largest last step, in leaves.
+    /// Maximum number of steps, and length of the last step, in sides of a leaf.
     const STEPS: usize = 12;
     const CLOSE: f64 = 1e-6;
     let space = surface.space();
@@ -271,6 +276,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
         // A few leaves at most, since the linearisation is local.
         let share = (4.0 * side / longest).min(1.0);
         let next = inside([0, 1].map(|d| at[d] + share * step[d]));
+        // The clamp has stopped the step: the place lies beyond the border of the sheet.
         if next == at {
             return None;
         }
@@ -323,6 +329,7 @@ impl Extent {
             }
             let jet = surface.leaf_jet(leaf, 0.5, 0.5);
             let side = surface.space().leaves()[leaf].side();
+            // One jet for each leaf is enough: the area sets the default cell only, which is rounded.
             area += (jet.du[0] * jet.dv[1] - jet.du[1] * jet.dv[0]).abs() * side * side;
         }
         if low[0] > high[0] {
@@ -348,6 +355,7 @@ impl Extent {
             map: AffineMap {
                 middle: [middle[0], middle[1]],
                 parameters,
+                // The bound is relative, because the determinant scales with the square of the unit.
                 inverse: (determinant.abs() > 1e-6 * scale * scale).then(|| {
                     [[dv[1] / determinant, -dv[0] / determinant], [-du[1] / determinant, du[0] / determinant]]
                 }),
@@ -362,6 +370,7 @@ fn round_down(length: f64) -> f64 {
         return 1.0;
     }
     let power = 10_f64.powi(length.log10().floor() as i32);
+    // Logarithm and division may fall short of a whole digit by rounding: 5 must stay 5.
     let digits = length / power * (1.0 + 1e-12);
     [5.0, 2.0].into_iter().find(|d| digits >= *d).unwrap_or(1.0) * power
 }

@@ -184,7 +184,7 @@ fn spread(x: u32) -> u32 {
     (x | x << 2) & 0x0924_9249
 }
 
-/// A repeatable number for coordinates.
+/// A hash of coordinates; the same in every run.
 fn hash(p: DVec3, seed: u64) -> u64 {
     // Constants of SplitMix64 (Steele, Lea & Flood 2014), whose output bits all depend on all input bits:
     // points of one scan line must not fall into one batch.

@@ -260,6 +260,8 @@ impl Lengths {
         let sigma = noise_of(&made.report.sensors, first);
         let misfit = made.report.rms / sigma;
         let readings = made.report.observations;
+        // Any of three signs is enough. Growth within the plane changes no residual and shows at the border
+        // only (decision 0020).
         let stretched = largest.iter().any(|c| *c > MAX_CHANGE);
         let off = beyond_border as f64 > MAX_BEYOND * readings as f64;
         Ok(BendingState {
@@ -297,6 +299,7 @@ fn sigma_of_lengths(posterior: &Posterior<'_>, leaf: usize, local: [f64; 2]) -> 
     let height = Posterior::sigma_along(&posterior.leaf(leaf)?, local, normal);
     let bend = curvature.principal.iter().fold(0.0_f64, |largest, k| largest.max(k.abs()));
     let slope2 = height * height / (e.min(g) * side * side);
+    // The three terms of the module's documentation: stretch, height error at a curvature, tilt of a leaf.
     Ok((2.0 * SIGMA_STRETCH).hypot(2.0 * bend * height).hypot(slope2))
 }
 
@@ -306,6 +309,8 @@ fn noise_of(sensors: &[SensorReport], first: &[SensorReport]) -> f64 {
     let (mut square, mut count) = (0.0, 0.0);
     for sensor in positions {
         let known = first.iter().find(|f| f.name == sensor.name && f.quantity == sensor.quantity);
+        // A state that stretched would enlarge an estimate of its own and hide the misfit, so that of the
+        // first state is preferred.
         let sigma = match (known, sensor.sigma_stated) {
             (Some(known), _) if known.sigma_used_is_estimated => known.sigma_estimated,
             (_, Some(stated)) => stated,
@@ -333,6 +338,7 @@ fn reported(
         rms: first.report.rms,
         sigma,
         misfit: first.report.rms / sigma,
+        // Changes are relative to this state.
         mean_change: [0.0; 3],
         largest_change: [0.0; 3],
         beyond_border: 0,

@@ -51,6 +51,8 @@ impl BendingEnergy {
             .with_min_len(256)
             .map(|leaf| self.leaves[leaf].energy(surface.leaf_coefficients(leaf)))
             .collect();
+        // The energies are collected first and added in order, so the sum does not depend on the threads.
+        // Folds are left out (decision 0003).
         self.total = bends.iter().filter(|&&b| b <= MAX_LEAF_BENDING).sum();
     }
 }

@@ -84,6 +84,7 @@ pub(crate) fn states_in_time(set: &ScanSet) -> Result<Vec<State>> {
         let each = (0..set.scans.len()).map(|k| State { time_s: None, scans: vec![k] });
         return Ok(each.collect());
     }
+    // If only some scans state a time, `scans_in_time` refuses the set.
     let mut states: Vec<State> = Vec::new();
     for k in scans_in_time(set)? {
         let time_s = set.scans[k].scan.time_s;

@@ -5,7 +5,7 @@ use crate::subdivision::{Cause, RefinementLog};
 use planish_spline::{Cell, Hierarchy};
 use std::collections::HashSet;
 
-/// Fewest readings of a leaf that is divided: each quarter should keep two.
+/// Minimum number of readings of a leaf that is divided: each quarter should keep two.
 pub(super) const MIN_READINGS: u32 = 8;
 /// Smallest side of a leaf that is divided, in σ of its readings.
 ///

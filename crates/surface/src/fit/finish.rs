@@ -101,7 +101,8 @@ struct Totals {
     count: usize,
     /// `Σ w h²`.
     chi_square: f64,
-    /// Numbers that were read: a normal counts two, a curvature three. `own` counts those at hand.
+    /// Measured components: a normal has two, a curvature three. `own_rows` counts those of the readings at
+    /// hand.
     rows: f64,
     own_rows: usize,
 }
@@ -191,6 +192,7 @@ pub(super) fn finish(
         covariance: &covariance,
         stated: &stated,
         noise: &noise,
+        // Inferred readings are no measurements: their degrees of freedom reduce no residual of a sensor.
         determined: (degrees.iter().zip(&observations.channels))
             .filter(|(_, channel)| !channel.inferred)
             .map(|(d, _)| d)
@@ -202,13 +204,14 @@ pub(super) fn finish(
     let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise);
     model.observed = judged.observed;
     model.sensors.clone_from(&report.sensors);
+    // Poses of earlier sessions come first, as their unknowns do in the information.
     model.poses.extend(report.poses.iter().cloned());
     model.observations += report.observations;
     progress.advance("done", 1.0);
     Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: Some(sample), covariance })
 }
 
-/// The fit with its covariance and noise: all that its figures follow from.
+/// The fit with its covariance and noise, from which all figures of the report follow.
 struct Judged<'a> {
     model: &'a SurfaceModel,
     covariance: &'a Arc<NodeCovariance>,
@@ -260,6 +263,7 @@ impl Finishing<'_> {
         if !observed.contains(&Observed::Measured) {
             return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
         }
+        // A user reads this σ as that of the real surface, so it includes the unresolved shape.
         let sigma = Posterior::new(&model.surface, Arc::clone(covariance))
             .with_unresolved_shape(&model.unresolved_shape)
             .sigma_summary(observed)?;
@@ -276,6 +280,7 @@ impl Finishing<'_> {
         let sensors =
             sensor_reports(set, self.readings(), self.information, noise, self.residuals_of_batches());
         let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
+        // Only a limit that the user has set can be raised by the user.
         let too_shallow = options.max_depth.is_some()
             && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
         let mut findings = all_findings(

@@ -3,7 +3,8 @@
 //! Input: [`Observations`] and the options. Output: a surface of the right topology near the points, over a
 //! base grid that is coarse for sheets, tubes and tori, and as fine as it has grown for balls.
 //!
-//! Not guaranteed: that the surface is within the noise of its readings; [`super::refine`] sees to that.
+//! Not guaranteed: that the surface is within the noise of its readings; [`super::refine`] iterates until it
+//! is.
 
 use super::FitOptions;
 use super::division::MIN_LEAF_SIGMAS;
@@ -44,7 +45,7 @@ pub(super) fn first_surface(
     let sample = shape_sample(&observations.readings);
     let (points, normals) = positions_and_normals(&observations.readings, &sample);
     let base = choose_base_shape(&points, &normals, options.shape)?;
-    // A small cloud cannot pay for many cells, whatever their prior.
+    // In a small cloud, more cells would hold fewer than six readings each.
     let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
     if base.shape == Shape::Ball {

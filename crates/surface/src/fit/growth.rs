@@ -27,7 +27,9 @@ use std::sync::Arc;
 ///
 /// At 112 × 72 cells the ears of a 150 mm bunny grow without folds; at 56 × 36 they do not.
 pub(super) const MAX_LEVELS: usize = 3;
-/// Strongest blur, as a share of the largest half extent, and the factor from one blur to the next.
+/// Strongest blur, as a share of the largest half extent, and the factor from one blur to the next. The first
+/// level set has to be so round that a ball reaches it without folds. A factor nearer to 1 costs more stages;
+/// a smaller one moves the level set farther than a few steps can follow.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
 /// Offset of the level into the solid at the strongest blur, as a share of the difference
@@ -39,7 +41,8 @@ const SMOOTHING_CELLS: f64 = 0.6;
 const MAX_STEP_CELLS: f64 = 0.3;
 const DRIFT: f64 = 0.12;
 const RETRACTION: f64 = 4.0;
-/// Steps of a stage: at least, and at most.
+/// Minimum and maximum number of steps of a stage. A stage ends early if no vertex moves by more than 5 % of
+/// a cell.
 const MIN_STEPS: usize = 8;
 const MAX_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured anew after this many steps.

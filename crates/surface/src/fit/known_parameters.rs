@@ -225,6 +225,7 @@ impl Solved {
         let mut degrees = self.coordinates() * inverse.trace_with(&self.total.information)?;
         let numbers = self.coordinates() * self.count() as f64;
         let has_redundancy = degrees < (1.0 - MIN_REDUNDANCY) * numbers;
+        // Residuals of a surface that follows its readings carry no information about σ (decision 0012).
         if !has_redundancy {
             self = self.with_stated_noise(readings, system)?;
             inverse = SelectedInverse::new(&self.smoothing.factor);
@@ -389,6 +390,7 @@ impl Solved {
             poses: model.poses.clone(),
             sigma,
             observed_area_fraction: observed_share,
+            // Unresolved shape is a finding here, because it is known for the grid as a whole only.
             unresolved_shape: None,
             smoothness_weight: model.smoothness_weight,
             propagation: None,
@@ -431,6 +433,7 @@ impl Readings<'_> {
         let Some(&measured) = surface.coordinates.first() else {
             return Err(Error::undetermined("no coordinate was measured"));
         };
+        // All measured coordinates have the same variance, so one of them stands for all.
         let mut axis = DVec3::ZERO;
         axis[measured] = 1.0;
         // Sorted by leaf, because the covariance of a leaf takes longest.
@@ -480,6 +483,7 @@ impl Readings<'_> {
 /// Variance of rounding.
 fn min_variance(surface: &Surface, total: &Totals) -> f64 {
     let size = BoundingBox::from_points(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    // Exact readings would make σ zero and the weights infinite.
     let typical = total.sums.count().max(1) as f64 / total.sums.weight();
     ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)
 }
@@ -497,6 +501,8 @@ fn over_coordinates(
     (out.values_mut().par_chunks_exact_mut(9).zip(information.values())).with_min_len(TASK).for_each(
         |(block, value)| {
             for d in 0..3 {
+                // Noise is independent of direction, so coordinates do not couple: only the diagonal is
+                // filled.
                 block[4 * d] = weights[d] * value;
             }
         },

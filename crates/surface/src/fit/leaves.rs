@@ -15,6 +15,7 @@ pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
             space.locate(u, v).0
         })
         .collect();
+    // Several of the nine points may lie in one coarser neighbour.
     found.sort_unstable();
     found.dedup();
     found
@@ -42,6 +43,8 @@ pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f
 
 /// The marked leaves and the neighbours of each.
 pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
+    // The functions of a leaf extend over its neighbours, so its readings determine the surface there as
+    // well.
     let mut observed = own.to_vec();
     for leaf in 0..own.len() {
         if own[leaf] {
@@ -55,6 +58,7 @@ pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
 
 /// Area of each leaf.
 pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
+    // Areas are collected in the order of leaves, so sums over them do not depend on the threads.
     (0..surface.space().leaves().len())
         .into_par_iter()
         .with_min_len(64)

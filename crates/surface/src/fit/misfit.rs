@@ -59,25 +59,25 @@ struct Bin {
     count: f64,
 }
 
-/// The residuals of one leaf, in bins for each number of positions and normals.
+/// The residuals of one leaf, in bins for each component: the height, and the tilts along two tangents.
 ///
-/// Smooth shape is smooth in each of these numbers. Residuals of curvatures are not used: the prior acts on
+/// Smooth shape is smooth in each component. Residuals of curvatures are not used: the prior acts on
 /// curvature itself and shrinks all of its wavelengths alike, more so with more cells.
 #[derive(Clone, Default)]
 struct LeafResiduals {
-    /// The bins of one number after those of the other.
+    /// The bins of the first component, then those of the next.
     bins: Vec<Bin>,
-    /// Numbers that were read, and how many of them are positions.
+    /// Number of residuals, and how many of them belong to positions.
     count: u32,
     positions: u32,
     /// Mean variance of the positions; the smallest plausible one.
     variance: f64,
 }
 
-/// Numbers whose residuals are used: the height, and the tilts along two tangents.
+/// Components whose residuals are used: the height, and the tilts along two tangents.
 const COUNTED_NUMBERS: usize = 3;
 
-/// The first of these numbers that belongs to a quantity.
+/// The first of these components that belongs to a quantity.
 fn first_number(quantity: Quantity) -> usize {
     match quantity {
         Quantity::Position => 0,
@@ -134,8 +134,10 @@ impl LeafResiduals {
                     to.count += own.count;
                 }
             }
+            // A single reading has no other one to form a product with.
             for bin in merged.iter().filter(|bin| bin.count > 1.0) {
                 shape += (bin.sum * bin.sum - bin.squares) / bin.precision;
+                // With equal weights, the term of `n` readings has the variance 2 n (n − 1) / n² under noise.
                 pairs += 1.0 - 1.0 / bin.count;
             }
         }
@@ -219,6 +221,7 @@ pub(super) fn misfit(
     let residuals = residuals_by_leaf(space, readings, noise, options.gate);
     // What the fit took out of each measured leaf, on average.
     let measured = residuals.iter().filter(|r| r.count > 0).count();
+    // A fit with `k` degrees of freedom lowers χ², and with it the sum of products, by about `k`.
     let removed = degrees / measured.max(1) as f64;
     let quarters: Vec<(f64, f64)> = residuals
         .iter()
@@ -279,6 +282,7 @@ fn strong_first(
     mut weak: Vec<Misfit>,
     options: &FitOptions,
 ) -> Vec<Misfit> {
+    // Ties are broken by the number of the leaf, so that the order is always the same.
     let worst_first = |a: &Misfit, b: &Misfit| b.severity.total_cmp(&a.severity).then(a.leaf.cmp(&b.leaf));
     strong.sort_by(worst_first);
     let before = strong.len();

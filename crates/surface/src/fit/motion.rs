@@ -83,6 +83,8 @@ pub(super) fn fit_moving(
         let Some(world_from_object) = tracker.pose(k) else {
             continue;
         };
+        // In the frame of the object, the object rests and the scanners move, so all scans can be fitted
+        // together.
         posed.scan.world_from_scanner = world_from_object.inverse().after(&posed.scan.world_from_scanner);
         // All scans together determine the poses better than the first scan did, so they stay unknowns. What
         // the tracker found is their prior.

@@ -40,9 +40,11 @@ use std::sync::Arc;
 const FIRST_SHARE: usize = 4;
 const MIN_FIRST: usize = 500;
 const MAX_FIRST: usize = 20_000;
-/// Levels by which a ball grows before its cells become those of patches.
+/// Levels by which a ball grows before its cells become those of patches. Thin parts need some; each has four
+/// times as many patches from the start.
 const MAX_GROWTH: u8 = 2;
-/// Default levels of subdivision beyond the base grid.
+/// Default depth of subdivision beyond the base grid. Every patch has a dense covariance, and each level has
+/// up to four times as many patches.
 const USUAL_DEPTH: u8 = 3;
 /// Length of the weak hold that makes the prior proper, in extents of the surface.
 ///

@@ -35,6 +35,7 @@ impl PropagationReport {
     /// The same with every point moved.
     #[must_use]
     pub fn translated(mut self, by: DVec3) -> Self {
+        // A motion is added later, in world coordinates. The other figures do not depend on the origin.
         if let Some(symmetry) = self.symmetry.as_mut().filter(|s| s.is_found()) {
             symmetry.point += by;
         }
@@ -53,6 +54,7 @@ pub(super) fn converge_with_propagation(
     progress: &dyn Progress,
 ) -> Result<(ConvergedFit, Option<PropagationReport>)> {
     let mut report = None;
+    // Symmetry comes first: it needs the readings only, and its copies may close gaps.
     if let Some(choice) = global.symmetry {
         progress.check("symmetry", 0.015)?;
         let found = complete_by_symmetry(observations, choice)?;

@@ -29,7 +29,7 @@ use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem};
 use std::collections::HashSet;
 
-/// Iterations of an early round: at least, and at most.
+/// Minimum and maximum number of iterations of an early round.
 const FINDING_ITERATIONS: usize = 2;
 const MAX_FINDING_ITERATIONS: usize = 8;
 /// An early round ends once the mean square step is below this many variances of the surface. The next
@@ -221,7 +221,7 @@ pub(super) fn refine_to_noise(
 /// Leaves that should be divided.
 struct Verdict {
     misfits: Vec<Misfit>,
-    /// How many there were before roughness was considered.
+    /// Number of misfits before roughness is considered.
     by_residuals: usize,
 }
 

@@ -65,6 +65,7 @@ pub(super) fn leaves_of_varying_curvature(
         }
         let around: Vec<[f64; 2]> =
             (neighbourhood(space, leaf).into_iter()).filter_map(|other| curvatures[other]).collect();
+        // Curvature that σ_K explains does not count: noise alone would divide flat parts (decision 0006).
         let variation = curvature_variation(&around, true);
         if variation > MAX_VARIATION {
             found.push(Misfit {
@@ -100,6 +101,7 @@ fn curvature_with_sigma(
 fn most_deviating_corner(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
     let mean = around.iter().map(|[k, _]| k).sum::<f64>() / around.len() as f64;
     let off = |[s, t]: [f64; 2]| {
+        // The middles of the four leaves that a division would make.
         let curvature = surface.leaf_jet(leaf, 0.5 + 0.25 * s, 0.5 + 0.25 * t).curvature();
         curvature.map_or(0.0, |c| (c.gaussian() - mean).abs())
     };

@@ -18,7 +18,7 @@ use planish_spline::Surface;
 /// this rule and 95 % with it. For surfaces without such detail they cover 99 %, so the rule is optional.
 /// See decision 0007.
 const MAX_WIDTH: f64 = 3.0;
-/// Fewest readings of a leaf that is divided: one for each quarter.
+/// Minimum number of readings of a leaf that is divided: one for each quarter.
 const MIN_READINGS: usize = 4;
 
 /// All corners of the leaves wider than [`MAX_WIDTH`] smoothing lengths, widest first.

@@ -97,6 +97,7 @@ impl ResidualSample {
                 figures.rms += residual * residual;
                 figures.mean += residual;
                 figures.rms_normalised += normalised * normalised;
+                // Marks take a byte for each leaf and scan, so only scans with readings get any.
                 if holds.is_empty() {
                     holds.resize(leaves, false);
                 }
@@ -104,6 +105,7 @@ impl ResidualSample {
             } else {
                 figures.rejected += 1;
             }
+            // The figures of scans count every reading; only the points to be displayed are a sample.
             if n % step == 0 {
                 sample.places.push(observations.readings.points[i]);
                 sample.residuals.push(residual);
@@ -112,6 +114,7 @@ impl ResidualSample {
                 sample.used.push(used);
             }
         }
+        // Until here the figures hold sums; means are formed once all readings are counted.
         for figures in &mut sample.scans {
             let n = figures.used.max(1) as f64;
             figures.rms = (figures.rms / n).sqrt();

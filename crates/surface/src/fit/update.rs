@@ -108,6 +108,8 @@ impl Update<'_> {
         let readings =
             ProjectedReadings { observations, subset, feet: if is_first { &judged } else { &feet } };
         self.noise = SensorNoise::estimate(readings, self.options.gate, &self.degrees, true)?;
+        // After the first step the surface follows the new readings. Where these are few, only the noise
+        // predicted before it does not depend on them.
         match &self.predicted {
             None => self.predicted = Some(self.noise.clone()),
             Some(predicted) => {

@@ -104,6 +104,7 @@ impl Knowledge {
     #[must_use]
     pub fn scan_errors(&self) -> Option<&ScanErrorInformation> {
         match self {
+            // All other kinds of fits take poses as exact.
             Self::AlongNormals { scan_errors, .. } => scan_errors.as_ref(),
             _ => None,
         }

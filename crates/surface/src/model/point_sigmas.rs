@@ -64,6 +64,7 @@ pub fn sigmas_along(
             Ok(sigmas)
         })
         .collect::<Result<_>>()?;
+    // Chunks come in the order of leaves, as `points` do, so that values and points correspond.
     let mut sigma = vec![0.0; leaf.len()];
     for (&point, value) in points.iter().zip(chunks.into_iter().flatten()) {
         sigma[point as usize] = value;

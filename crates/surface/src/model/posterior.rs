@@ -119,6 +119,7 @@ impl NodeCovariance {
     ) -> Result<(Self, Vec<f64>)> {
         match self {
             Self::Nodes(WholeCovariance { inverse, motion, shared: Some(shared) }) => {
+                // The rows of `G` follow from the reduced equations of the scans, so they are made anew.
                 let (bordered, change) = shared.bordered.without_noise(noise, stated)?;
                 let shared = Some(ScanErrorRows { rows: bordered.shared_rows(), bordered });
                 let whole = WholeCovariance { inverse, motion, shared };
@@ -244,6 +245,7 @@ impl<'a> Posterior<'a> {
             .filter(|&leaf| observed[leaf].is_measured() || !any)
             .map(|leaf| {
                 let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+                // A collapsed leaf has no normal. Its σ is then zero, and it is dropped below.
                 let sigma =
                     Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or(DVec3::ZERO));
                 // Leaves have different sizes, so quantiles are weighted by area.
@@ -272,6 +274,7 @@ impl<'a> Posterior<'a> {
     /// σ of the surface point at leaf-local coordinates along a unit direction.
     #[must_use]
     pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: DVec3) -> f64 {
+        // Terms of both signs cancel, and rounding may leave a variance slightly below zero.
         cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
     }
 }

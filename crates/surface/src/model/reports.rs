@@ -100,6 +100,7 @@ impl ScanPoseReport {
     /// three axes.
     pub fn set_covariance(&mut self, covariance: [[f64; 6]; 6]) {
         let sigma = |from: usize| {
+            // The trace does not depend on the axes, so σ is the same in every frame.
             let trace: f64 = (from..from + 3).map(|k| covariance[k][k]).sum();
             (trace / 3.0).max(0.0).sqrt()
         };

@@ -45,6 +45,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     let mut boxes = Vec::new();
     for posed in &set.scans {
         if let Some(at) =
+            // Before the pose is applied, because the message names a number of the file.
             posed.scan.points.iter().position(|p| p.to_array().iter().any(|c| c.abs() > MAX_LENGTH))
         {
             let point = posed.scan.points[at];
@@ -106,6 +107,7 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<Finding> {
     let (mut gathered, first) = boxes.remove(0);
     // Scans near the gathered ones join them, until none is near.
     loop {
+        // The gathered box grows, so a scan that was far from it may be near now.
         let before = boxes.len();
         boxes.retain(|(next, _)| {
             let gap = (0..3)

@@ -181,6 +181,8 @@ pub(crate) fn project(
                 }
                 directional => match made.directional(surface, &directional) {
                     Some(residuals) => made.residuals = residuals,
+                    // The surface has no tangent plane there, hence the reading has no equation: it takes no
+                    // part.
                     None => made.state = FootState::NormalMismatch,
                 },
             }
@@ -231,6 +233,8 @@ pub(crate) fn accumulate(
 ) -> Result<BlockInformation> {
     let (start, order) = by_leaf(feet, system.space().leaves().len());
     system.accumulate(|leaf, cell| {
+        // Readings of a leaf are added in their order, so the sums do not depend on the threads (decision
+        // 0027).
         let mut any = false;
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
@@ -261,6 +265,7 @@ pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             if w > 0.0 && foot.quantity == Quantity::Position {
+                // As in `accumulate`, the equation is one for the vertices and not for a step.
                 let on_surface = surface.leaf_point(leaf, foot.local[0], foot.local[1]);
                 moments.add(foot.local, foot.normal, foot.normal.dot(on_surface) + foot.height(), w);
             }

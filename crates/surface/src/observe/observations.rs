@@ -101,6 +101,7 @@ impl Observations {
             return;
         }
         let channel = self.channels.iter().position(|c| c.inferred).unwrap_or_else(|| {
+            // No sensor has this index: inferred readings have none, and reports of sensors omit the channel.
             self.channels.push(Channel { inferred: true, ..Channel::new(usize::MAX, Quantity::Position) });
             self.channels.len() - 1
         });
@@ -115,6 +116,7 @@ impl Observations {
                 point: reading.point,
                 normal: reading.normal.as_vec3(),
                 scan,
+                // Inferred readings follow from the others, so they cannot judge the fit.
                 held_out: false,
                 index,
                 oriented: true,
@@ -152,6 +154,7 @@ impl Observations {
 
     /// The scan of the set to which a scan here belongs.
     pub(crate) fn base_scan(&self, scan: usize) -> usize {
+        // Scans of directions and of inferred readings follow those of the set, and only they have a base.
         let scans = self.scans.channel.len() - self.scans.base.len();
         if scan < scans { scan } else { self.scans.base[scan - scans] as usize }
     }
@@ -172,6 +175,7 @@ impl Observations {
 
     /// Moves whole scans: their points, normals, covariances and viewing geometry.
     pub(crate) fn move_scans(&mut self, motions: &[Option<Pose>]) {
+        // Most fits have no unknown poses: every iteration of theirs would visit all readings for nothing.
         if motions.iter().all(Option::is_none) {
             return;
         }
@@ -187,6 +191,7 @@ impl Observations {
             let Some(motion) = motion else { continue };
             match noise {
                 ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
+                // One σ for all directions does not turn, and inferred readings are never moved.
                 ScanNoise::Sigma(_) | ScanNoise::Inferred(_) => {}
                 ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = c.rotated(&motion.rotation)),
                 ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
@@ -248,6 +253,8 @@ impl Observations {
         match &self.scans.noise[self.readings.scan[i] as usize] {
             ScanNoise::Normals(all) => all[index].1,
             ScanNoise::Curvatures(all) => all[index].1,
+            // That of one reading alone. Where many share their error, `share_errors` enlarges it (decision
+            // 0017).
             ScanNoise::Inferred(all) => all[index].own + all[index].shared,
             _ => self.covariance(i).along(normal),
         }
@@ -318,6 +325,7 @@ impl Observations {
             *p -= origin;
         }
         for noise in &mut self.scans.noise {
+            // Directions and covariances do not depend on the origin; a viewpoint does.
             if let ScanNoise::Model { viewing: Viewing::Origin(from), .. } = noise {
                 *from -= origin;
             }

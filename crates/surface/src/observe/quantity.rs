@@ -20,6 +20,8 @@ impl Quantity {
     #[must_use]
     pub fn rows(self) -> usize {
         match self {
+            // Only the component along the normal: the others change parameters, not the shape (decision
+            // 0002).
             Self::Position => 1,
             Self::Normal => 2,
             Self::Curvature => 3,

@@ -36,6 +36,7 @@ impl RejectionCause {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            // Scripts of users read these keys, so a variant that is renamed keeps its key.
             Self::NotFinite => "not_finite",
             Self::Duplicate => "duplicate",
             Self::Class => "class",

@@ -244,6 +244,7 @@ impl ScanErrors {
                 (*sum, *count) = (*sum + *p, *count + 1);
             }
         }
+        // The frame of an earlier model is the anchor; without one, a scan has to be.
         let mut anchored = earlier.is_some();
         for (s, posed) in set.scans.iter().enumerate() {
             let (sum, count) = sums[s];
@@ -259,6 +260,7 @@ impl ScanErrors {
             ]
             .map(|sigma| sigma.unwrap_or(0.0));
             let unknowns: Vec<usize> = (0..UNKNOWNS).filter(|k| sigmas[(k / 3).min(2)] > 0.0).collect();
+            // Without readings, only the prior would determine the unknowns of a scan.
             if unknowns.is_empty() || count == 0 {
                 continue;
             }

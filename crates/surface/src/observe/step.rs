@@ -98,6 +98,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
 
     // The step, together with the poses and biases of scans where these are unknown.
     let readings = readings.as_ref().unwrap_or(&data);
+    // Only the new readings have residuals at this surface; earlier data act through `pull`.
     let mut gradient: Vec<f64> = readings.vector().to_vec();
     for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
         *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
@@ -105,6 +106,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     let (step, scan_errors, scan_error_decrement) = solve(input, &factor, &directions, &gradient)?;
 
     // How far it goes, and how many degrees of freedom the readings determine.
+    // With one channel, products with the assembled matrix are enough; rows of readings cost more.
     let degrees = if channels.count == 1 {
         vec![stochastic_trace(&factor, readings, PROBES, 1)?.value]
     } else {

@@ -67,6 +67,7 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
     let cells = (state.patches.iter()).flat_map(|p| [u32::from(p.patch.depth), p.patch.i, p.patch.j]);
     let square = [count, VERTICES, VERTICES];
     let innovations = |p: &PatchState| -> Vec<f64> {
+        // Counts share a tensor with sums; a 64-bit float holds them exactly up to 2⁵³.
         let of_cell = |s: &InnovationSum| [s.count as f64, s.normalized_squared, s.far as f64];
         p.innovations.iter().flat_map(of_cell).collect()
     };

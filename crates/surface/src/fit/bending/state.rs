@@ -71,6 +71,9 @@ struct FixedPrior {
 impl Sheet<'_> {
     /// Lays the sheet on the readings.
     ///
+    /// The weight of the smooth displacement is estimated after the annealing only: until then the
+    /// displacement is not yet that of the sheet. Its changes are bounded as in [`crate::fit::refine`].
+    ///
     /// # Errors
     /// `Undetermined` if no reading is near the sheet.
     pub(super) fn lay(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<LaidSheet> {
@@ -106,6 +109,7 @@ impl Sheet<'_> {
                 project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
             let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
             noise = SensorNoise::estimate(readings, gate, &unknown, annealed)?;
+            // While lengths are soft, residuals are mostly shape: far readings pull with bounded force.
             let information = weights(readings, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
@@ -178,6 +182,7 @@ impl Sheet<'_> {
         let x: Vec<f64> = coordinates(self.previous.vertices()).to_vec();
         let mut pull = vec![0.0; x.len()];
         smooth.multiply(&x, &mut pull)?;
+        // The energy is that of the displacement x − x₀, so the information vector is K x₀.
         smooth.vector_mut().copy_from_slice(&pull);
         Ok(FixedPrior { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
     }
@@ -193,7 +198,9 @@ impl Sheet<'_> {
     ) -> Result<BlockInformation> {
         // Geometric from the first to the final σ: every iteration stiffens the sheet by the same factor.
         let left = 1.0 - (iteration as f64 / ANNEALING as f64).min(1.0);
+        // The relative σ of a squared length is twice that of the length.
         let softness = 2.0 * (SIGMA_STRETCH * (FIRST_STRETCH / SIGMA_STRETCH).powf(left));
+        // The final σ contains the stretch of the sheet already: it must not be added twice.
         let softness = if left > 0.0 { softness } else { 0.0 };
         let sigma: Vec<f64> = self.lengths.sigma.iter().map(|s| s.hypot(softness)).collect();
         let mut prior = self.system.isometry(surface, &self.lengths.metric, &sigma)?;

@@ -17,20 +17,22 @@ use std::hash::Hasher;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Readings of one parallel task.
+/// Readings of one parallel task. Fixed, so that sums do not depend on the number of threads.
 pub(super) const TASK: usize = 1 << 13;
 /// Held-out readings that are enough to judge a fit: their normalised rms has a standard error of 1.3 %.
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
 /// Residuals that are enough to estimate the scale of a sensor: its standard error is 0.3 %.
 const ENOUGH_FOR_SCALE: usize = 50_000;
-/// Minimum number of readings of a fit.
+/// Minimum number of readings of a fit. A quadric has nine coefficients; one more reading leaves a residual.
 const MIN_READINGS: usize = 10;
-/// Readings farther than this many σ are softened while gross errors are searched for.
+/// Readings farther than this many σ are softened while gross errors are searched for. A larger bound lets
+/// these errors drag the surface along; a smaller one gives away information of correct readings.
 const BOUNDED: f64 = 2.5;
 /// Margin in σ beyond the gate, or beyond the farthest expected draw of noise, up to which distant readings
 /// can be noise.
 const BEYOND_NOISE: f64 = 2.0;
-/// Readings for each bin in which neighbours are compared.
+/// Readings for each bin in which neighbours are compared. More of them give more pairs, but average over
+/// finer shape.
 const READINGS_PER_BIN: f64 = 8.0;
 /// Unresolved shape is reported if it is this many standard deviations of noise, and at least this share of
 /// the residuals' variance.
@@ -190,6 +192,8 @@ impl<'a> Readings<'a> {
             }
         }
         for posed in &set.scans {
+            // `&` and a fold instead of `&&` and a search: without branches, millions of readings are checked
+            // in vector instructions. The number of a bad one is looked up afterwards.
             let inside = |p: &[f64; 2]| (0.0..=1.0).contains(&p[0]) & (0.0..=1.0).contains(&p[1]);
             if let Some(all) = &posed.scan.parameters
                 && !all.par_chunks(TASK).all(|part| part.iter().fold(true, |good, p| good & inside(p)))
@@ -233,6 +237,7 @@ impl<'a> Readings<'a> {
                     _ => 1.0,
                 })
                 .collect(),
+            // Without a pose, nine products for each reading are saved.
             is_moved: (set.scans.iter())
                 .map(|posed| posed.scan.world_from_scanner != Pose::identity())
                 .collect(),
@@ -309,6 +314,7 @@ impl<'a> Readings<'a> {
             let scan = self.of_scan(s);
             let mut part = ExaminedPart { scan: s, ..ExaminedPart::default() };
             for k in range {
+                // Gated readings are examined again: a better surface may accept them.
                 if scan.is_held_out.has(k) {
                     continue;
                 }
@@ -388,6 +394,7 @@ impl<'a> Readings<'a> {
                 let place = [0, 1].map(|d| (reading.at[d] / self.cells[d] * side).min(side - 1.0) as usize);
                 let bin = (place[1] * side as usize + place[0]) * coordinates;
                 for (bin, r) in bins[bin..].iter_mut().zip(surface.residual(reading)) {
+                    // Clamped, so that one gross error is not taken for the shape of its bin.
                     let r = (r * reading.information.sqrt() / spread)
                         .clamp(-self.options.gate, self.options.gate);
                     *bin = [bin[0] + r, bin[1] + r * r, bin[2] + 1.0];
@@ -405,7 +412,7 @@ impl<'a> Readings<'a> {
     }
 
     /// Each sensor's variance over that stated, from a sample of its residuals. Readings beyond the gate do
-    /// not matter.
+    /// not matter, because the gate itself is set by these variances.
     pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
@@ -518,6 +525,8 @@ pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec
     (set.scans.iter().enumerate())
         .map(|(s, posed)| {
             let size = posed.scan.points.len();
+            // One draw for each stratum instead of one for each reading: the numbers are ascending, as the
+            // binary searches need them, and the other readings cost nothing.
             let strata = (size as f64 * share).ceil() as u64;
             let chosen = (0..strata).map(|b| (b as f64 + hash01(options.seed, s as u64, b)) / share);
             chosen.filter(|k| *k < size as f64).map(|k| k as u32).collect()
@@ -539,9 +548,11 @@ pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
                     .map(|(k, (p, at))| (hash_of(p.to_array().iter().chain(at)), k as u32))
                     .filter(|(hash, _)| wanted(*hash))
                     .collect();
+                // Equal hashes are sorted by number, so the first of several copies is the one that stays.
                 all.par_sort_unstable();
                 all
             };
+            // Different readings may have one hash, so the numbers themselves are compared, too.
             let same = |pair: &[(u64, u32)]| {
                 let [i, j] = [pair[0].1 as usize, pair[1].1 as usize];
                 pair[0].0 == pair[1].0 && points[i] == points[j] && parameters[i] == parameters[j]

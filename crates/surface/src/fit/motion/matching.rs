@@ -10,12 +10,15 @@ use rayon::prelude::*;
 
 use super::tracker::FIRST_GATE;
 
-/// Readings that the search for a start uses, and steps from each start.
+/// Number of readings that the search for a start uses, and number of steps from each start. Nineteen starts
+/// are compared, so each of them has to be cheap.
 const START_READINGS: usize = 300;
 const START_STEPS: usize = 6;
-/// Rotations about each axis from which the search starts, in degrees.
+/// Rotations about each axis from which the search starts, in degrees. Their range limits the rotation
+/// between two scans that is found, and their number the cost of the search.
 const START_TURNS_DEG: [f64; 6] = [-32.0, -21.0, -10.0, 10.0, 21.0, 32.0];
-/// Smallest cosine between the normals of a reading and of the surface at its foot.
+/// Minimum cosine between the normals of a reading and of the surface at its foot. A smaller one would match
+/// the other side of thin parts; a larger one would reject correct readings while the pose is still wrong.
 const MIN_COSINE: f64 = 0.5;
 
 impl RigidTracker<'_> {
@@ -43,6 +46,8 @@ impl RigidTracker<'_> {
                     };
                     pose = pose.after(&exp(&factor.solve(&sums.gradient)));
                 }
+                // A narrower gate for the score separates poses on the surface from those that only come
+                // near.
                 let sums = self.step_over(&pose, sample.iter().copied(), 0.15 * gate, 1.0);
                 (sums.score, pose)
             })
@@ -126,6 +131,8 @@ impl RigidTracker<'_> {
             if foot.at_border || !self.observed[leaf].is_measured() || n.dot(facing) < MIN_COSINE {
                 return None;
             }
+            // The error of the surface counts as well: the first scan alone has made it (see the module's
+            // documentation).
             let reading_variance = z.variance * scale_of_variance;
             let variance = reading_variance + self.variances[leaf];
             if foot.height.abs() > gate.max(LAST_GATE * variance.sqrt()) {
@@ -177,6 +184,7 @@ impl RigidTracker<'_> {
         for (a, b) in moved.chunks_exact(6).zip(solved.chunks_exact(6)) {
             spread += Vector6::from_row_slice(a) * Vector6::from_row_slice(b).transpose();
         }
+        // Rounding makes the sums slightly asymmetric.
         Ok(inverse * (0.5 * (spread + spread.transpose())) * inverse)
     }
 }

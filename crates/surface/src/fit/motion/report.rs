@@ -80,6 +80,7 @@ impl RigidTracker<'_> {
                 tracked.map_or([0.0; 3], |pose| [0, 1, 2].map(|k| pose.covariance[(from + k, from + k)]));
             PRIOR_SIGMA_FACTOR * variances.into_iter().fold(0.0, f64::max).sqrt()
         };
+        // A scan states one σ for all axes, so the largest stands for the three.
         let (turn, shift) = (largest(0), largest(3));
         let arm = (scanner - self.middle).length();
         [(shift * shift + (arm * turn).powi(2)).sqrt(), turn]
@@ -156,6 +157,7 @@ impl RigidTracker<'_> {
         // σ of the length of a vector is its σ along the vector.
         let length = |first: usize, v: DVec3| {
             let size = v.length();
+            // Without a velocity every direction is as good.
             let along = if size > 0.0 { 1.0 / size * v } else { DVec3::X };
             let variance: f64 = (0..9)
                 .map(|k| along[k / 3] * along[k % 3] * self.covariance[(first + k / 3, first + k % 3)])

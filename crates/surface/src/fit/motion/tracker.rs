@@ -13,18 +13,23 @@ use planish_sense::Pose;
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem};
 use rayon::prelude::*;
 
-/// Largest number of readings of a scan that are used: a pose has six unknowns.
+/// Maximum number of readings of a scan that are used. A pose has six unknowns, so more of them mainly cost
+/// time.
 const MAX_READINGS: usize = 6000;
-/// Gauss–Newton steps for each scan.
+/// Number of Gauss–Newton steps for each scan. The gate shrinks during the first 60 % of them, and the last
+/// four use the final gate.
 const STEPS: usize = 14;
 /// Gate of the first steps, as a share of the object's size. Readings farther away are of parts that the
 /// first scan did not see.
 pub(super) const FIRST_GATE: f64 = 0.06;
 /// Gate of the last steps, in σ.
 pub(super) const LAST_GATE: f64 = 4.0;
-/// Smallest share of a scan's readings that must match the surface.
+/// Minimum share of a scan's readings that must match the surface. Fewer indicate a wrong time or another
+/// object; a larger share would refuse scans that see little of what the first one saw.
 const MIN_MATCHED: f64 = 0.2;
-/// Change of the velocity over the whole time, as a share of one radian (or of the object's size) over it.
+/// Change of the velocity over the whole time, as a share of one radian (or of the object's size) over it. A
+/// smaller value makes σ of the velocity too small if the motion is not quite steady; a larger one gives less
+/// weight to earlier scans.
 const UNSTEADINESS: f64 = 0.01;
 
 /// Tracks a rigid body from scan to scan.

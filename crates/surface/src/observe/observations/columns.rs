@@ -90,6 +90,7 @@ impl ReadingColumns {
         keep(&mut self.index, gone);
         keep(&mut self.held_out, gone);
         keep(&mut self.oriented, gone);
+        // Sources are kept only if some scan measures normals or curvatures.
         if !self.source.is_empty() {
             keep(&mut self.source, gone);
         }

@@ -24,6 +24,8 @@ impl Directions {
     pub(super) fn requested(scan: &Scan, sensor: &Sensor) -> Self {
         let (normals, curvatures) = (scan.normals.is_some(), scan.curvatures.is_some());
         Self {
+            // A normal without σ only selects the side of a position; it is no reading of its own (decision
+            // 0013).
             normals: sensor.kind == SensorKind::Normal
                 || normals && (scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some()),
             curvatures: sensor.kind == SensorKind::Curvature
@@ -63,6 +65,7 @@ impl Observations {
         sensor_of_scan: &[usize],
         sensors: &[Sensor],
     ) -> Result<()> {
+        // The loop adds readings behind these, which must not be taken for positions.
         let placed = self.len();
         for (s, scan) in scans.iter().enumerate() {
             let sensor = &sensors[sensor_of_scan[s]];
@@ -93,6 +96,8 @@ impl Observations {
                 let stated = scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some();
                 let at: Vec<usize> = known.iter().map(|(k, ..)| *k).collect();
                 let readings = known.iter().map(|&(_, i, normal, side)| {
+                    // One radian stands for an unknown σ until it is estimated; the channel is then not
+                    // `stated`.
                     let variance = deg(i).unwrap_or(1.0).powi(2);
                     (side * normal, variance)
                 });
@@ -108,6 +113,7 @@ impl Observations {
                         along_normal += usize::from(direction.length() > 0.0);
                         return None;
                     }
+                    // Curvatures change their sign with the normal.
                     let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.scaled(side);
                     let own = scan.sigma_curvature.as_ref().map(|all| all[i]);
                     Some((k, (tensor, own.or(sensor.sigma_curvature).unwrap_or(1.0).powi(2))))

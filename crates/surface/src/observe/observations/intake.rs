@@ -22,7 +22,7 @@ const GROUND_CLASSES: [u8; 2] = [2, 8];
 /// fit would miss them.
 const MIN_JUDGED: usize = 30;
 
-/// Fewest points of a fit. A quadric has nine coefficients; one more point leaves a residual.
+/// Minimum number of points of a fit. A quadric has nine coefficients; one more point leaves a residual.
 pub(super) const MIN_POINTS: usize = 10;
 
 /// Scans on their way to observations.
@@ -165,6 +165,7 @@ impl Observations {
         } else if let Some(noise) = sensor.noise {
             ScanNoise::Model { noise, viewing }
         } else {
+            // A channel has one scale, so a single scan without σ makes all of its σ unstated.
             self.channels[intake.sensor_of_scan[s]].stated = false;
             // One unit of length stands for the unknown σ until it is estimated.
             ScanNoise::Model { noise: Noise::Isotropic { sigma: 1.0 }, viewing: Viewing::Unknown }

@@ -82,6 +82,7 @@ impl Observations {
         // Two passes, so that each cause has its own count.
         let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
         self.reject(&below, RejectionCause::BelowGround);
+        // `reject` has removed readings, and `found` must stay in step with those that are left.
         found.retain(|&what| what != Ground::Below);
         let above: Vec<bool> = found.iter().map(|&what| what == Ground::Above).collect();
         self.reject(&above, RejectionCause::AboveGround);
@@ -94,7 +95,7 @@ impl Observations {
     /// Normals that are steep against that plane are dropped: where readings are few or lie in rows, planes
     /// of neighbours can be vertical without any vertical surface.
     pub(super) fn turn_upwards(&mut self) {
-        /// Cosine of sixty degrees.
+        /// Cosine of 60° against the normal of the plane. Steeper normals are dropped.
         const STEEP: f64 = 0.5;
         let (_, axes, _) = principal_axes(&self.readings.points);
         let flat = axes[2];

@@ -111,6 +111,8 @@ impl ScanError {
                     let of_node = w * along * foot.normal.dot(directions[node as usize]);
                     if of_node != 0.0 {
                         for (c, r) in made.coupling[node as usize * m..].iter_mut().zip(&row) {
+                            // Negative, because a residual grows with the motion of the scan and falls with
+                            // that of the surface.
                             *c -= of_node * r;
                         }
                     }
@@ -180,6 +182,7 @@ impl ScanErrors {
             for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
                 row[start..start + m].copy_from_slice(part);
             }
+            // A reading belongs to one scan, so scans are coupled through the vertices only.
             put_block(&mut made.corner, width, start, &part.corner, m);
             made.gradient[start..start + m].copy_from_slice(&part.gradient);
             start += m;

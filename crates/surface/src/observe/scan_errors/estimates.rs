@@ -52,6 +52,7 @@ impl ScanErrors {
     pub(crate) fn estimates(&self, bordered: &Bordered, prior: &[f64]) -> Result<Vec<ScanErrorEstimate>> {
         let covariance = bordered.shared_covariance();
         let width = bordered.shared();
+        // Unknowns of earlier sessions come first; their scans are not among those of this set.
         let mut start = self.earlier_width();
         (self.errors.iter())
             .map(|error| {
