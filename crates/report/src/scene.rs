@@ -120,6 +120,7 @@ impl Scene {
         let others = (self.clouds.iter().flat_map(|c| &c.positions))
             .chain(self.lines.iter().flat_map(|l| l.segments.iter().flatten()))
             .chain(self.marks.iter().map(|m| &m.at));
+        // Infinite coordinates are ignored: one of them would shrink everything else to a point.
         box_of(surfaces).or_else(|| box_of(others))
     }
 
@@ -265,7 +266,6 @@ fn length(v: [f64; 3]) -> f64 {
 
 /// Bounding box of the finite points.
 fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2]> {
-    // A single infinite coordinate would shrink everything else to a point.
     points.filter(|p| p.iter().all(|c| c.is_finite())).fold(None, |found: Option<[[f64; 3]; 2]>, p| {
         let [low, high] = found.unwrap_or([*p, *p]);
         Some([std::array::from_fn(|d| low[d].min(p[d])), std::array::from_fn(|d| high[d].max(p[d]))])

@@ -342,10 +342,10 @@ impl BentForm {
         let mut along = s.compose([along, 1.0 / r, -k * k * arc / r.powi(3)]);
         let mut up = s.compose([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
         if let Some(bulge) = &self.bulge {
+            // The bulge lies along the normal of the catenary, (−sin, cos) of its slope. Both factors
+            // need derivatives.
             let (dx, dy) = (x - bulge.centre[0], y - bulge.centre[1]);
             let height = ((dx * dx + dy * dy) * (-0.5 / (bulge.width * bulge.width))).exp() * bulge.height;
-            // The normal of the catenary is (−sin, cos) of its slope; both factors need derivatives,
-            // because the bulge lies along it.
             let sin_slope = s.compose([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);
             let bend = k * k * (2.0 * (k * arc).powi(2) - 1.0) / r.powi(5);
             let cos_slope = s.compose([1.0 / r, -k * k * arc / r.powi(3), bend]);

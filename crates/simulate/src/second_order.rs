@@ -45,7 +45,6 @@ impl SecondOrder {
 
     pub fn sin(self) -> Self {
         let (s, c) = self.f.sin_cos();
-        // Derivatives of sine: both follow from one evaluation of sine and cosine.
         self.compose([s, c, -s])
     }
 

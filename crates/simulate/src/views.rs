@@ -92,10 +92,10 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
         summary.rows += made.noisy.len();
         summary.files.extend(paths);
     }
+    // The right angle of the front is at the origin, so the prism is half of its box.
     let [x, y, z] = size;
     let front = [[0.0, 0.0], [x, 0.0], [0.0, z]];
     let vertices: Vec<DVec3> = [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| [x, depth, z])).collect();
-    // The right angle of the front is at the origin, so the prism is half of its box.
     let truth = json!({
         "size": size,
         "vertices": vertices,

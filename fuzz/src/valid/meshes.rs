@@ -132,9 +132,9 @@ pub fn models() -> Result<Vec<Vec<u8>>> {
 fn model(shape: planish::Shape) -> Result<Vec<u8>> {
     let folder = tempfile::tempdir().map_err(|e| Error::io("no folder").with_source(e))?;
     let (scan, model) = (folder.path().join("a.ply"), folder.path().join("a.planish"));
-    // Cylindrical coordinates with equal steps of z spread points evenly over a sphere (Archimedes).
     let round = |[u, v, _]: [f64; 3]| {
         let (longitude, z) = (std::f64::consts::TAU * u, 2.0 * v - 1.0);
+        // Equal steps of z spread points evenly over a sphere (Archimedes).
         let radius = (1.0 - z * z).max(0.0).sqrt();
         [radius * longitude.cos(), radius * longitude.sin(), z]
     };
