@@ -67,6 +67,7 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> io::Result<bool> {
     let mut targets: Vec<&FuzzTarget> = Vec::new();
     for name in &arguments.target {
+        // Unknown names end the run before any work: a misspelt reader must not count as tested.
         let found = TARGETS.iter().find(|t| t.name == name);
         targets.push(found.ok_or_else(|| io::Error::other(format!("unknown reader `{name}`")))?);
     }

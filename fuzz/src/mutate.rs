@@ -92,12 +92,15 @@ fn place(length: usize, random: &mut ChaCha8Rng) -> usize {
 /// A random range of bytes; short ranges are more frequent.
 fn run(length: usize, random: &mut ChaCha8Rng) -> std::ops::Range<usize> {
     let start = place(length, random);
+    // A power of two that is drawn first: short and long runs are both frequent, whatever the length of
+    // the file.
     let longest = 1_usize << random.random_range(0..12);
     start..length.min(start + random.random_range(0..=longest))
 }
 
 /// The range of the word at a position: between blanks, separators, quotes and brackets.
 fn token(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
+    // One set of separators for all formats: words of text, TOML and JSON alike are replaced as a whole.
     let ends = |b: &u8| b.is_ascii_whitespace() || b",;=:\"[]{}".contains(b);
     let at = at.min(bytes.len());
     let start = bytes[..at].iter().rposition(ends).map_or(0, |k| k + 1);

@@ -33,6 +33,7 @@ impl Stopwatch {
 
     /// Processor time since the start; wall time where the system does not count it.
     pub fn elapsed(&self) -> Duration {
+        // Both ends have to come from the same clock, so wall time is used if either is missing.
         match (self.running, running_time(&self.schedstat)) {
             (Some(before), Some(now)) => now.saturating_sub(before),
             _ => self.started.elapsed(),
@@ -48,5 +49,6 @@ impl Stopwatch {
 /// The running time that the kernel has counted; `None` on systems without it.
 fn running_time(schedstat: &Path) -> Option<Duration> {
     let text = std::fs::read_to_string(schedstat).ok()?;
+    // Later numbers are waiting time and time slices, which depend on other jobs.
     text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
 }

@@ -57,10 +57,12 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("pcd", "a.pcd", valid::pcds, PCD, unchanged, scans),
     target("las", "a.las", valid::las, &[], unchanged, scans),
     target("laz", "a.laz", valid::laz, &[], unchanged, scans),
+    // Repaired by packing: damage to the PLY file inside gets past the checksum of the archive.
     target("gzip", "a.ply.gz", valid::ply_scans, PLY, pack_gzip, scans),
     target("conf", "a.conf", valid::lists, LIST, unchanged, scans),
     target("job", "a.toml", valid::jobs, JOB, unchanged, scans),
     target("obj", "a.obj", valid::objs, OBJ, unchanged, mesh_round_trip),
+    // The same files as `obj`, read with materials and texture coordinates.
     target("obj-looks", "a.obj", valid::objs, OBJ, unchanged, textured),
     target("mtl", "a.mtl", valid::mtls, MTL, unchanged, materials),
     target("off", "a.off", valid::offs, OFF, unchanged, mesh_round_trip),
@@ -73,6 +75,7 @@ pub const TARGETS: &[FuzzTarget] = &[
     target("e57", "a.e57", valid::e57s, XML, repair_e57_checksums, scans),
     target("png", "a.png", valid::pngs, &[], repair_png_checksums, scans),
     target("tiff", "a.tif", valid::tiffs, &[], unchanged, scans),
+    // The image beside it is valid; only its calibration is damaged.
     target("camera", "a.toml", valid::cameras, CAMERA, unchanged, depth_image),
     target("picture", "p.png", valid::pngs, &[], repair_png_checksums, picture),
     target("jpeg", "p.jpg", valid::jpegs, &[], unchanged, picture),

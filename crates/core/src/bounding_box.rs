@@ -20,6 +20,7 @@ pub trait Coordinates: Copy + PartialEq + Index<usize, Output = f64> + IndexMut<
     fn from_coordinates(coordinate: impl FnMut(usize) -> f64) -> Self;
 }
 
+// In the plane, points are arrays: a second vector type would serve boxes only.
 impl<const N: usize> Coordinates for [f64; N] {
     const DIMENSION: usize = N;
     const INFINITY: Self = [f64::INFINITY; N];
@@ -47,7 +48,8 @@ impl Coordinates for DVec3 {
 /// # Examples
 /// ```
 /// use planish_core::{BoundingBox, DVec3};
-/// let bounds = BoundingBox::from_points(&[DVec3::new(0.0, 1.0, 2.0), DVec3::new(4.0, -1.0, 2.0)]).expect("two points");
+/// let points = [DVec3::new(0.0, 1.0, 2.0), DVec3::new(4.0, -1.0, 2.0)];
+/// let bounds = BoundingBox::from_points(&points).expect("two points");
 /// assert_eq!((bounds.min, bounds.max), (DVec3::new(0.0, -1.0, 2.0), DVec3::new(4.0, 1.0, 2.0)));
 /// assert_eq!((bounds.center(), bounds.extent()), (DVec3::new(2.0, 0.0, 2.0), DVec3::new(4.0, 2.0, 0.0)));
 ///
@@ -88,6 +90,8 @@ impl<P: Coordinates> BoundingBox<P> {
 
     /// The box around the points of an iterator; `None` without points.
     pub fn around(mut points: impl Iterator<Item = P>) -> Option<Self> {
+        // The first point, not `EMPTY`: a coordinate that is NaN in all points then stays NaN instead of
+        // infinite.
         let first = points.next()?;
         let mut bounds = Self { min: first, max: first };
         points.for_each(|p| bounds.include(p));
@@ -119,6 +123,7 @@ impl<P: Coordinates> BoundingBox<P> {
     /// ```
     #[inline]
     pub fn include_box(&mut self, other: &Self) {
+        // `min` and `max` of `f64` return the other number for NaN.
         for k in 0..P::DIMENSION {
             self.min[k] = self.min[k].min(other.min[k]);
             self.max[k] = self.max[k].max(other.max[k]);
@@ -151,6 +156,7 @@ impl<P: Coordinates> BoundingBox<P> {
     /// ```
     #[must_use]
     pub fn contains(&self, point: P) -> bool {
+        // Comparisons with NaN are false: no box contains such a point.
         (0..P::DIMENSION).all(|k| point[k] >= self.min[k] && point[k] <= self.max[k])
     }
 
@@ -163,6 +169,7 @@ impl<P: Coordinates> BoundingBox<P> {
     /// The length of the longest side.
     #[must_use]
     pub fn longest_side(&self) -> f64 {
+        // The sides of the empty box are −∞; the start of the fold makes its length zero.
         (0..P::DIMENSION).map(|k| self.side(k)).fold(0.0, f64::max)
     }
 

@@ -68,8 +68,12 @@ impl ErrorKind {
 pub struct Error {
     kind: ErrorKind,
     message: String,
+    // Apart from the message: a caller once had to search the text for the name of a file.
     place: Option<String>,
+    // Settings, not options: the library is also used without the command, which adds the names of its
+    // options.
     settings: Vec<Setting>,
+    // `Send + Sync`, because parallel work returns errors from other threads.
     source: Option<Box<dyn std::error::Error + Send + Sync + 'static>>,
 }
 
@@ -171,6 +175,7 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)?;
+        // The cause is part of the message, because callers print errors without following their sources.
         if let Some(source) = &self.source {
             write!(f, " ({source})")?;
         }

@@ -38,6 +38,7 @@ macro_rules! codes {
     ($($variant:ident = $code:literal, $level:ident: $meaning:literal,)*) => {
         /// The kind of a finding.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        // Later versions add codes, so programs need a default case.
         #[non_exhaustive]
         pub enum FindingCode {
             $(#[doc = $meaning] $variant,)*
@@ -278,6 +279,7 @@ impl Finding {
     /// Creates a finding.
     #[must_use]
     pub fn new(code: FindingCode, text: impl Into<String>) -> Self {
+        // The level follows from the code: programs could not rely on codes with different levels.
         Self { code, level: code.level(), text: text.into(), settings: Vec::new() }
     }
 

@@ -16,8 +16,8 @@
 //! | [`DisjointSets`] | union-find |
 //! | [`random`] | repeatable random bits and hashes |
 //!
-//! Coordinates are [`DVec3`] in the unit of the model. Files and messages hold them as `[f64; 3]`. Frames are named in variables: `world_from_scanner`
-//! maps points of the scanner's frame into the world.
+//! Coordinates are [`DVec3`] in the unit of the model. Files and messages hold them as `[f64; 3]`. Frames are
+//! named in variables: `world_from_scanner` maps points of the scanner's frame into the world.
 //!
 //! # Examples
 //! The size of a scan in the world's frame, and the uncertainty of its points along the vertical:
@@ -41,6 +41,8 @@ pub mod random;
 pub mod setting;
 pub mod vector3;
 
+// Types, which are re-exported below. The modules above also have functions, which are called with the
+// name of their module.
 mod bounding_box;
 mod disjoint_sets;
 mod pinhole;

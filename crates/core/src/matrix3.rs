@@ -87,9 +87,11 @@ pub fn transposed_times(m: &[[f64; 3]; 3], v: DVec3) -> DVec3 {
 #[must_use]
 pub fn inverse(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     let [a, b, c] = rows(m);
+    // Cross products of rows are the columns of the adjugate; this needs no pivots.
     let columns = [b.cross(c), c.cross(a), a.cross(b)];
     let determinant = a.dot(columns[0]);
     let size = a.length() * b.length() * c.length();
+    // Far above rounding, which is about 1e-16 of this product.
     (determinant.abs() > 1e-12 * size && size > 0.0)
         .then(|| [0, 1, 2].map(|i| [0, 1, 2].map(|j| columns[j][i] / determinant)))
 }

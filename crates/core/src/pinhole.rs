@@ -69,6 +69,7 @@ impl Pinhole {
     #[inline]
     #[must_use]
     pub fn pixel(&self, in_camera: DVec3) -> Option<[f64; 2]> {
+        // The last row of K is (0, 0, 1), so the third coordinate is the depth.
         let seen = times(&self.k, in_camera);
         (seen[2] > 0.0).then(|| [seen[0] / seen[2], seen[1] / seen[2]])
     }
@@ -92,6 +93,7 @@ impl Pinhole {
     #[inline]
     #[must_use]
     pub fn ray_in_camera(&self, [x, y]: [f64; 2]) -> DVec3 {
+        // K is upper triangular: y first, then x, without an inverse for each pixel.
         let [first, second, _] = self.k;
         let y = (y - second[2]) / second[1];
         DVec3::new((x - first[2] - first[1] * y) / first[0], y, 1.0)
@@ -115,6 +117,7 @@ impl Pinhole {
     /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
     #[must_use]
     pub fn plane_of_line(&self, at: [f64; 2], direction: [f64; 2]) -> DVec3 {
+        // A point X of the plane has `l · K (R X + t) = 0`, hence the normal `Rᵀ Kᵀ l`.
         let line = DVec3::new(at[0], at[1], 1.0).cross(DVec3::new(direction[0], direction[1], 0.0));
         transposed_times(&self.r, transposed_times(&self.k, line))
     }

@@ -61,6 +61,7 @@ pub trait Progress {
     /// # Errors
     /// `Interrupted` if [`Progress::interrupted`] is true.
     fn check(&self, stage: &str, share: f64) -> Result<()> {
+        // Progress first: a listener may decide by the share that it has just received.
         self.advance(stage, share);
         if self.interrupted() { Err(Error::interrupted()) } else { Ok(()) }
     }
@@ -113,6 +114,7 @@ impl Progress for ProgressPart<'_> {
     }
 
     fn rms(&self, rms: f64) {
+        // Not scaled: residuals and counts belong to the stage, only shares to the whole job.
         self.whole.rms(rms);
     }
 

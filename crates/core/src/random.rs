@@ -28,6 +28,7 @@ pub const GOLDEN_GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;
 #[inline]
 #[must_use]
 pub fn mix64(mut bits: u64) -> u64 {
+    // The published shifts and factors of SplitMix64; others would need tests of their own.
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     bits ^ (bits >> 31)
@@ -44,6 +45,7 @@ pub fn mix64(mut bits: u64) -> u64 {
 #[inline]
 #[must_use]
 pub fn nth(index: u64) -> u64 {
+    // One more than the index, because the generator steps before it mixes.
     mix64(index.wrapping_add(1).wrapping_mul(GOLDEN_GAMMA))
 }
 
@@ -58,6 +60,7 @@ pub fn nth(index: u64) -> u64 {
 #[inline]
 #[must_use]
 pub fn unit_interval(bits: u64) -> f64 {
+    // The lower bits are dropped before the conversion, which would round the largest numbers up to 1.
     (bits >> 11) as f64 / (1_u64 << 53) as f64
 }
 

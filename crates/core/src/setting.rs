@@ -5,6 +5,7 @@
 
 use serde::{Serialize, Serializer};
 
+// One registry: the variant, its stable name and its meaning are stated once.
 macro_rules! settings {
     ($($variant:ident = $name:literal: $meaning:literal,)*) => {
         /// A setting of a job that a message is about.
@@ -71,6 +72,7 @@ settings! {
     Views = "views": "Number of views to plan.",
 }
 
+// By its stable name, as programs read it from findings; variants may be renamed.
 impl Serialize for Setting {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.name())

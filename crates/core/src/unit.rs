@@ -48,6 +48,7 @@ impl Unit {
         match self {
             Self::Millimetre => 1.0,
             Self::Metre => 1000.0,
+            // Exact by definition: the international inch of 1959.
             Self::Inch => 25.4,
             Self::Foot => 304.8,
         }
@@ -58,6 +59,7 @@ impl FromStr for Unit {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self, Error> {
+        // By the names that are written, so that every written unit can be read.
         [Self::Millimetre, Self::Metre, Self::Inch, Self::Foot]
             .into_iter()
             .find(|unit| unit.name() == name)

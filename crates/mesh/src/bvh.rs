@@ -72,6 +72,8 @@ impl Bvh {
             .collect();
         let nodes = build(&mut items, 0, 0);
         let triangles: Vec<u32> = items.iter().map(|item| item.triangle).collect();
+        // The boxes are nearly as large as the corners that are copied next. Keeping both would raise the
+        // peak memory.
         drop(items);
         Self { nodes, corners: triangles.iter().map(|&t| corners(t as usize)).collect(), triangles }
     }
@@ -146,6 +148,7 @@ fn split(items: &mut [Item], depth: usize) -> usize {
         (items.iter().map(|item| DVec3::from_array([0, 1, 2].map(|k| item.center2(k))))).collect();
     let spread = centers.extent();
     let axis = (1..3).fold(0, |best, k| if spread[k] > spread[best] { k } else { best });
+    // Centres without spread give an infinite factor, which the test below rejects.
     let per_unit = BINS as f64 / spread[axis];
     if depth < SAH_DEPTH && per_unit.is_finite() && per_unit > 0.0 {
         let bin =
@@ -158,6 +161,7 @@ fn split(items: &mut [Item], depth: usize) -> usize {
         }
         // Cost of a plane: number of triangles times surface area, summed over both sides. A ray or a search
         // visits a box with a probability in proportion to its surface.
+        // Two sweeps, from the left and from the right, give the cost of all planes in O(bins).
         let mut cost = [0.0; BINS];
         let (mut grown, mut count) = (BoundingBox::EMPTY, 0);
         for k in 0..BINS - 1 {

@@ -83,6 +83,7 @@ impl MeshSearch {
         let mut found = SelfCrossings::default();
         let mut stack = [0_u32; MAX_DEPTH + 1];
         let mut height = 1;
+        // Nodes are counted, not time: the number of pairs found is then the same on every machine.
         let mut visited = 0;
         while height > 0 && visited < MAX_NODES {
             height -= 1;
@@ -168,6 +169,7 @@ fn pierced(edges: &[DVec3; 3], heights: [f64; 3], through: &[DVec3; 3], normal: 
     (0..3).find_map(|k| {
         let (p, q) = (edges[k], edges[(k + 1) % 3]);
         let (hp, hq) = (heights[k], heights[(k + 1) % 3]);
+        // Heights are scaled by the normal, which has twice the area as its length; so is the limit.
         let minimum = MIN_PIERCING * p.distance(q) * doubled;
         if hp * hq >= 0.0 || hp.abs() < minimum || hq.abs() < minimum {
             return None;
@@ -176,6 +178,7 @@ fn pierced(edges: &[DVec3; 3], heights: [f64; 3], through: &[DVec3; 3], normal: 
         let inside = (0..3).all(|k| {
             let (s, t) = (through[k], through[(k + 1) % 3]);
             let turn = normal.dot((t - s).cross(place - s));
+            // Strictly inside: an edge that passes through a side of the triangle only touches it.
             turn > MIN_PIERCING * doubled * doubled
         });
         inside.then_some(place)

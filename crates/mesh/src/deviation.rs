@@ -45,6 +45,8 @@ impl DeviationStatistics {
             return Err(Error::input(format!("deviation {at} is not finite: {}", deviations[at])));
         }
         let n = deviations.len();
+        // Sorted sizes serve both quantiles and the maximum; the sums below keep the order of the input,
+        // so that they do not depend on the sort.
         let mut sizes: Vec<f64> = deviations.iter().map(|d| d.abs()).collect();
         sizes.sort_unstable_by(f64::total_cmp);
         Ok(Self {

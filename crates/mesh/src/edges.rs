@@ -30,6 +30,7 @@ impl EdgeTable {
             starts: Vec::with_capacity(keyed.len() / 2 + 1),
             half_edges: Vec::with_capacity(keyed.len()),
         };
+        // Equal edges are adjacent after the sort, so a change of the higher end starts a new edge.
         for (lower, of_vertex) in (0_u32..).zip(at_vertex.windows(2)) {
             let mut last = None;
             for key in &keyed[of_vertex[0] as usize..of_vertex[1] as usize] {
@@ -43,6 +44,7 @@ impl EdgeTable {
                 table.triangle_edges[half as usize / 3][half as usize % 3] = table.ends.len() as u32 - 1;
             }
         }
+        // The end of the last edge, so that every edge has a start and an end.
         table.starts.push(table.half_edges.len() as u32);
         table
     }
@@ -72,6 +74,7 @@ fn by_lower_end(triangles: &[[u32; 3]]) -> (Vec<u64>, Vec<u32>) {
     for v in 0..vertices {
         starts[v + 1] += starts[v];
     }
+    // A counting sort needs no comparisons, and its result has a fixed order.
     let mut next = starts.clone();
     let mut keyed = vec![0; 3 * triangles.len()];
     for (n, t) in triangles.iter().enumerate() {
@@ -87,6 +90,7 @@ fn by_lower_end(triangles: &[[u32; 3]]) -> (Vec<u64>, Vec<u32>) {
 
 /// Sorts the half-edges of each vertex, in parallel over blocks of vertices.
 fn sort_at_each_vertex(keyed: &mut [u64], starts: &[u32]) {
+    // Blocks of fixed size: few enough for cheap tasks, and the same for any number of threads.
     const VERTICES: usize = 1 << 14;
     let mut rest = keyed;
     let mut pieces = Vec::new();

@@ -61,6 +61,7 @@ impl FacetTree {
     /// Builds a tree over `count` facets, at least one, with finite corners. Cost O(n log n).
     #[must_use]
     pub fn new(count: usize, corners: impl Fn(usize) -> [DVec3; 3]) -> Self {
+        // Points are tested once here and not in each visit: a tree is built once and visited often.
         let are_points = (0..count).all(|t| {
             let [a, b, c] = corners(t);
             a == b && b == c
@@ -118,6 +119,8 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { nodes, packets, at, slack, mut visit } = self;
+        // Distances stay squared as long as possible. The slack is on the distance itself, so a new
+        // nearest facet needs one square root.
         let mut nearest = f64::INFINITY;
         let mut limit = f64::INFINITY;
         let mut feet = Feet::default();
@@ -138,6 +141,7 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
                     for lane in 1..LANES {
                         smallest = lesser(feet.squared_distance[lane], smallest);
                     }
+                    // One comparison skips the whole packet if nothing in it is near.
                     if smallest > limit {
                         break;
                     }
@@ -177,6 +181,8 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
                 if to_near > limit {
                     break;
                 }
+                // The farther child waits with its distance: the limit may have shrunk below it when its
+                // turn comes.
                 if to_far <= limit {
                     stack[height] = (far, to_far);
                     height += 1;

@@ -98,6 +98,7 @@ pub fn fill_holes(
     let mut filled =
         Filled { mesh: mesh.clone(), sigma: sigma.to_vec(), holes: 0, rims: 0, larger: 0, uncovered: 0 };
     let mut loops = Vec::new();
+    // Which borders are holes is decided on the original mesh, before covers change its edges.
     for border in border_loops(&mesh.triangles) {
         if is_outer_border(&border, &mesh.positions, &normals) {
             filled.rims += 1;
@@ -108,6 +109,7 @@ pub fn fill_holes(
         }
     }
     let mut neighbourhood = HoleNeighbourhood::new(mesh, &loops);
+    // Progress counts edges, not holes: the cost of a hole grows with its edges.
     let total: usize = loops.iter().map(Vec::len).sum();
     let mut done = 0;
     for hole in &loops {
@@ -183,6 +185,7 @@ fn fill(
         .triangles
         .get(&hole[0])
         .is_some_and(|all| hole.len() == 3 && all.len() == 1 && all[0].iter().all(|v| hole.contains(v)));
+    // A cover must not repeat an edge of the mesh, or that edge would get three triangles.
     let surroundings = Surroundings { positions, normals, edges: &neighbourhood.edges };
     let Some(cover) = least_cover(&surroundings, hole).filter(|_| !lone) else {
         return Ok(false);
@@ -199,6 +202,7 @@ fn fill(
         hole.iter().map(|v| positions[*v as usize]).collect(),
         existing_edges,
     );
+    // Edge lengths at the rim, so that a cover is as dense as what surrounds it.
     let lengths: Vec<f64> = hole.iter().map(|v| neighbourhood.length_at(*v, positions)).collect();
     lid.refine(&lengths);
     let mut others: Vec<u32> = hole.to_vec();
@@ -277,6 +281,7 @@ fn is_outer_border(border: &[u32], positions: &[DVec3], normals: &[DVec3]) -> bo
     let (mut area, mut normal, mut length) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for k in 0..border.len() {
         area += (at(k) - middle).cross(at(k + 1) - middle);
+        // Weighted by length: many short edges in a corner must not decide the direction.
         let long = at(k).distance(at(k + 1));
         normal += long * normals[border[k] as usize];
         length += long;

@@ -53,6 +53,8 @@ pub(crate) fn around(triangles: &[[u32; 3]], half: u32, over: u32) -> [u32; 4] {
 pub(crate) fn flip(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) -> [u32; 2] {
     let over = opposite[half as usize];
     let [a, b, c, d] = around(triangles, half, over);
+    // The four outer neighbours are read before the triangles change: half-edges are numbered by
+    // triangle, so they refer to other edges afterwards.
     let outer = [
         next_in_triangle(half),
         previous_in_triangle(half),
@@ -78,10 +80,12 @@ pub(crate) fn split_triangle(
     vertex: u32,
 ) {
     let [a, b, c] = triangles[triangle as usize];
+    // Read first, for the same reason as in [`flip`].
     let outer: [u32; 3] = std::array::from_fn(|k| opposite[3 * triangle as usize + k]);
     let (t, s, r) = (triangle, triangles.len() as u32, triangles.len() as u32 + 1);
     triangles[t as usize] = [a, b, vertex];
     triangles.extend([[b, c, vertex], [c, a, vertex]]);
+    // The two new triangles have no neighbours yet; a neighbour across a border stays `NONE`.
     opposite.extend([NONE; 6]);
     for (of, over) in [t, s, r].into_iter().zip(outer) {
         link(opposite, 3 * of, over);

@@ -144,6 +144,8 @@ pub fn isosurface(
     corners.par_sort_unstable();
     corners.dedup();
     let values: Vec<f64> = (corners.par_iter()).map(|c| value(grid.place(corner_of(*c)))).collect();
+    // The sign is decided once per corner. Zero and NaN count as outside for every cube alike, which
+    // keeps the mesh closed.
     let inside: Vec<bool> = values.iter().map(|v| *v < 0.0).collect();
     let index = |corner: [u32; 3]| corners.binary_search(&key(corner)).unwrap_or(0) as u32;
     // Triangles, whose vertices are named by the grid edge that they lie on: a pair of corners, the inner one
@@ -162,6 +164,7 @@ pub fn isosurface(
             made
         })
         .collect();
+    // Sorting instead of a hash map: vertices get the same numbers for any number of threads.
     let mut edges: Vec<[u32; 2]> = triangles.par_iter().flat_map_iter(|t| t.iter().copied()).collect();
     edges.par_sort_unstable();
     edges.dedup();

@@ -80,6 +80,7 @@ pub use merge::{
 };
 pub use mesh::{Distortion, MeshCheck, TriangleMesh};
 pub use neighbours::Neighbours;
+// Re-exported because functions of this crate take and return them.
 pub use planish_core::{BoundingBox, DisjointSets};
 pub use primitives::{cylinder, grid_sheet, icosphere, parallelepiped};
 pub use ray::RayHit;

@@ -207,6 +207,8 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
                     let w = t / (sigma * sigma);
                     weight += w;
                     squares += t * w;
+                    // Heights are relative to this vertex, so its own height is zero and adds nothing to
+                    // the sum.
                     sum += w * foot.height;
                 }
                 let position = patch.mesh.positions[v] + sum / weight * mine.normals[v];
@@ -262,6 +264,7 @@ pub fn stitch_patches(
     // joined them again, and a hole between two copies of one vertex would get triangles without area.
     let (mut triangles, again) = one_fan_each(triangles, positions.len());
     let smallest = patches.iter().map(|p| p.mesh.triangles.len()).min().unwrap_or(0);
+    // The limit shrinks with the smallest patch, which would otherwise be removed as a fragment itself.
     let (kept, fragments) =
         drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(MAX_FRAGMENT));
     let left = renumber(&mut triangles, again.len());
@@ -333,6 +336,7 @@ impl CutPatches {
             let of_patch = patch.mesh.triangles.iter().zip(kept);
             triangles.extend(of_patch.filter(|(_, k)| **k).map(|(t, _)| t.map(|v| v + start)));
         }
+        // Vertices of all patches are numbered in one row, so the patch follows from the start indices.
         let patch_of = |v: u32| starts.partition_point(|s| *s <= v) - 1;
         let count: usize = patches.iter().map(|p| p.mesh.positions.len()).sum();
         let source: Vec<(u32, u32)> = renumber(&mut triangles, count)
@@ -432,6 +436,7 @@ fn drop_fragments(
     for t in triangles.iter() {
         size[parts.root(t[0]) as usize] += 1;
     }
+    // Sizes stand at the roots only. All other entries are zero and must not count as fragments.
     let fragments = size.iter().filter(|n| (1..=smallest).contains(*n)).count();
     let mut stays = |t: &[u32; 3]| size[parts.root(t[0]) as usize] > smallest;
     let left = triangles[..kept].iter().filter(|t| stays(t)).count();

@@ -225,6 +225,7 @@ impl TriangleMesh {
         let normal =
             |t: usize, at: &[DVec3]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
         let table = EdgeTable::new(&self.triangles);
+        // Only edges that were not sharp before can fold: a sharp edge of the original is no defect.
         let folded = |edge: usize| {
             let [a, b] = *table.half_edges(edge) else {
                 return false;
@@ -236,6 +237,7 @@ impl TriangleMesh {
         let length = |at: &[DVec3], [a, b]: [u32; 2]| at[a as usize].distance(at[b as usize]);
         let mut stretches: Vec<f64> = (table.ends.iter())
             .map(|ends| length(now, *ends) / length(&self.positions, *ends))
+            // Edges without length have no growth.
             .filter(|stretch| stretch.is_finite())
             .collect();
         stretches.sort_unstable_by(f64::total_cmp);

@@ -23,6 +23,8 @@ impl Neighbours {
     /// Collects the neighbours of a mesh. Cost O(n).
     #[must_use]
     pub fn from_mesh(mesh: &TriangleMesh) -> Self {
+        // One flat array with start indices: a list for each vertex would be an allocation for each
+        // vertex.
         let mut starts = vec![0_u32; mesh.positions.len() + 1];
         for v in mesh.triangles.iter().flatten() {
             starts[*v as usize + 1] += 2;
@@ -30,6 +32,7 @@ impl Neighbours {
         for v in 0..mesh.positions.len() {
             starts[v + 1] += starts[v];
         }
+        // Filled in the order of the triangles, so that sums over neighbours have a fixed order.
         let mut place = starts.clone();
         let mut all = vec![0; 6 * mesh.triangles.len()];
         for t in &mesh.triangles {

@@ -71,11 +71,13 @@ impl Packet for TrianglePacket {
             facets: [0; LANES],
         };
         for lane in 0..LANES {
+            // Unused lanes repeat the first facet: zeros could be nearer than every real facet.
             let source = if lane < corners.len() { lane } else { 0 };
             let t = &corners[source];
             let (ab, ac) = (t[1] - t[0], t[2] - t[0]);
             let m = area_vector(t);
             let mm = m.length_squared();
+            // Zero instead of infinity without area: infinity times zero would be NaN in every lane.
             let per_area = if mm > 0.0 { 1.0 / mm } else { 0.0 };
             let columns = [
                 (&mut made.a, t[0]),
@@ -118,11 +120,15 @@ impl Packet for TrianglePacket {
             let ap = m.minus(place, a);
             let (bc, bp) = (m.minus(ac, ab), m.minus(ap, ab));
             // The nearest of the feet on the three sides.
+            // Without length, the position is zero and the foot the start of the side, which is also
+            // right for points.
             let on_ab = m.share(m.product(ap, ab), per_length[0]);
             let on_bc = m.share(m.product(bp, bc), per_length[1]);
             let on_ac = m.share(m.product(ap, ac), per_length[2]);
             let off_bc = m.minus_along(bp, on_bc, bc);
             let off_ac = m.minus_along(ap, on_ac, ac);
+            // Sides are always compared, even if the foot is inside: a branch would have to be the same
+            // for all lanes.
             let mut off = m.minus_along(ap, on_ab, ab);
             let mut squared = m.product(off, off);
             let mut weights = [simd.sub_f64s(one, on_ab), on_ab, zero];

@@ -23,6 +23,7 @@ use crate::triangle::unit_or_zero;
 /// ```
 #[must_use]
 pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
+    // The corners of a regular icosahedron are those of three golden rectangles.
     let g = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut positions: Vec<DVec3> = [
         [-1.0, g, 0.0],
@@ -64,6 +65,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
     ]
     .to_vec();
     for _ in 0..subdivisions {
+        // The two triangles at an edge share its middle vertex, which keeps the mesh watertight.
         let mut middles = HashMap::with_capacity(triangles.len() * 3 / 2);
         let mut finer = Vec::with_capacity(triangles.len() * 4);
         for [a, b, c] in triangles {
@@ -93,6 +95,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
 /// ```
 #[must_use]
 pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> TriangleMesh {
+    // A sheet without cells would have no triangles, which no search accepts.
     let (columns, rows) = (columns.max(1), rows.max(1));
     let positions = (0..=rows)
         .flat_map(|j| {
@@ -134,6 +137,8 @@ pub fn parallelepiped(center: DVec3, edges: [DVec3; 3]) -> TriangleMesh {
     };
     TriangleMesh {
         positions: (0..8).map(corner).collect(),
+        // Vertex numbers are bits of x, y and z. Each pair of rows is one side, counter-clockwise from
+        // outside.
         triangles: vec![
             [0, 2, 1],
             [1, 2, 3],
@@ -173,6 +178,7 @@ pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped:
             })
         })
         .collect();
+    // The last segment ends at the first vertices, so there is no seam of doubled vertices.
     let at = |i: usize, j: usize| (i % segments + segments * j) as u32;
     let mut triangles = Vec::with_capacity(2 * segments * (rings + 1));
     for j in 0..rings {
@@ -182,6 +188,7 @@ pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped:
         }
     }
     if capped {
+        // A fan around a vertex on the axis; one around a vertex of the rim would have slivers.
         let bottom = positions.len() as u32;
         positions.extend([-0.5 * height * DVec3::Z, 0.5 * height * DVec3::Z]);
         for i in 0..segments {

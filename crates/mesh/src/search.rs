@@ -92,6 +92,8 @@ impl MeshSearch {
                 "expected a mesh with triangles, found none: there are no closest points",
             ));
         }
+        // The tree keeps the triangles of the caller, whose numbers are reported. Signs need welded
+        // vertices: the corners of a triangle soup have no neighbours.
         let bvh = Bvh::new(mesh.triangles.len(), |t| mesh.corners(t));
         let mut slots = vec![0; mesh.triangles.len()];
         for (slot, &t) in bvh.triangles.iter().enumerate() {
@@ -105,6 +107,8 @@ impl MeshSearch {
         let mut boundary_vertices = vec![false; welded.positions.len()];
         for edge in 0..table.len() {
             let around = table.half_edges(edge);
+            // Both normals have the same weight, π of the full angle each: the angle-weighted normal of
+            // an edge is their plain sum (Bærentzen and Aanæs 2005).
             let sum = around.iter().fold(DVec3::ZERO, |sum, &half| sum + face_normals[half as usize / 3]);
             edge_normals[edge] = unit_or_zero(sum);
             if around.len() == 1 {
@@ -233,6 +237,8 @@ impl MeshSearch {
                 return;
             };
             let d = foot.squared_distance;
+            // The lower index wins among equal distances, so that the answer does not depend on the shape
+            // of the tree or on a hint.
             let nearer = d < *best
                 || d == *best && found.is_none_or(|f| triangles[slot as usize] < triangles[f as usize]);
             // The test of acceptance is expensive and comes last.
@@ -241,6 +247,7 @@ impl MeshSearch {
                 found = Some(slot);
             }
         };
+        // Only a first bound: the tree is searched as usual, so the answer does not depend on the hint.
         if let Some(hint) = hint {
             visit(hint, &mut best);
         }
@@ -257,6 +264,7 @@ impl MeshSearch {
                 let (left, right) = (node.first, node.first + 1);
                 let to_left = squared_distance_to_box(p, &nodes[left as usize]);
                 let to_right = squared_distance_to_box(p, &nodes[right as usize]);
+                // The nearer child first: it lowers the bound before the other is tested.
                 let (near, to_near, far, to_far) = if to_left <= to_right {
                     (left, to_left, right, to_right)
                 } else {
@@ -304,6 +312,8 @@ impl MeshSearch {
             }
         };
         let distance = squared_distance.sqrt();
+        // The sign is that of the pseudo-normal, not of the face: at edges and corners, faces that are
+        // equally near can disagree.
         let behind = (p - point).dot(normal) < 0.0;
         let signed_distance = if behind { -distance } else { distance };
         Some(ClosestPoint {

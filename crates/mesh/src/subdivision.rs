@@ -40,6 +40,8 @@ impl TriangleMesh {
         let old = &welded.positions;
         let inner = |edge: usize| table.half_edges(edge).len() == 2;
         let mut around: Vec<(usize, DVec3)> = vec![(0, DVec3::ZERO); old.len()];
+        // Border curves depend on border vertices only, so that two meshes with the same border still
+        // fit.
         let mut border: Vec<(usize, DVec3)> = around.clone();
         for (edge, ends) in table.ends.iter().enumerate() {
             for (own, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {

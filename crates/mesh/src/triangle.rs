@@ -89,6 +89,8 @@ pub(crate) fn mixed_area(corners: &[DVec3; 3], k: usize) -> f64 {
     let whole = area(corners);
     let [p, q, r] = [0, 1, 2].map(|i| corners[(k + i) % 3]);
     let cosines = [(q - p).dot(r - p), (r - q).dot(p - q), (p - r).dot(q - r)];
+    // The circumcentre of an obtuse triangle is outside it, so areas by nearness would be negative or too
+    // large.
     if cosines[0] <= 0.0 {
         return 0.5 * whole;
     }
@@ -143,6 +145,7 @@ pub(crate) fn closest_on_triangle(p: DVec3, t: &[DVec3; 3], squared_bound: f64) 
             return None;
         }
         let (v, w) = (ap.cross(ac).dot(n), ab.cross(ap).dot(n));
+        // All three are scaled by `nn`. Signs need no division, which only a foot inside pays for.
         let u = nn - v - w;
         if u > 0.0 && v > 0.0 && w > 0.0 {
             return Some(Foot {

@@ -122,6 +122,8 @@ fn draw_triangle(
     }
     let [a, b, c] = corners.map(|corner| corner.at);
     let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+    // Both orientations are drawn: dividing by the signed area makes the weights positive inside either
+    // way.
     if area == 0.0 {
         return;
     }
@@ -140,6 +142,8 @@ fn draw_triangle(
             let in_second = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area;
             let in_third = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area;
             let in_first = 1.0 - in_second - in_third;
+            // Borders count as inside for both neighbours. Open borders could leave pixels between them
+            // empty.
             if in_first < 0.0 || in_second < 0.0 || in_third < 0.0 {
                 continue;
             }

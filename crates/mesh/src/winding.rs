@@ -80,6 +80,7 @@ impl WindingNumbers {
             }
             // The area-weighted centre, as in Barill et al.
             middle = if weight > 0.0 { 1.0 / weight * middle } else { 0.5 * (node.min + node.max) };
+            // The farthest corner of the box bounds the radius; all triangles of the part are within it.
             let corner = DVec3::from_array(std::array::from_fn(|k| {
                 let (low, high) = (node.min[k], node.max[k]);
                 if middle[k] - low > high - middle[k] { low } else { high }
@@ -123,6 +124,7 @@ fn solid_angle(at: DVec3, t: &[DVec3; 3]) -> f64 {
     let [a, b, c] = [t[0] - at, t[1] - at, t[2] - at];
     let [la, lb, lc] = [a.length(), b.length(), c.length()];
     let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    // The two-argument form is right for solid angles beyond π, where the denominator is negative.
     2.0 * a.dot(b.cross(c)).atan2(below)
 }
 

@@ -194,17 +194,20 @@ impl Scale {
         match (&field.kind, &field.values) {
             (FieldKind::Categories(kinds), _) => {
                 let colour = |value: u16| match field.key.as_str() {
+                    // These three values have the same colours on every page and image.
                     "observed" => KNOWN_BY.get(usize::from(value)).copied().unwrap_or(KINDS[7]),
                     _ => KINDS[usize::from(value) % KINDS.len()],
                 };
                 Self::Kinds(legend_entries(kinds, |value| from_hex(colour(value))))
             }
             (FieldKind::Steps(kinds), _) => {
+                // Steps of a colour map instead of separate colours, so that the order shows.
                 let top = kinds.iter().map(|(value, _)| *value).max().unwrap_or(0).max(1);
                 Self::Kinds(legend_entries(kinds, |value| Map::Viridis.at(f64::from(value) / f64::from(top))))
             }
             (FieldKind::Signed(limit), Values::Numbers(values)) => {
                 let [low, high] = quantiles(values, [BEYOND_SIGNED, 1.0 - BEYOND_SIGNED]);
+                // Symmetric, so that zero is grey and both signs have equal contrast.
                 let reach = limit.unwrap_or(low.abs().max(high.abs()));
                 // All values are zero, or there is none: any symmetric scale will do.
                 let reach = if reach > 0.0 { reach } else { 1.0 };
@@ -290,6 +293,7 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
 /// Ticks at 1, 2 and 5 times powers of ten, or fewer on a large range.
 fn even_ratio_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let [from, to] = [low, high].map(|v| factor * v);
+    // Few ticks per decade on long ranges. Thinning 1, 2 and 5 by [`apart`] would leave uneven labels.
     let steps: &[f64] = match to / from {
         ratio if ratio > 100.0 => &[1.0],
         ratio if ratio > 12.0 => &[1.0, 3.0],
@@ -316,6 +320,8 @@ fn trimmed(value: f64, digits: usize) -> String {
     let (mantissa, exponent) = text.split_once('e').map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
     let mantissa =
         if mantissa.contains('.') { mantissa.trim_end_matches('0').trim_end_matches('.') } else { mantissa };
+    // Zeros of an exponent count, so only the mantissa is trimmed. Tick labels are plain text without
+    // markup, hence the raised digits.
     let raised = |exponent: &str| -> String {
         let digit = |c: char| match c {
             '-' => '⁻',

@@ -25,6 +25,7 @@ pub(crate) fn sign(level: &FindingLevel) -> &'static str {
 /// A finding as a sentence: with a capital and a full stop. Names of files and symbols stay as they are.
 pub(crate) fn sentence(text: &str) -> String {
     let end = if text.ends_with(['.', '!', '?']) { "" } else { "." };
+    // A first word with a dot is the name of a file, whose case matters.
     let names_file = text.split([':', ' ']).next().is_some_and(|word| word.contains('.'));
     let mut letters = text.chars();
     match letters.next().filter(|first| first.is_ascii_lowercase() && !names_file) {
@@ -153,6 +154,7 @@ pub(crate) fn with_unbroken_numbers(text: &str) -> String {
     let is_digit = |k: usize| letters.get(k).is_some_and(char::is_ascii_digit);
     (letters.iter().enumerate())
         .map(|(k, &c)| {
+            // Exactly three digits follow: other numbers may stand side by side, as in lists.
             let thousands =
                 c == ' ' && k > 0 && is_digit(k - 1) && (1..=3).all(|d| is_digit(k + d)) && !is_digit(k + 4);
             if thousands { '\u{202f}' } else { c }
@@ -198,6 +200,7 @@ impl Page {
             scene,
             // Everything is in the file: a report is mailed, archived and opened without a network.
             style: include_str!("../assets/page.css"),
+            // Minified and part of the sources, so that a build needs no Node (decision 0080).
             three: include_str!("../assets/three.min.js"),
             viewer: include_str!("../assets/viewer.js"),
         }

@@ -55,6 +55,7 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     let (low, high) = (low / 1.6, high * 1.6);
     let (left, right, line) = (120.0, WIDTH - 16.0, 30.0);
     let bottom = 12.0 + line * rows.len() as f64;
+    // Logarithmic: equal ratios of σ then have lines of equal length.
     let x = |v: f64| left + (right - left) * (v / low).ln() / (high / low).ln();
     let height = bottom + 56.0;
     let mut svg = format!(r#"<svg viewBox="0 0 {WIDTH} {height}" role="img" font-size="12.5">"#);
@@ -142,6 +143,7 @@ pub fn normalised_residuals(values: &[f64]) -> String {
         return String::new();
     }
     let step = 2.0 * REACH / BINS as f64;
+    // The reference curve is fixed and not fitted: a wrong σ shows as a difference in width.
     let normal = |z: f64| (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
     // Density, not counts: only so can the normal distribution be drawn at the same scale.
     let density = |k: usize| counts[k] as f64 / (n as f64 * step);
@@ -206,6 +208,7 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
     if !(low[0] <= high[0] && low[1] <= high[1]) {
         return String::new();
     }
+    // A line along one axis has no extent along the other.
     let size = [0, 1].map(|k| (high[k] - low[k]).max(f64::MIN_POSITIVE));
     // One scale for both axes keeps the proportions.
     let scale = [0, 1].map(|k| (ROOM[k] - 2.0 * MARGIN) / size[k]).into_iter().fold(f64::INFINITY, f64::min);

@@ -121,6 +121,7 @@ impl Scene {
         let others = (self.clouds.iter().flat_map(|c| &c.positions))
             .chain(self.lines.iter().flat_map(|l| l.segments.iter().flatten()))
             .chain(self.marks.iter().map(|m| &m.at));
+        // Infinite coordinates are ignored: one of them would shrink everything else to a point.
         box_of(surfaces).or_else(|| box_of(others))
     }
 
@@ -160,6 +161,8 @@ impl Scene {
                     "translucent": surface.translucent,
                     "thinned": thinned,
                 });
+                // Each set is stored once and named by number, because neighbouring vertices are mostly
+                // seen by the same scans.
                 if let Some(seen) = &surface.seen_by {
                     made["sets"] = json!({
                         "names": seen.names,
@@ -197,6 +200,7 @@ impl Scene {
                 json!({"at": at, "label": mark.label, "text": mark.text, "normal": mark.normal})
             })
             .collect();
+        // The page gets the tables of colours, so that its script has no copy that could differ.
         let maps = Map::ALL
             .iter()
             .map(|map| (map.name().to_owned(), json!(map.colours().map(|c| format!("{c:06x}")))));
@@ -241,6 +245,7 @@ impl Scene {
                 area += length(n);
             }
         }
+        // Area vectors of a closed surface cancel, so their sum shows whether it faces one way.
         let towards = length(facing);
         if towards <= FACING * area || area == 0.0 {
             return (OBLIQUE_VIEW, DVec3::Z);
@@ -319,6 +324,7 @@ impl Field {
             }
         }
         made["values"] = match &self.values {
+            // The precision of mesh files, so that a click shows what a file holds (decision 0080).
             Values::Numbers(values) => floats(values.iter().map(|v| *v as f32)),
             Values::Kinds(kinds) => packed("u16", kinds.iter().flat_map(|k| k.to_le_bytes())),
         };
@@ -333,5 +339,7 @@ fn floats(values: impl Iterator<Item = f32>) -> Value {
 
 /// Encodes little-endian bytes in base64: text that needs no escaping in a script.
 fn packed(kind: &str, bytes: impl Iterator<Item = u8>) -> Value {
+    // Typed arrays in JavaScript have the byte order of the machine, which is little-endian on all common
+    // ones.
     json!({"type": kind, "data": STANDARD.encode(bytes.collect::<Vec<u8>>())})
 }

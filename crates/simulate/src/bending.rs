@@ -87,6 +87,7 @@ impl BendingOptions {
             readings: self.readings,
             sigma: self.sigma,
             views: self.states,
+            // One sensor and no outliers, so that only the bend and the hole are difficult.
             old_scanner: false,
             probe_points: 0,
             outlier_share: 0.0,
@@ -144,6 +145,7 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     let size = options.size();
     let noise = options.laser();
     let from = FROM.try_normalize().ok_or_else(|| Error::input("the direction of view is undefined"))?;
+    // At least two states are checked before, so this neither wraps nor divides by zero below.
     let last = bending.states - 1;
     let states: Vec<Truth> = (0..=last).map(|k| bending.state(size, k as f64 / last as f64)).collect();
     let mut scene = ScanScene {
@@ -164,9 +166,12 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
         let pose = looking_from(truth, from, 0.0, size)?;
         let name = format!("laser-{}.ply", k + 1);
         let mut scanner = VirtualScanner {
+            // A scan with a grid would refer to readings that the hole removes.
             organised: false,
             ..VirtualScanner::new(&name, pose, field_of_view(truth, &pose, false), [64, 64], noise)
         };
+        // A grid for each state, so that all scans have about the same number of readings however bent
+        // the sheet is.
         scanner.grid = grid_for(&scanner, truth, each)?;
         let mut scan = scanner.scan(truth, seed_of(bending.seed, k))?;
         if k == last {

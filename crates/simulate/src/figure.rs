@@ -79,6 +79,7 @@ pub(super) fn draw(headline: &str, rows: &[Vec<Panel>]) -> String {
     );
     text(&mut out, [width / 2.0, 25.0], "middle", "font-size=\"15\"", headline);
     for (r, row) in rows.iter().enumerate() {
+        // One scale for the whole row, from all its panels: their curves can then be compared by eye.
         let largest = |d: usize| {
             row.iter()
                 .flat_map(|p| &p.curves)
@@ -87,6 +88,7 @@ pub(super) fn draw(headline: &str, rows: &[Vec<Panel>]) -> String {
                 .filter(|x| x.is_finite())
                 .fold(0.0_f64, f64::max)
         };
+        // A little room above the highest point; the x axis ends at the last value by itself.
         let scale = [Axis::to(largest(0), 6), Axis::to(1.05 * largest(1), 5)];
         for (c, panel) in row.iter().enumerate() {
             draw_panel(&mut out, panel, [WIDTH * c as f64, HEAD + HEIGHT * r as f64], &scale);
@@ -108,6 +110,7 @@ impl Axis {
         if largest <= 0.0 {
             return Self { end: 1.0, step: 0.5 };
         }
+        // Round steps only, so that labels have few digits.
         let rough = largest / steps as f64;
         // The tolerances keep a value that is round up to rounding from starting another step.
         let decade = 10.0_f64.powf(rough.log10().floor());
@@ -132,6 +135,7 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
         [left + (right - left) * p[0] / scale[0].end, bottom - (bottom - top) * p[1] / scale[1].end]
     };
     text(out, [(left + right) / 2.0, y0 + 22.0], "middle", "font-weight=\"bold\"", &panel.title);
+    // The grid first: SVG paints in order, so curves lie over it.
     for y in scale[1].ticks() {
         let [_, at] = place([0.0, y]);
         line(out, [left, at], [right, at], "#e2e2e2");
@@ -179,6 +183,8 @@ fn draw_legend(
     place: &dyn Fn([f64; 2]) -> [f64; 2],
 ) {
     let (width, height) = (158.0, 15.0 * panel.curves.len() as f64 + 6.0);
+    // In order of preference: of equally free corners, the first is taken. Sizes are estimated, because
+    // SVG cannot measure text.
     let corners = [
         [left + 8.0, top + 4.0],
         [right - width - 4.0, bottom - height - 6.0],

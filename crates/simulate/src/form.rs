@@ -154,6 +154,8 @@ impl ClosedForm {
             return Err(Error::input(format!("needed a size > 0, found {size}")));
         }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        // Every property draws from one sequence, so the order of the draws is part of the surface: a new
+        // property must draw last.
         let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
         Ok(match shape {
             Shape::Sheet => {
@@ -161,6 +163,8 @@ impl ClosedForm {
                 // Radii of curvature of about one to three lengths. Bumps have widths from a quarter down to
                 // a twelfth of the sheet, so that fits have to refine more in some places than in others.
                 let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
+                // At least a quarter along x, with the sign that was drawn, so that no sheet is nearly
+                // flat.
                 quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
                 let bumps = (0..9)
                     .map(|k| {
@@ -176,6 +180,8 @@ impl ClosedForm {
                 Self::Sheet(SheetForm { sides, quadratic, bumps })
             }
             Shape::Tube => {
+                // A bend of 30° to 40° keeps the bend radius well above the section, so that the inside
+                // does not fold.
                 let turn_rad = between(0.5, 0.7);
                 let waves = [
                     (2.0, 0.0, 0.14),
@@ -337,6 +343,8 @@ impl BentForm {
         let mut along = s.compose([along, 1.0 / r, -k * k * arc / r.powi(3)]);
         let mut up = s.compose([k * arc * arc / (r + 1.0), k * arc / r, k / r.powi(3)]);
         if let Some(bulge) = &self.bulge {
+            // The bulge lies along the normal of the catenary, (−sin, cos) of its slope. Both factors
+            // need derivatives.
             let (dx, dy) = (x - bulge.centre[0], y - bulge.centre[1]);
             let height = ((dx * dx + dy * dy) * (-0.5 / (bulge.width * bulge.width))).exp() * bulge.height;
             let sin_slope = s.compose([k * arc / r, k / r.powi(3), -3.0 * k.powi(3) * arc / r.powi(5)]);

@@ -239,10 +239,12 @@ pub fn write_picture_scene(
     make_folder(folder)?;
     let stage = Stage::new(options)?;
     let mut files = Vec::new();
+    // All images are kept until the last one is rendered; see below. They have one byte per pixel.
     let mut pictures = Vec::new();
     for view in 0..options.views {
         let share = |k: f64| (view as f64 + k) / options.views as f64;
         for (k, name) in scene.pictures(view + 1).into_iter().enumerate() {
+            // Rendering takes nearly all of the time, writing the rest.
             let (from, to) = (share(0.5 * k as f64), share(0.5 * (k + 1) as f64));
             let part = ProgressPart::new(progress, 0.95 * from, 0.95 * to);
             pictures.push((folder.join(name), stage.take(scene, view, k, &part)?));
@@ -321,6 +323,8 @@ impl Stage {
             None => {
                 let size = SIZE_MM / options.unit.millimetres();
                 let truth = Truth::freeform(options.shape, size, options.seed)?;
+                // A triangle then covers about ten pixels of a default image, as small as the spots of
+                // the texture.
                 (truth.mesh(80_000).0, options.shape.name().to_owned(), options.unit)
             }
             Some(path) => {
@@ -336,6 +340,7 @@ impl Stage {
         };
         let bounds = mesh.bounding_box().ok_or_else(|| Error::undetermined("the mesh has no vertices"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
+        // Relative to the diagonal: meshes of any size and unit fill the images alike.
         let far = DISTANCE * diagonal;
         let mut up = DVec3::ZERO;
         up[options.up] = 1.0;
@@ -403,6 +408,7 @@ impl Stage {
     fn pattern(&self) -> StripePattern {
         // The object is largest in the image of the projector where it is nearest to it.
         let half = self.focal * 0.5 * self.diagonal / (self.far - 0.5 * self.diagonal);
+        // Rounded up: stripes beyond the object do no harm, but a part without stripes has no readings.
         let count = (half / self.options.stripe_spacing).ceil() as i32;
         StripePattern {
             directions_rad: STRIPES_DEG.map(f64::to_radians),
@@ -547,6 +553,8 @@ fn pose_on_ring(middle: DVec3, far: f64, up: DVec3, turn: f64, elevation_deg: f6
     let across = DVec3::new(up[1], up[2], up[0]);
     let third = up.cross(DVec3::from(across));
     let (sin, cos) = elevation_deg.to_radians().sin_cos();
+    // A cyclic shift of a coordinate axis is perpendicular to it, so `across`, `third` and `level` have
+    // unit length.
     let level = turn.cos() * across + turn.sin() * third;
     let towards = cos * level + sin * up;
     let position = middle + far * towards;

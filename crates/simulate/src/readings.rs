@@ -121,6 +121,8 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     // The sensor moves around this point. The vertices of the L lie around the origin; the parameters of all
     // other kinds begin with their centre.
     let middle = if options.kind == ContourKind::Polygon(6) { [0.0; 2] } else { [theta[0], theta[1]] };
+    // One call gives both files, so that row k of `exact.csv` is the true value of row k of
+    // `readings.csv`.
     let made = ranges(&options.kind, &theta, middle, options.readings, &sensor, options.seed);
     make_folder(folder)?;
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));
@@ -161,6 +163,7 @@ pub(super) fn parameters_json(
     kind: &ContourKind,
     theta: &[f64],
 ) -> serde_json::Map<String, serde_json::Value> {
+    // Canonical, as a fit reports them: an ellipse has a second set of parameters, with its axes swapped.
     let (canonical, _) = kind.canonical(theta);
     let names = kind.names().into_iter().zip(canonical);
     names.map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 }))).collect()

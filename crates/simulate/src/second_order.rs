@@ -35,6 +35,8 @@ impl SecondOrder {
             f: g,
             u: d * self.u,
             v: d * self.v,
+            // The chain rule of second order: g'' times the product of the first derivatives, plus g'
+            // times the second.
             uu: d * self.uu + dd * self.u * self.u,
             uv: d * self.uv + dd * self.u * self.v,
             vv: d * self.vv + dd * self.v * self.v,
@@ -104,6 +106,7 @@ impl Mul for SecondOrder {
             f: self.f * b.f,
             u: self.u * b.f + self.f * b.u,
             v: self.v * b.f + self.f * b.v,
+            // The product rule, applied twice; mixed derivatives are symmetric and stored once.
             uu: self.uu * b.f + 2.0 * self.u * b.u + self.f * b.uu,
             uv: self.uv * b.f + self.u * b.v + self.v * b.u + self.f * b.uv,
             vv: self.vv * b.f + 2.0 * self.v * b.v + self.f * b.vv,

@@ -103,6 +103,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
             options.outliers
         )));
     }
+    // A mesh without a unit gets that of the options, as in every command that reads meshes.
     let (rest, unit) = match &options.mesh {
         Some(path) => {
             let file = read_mesh(path)?;
@@ -118,6 +119,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let bounds =
         BoundingBox::from_points(&rest.positions).ok_or_else(|| Error::input("the mesh has no vertices"))?;
     let size = bounds.diagonal();
+    // One sequence for everything, in this order: the skipped control, displacements, positions, errors.
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     // `skipped` makes these controls differ from those that a fit selects automatically: with the same ones,
     // a fit could represent the deformation exactly, which no real object allows.
@@ -131,6 +133,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
         positions: displaced_positions(&rest.positions, &deformation, &q),
         triangles: rest.triangles.clone(),
     };
+    // The box of the deformed mesh, for outliers and cameras: a large deformation leaves that of the mesh
+    // at rest.
     let bounds = BoundingBox::from_points(&truth.positions).unwrap_or(bounds);
     let sigma = options.noise * size;
     let points: Vec<DVec3> = sample_points(&truth, options.points, || random.random())?
@@ -193,6 +197,7 @@ fn write_masks(
     folder: &Path,
     files: &mut Vec<PathBuf>,
 ) -> Result<String> {
+    // Masks hold 0 and 255 only; the threshold in the middle reads them back exactly.
     let mut views = format!("unit = \"{}\"\nmask_threshold = 127\n", unit.name());
     for view in 0..count {
         let camera = camera(view, count, bounds)?;

@@ -217,6 +217,8 @@ pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<Sp
     for &readings in &options.readings {
         for (k, &noise) in options.noise_percent.iter().enumerate() {
             let begun = rows.len();
+            // The comparison shares the sets of the main figure, so that equal orientation errors give
+            // equal rows, which are computed once.
             let mut tilts = vec![options.orientation_deg];
             if noise == COMPARED_NOISE {
                 tilts.extend(&options.compared_orientations_deg);
@@ -252,6 +254,7 @@ fn average(sets: &[Vec<SphereRow>]) -> Vec<SphereRow> {
     for (k, row) in mean.iter_mut().enumerate() {
         let mean_of =
             |value: &dyn Fn(&SphereRow) -> f64| share * sets.iter().map(|s| value(&s[k])).sum::<f64>();
+        // Only results are averaged. The settings of a row are the same in all sets.
         row.leaf_patches = mean_of(&|r| r.leaf_patches);
         row.patch_percent = mean_of(&|r| r.patch_percent);
         row.global_percent = mean_of(&|r| r.global_percent);
@@ -333,6 +336,7 @@ pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Formatio
         })
         .collect();
     let mut forming = Formation { places, snapshots: Vec::new() };
+    // The last snapshot is taken after the loop, so one frame fewer is taken during it.
     let every = count.div_ceil(frames.saturating_sub(1).max(1)).max(1);
     let mut observed = 0;
     let filter = model.run_patch_filter(&positions, prior, options.depth, |filter| {
@@ -461,6 +465,8 @@ impl SharedModel {
 
     /// The weight of the prior that maximises the restricted likelihood of the positions.
     fn prior_weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
+        // The prior is linear in its weight, so its information is computed once and scaled by each
+        // trial.
         let unit =
             SmoothnessPrior { weight: 1.0, hold: PRIOR_HOLD }.information(&self.system, &self.metric)?;
         let space = self.system.space();

@@ -103,6 +103,8 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let laser = looking_from(&truth, direction(FROM)?, 0.0, size)?;
     let axis = direction(AXIS)?;
     let axis_point = size * AXIS_POINT;
+    // The axis is part of the truth only. A job states times and poses, from which the motion has to be
+    // estimated.
     let mut scene = ScanScene {
         set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
         motion: Some(TrueMotion {
@@ -131,6 +133,8 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
         let world_from_object = Pose::from_twist(time * turn, time * slide);
         let object_from_laser = world_from_object.inverse().after(&laser);
         let file = format!("laser-{}.ply", view + 1);
+        // The field of view follows the object: a fixed one would have to cover it in all positions and
+        // waste rays.
         let optics = field_of_view(&scene.truth, &object_from_laser, false);
         let mut scanner = VirtualScanner::new(&file, object_from_laser, optics, [64, 64], noise);
         scanner.grid = grid_for(&scanner, &scene.truth, each)?;

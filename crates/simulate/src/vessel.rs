@@ -54,6 +54,7 @@ impl VesselOptions {
             seed: self.seed,
             readings: self.readings,
             sigma: self.sigma,
+            // A second view would show the far side, which only the symmetry should determine.
             views: 1,
             old_scanner: false,
             probe_points: 0,
@@ -90,10 +91,13 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
         sharpness,
         amplitude,
     };
+    // Bumps lie on the axis of an ellipsoid with equal semi-axes, so the vessel is exactly a surface of
+    // revolution.
     let truth = Truth::from_closed_form(ClosedForm::Ball(BallForm {
         semi_axes: SEMI_AXES * size,
         bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
     }));
+    // The laser of the scene `scans`, so that σ has one default for all scenes of scans.
     let noise = options.laser();
     let from = FROM.try_normalize().ok_or_else(|| Error::input("the direction of view is undefined"))?;
     let pose = looking_from(&truth, from, 0.0, size)?;

@@ -70,6 +70,8 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
     let mut summary =
         ReadingsSummary { rows: 0, columns: COLUMNS[..WRITTEN_COLUMNS].to_vec(), files: Vec::new() };
     for (i, view) in ViewKind::ALL.into_iter().enumerate() {
+        // Axes come from the reader of views, so that the scene cannot disagree with it about what a view
+        // shows.
         let [right, up, _] = view.axes();
         let (kind, theta) = outline(view, size[right], size[up]);
         let middle = [0.5 * size[right], 0.5 * size[up]];
@@ -90,6 +92,7 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
         summary.rows += made.noisy.len();
         summary.files.extend(paths);
     }
+    // The right angle of the front is at the origin, so the prism is half of its box.
     let [x, y, z] = size;
     let front = [[0.0, 0.0], [x, 0.0], [0.0, z]];
     let vertices: Vec<DVec3> =

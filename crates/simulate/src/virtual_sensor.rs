@@ -151,6 +151,7 @@ impl VirtualScanner {
                 self.grid
             )));
         }
+        // Written with a negation, so that NaN is rejected, too.
         if !(self.unevenness >= 0.0 && self.unevenness.is_finite()) {
             return Err(Error::input(format!("needed unevenness of at least 0, found {}", self.unevenness)));
         }
@@ -170,6 +171,7 @@ impl VirtualScanner {
     /// distance from the middle of the field of view, which is 1 at the corners.
     fn ray(&self, cell: usize) -> (DVec3, DVec3, f64) {
         let index = [cell % self.grid[0], cell / self.grid[0]];
+        // Centres of the cells, from −1 to 1, so that no ray lies on the edge of the field of view.
         let [a, b] = [0, 1].map(|k| (2 * index[k] + 1) as f64 / self.grid[k] as f64 - 1.0);
         let rho2 = 0.5 * (a * a + b * b);
         match self.optics {
@@ -218,6 +220,8 @@ impl VirtualScanner {
                 scanner_from_world.apply(point.position) + draw(self.noise, ray, noise_factor, &mut rng);
             let outlier = rng.random::<f64>() < self.outlier_share;
             if outlier {
+                // At least 10 σ: a smaller outlier is hardly an outlier, and a gate could not be judged
+                // by it.
                 let smallest = (0.1 * self.outlier_size).max(10.0 * noise_factor * self.noise.sigma());
                 let largest = self.outlier_size.max(2.0 * smallest);
                 let size = smallest + (largest - smallest) * rng.random::<f64>();
@@ -241,6 +245,7 @@ impl VirtualScanner {
         let (mut sigma, mut covariance) = (Vec::new(), Vec::new());
         for reading in readings {
             grid.push(reading.map_or(RangeGrid::EMPTY, |_| scan.points.len() as u32));
+            // The grid has an entry for every cell, the points only for readings.
             let Some((z, ray, reading)) = reading else {
                 continue;
             };
@@ -306,6 +311,7 @@ impl VirtualProbe {
         positive("sigma", self.sigma)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let probe_from_world = self.world_from_probe.inverse();
+        // Points first, errors afterwards: another σ touches the same points.
         let touched = truth.sample_area_uniform(self.points, &mut rng);
         let mut scan =
             Scan { name: self.name.clone(), world_from_scanner: self.world_from_probe, ..Scan::default() };

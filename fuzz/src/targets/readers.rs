@@ -104,6 +104,7 @@ fn bytes_of(path: &Path) -> Vec<u8> {
 /// Reads a scan, writes it, reads it and writes it again: both files must be equal.
 pub(super) fn scan_round_trip(path: &Path) -> Result<()> {
     scans(path)?;
+    // A scan has no unit of its own, so the unit is read with the other contents.
     let contents = read_contents(path)?;
     let (first, second) = (sibling(path, "first.ply"), sibling(path, "second.ply"));
     write_scan(&first, &read_scan(path)?, contents.unit)?;
@@ -115,6 +116,7 @@ pub(super) fn scan_round_trip(path: &Path) -> Result<()> {
 /// Reads a textured mesh and splits it at its texture seams, as a viewer does.
 pub(super) fn textured(path: &Path) -> Result<()> {
     read_textured(path).map(|mesh| {
+        // An index beyond the vertices would be noticed only later, in a viewer.
         let split = mesh.split();
         assert!(split.triangles.iter().flatten().all(|&v| (v as usize) < split.vertex_of.len()));
     })
@@ -158,6 +160,7 @@ fn write(mesh: &PolygonMesh, path: &Path) -> Result<()> {
 
 /// Reads a saved model, and writes and reads it twice: both files must be equal.
 pub(super) fn model_round_trip(path: &Path) -> Result<()> {
+    // The damaged file may have another layout than a written one, so two written files are compared.
     let saved = load_with_provenance(path)?;
     let (first, second) = (sibling(path, "first.planish"), sibling(path, "second.planish"));
     save(&saved.model, &saved.provenance, &first)?;

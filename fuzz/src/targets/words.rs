@@ -13,6 +13,7 @@ pub(super) const PLY: &[&str] = &[
     "element",
     "vertex",
     "face",
+    // Grids of range scanners: rows of vertex numbers, which have to exist.
     "range_grid",
     "property",
     "list",
@@ -47,9 +48,11 @@ pub(super) const PLY: &[&str] = &[
     "comment",
     "unit",
     "mm",
+    // The grid size of the Stanford scans.
     "obj_info",
     "num_cols",
     "num_rows",
+    // With the line end, so that the body starts at once and the rest of the header becomes data.
     "end_header\n",
     "\n",
     "\r\n",
@@ -77,10 +80,13 @@ pub(super) const TEXT: &[&str] = &[
     ";",
     "\t",
     "\"",
+    // A byte order mark, which spreadsheets write.
     "\u{feff}",
     "\r\n",
+    // NaN as older C libraries of Windows print it.
     "1.#QNAN",
     "-nan(ind)",
+    // Two bytes: damage can cut it, so readers meet text that is not UTF-8.
     "é",
     "\0",
 ];
@@ -92,6 +98,7 @@ pub(super) const PCD: &[&str] = &[
     "COLUMNS",
     "SIZE",
     "TYPE",
+    // `COUNT`, `WIDTH` and `POINTS` promise sizes, which readers must compare with the file.
     "COUNT",
     "WIDTH",
     "HEIGHT",
@@ -114,10 +121,12 @@ pub(super) const PCD: &[&str] = &[
     "2",
     "4",
     "8",
+    // The name of padding fields.
     "_",
     "\n",
 ];
 
+// A list can name itself (`a.conf`), leave its folder, or name a file without an end (`/dev/zero`).
 /// Lists of scans (VRIP `.conf`).
 pub(super) const LIST: &[&str] =
     &["bmesh", "camera", "#", "good.xyz", "a.conf", "a scan.xyz", "..", "/", "/dev/zero", "\r\n", "\0"];
@@ -138,18 +147,21 @@ pub(super) const JOB: &[&str] = &[
     "sensor",
     "file",
     "\"good.xyz\"",
+    // A job that names itself.
     "\"a.toml\"",
     "pose",
     "translation",
     "quaternion_xyzw",
     "viewpoint",
     "direction",
+    // Nesting, for parsers that recurse.
     "[[[[[[[[[[[[[[[[",
     "{",
     "}",
     "=",
     "'''",
     "\"\"\"",
+    // A date: a TOML type that no key expects.
     "1979-05-27",
     "\\u0000",
     "\n",
@@ -163,6 +175,7 @@ pub(super) const JSON: &[&str] = &[
     "\"F64\"",
     "\"U32\"",
     "\"U8\"",
+    // A type of the format that no model uses.
     "\"BF16\"",
     "null",
     "true",
@@ -176,19 +189,23 @@ pub(super) const JSON: &[&str] = &[
     "__metadata__",
     "knots_u",
     "cells",
+    // Beyond the largest `f64`: infinity for some parsers, an error for others.
     "1e999",
     "\\\"",
     "schema",
 ];
 
+// Special to OBJ: indices from the end (`-1`), indices without a texture (`//`), and continued lines.
 /// OBJ statements.
 pub(super) const OBJ: &[&str] = &[
     "v", "vn", "vt", "f", "l", "p", "o", "g", "s", "usemtl", "#", "unit", "mm", "/", "//", "-1", "\\\n", "\n",
 ];
 
+// `4OFF` has four coordinates for each vertex; `1e400` is beyond the largest `f64`.
 /// OFF headers.
 pub(super) const OFF: &[&str] = &["OFF", "COFF", "4OFF", "BINARY", "#", "3", "4", "0", "-1", "1e400", "\n"];
 
+// Options such as `-s` stand between the keyword and the name of the file.
 /// Material files.
 pub(super) const MTL: &[&str] = &["newmtl", "map_Kd", "Kd", "-s", "#", "a.png", " ", "\n"];
 
@@ -209,6 +226,7 @@ pub(super) const GLB: &[&str] = &[
     "\"mode\"",
     "\"accessors\"",
     "\"bufferViews\"",
+    // Offsets, lengths and strides refer to each other; readers must check their sums for overflow.
     "\"byteStride\"",
     "\"byteOffset\"",
     "\"byteLength\"",
@@ -218,6 +236,7 @@ pub(super) const GLB: &[&str] = &[
     "5123",
     "\"count\"",
     "\"nodes\"",
+    // Nodes can name each other as children, in a circle.
     "\"children\"",
     "\"matrix\"",
     "\"translation\"",
@@ -233,6 +252,7 @@ pub(super) const GLB: &[&str] = &[
 /// NumPy headers.
 pub(super) const NPY: &[&str] = &[
     "descr",
+    // Order and shape decide which numbers form a point.
     "fortran_order",
     "shape",
     "True",
@@ -272,6 +292,7 @@ pub(super) const XML: &[&str] = &[
     "<![CDATA[",
     "]]>",
     "&amp;",
+    // A character that XML forbids.
     "&#0;",
 ];
 
@@ -311,6 +332,7 @@ pub(super) const POSES: &[&str] = &[
     "\n",
 ];
 
+// The last number is 2³²: a width that wraps in 32 bits.
 /// Netpbm headers.
 pub(super) const PGM: &[&str] = &["P2", "P3", "P5", "P6", "255", "65535", "#", "\n", " ", "4294967296"];
 
@@ -333,6 +355,7 @@ pub(super) const GRID: &[&str] = &[
     "=",
     "1e308",
     "nan",
+    // The limits of `i32`: the number of stripes in a range must not overflow.
     "2147483647",
     "-1024",
 ];
@@ -394,6 +417,7 @@ pub(super) const STEP: &[&str] = &[
     "SURFACE_OF_LINEAR_EXTRUSION",
     "VERTEX_LOOP",
     "ORIENTED_FACE",
+    // Assemblies, whose parts can contain each other.
     "MAPPED_ITEM",
     "SHAPE_REPRESENTATION",
     "SHAPE_REPRESENTATION_RELATIONSHIP",
@@ -411,6 +435,7 @@ pub(super) const DXF: &[&str] = &[
     "LAYER",
     "BLOCK",
     "ENDBLK",
+    // Blocks that are inserted into blocks; one can contain itself.
     "INSERT",
     "LINE",
     "ARC",
@@ -430,6 +455,7 @@ pub(super) const DXF: &[&str] = &[
     "BYBLOCK",
     "part",
     "$INSUNITS",
+    // Codes with line ends: each stands on a line of its own, before its value.
     "\n0\n",
     "\n2\n",
     "\n8\n",
@@ -444,6 +470,7 @@ pub(super) const DXF: &[&str] = &[
     "\n230\n",
     "1e308",
     "nan",
+    // Formatting in texts of dimensions, and the placeholder of the measured value.
     "\\A1;",
     "%%c",
     "<>",
@@ -462,6 +489,7 @@ pub(super) const SVG: &[&str] = &[
     "<rect ",
     "<circle ",
     "<style>",
+    // Entities, which can grow without bounds when they are expanded.
     "<!DOCTYPE svg [",
     "<!ENTITY a '",
     "&a;",
@@ -470,6 +498,7 @@ pub(super) const SVG: &[&str] = &[
     "matrix(",
     "rotate(",
     "scale(",
+    // An infinite tangent.
     "skewX(90)",
     ")",
     "viewBox='",
@@ -488,6 +517,7 @@ pub(super) const SVG: &[&str] = &[
     "Z",
     "H",
     "V",
+    // An arc without radius.
     "0 0 0 1 1",
     "stroke-dasharray",
     "points='",

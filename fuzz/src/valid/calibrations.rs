@@ -5,6 +5,7 @@ use planish_estimate::Result;
 
 /// Calibrations of a depth camera.
 pub fn cameras() -> Result<Vec<Vec<u8>>> {
+    // A file with every key and one with the required keys only: damage can then remove and add keys.
     let full =
         "unit = \"m\"\nfx = 2\nfy = 2.5\ncx = 1\ncy = 0.5\nscale = 0.001\nsigma_a = 0.001\nsigma_b = 0.002\n";
     Ok(vec![full.as_bytes().to_vec(), b"fx = 500\nfy = 500\ncx = 2\ncy = 1\n".to_vec()])
@@ -43,6 +44,7 @@ pub fn views() -> Result<Vec<Vec<u8>>> {
 /// Cameras with masks. The named files need not exist.
 pub fn mask_views() -> Result<Vec<Vec<u8>>> {
     let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
+    // An exact rotation (0.28, 0.96): readers reject matrices that are not orthogonal.
     let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 900.0]\n";
     let projection = "P = [[900, 0, 320, 1000], [0, 900, 240, 2000], [0, 0, 1, 800]]\n";
     Ok(vec![
@@ -69,6 +71,7 @@ pub fn poses() -> Result<Vec<Vec<u8>>> {
 
 /// A camera and a projector of crossed stripe patterns.
 pub fn grids() -> Result<Vec<Vec<u8>>> {
+    // Integers and decimals are mixed, as people write them; TOML distinguishes both.
     let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
     let stripes = "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, \
         20], [-20, 20]]\n";

@@ -4,11 +4,13 @@ use planish_estimate::Result;
 
 /// Drawings with layers, an inserted block, an old polyline, a dimension, and one curve of every type.
 pub fn dxfs() -> Result<Vec<Vec<u8>>> {
+    // DXF has a code or a value on each line. Blanks keep the texts below readable.
     let lines = |text: &str| text.split(' ').collect::<Vec<_>>().join("\n") + "\n";
     let head =
         "0 SECTION 2 HEADER 9 $INSUNITS 70 4 0 ENDSEC 0 SECTION 2 TABLES 0 LAYER 2 INNER 6 HIDDEN 0 ENDSEC";
     let blocks = "0 SECTION 2 BLOCKS 0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 0 10 1 \
         20 0 40 2 50 0 51 90 0 ENDBLK 0 ENDSEC";
+    // An array of insertions with a scale and an angle: the transformation of a block has all its parts.
     let placed = "0 INSERT 2 part 10 5 20 5 41 2 42 2 50 30 70 2 71 2 44 10 45 10";
     let curves = "0 LINE 5 2A 8 INNER 10 0 20 0 11 40 21 0 0 CIRCLE 8 0 10 20 20 10 40 6 0 ELLIPSE 10 0 20 \
         0 11 4 21 0 40 0.5 41 0 42 6.28 \
@@ -31,6 +33,7 @@ pub fn svgs() -> Result<Vec<Vec<u8>>> {
         cx='2'/></g><rect width='9' height='5' rx='1'/>\
                   <polygon points='0,0 1,0 1,1'/><ellipse rx='3' ry='2' class='d'/><path d='M0 0h3v2l-1-1A2 \
                   2 0 0 1 5 5C1 2 3 4 5 6S1 1 0 0Q1 2 3 4T5 5z'/>";
+    // The entity is used in an attribute, where a reader has to expand or reject it.
     let sheet = "<?xml version='1.0'?><!DOCTYPE svg [<!ENTITY w '20'>]><svg \
         xmlns='http://www.w3.org/2000/svg' width='100mm' viewBox='0 0 100 50'>\
                  <style>.d { stroke-dasharray: 3 2 }</style><text>40</text>";

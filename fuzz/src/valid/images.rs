@@ -16,6 +16,7 @@ pub fn pngs() -> Result<Vec<Vec<u8>>> {
         Ok(bytes)
     };
     let failed = |e: png::EncodingError| Error::io("no PNG").with_source(e);
+    // A few pixels: checks of headers come first, and small files are read quickly.
     let wide: Vec<u8> = (0..12_u16).flat_map(|k| (900 * k).to_be_bytes()).collect();
     let narrow: Vec<u8> = (0..12).collect();
     Ok(vec![
@@ -60,6 +61,7 @@ pub fn tgas() -> Result<Vec<Vec<u8>>> {
 
 /// Grey and coloured images of the Netpbm family, in text and in binary.
 pub fn pgms() -> Result<Vec<Vec<u8>>> {
+    // Comments are permitted between the numbers of a header.
     let mut bytes = b"P5\n# a comment\n4 3\n255\n".to_vec();
     bytes.extend(0..12);
     let mut wide = b"P6 2 2 65535\n".to_vec();

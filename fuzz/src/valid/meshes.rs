@@ -28,6 +28,7 @@ pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
         triangles: &[[0, 1, 3], [1, 4, 3], [1, 2, 4], [4, 2, 5], [3, 4, 6]],
         unit: Some(Unit::Metre),
     };
+    // What our writer never writes: polygons, text, properties of faces, and NaN.
     let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float \
         z\nproperty float quality\n\
                 element face 2\nproperty list uchar int vertex_index\nproperty uchar flags\nend_header\n\
@@ -51,6 +52,8 @@ fn square(name: &str) -> Result<Vec<u8>> {
 
 /// OBJ from our writer, and one with features that it does not write.
 pub fn objs() -> Result<Vec<Vec<u8>>> {
+    // Polygons, colours after coordinates, negative indices and a continued line, as other programs write
+    // them.
     let other = "# made elsewhere\nmtllib a.mtl\no thing\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 \
         0.5\nvt 0 0\nvn 0 0 1\n\
                  f 1/1/1 2/1/1 3/1/1 4/1/1\nf -4//-1 -3//-1 \\\n-1//-1\nl 1 2\ns off\n";
@@ -104,6 +107,7 @@ pub fn posed() -> Result<Vec<Vec<u8>>> {
 /// Faces on planes, cylinders, cones, spheres and splines, in inches and
 /// millimetres, and an assembly of parts.
 pub fn steps() -> Result<Vec<Vec<u8>>> {
+    // The files of the reader's own tests, which cover its kinds of surfaces.
     let files: [&[u8]; 5] = [
         include_bytes!("../../../crates/exchange/tests/data/assembly.step.gz"),
         include_bytes!("../../../crates/exchange/tests/data/rounded_box.step.gz"),
@@ -131,6 +135,7 @@ fn model(shape: planish::Shape) -> Result<Vec<u8>> {
     let (scan, model) = (folder.path().join("a.ply"), folder.path().join("a.planish"));
     let round = |[u, v, _]: DVec3| {
         let (longitude, z) = (std::f64::consts::TAU * u, 2.0 * v - 1.0);
+        // Equal steps of z spread points evenly over a sphere (Archimedes).
         let radius = (1.0 - z * z).max(0.0).sqrt();
         [radius * longitude.cos(), radius * longitude.sin(), z]
     };
@@ -139,6 +144,7 @@ fn model(shape: planish::Shape) -> Result<Vec<u8>> {
         _ => points(9).into_iter().map(round).collect(),
     };
     write_scan(&scan, &Scan { points, ..Scan::default() }, Some(Unit::Millimetre))?;
+    // Few coefficients: in a small file, much of the damage hits the header, which the reader checks.
     let options = FitOptions { shape: Some(shape), max_coefficients: 64, ..FitOptions::default() };
     // No provenance: it would contain the name of the temporary folder.
     save(&fit(&read_inputs(&[scan], None)?, &options, &Silent)?.model, &[], &model)?;

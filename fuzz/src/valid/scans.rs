@@ -22,12 +22,14 @@ pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
         grid: Some(RangeGrid {
             columns: 4,
             rows: 5,
+            // The last row is empty, as where a scanner sees nothing.
             cells: (0..20).map(|k| if k < 16 { k } else { RangeGrid::EMPTY }).collect(),
         }),
         points: points.clone(),
         ..Scan::default()
     };
     let plain = Scan { sigma: Some(vec![0.1; count]), points, ..Scan::default() };
+    // What our writer never writes: text, an unknown element with a list, and a missing coordinate.
     let text = "ply\nformat ascii 1.0\ncomment unit mm\nobj_info num_cols 2\nobj_info num_rows 2\nobj_info \
         is_cyberware_data 1\n\
                 element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float \
@@ -35,6 +37,7 @@ pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
                 property list uchar short list\nelement range_grid 4\nproperty list uchar int \
                 vertex_indices\nend_header\n\
                 0 0 0.5 0.1\n1 0 nan 0.2\n0 1 0.25 0.1\n2 -7 8\n1 0\n1 1\n0\n1 2\n";
+    // Another byte order, mixed types and line ends of Windows, which our writer never writes.
     let mut big = b"ply\r\nformat binary_big_endian 1.0\r\nelement vertex 2\r\nproperty float x\r\nproperty \
         double y\r\nproperty int z\r\n\
                     property uchar red\r\nend_header\r\n"
@@ -62,11 +65,13 @@ pub fn texts() -> Result<Vec<Vec<u8>>> {
     });
     let texts = [
         plain.as_str(),
+        // A count, then intensity and colour, as in PTS files of Leica.
         "3\n0 0 0 17 255 0 0\n1 0 0 17 255 0 0\n0 1 0 17 255 0 0\n",
         "0 0 0 0 0 1\n1 0 0 0.6 0 0.8\n0 1 0 0 0 1\n",
         "# x y z cxx cxy cxz cyy cyz czz\n1 2 3 4 0 0 5 0 6\n1 2 4 4 0 0 5 0 6\n",
         "\u{feff}\"x\",\"y\",\"z\",\"sigma\",\"nx\",\"ny\",\"nz\",\"sigma_n_deg\"\r\n\
          \"1\",2,3,0.5,0,0,1,2\r\n1,2,,0.5,0,0,1,2\r\n",
+        // Semicolons, and NaN of older C libraries of Windows.
         "x;y;z\n1;2;3\n4;5;1.#QNAN\n",
         "// made by hand\n1\t2\t3\n\n4\t5\t-6e-3\n",
     ];
@@ -93,6 +98,7 @@ pub fn pcds() -> Result<Vec<Vec<u8>>> {
         })
         .collect();
     let binary: Vec<u8> = records.iter().flatten().flatten().copied().collect();
+    // The compressed form holds one field after the other, not one point after the other.
     let columns: Vec<u8> =
         (0..8).flat_map(|field| records.iter().flat_map(move |r| r[field].clone())).collect();
     let mut compressed = Vec::new();
@@ -119,6 +125,7 @@ pub fn pcds() -> Result<Vec<Vec<u8>>> {
 
 /// LAS files of old and new point formats.
 pub fn las() -> Result<Vec<Vec<u8>>> {
+    // Formats from 6 on have other records than those before, and need version 1.4.
     [(2, 1), (2, 3), (4, 6), (4, 8)].into_iter().map(|(minor, format)| lidar(minor, format, false)).collect()
 }
 
@@ -143,6 +150,7 @@ fn lidar(minor: u8, format: u8, compressed: bool) -> Result<Vec<u8>> {
             y,
             z,
             classification: if k % 3 == 0 { Classification::Ground } else { Classification::Unclassified },
+            // Withheld points and other classes, so that the filters of the reader have something to do.
             is_withheld: k == 7,
             gps_time: point_format.has_gps_time.then_some(k as f64),
             color: point_format.has_color.then(|| las::Color::new(1, 2, k as u16)),
@@ -192,6 +200,7 @@ pub fn npys() -> Result<Vec<Vec<u8>>> {
     Ok(vec![
         array("<f8", "False", "(16, 3)", &rows),
         array("<f8", "False", "(4, 4, 3)", &rows),
+        // Differs from the first array in type, byte order and order of the numbers.
         array(">f4", "True", "(4, 3)", &single),
     ])
 }

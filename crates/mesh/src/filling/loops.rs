@@ -25,6 +25,8 @@ pub(crate) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
         loop {
             done[half as usize] = true;
             vertices.push(corner(half));
+            // Turning about the end through its triangles stays within one fan. A search by vertex could
+            // leave a vertex with several fans by the wrong edge.
             half = next_in_triangle(half);
             while opposite[half as usize] != NONE {
                 half = next_in_triangle(opposite[half as usize]);
@@ -46,6 +48,8 @@ fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
     for v in vertices {
         if on_path.contains(&v) {
             let at = path.iter().position(|w| *w == v).unwrap_or(0);
+            // The part since the first visit is a closed loop of its own. Its other vertices leave the
+            // path, so that they may be passed again.
             let part = path.split_off(at);
             for w in &part[1..] {
                 on_path.remove(w);
@@ -94,6 +98,7 @@ pub(crate) fn close_loops(
         }
         let around = Surroundings { positions, normals, edges: &edges };
         if let Some(cover) = least_cover(&around, &vertices) {
+            // Covers of later loops must not repeat the edges of this one.
             for t in &cover {
                 for k in 0..3 {
                     edges.insert(edge(t[k], t[(k + 1) % 3]));

@@ -61,6 +61,8 @@ impl Lid {
                 let middle = 1.0 / 3.0 * (at[0] + (at[1] + at[2]));
                 let away = at.map(|p| p.distance(middle));
                 let graded = |k: usize| lengths[corners[k] as usize] + GRADE * away[k];
+                // The smallest of the three: a long edge at one corner must not hide the density at
+                // another.
                 let length = graded(0).min(graded(1)).min(graded(2));
                 let large = |k: usize| away[k] > SPLIT_DISTANCE * length.max(lengths[corners[k] as usize]);
                 if large(0) && large(1) && large(2) {

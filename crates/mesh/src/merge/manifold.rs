@@ -23,6 +23,8 @@ pub(super) struct Manifold {
 pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
     let (mut numbers, mut triangles): (Vec<u32>, Vec<[u32; 3]>) =
         (0..).zip(mesh.triangles.iter().copied()).filter(|(_, t)| !is_collapsed(*t)).unzip();
+    // A triangle that is dropped changes the table of edges. The loop therefore ends with a pass that
+    // drops nothing, whose table is that of the result.
     let table = loop {
         let table = EdgeTable::new(&triangles);
         let mut drop = vec![false; triangles.len()];
@@ -31,6 +33,8 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
             for &half in table.half_edges(edge) {
                 let t = half as usize / 3;
                 let forwards = usize::from(triangles[t][half as usize % 3] == table.ends[edge][0]);
+                // The first triangle in each direction stays. This depends only on the order of triangles
+                // and edges, so the result is the same every time.
                 if !drop[t] {
                     drop[t] = occupied[forwards];
                     occupied[forwards] = true;

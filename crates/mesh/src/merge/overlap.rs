@@ -270,6 +270,8 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
                         SHAPE_ANGLE_RAD,
                         2.0 * spacing,
                     )?;
+                    // Beyond a border, the height contains slope and curvature up to the border, not only
+                    // noise.
                     if foot.on_boundary {
                         return None;
                     }
@@ -338,6 +340,7 @@ fn feet_of(
             let beside = BEYOND_BORDER * mine.spacing[v];
             let max_epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
             let reach = max_epsilon.max(beside);
+            // The box rejects most vertices of partly overlapping patches before a search starts.
             let inside = boxes[j]
                 .is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
             if !inside {

@@ -46,6 +46,8 @@ fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u3
     for (half, over) in opposite.iter().enumerate() {
         let (a, b) = (triangles[half / 3][half % 3], triangles[half / 3][(half % 3 + 1) % 3]);
         valence[a as usize] += 1;
+        // Each edge is counted at the start of a half-edge; a border edge has only one and is counted at
+        // its end here.
         if *over == NONE {
             valence[b as usize] += 1;
         }
@@ -135,6 +137,8 @@ impl<'a> Net<'a> {
     fn new(positions: &'a [DVec3], triangles: &'a mut [[u32; 3]], wanted: &'a [bool], steps: usize) -> Self {
         let mut free = wanted.to_vec();
         for _ in 0..steps {
+            // A copy of the last ring, so that one step adds exactly one ring whatever the order of the
+            // triangles.
             let before = free.clone();
             for t in triangles.iter().filter(|t| t.iter().any(|v| before[*v as usize])) {
                 for v in t {
@@ -195,6 +199,8 @@ impl<'a> Net<'a> {
         }
         let around = around(self.triangles, half, over);
         let [a, b, c, d] = around;
+        // `c == d` is a pair of triangles over the same three vertices. A vertex with three edges would
+        // keep two, which is no surface.
         if !around.iter().all(|v| self.free[*v as usize])
             || c == d
             || self.valence[a as usize] <= 3

@@ -74,6 +74,7 @@ impl MeshCheck {
                 [first, second] => misoriented_edges += usize::from(vertex(first) == vertex(second)),
                 _ => nonmanifold_edges += 1,
             }
+            // After the match, so that edges of collapsed triangles alone are not counted.
             edges += 1;
             parts.join(a, b);
             for pair in around.windows(2) {
@@ -158,6 +159,7 @@ impl TriangleMesh {
             *count.entry(*root).or_insert(0_usize) += 1;
         }
         let mut order: Vec<(u32, usize)> = count.into_iter().collect();
+        // The root breaks ties, so that parts of equal size have a fixed order.
         order.sort_by_key(|(root, size)| (std::cmp::Reverse(*size), *root));
         let rank: std::collections::BTreeMap<u32, u32> =
             order.iter().enumerate().map(|(k, (root, _))| (*root, k as u32)).collect();

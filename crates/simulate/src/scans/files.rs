@@ -130,6 +130,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
         )?;
         Ok((path, mesh))
     };
+    // The last state is written again below, as the `truth.ply` that every scene has.
     for (k, state) in scene.states.iter().enumerate() {
         files.push(write_truth(state, &format!("truth-{}.ply", k + 1))?.0);
     }
@@ -148,7 +149,10 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
         scans: written,
         mesh_vertices: mesh.positions.len(),
         mesh_triangles: mesh.triangles.len(),
+        // A maximum does not depend on the order, so the parallel reduction gives the same value every
+        // time.
         mesh_chord_error: (0..mesh.triangles.len()).into_par_iter().map(chord).reduce(|| 0.0, f64::max),
+        // A truth that is a spline has no formula; its mesh is the reference then.
         surface: scene.truth.closed_form().cloned(),
         motion: scene.motion.clone(),
         states: scene.states.iter().filter_map(|truth| truth.closed_form().cloned()).collect(),
@@ -163,6 +167,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
     let job = job_text(&scene.set);
     write_atomically(&job_path, |writer| writer.write_all(job.as_bytes()))?;
 
+    // The columns that `write_scan` wrote above, for the summary.
     let mut columns = vec!["x", "y", "z"];
     if scene.set.scans.iter().any(|s| s.scan.covariance.is_some()) {
         columns.extend(["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]);

@@ -86,6 +86,8 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                 .map(|&readings| {
                     let mut curves = Vec::new();
                     for depth in 0..=options.depth {
+                        // Rows are in the order of the noise already, and of the orientation within it; a
+                        // line needs no sort.
                         let points: Vec<&SphereRow> = rows
                             .iter()
                             .filter(|r| r.readings == readings && r.depth == depth && wanted(r))
@@ -94,6 +96,8 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                             points.iter().map(|r| r.leaf_patches).sum::<f64>() / points.len().max(1) as f64;
                         let curve =
                             |y: &dyn Fn(&SphereRow) -> f64| points.iter().map(|r| [x(r), y(r)]).collect();
+                        // Lines of smaller depths are wider and drawn first: a line that coincides with a
+                        // later one stays visible around it.
                         curves.push(Curve::patch(
                             usize::from(depth),
                             usize::from(options.depth - depth),
