@@ -335,6 +335,6 @@ impl FramePainter {
             .try_normalize()
             .map_or(1.0, |normal| normal.dot(direction) / direction.length());
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
-        light * mix(&frame.colours)
+        light * mix(&DVec3::from(frame.colours))
     }
 }

@@ -300,8 +300,8 @@ fn scan_info(scan: &Scan) -> ScanInfo {
         }),
         viewing: match scan.viewing {
             Viewing::Unknown => "not stated".to_owned(),
-            Viewing::Direction([x, y, z]) => format!("along ({x}, {y}, {z})"),
-            Viewing::Origin([x, y, z]) => format!("from the point ({x}, {y}, {z})"),
+            Viewing::Direction(DVec3 { x, y, z }) => format!("along ({x}, {y}, {z})"),
+            Viewing::Origin(DVec3 { x, y, z }) => format!("from the point ({x}, {y}, {z})"),
         },
     }
 }

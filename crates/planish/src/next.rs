@@ -438,8 +438,8 @@ fn write_points_of(path: &Path, points: &[NextPoint], unit: Unit) -> Result<()> 
         return write_atomically(path, |writer| {
             writeln!(writer, "x,y,z,nx,ny,nz,sigma_before,sigma_after")?;
             for p in points {
-                let [x, y, z] = p.position;
-                let [nx, ny, nz] = p.normal;
+                let DVec3 { x, y, z } = p.position;
+                let [nx, ny, nz] = p.normal.to_array();
                 writeln!(writer, "{x},{y},{z},{nx},{ny},{nz},{},{}", p.sigma_before, p.sigma_after)?;
             }
             Ok(())

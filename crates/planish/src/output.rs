@@ -377,7 +377,7 @@ mod tests {
     fn an_stl_file_too_coarse_for_its_mesh_is_reported() {
         let mesh = |offset: f64| ModelMesh {
             mesh: TriangleMesh {
-                positions: vec![[offset, 0.0, 0.0], [offset + 1.0, 0.0, 0.0], [offset, 1.0, 0.0]],
+                positions: vec![DVec3::new(offset, 0.0, 0.0), DVec3::new(offset + 1.0, 0.0, 0.0), DVec3::new(offset, 1.0, 0.0)],
                 triangles: vec![[0, 1, 2]],
             },
             normals: vec![DVec3::Z; 3],

@@ -24,10 +24,9 @@
 
 use crate::field::{Field, FieldKind, Values};
 use crate::numbers::significant;
-use planish_core::DVec3;
 
 /// Red, green and blue from 0 to 1 in sRGB.
-pub type Colour = DVec3;
+pub type Colour = [f64; 3];
 
 /// Colour of values that are not finite or have no category.
 pub const UNKNOWN: Colour = [0.6; 3];

@@ -2,7 +2,7 @@
 
 use crate::scene::Scene;
 use askama::Template;
-use planish_core::{DVec3, Finding, FindingLevel};
+use planish_core::{Finding, FindingLevel};
 
 /// The CSS class of a level.
 pub(crate) fn class(level: &FindingLevel) -> &'static str {
@@ -212,6 +212,7 @@ impl Page {
 mod tests {
     use super::*;
     use crate::scene::{Cloud, LineSet, Mark, SurfaceShown};
+    use planish_core::DVec3;
     use planish_core::FindingCode;
 
     fn page() -> Page {
@@ -275,14 +276,17 @@ mod tests {
     fn outliers_are_packed_but_do_not_determine_the_view() {
         let scene = Scene {
             surfaces: vec![SurfaceShown {
-                positions: vec![[1e6, 0.0, 0.0], [1e6 + 2.0, 0.0, 0.0], [1e6, 4.0, 0.0]],
+                positions: vec![DVec3::new(1e6, 0.0, 0.0), DVec3::new(1e6 + 2.0, 0.0, 0.0), [1e6, 4.0, 0.0]],
                 triangles: vec![[0, 1, 2]],
                 ..SurfaceShown::default()
             }],
-            clouds: vec![Cloud { positions: vec![[1e6 - 99.0, 0.0, 0.0]], ..Cloud::default() }],
-            lines: vec![LineSet { segments: vec![[[1e6, 0.0, 0.0], [1e6, 4.0, 0.0]]], ..LineSet::default() }],
+            clouds: vec![Cloud { positions: vec![DVec3::new(1e6 - 99.0, 0.0, 0.0)], ..Cloud::default() }],
+            lines: vec![LineSet {
+                segments: vec![[DVec3::new(1e6, 0.0, 0.0), DVec3::new(1e6, 4.0, 0.0)]],
+                ..LineSet::default()
+            }],
             marks: vec![Mark {
-                at: [1e6 + 1.0, 2.0, 0.0],
+                at: DVec3::new(1e6 + 1.0, 2.0, 0.0),
                 label: "1".to_owned(),
                 text: String::new(),
                 normal: DVec3::Z,

@@ -140,8 +140,8 @@ impl Scene {
         let inner = self.bounds()?;
         let outer = self.outer()?;
         // 32-bit floats of map coordinates would have steps of up to half a metre.
-        let centre: DVec3 = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
-        let about = |p: &DVec3| -> DVec3 { std::array::from_fn(|d| p[d] - centre[d]) };
+        let centre = 0.5 * (inner[0] + inner[1]);
+        let about = |p: &DVec3| *p - centre;
         let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
@@ -149,7 +149,7 @@ impl Scene {
                 let fewer = thinned(surface, MAX_TRIANGLES);
                 let thinned = fewer.is_some();
                 let surface = fewer.as_ref().unwrap_or(surface);
-                let positions = surface.positions.iter().flat_map(about).map(|x| x as f32);
+                let positions = surface.positions.iter().flat_map(|p| about(p).to_array()).map(|x| x as f32);
                 let mut made = json!({
                     "name": surface.name,
                     "positions": floats(positions),
@@ -230,6 +230,7 @@ impl Scene {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// let (_, up) = planish_report::Scene::default().view();
     /// assert_eq!(up, DVec3::Z);
     /// ```
@@ -239,35 +240,28 @@ impl Scene {
         for surface in &self.surfaces {
             for t in &surface.triangles {
                 let [a, b, c] = t.map(|k| surface.positions[k as usize]);
-                let [p, q]: [DVec3; 2] = [b, c].map(|x| std::array::from_fn(|d| x[d] - a[d]));
-                let n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+                let n = (b - a).cross(c - a);
                 facing += n;
-                area += length(n);
+                area += n.length();
             }
         }
         // Area vectors of a closed surface cancel, so their sum shows whether it faces one way.
-        let towards = length(facing);
+        let towards = facing.length();
         if towards <= FACING * area || area == 0.0 {
             return (OBLIQUE_VIEW, DVec3::Z);
         }
-        let n = facing.map(|c| c / towards);
+        let n = facing / towards;
         // Up is z unless the sheet faces up or down; then it is y. A slight slant shows the relief.
         let up = if n[2].abs() < 0.9 { DVec3::Z } else { DVec3::Y };
-        let from = std::array::from_fn(|d| n[d] + 0.35 * [0.5, -0.8, 0.4][d]);
-        (from, up)
+        (n + 0.35 * DVec3::new(0.5, -0.8, 0.4), up)
     }
-}
-
-/// Euclidean length.
-fn length(v: DVec3) -> f64 {
-    v.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
 /// Bounding box of the finite points.
 fn box_of<'a>(points: impl Iterator<Item = &'a DVec3>) -> Option<[DVec3; 2]> {
-    points.filter(|p| p.iter().all(|c| c.is_finite())).fold(None, |found: Option<[DVec3; 2]>, p| {
+    points.filter(|p| p.is_finite()).fold(None, |found: Option<[DVec3; 2]>, p| {
         let [low, high] = found.unwrap_or([*p, *p]);
-        Some([std::array::from_fn(|d| low[d].min(p[d])), std::array::from_fn(|d| high[d].max(p[d]))])
+        Some([low.min(*p), high.max(*p)])
     })
 }
 

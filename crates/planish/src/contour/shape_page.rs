@@ -116,7 +116,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<T
             let (a, _) = tangents(axis);
             let b = axis.cross(a);
             // A cylinder has no ends, so the outermost readings along the axis are used.
-            let ends = reach(axis, place(0));
+            let ends = reach(axis, DVec3::from(place(0)));
             let ring = |end: f64, side: u32| {
                 let (sine, cosine) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
                 let out = number(6) * cosine * a + number(6) * sine * b;
@@ -131,7 +131,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<T
         }
         PrimitiveKind::Box => {
             let edges = [0, 1, 2].map(|d| number(3 + d) * place(6 + 3 * d));
-            Ok(parallelepiped(place(0), edges))
+            Ok(parallelepiped(DVec3::from(place(0)), edges))
         }
     }
 }
@@ -154,8 +154,8 @@ mod tests {
         for shape in PrimitiveKind::ALL {
             let solid = SimulatedPrimitive {
                 shape,
-                center: [0.4, -0.2, 0.3],
-                turn: [0.3, 0.5, -0.2],
+                center: DVec3::new(0.4, -0.2, 0.3),
+                turn: DVec3::new(0.3, 0.5, -0.2),
                 size: [1.2, 0.8, 0.6],
             };
             let points: Vec<DVec3> =

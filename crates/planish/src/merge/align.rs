@@ -149,7 +149,7 @@ pub(super) fn align(
         }
         let mut report = ScanPoseReport {
             scan: names[k].clone(),
-            translation: pose.translation,
+            translation: pose.translation.to_array(),
             quaternion_xyzw: pose.quaternion_xyzw(),
             undetermined: motion.undetermined,
             moved: (k > 0).then(|| square.sqrt()),
@@ -172,7 +172,7 @@ fn add_pose_variance(patch: &mut MergePatch, covariance: &[[f64; 6]; 6], origin:
     }
     let normals = patch.mesh.vertex_normals();
     for ((p, n), sigma) in (patch.mesh.positions.iter().zip(normals)).zip(&mut patch.sigma) {
-        let [a, b, c] = (*p - origin).cross(n);
+        let [a, b, c] = (*p - origin).cross(n).to_array();
         let row = [n[0], n[1], n[2], a, b, c];
         let variance: f64 = (0..36).map(|k| row[k / 6] * covariance[k / 6][k % 6] * row[k % 6]).sum();
         *sigma = sigma.hypot(variance.max(0.0).sqrt());
@@ -364,10 +364,10 @@ impl Side<'_> {
 /// Motion by a translation and a rotation vector about a centre.
 fn about(by: [f64; 6], middle: DVec3) -> Pose {
     let [x, y, z, a, b, c] = by;
-    let turn = Pose::from_rotation_vector([a, b, c], DVec3::ZERO);
+    let turn = Pose::from_rotation_vector(DVec3::new(a, b, c), DVec3::ZERO);
     let turned = turn.rotate(middle);
     Pose {
-        translation: [middle[0] - turned[0] + x, middle[1] - turned[1] + y, middle[2] - turned[2] + z],
+        translation: DVec3::new(middle[0] - turned[0] + x, middle[1] - turned[1] + y, middle[2] - turned[2] + z),
         ..turn
     }
 }

@@ -200,7 +200,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     };
     // The axis most perpendicular to `z` gives a cross product far from zero.
     let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
-    let aside: DVec3 = std::array::from_fn(|k| f64::from(u8::from(k == smallest)));
+    let aside: DVec3 = DVec3::from_array(std::array::from_fn(|k| f64::from(u8::from(k == smallest))));
     let Some(x) = aside.cross(z).try_normalize() else {
         return Ok(Vec::new());
     };

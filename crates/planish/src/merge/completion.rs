@@ -240,6 +240,7 @@ fn within(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
     use planish_mesh::icosphere;
 
     /// Two patches of a ball leave its poles open. The bound is a little larger and oriented inwards; patches
@@ -294,7 +295,7 @@ mod tests {
     #[test]
     fn what_stands_on_edge_is_not_told() {
         let mut upright = planish_mesh::grid_sheet(4.0, 4.0, 5, 5);
-        upright.positions.iter_mut().for_each(|p| *p = [0.0, p[0], p[1]]);
+        upright.positions.iter_mut().for_each(|p| *p = DVec3::new(0.0, p[0], p[1]));
         let before = upright.clone();
         let search = MeshSearch::try_new(&icosphere(10.0, 3)).unwrap();
         assert_eq!(face_as(&mut upright, &search), Facing { turned: 0, undetermined: 1 });

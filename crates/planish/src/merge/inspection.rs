@@ -87,7 +87,7 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
     (found.zip(names).zip(numbers).filter(|((found, _), _)| found.pairs > 0))
         .map(|((found, name), numbers)| {
             let [a, b] = found.first.map(|t| numbers.get(t as usize).copied().unwrap_or(t));
-            let [x, y, z] = found.place;
+            let DVec3 { x, y, z } = found.place;
             let text = format!(
                 "{name} intersects itself: {} of its triangles, the first {a} and {b} (counted from 0) at \
                  ({x:.6}, {y:.6}, {z:.6})",

@@ -37,5 +37,5 @@ fn only_coordinate(measured: [bool; 3]) -> Result<DVec3> {
              coordinates",
         ));
     }
-    Ok(measured.map(|m| if m { 1.0 } else { 0.0 }))
+    Ok(DVec3::from(measured.map(|m| if m { 1.0 } else { 0.0 })))
 }

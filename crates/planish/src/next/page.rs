@@ -165,7 +165,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         let [[left, right], [top, bottom]] = sensor.borders;
         let corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
             // A quarter of the distance keeps the pyramids apart from the model and from each other.
-            .map(|[x, y]| at + 0.25 * far * pose.rotate([x, y, 1.0]));
+            .map(|[x, y]| at + 0.25 * far * pose.rotate(DVec3::new(x, y, 1.0)));
         for (c, corner) in corners.iter().enumerate() {
             fields.push([at, *corner]);
             fields.push([*corner, corners[(c + 1) % 4]]);

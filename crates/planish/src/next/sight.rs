@@ -200,7 +200,7 @@ fn sphere() -> impl Iterator<Item = DVec3> {
         let z = 1.0 - (2.0 * k as f64 + 1.0) / DIRECTIONS as f64;
         let r = (1.0 - z * z).sqrt();
         let angle = GOLDEN_ANGLE * k as f64;
-        [r * angle.cos(), r * angle.sin(), z]
+        DVec3::new(r * angle.cos(), r * angle.sin(), z)
     })
 }
 

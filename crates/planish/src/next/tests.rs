@@ -133,7 +133,7 @@ fn a_goal_stops_it_and_a_region_bounds_it() {
     let options = NextOptions {
         count: 500,
         sigma: Some(0.004),
-        region: Some([[2.2, 1.7, -9.0], [3.8, 2.8, 9.0]]),
+        region: Some([DVec3::new(2.2, 1.7, -9.0), DVec3::new(3.8, 2.8, 9.0)]),
         ..NextOptions::default()
     };
     let first = next_points(&model, &NextOptions { count: 0, ..options.clone() }, &Silent).unwrap();
@@ -143,7 +143,7 @@ fn a_goal_stops_it_and_a_region_bounds_it() {
     assert_eq!(report.reached_goal, Some(true));
     assert!(report.worst_sigma.after <= goal && report.points.len() < 200, "{}", report.points.len());
     assert!(report.points.iter().all(|p| p.position[0] >= 2.2 && p.position[1] >= 1.7));
-    let nowhere = NextOptions { region: Some([[50.0; 3], [60.0; 3]]), ..options };
+    let nowhere = NextOptions { region: Some([DVec3::splat(50.0), DVec3::splat(60.0)]), ..options };
     assert!(next_points(&model, &nowhere, &Silent).is_err());
 }
 
@@ -224,7 +224,7 @@ fn what_stands_behind_something_is_not_read() {
     let sensor = ViewSensor { max_incidence_rad: 1.5, ..camera() };
     let sight = sight::Sight::new(&model, &sensor).unwrap();
     // From the side, level with the ring: its near part hides the far one's middle, and the hole.
-    let pose = sight::looking([5.0, 0.0, 0.0], DVec3::new(-1.0, 0.0, 0.0)).unwrap();
+    let pose = sight::looking(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-1.0, 0.0, 0.0)).unwrap();
     let taken = sight.readings(&pose);
     assert!(taken.readings.len() > 200);
     for r in &taken.readings {

@@ -265,9 +265,9 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
                     controls.len().saturating_sub(1)
                 )));
             }
-            PoseTarget::Nearest(at) => near(at).into_iter().collect(),
+            PoseTarget::Nearest(at) => near(DVec3::from(at)).into_iter().collect(),
             PoseTarget::Within(at, reach) => {
-                (0..controls.len()).filter(|k| controls[*k].distance(at) <= reach).collect()
+                (0..controls.len()).filter(|k| controls[*k].distance(DVec3::from(at)) <= reach).collect()
             }
         };
         let (at, reach, within) = match entry.target {
@@ -280,7 +280,7 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
         // A place far from the mesh is usually in another unit. Without this check, the nearest control would
         // move.
         if chosen.is_empty() || away > reach {
-            let [x, y, z] = at;
+            let DVec3 { x, y, z } = at;
             return Err(Error::input(format!(
                 "no control is within {reach} of {x}, {y}, {z}: the nearest is {} away; {}",
                 significant(away, 3),
@@ -296,7 +296,7 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
     }
     // Counted after adding up: opposite moves of one control cancel.
     let moved = by.iter().filter(|d| **d != DVec3::ZERO).count();
-    Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()), moved))
+    Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten().to_array()), moved))
 }
 
 /// Writes one file and its companion files.

@@ -416,8 +416,8 @@ fn judge(
             odd: statistics.counted[k][1],
             left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
             rms: view.difference(mesh, |triangle, weights| match texture {
-                Some(texture) => texture.at(triangle, weights),
-                None => at_place(mesh, &coloured.colours, triangle, weights),
+                Some(texture) => texture.at(triangle, weights.to_array()),
+                None => at_place(mesh, &coloured.colours, triangle, weights.to_array()),
             }),
         })
         .collect()

@@ -52,12 +52,12 @@ pub(crate) fn solid_page(
         }
         let name = format!("solution {}", k + 1);
         if let Some(bounds) = BoundingBox::from_points(&mesh.positions).filter(|_| solids.len() > 1) {
-            let [x, y, _] = bounds.center();
+            let DVec3 { x, y, .. } = bounds.center();
             let text = (report.solutions.get(k)).map_or(String::new(), |s| {
                 format!("volume {} {unit}³, {}", significant(s.volume, 5), faces(&s.faces))
             });
             scene.marks.push(Mark {
-                at: [x, y, bounds.max[2] + LABEL_HEIGHT_RATIO * bounds.diagonal()],
+                at: DVec3::new(x, y, bounds.max[2] + LABEL_HEIGHT_RATIO * bounds.diagonal()),
                 label: (k + 1).to_string(),
                 text,
                 normal: DVec3::Z,

@@ -152,6 +152,6 @@ mod tests {
         let message = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
         assert!(message.starts_with("part.stl: STL holds 32-bit numbers"), "{message}");
         refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();
-        refuse_coarse_numbers(&job("part.stl"), &[[40.0; 3]], 0.02).unwrap();
+        refuse_coarse_numbers(&job("part.stl"), &[DVec3::splat(40.0)], 0.02).unwrap();
     }
 }

@@ -200,12 +200,12 @@ impl Camera {
 
     /// A place of the picture at a depth: to the right, up, and towards the camera, from the camera.
     pub(super) fn place(&self, [column, row]: [f64; 2], depth: f64) -> DVec3 {
-        [(column - self.middle[0]) / self.focal * depth, -(row - self.middle[1]) / self.focal * depth, -depth]
+        DVec3::new((column - self.middle[0]) / self.focal * depth, -(row - self.middle[1]) / self.focal * depth, -depth)
     }
 
     /// A direction of the world in the picture's axes.
     pub(super) fn turned(&self, direction: DVec3) -> DVec3 {
-        self.axes.map(|axis| axis.dot(direction))
+        DVec3::from(self.axes.map(|axis| axis.dot(direction)))
     }
 }
 
@@ -264,7 +264,7 @@ mod tests {
     fn all_of_a_thing_is_within_the_frame() {
         let points: Vec<DVec3> = (0..8)
             .map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from))
-            .map(|[x, y, z]| [5.0 * x + 100.0, y, 3.0 * z])
+            .map(|[x, y, z]| DVec3::new(5.0 * x + 100.0, y, 3.0 * z))
             .collect();
         let frame = Frame { low: [10.0, 20.0], high: [200.0, 120.0] };
         let angles: CameraAngles = "25,15".parse().unwrap();

@@ -64,7 +64,7 @@ pub(super) type DotColour<'a> = dyn Fn(usize) -> Colour + Sync + 'a;
 
 /// A direction as a colour: to the right is red, up is green, towards the camera is blue.
 pub(super) fn normal_colour(normal: DVec3) -> Colour {
-    normal.map(|c| 0.5 + 0.5 * c)
+    normal.map(|c| 0.5 + 0.5 * c).to_array()
 }
 
 /// Surface data of a pixel.
@@ -194,10 +194,10 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DV
             match colour {
                 Some(colour) => {
                     let light = brightness(normal);
-                    let own = colour(index, seen.barycentric).map(linear_light);
+                    let own = colour(index, DVec3::from(seen.barycentric)).map(linear_light);
                     (light * own, normal)
                 }
-                None => (normal_colour(normal).map(linear_light), normal),
+                None => (DVec3::from(normal_colour(normal).map(linear_light)), normal),
             }
         }
         Shape::Dots { normals, colour, .. } => {
@@ -207,7 +207,7 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DV
             let light = known.map_or(0.95, |_| brightness(normal));
             match colour {
                 Some(colour) => (light * colour(dot_index).map(linear_light), normal),
-                None => (normal_colour(normal).map(linear_light), normal),
+                None => (DVec3::from(normal_colour(normal).map(linear_light)), normal),
             }
         }
     }

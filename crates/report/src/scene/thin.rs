@@ -29,7 +29,7 @@ pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<Su
         return None;
     }
     let normals = normals(surface);
-    let area: f64 = 0.5 * (surface.triangles.iter()).map(|t| length(&cross_of(surface, t))).sum::<f64>();
+    let area: f64 = 0.5 * (surface.triangles.iter()).map(|t| length(cross_of(surface, t))).sum::<f64>();
     if !(area > 0.0 && area.is_finite()) {
         return None;
     }
@@ -48,13 +48,12 @@ pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<Su
 /// Cross product of two sides: twice the area vector.
 fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> DVec3 {
     let [a, b, c] = triangle.map(|k| surface.positions[k as usize]);
-    let (u, v): (DVec3, DVec3) = (std::array::from_fn(|d| b[d] - a[d]), std::array::from_fn(|d| c[d] - a[d]));
-    std::array::from_fn(|d| u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3])
+    (b - a).cross(c - a)
 }
 
-/// Euclidean length.
-fn length(v: &DVec3) -> f64 {
-    v[0].hypot(v[1]).hypot(v[2])
+/// Euclidean length, without overflow for huge coordinates.
+fn length(v: DVec3) -> f64 {
+    v.x.hypot(v.y).hypot(v.z)
 }
 
 /// Vertex normals, weighted by area (not normalised).
@@ -63,7 +62,7 @@ fn normals(surface: &SurfaceShown) -> Vec<DVec3> {
     for triangle in &surface.triangles {
         let cross = cross_of(surface, triangle);
         for k in triangle {
-            (0..3).for_each(|d| normals[*k as usize][d] += cross[d]);
+            normals[*k as usize] += cross;
         }
     }
     normals
@@ -81,21 +80,21 @@ fn clustered(surface: &SurfaceShown, normals: &[DVec3], side: f64) -> (Vec<u32>,
     let of_vertex: Vec<u32> = (surface.positions.iter().zip(normals))
         .map(|(p, normal)| {
             let next = numbers.len() as u32;
-            let key = (p.map(|x| (x / side).floor() as i64), facing(normal));
+            let key = (p.to_array().map(|x| (x / side).floor() as i64), facing(normal));
             *numbers.entry(key).or_insert(next)
         })
         .collect();
-    let mut middles = vec![[0.0; 4]; numbers.len()];
+    let mut sums = vec![(DVec3::ZERO, 0.0); numbers.len()];
     for (cluster, p) in of_vertex.iter().zip(&surface.positions) {
-        let middle = &mut middles[*cluster as usize];
-        (0..3).for_each(|d| middle[d] += p[d]);
-        middle[3] += 1.0;
+        let (sum, count) = &mut sums[*cluster as usize];
+        *sum += *p;
+        *count += 1.0;
     }
     // An existing vertex, not the mean: the mean would lie off the surface and would have no values.
     let mut nearest = vec![(f64::INFINITY, 0_u32); numbers.len()];
     for (k, (cluster, p)) in of_vertex.iter().zip(&surface.positions).enumerate() {
-        let middle = &middles[*cluster as usize];
-        let away = length(&std::array::from_fn(|d| p[d] - middle[d] / middle[3]));
+        let (sum, count) = sums[*cluster as usize];
+        let away = length(*p - sum / count);
         if away < nearest[*cluster as usize].0 {
             nearest[*cluster as usize] = (away, k as u32);
         }
@@ -154,7 +153,11 @@ mod tests {
             let base = made.positions.len() as u32;
             for i in 0..=n {
                 for j in 0..=n {
-                    made.positions.push([f64::from(i) / f64::from(n), f64::from(j) / f64::from(n), z]);
+                    made.positions.push(DVec3::new(
+                        f64::from(i) / f64::from(n),
+                        f64::from(j) / f64::from(n),
+                        z,
+                    ));
                 }
             }
             for i in 0..n {

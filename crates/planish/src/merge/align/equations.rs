@@ -56,8 +56,8 @@ impl Residual {
 
     /// Derivative of the distance along a normal with respect to a motion about a centre.
     fn derivative(&self, normal: DVec3, middle: DVec3) -> [f64; 6] {
-        let [x, y, z] = normal;
-        let [a, b, c] = (self.place - middle).cross(normal);
+        let DVec3 { x, y, z } = normal;
+        let [a, b, c] = (self.place - middle).cross(normal).to_array();
         [x, y, z, a, b, c]
     }
 }
@@ -279,7 +279,7 @@ impl Equations {
 /// with the sign of their direction.
 pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: bool) -> f64 {
     let mut largest = if stated { 1.0 } else { 0.0_f64 };
-    for cells in CELLS {
+    for cells in CELLS.to_array() {
         let edge = size / cells;
         let mut sums: BTreeMap<([usize; 2], [i64; 3]), (f64, f64)> = BTreeMap::new();
         for row in rows {

@@ -46,7 +46,7 @@ fn rolling(x: f64, y: f64) -> f64 {
 /// By how much a pose misses the one that undoes a motion: translation and turn about the axes.
 fn error_of(found: &ScanPoseReport, moved: &Pose) -> Vector6<f64> {
     let truth = moved.inverse();
-    let pose = Pose::from_quaternion_xyzw(found.quaternion_xyzw, found.translation).unwrap();
+    let pose = Pose::from_quaternion_xyzw(found.quaternion_xyzw, DVec3::from(found.translation)).unwrap();
     let turn = pose.after(&truth.inverse()).rotation_vector();
     Vector6::from_fn(|k, _| match k {
         0..3 => pose.translation[k] - truth.translation[k],
@@ -62,8 +62,8 @@ fn chi_square(found: &ScanPoseReport, moved: &Pose) -> f64 {
 }
 
 fn shaken(random: &mut ChaCha8Rng) -> Pose {
-    let turn = [0; 3].map(|_| 0.008 * normal(random));
-    Pose::from_rotation_vector(turn, [0; 3].map(|_| 0.3 * normal(random)))
+    let turn = DVec3::from_array([0; 3].map(|_| 0.008 * normal(random)));
+    Pose::from_rotation_vector(turn, DVec3::from_array([0; 3].map(|_| 0.3 * normal(random))))
 }
 
 /// Two of three patches in a row are displaced. Over many seeds, their pose errors match the covariances.
@@ -96,7 +96,7 @@ fn pose_errors_match_their_covariances() {
 fn correlated_errors_increase_sigma() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     // Waves of half a patch and less.
-    let waves: Vec<DVec3> = (0..40).map(|_| [0; 3].map(|_| normal(&mut random))).collect();
+    let waves: Vec<DVec3> = (0..40).map(|_| DVec3::from_array([0; 3].map(|_| normal(&mut random)))).collect();
     let together = |x: f64, y: f64| -> f64 {
         let wave = |[a, b, c]: &DVec3| (0.4 * (a * x + b * y) + 9.0 * c).sin();
         SIGMA * waves.iter().map(wave).sum::<f64>() / (waves.len() as f64 / 2.0).sqrt()
@@ -117,7 +117,7 @@ fn correlated_errors_increase_sigma() {
 #[test]
 fn outliers_do_not_move_a_patch() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
-    let moved = Pose::from_rotation_vector([0.004, -0.006, 0.005], [0.3, -0.25, 0.35]);
+    let moved = Pose::from_rotation_vector(DVec3::new(0.004, -0.006, 0.005), DVec3::new(0.3, -0.25, 0.35));
     let mut patches = [
         square(0.0, &Pose::identity(), rolling, |_, _| SIGMA * normal(&mut random)),
         square(15.3, &moved, rolling, |x, y| {
@@ -137,7 +137,7 @@ fn outliers_do_not_move_a_patch() {
 #[test]
 fn sliding_directions_are_undetermined() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
-    let moved = Pose::from_rotation_vector([0.004, -0.006, 0.0], [0.0, 0.0, 0.35]);
+    let moved = Pose::from_rotation_vector(DVec3::new(0.004, -0.006, 0.0), DVec3::new(0.0, 0.0, 0.35));
     let mut patches = [
         square(0.0, &Pose::identity(), |_, _| 0.0, |_, _| SIGMA * normal(&mut random)),
         square(15.3, &moved, |_, _| 0.0, |_, _| SIGMA * normal(&mut random)),

@@ -93,7 +93,7 @@ fn most_of(frame: &Frame) -> Option<BoundingBox> {
         [values[count / TRIMMED_ONE_IN], values[count - 1 - count / TRIMMED_ONE_IN]]
     };
     let ends = [0, 1, 2].map(along);
-    BoundingBox::from_points(&[ends.map(|e| e[0]), ends.map(|e| e[1])])
+    BoundingBox::from_points(&[DVec3::from(ends.map(|e| e[0])), DVec3::from(ends.map(|e| e[1]))])
 }
 
 /// Warnings about masks before the fit. `should_show`: also check that the mesh is visible in them (not for a

@@ -112,7 +112,7 @@ pub(super) fn atlas_share(triangles: usize) -> f64 {
 /// A value of the corners at a place on a triangle.
 pub(super) fn at_place(mesh: &TriangleMesh, values: &[[f64; 3]], triangle: u32, weights: [f64; 3]) -> DVec3 {
     let corners = mesh.triangles[triangle as usize];
-    [0, 1, 2].map(|c| (corners.iter().zip(weights)).map(|(v, w)| w * values[*v as usize][c]).sum())
+    DVec3::from_array([0, 1, 2].map(|c| (corners.iter().zip(weights)).map(|(v, w)| w * values[*v as usize][c]).sum()))
 }
 
 #[cfg(test)]

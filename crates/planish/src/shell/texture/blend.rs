@@ -50,7 +50,7 @@ fn apart(a: DVec3, b: DVec3) -> f64 {
 /// The colour that differs least from all others.
 fn medoid(colours: &[ViewColour]) -> Option<&ViewColour> {
     let cost = |one: &ViewColour| -> f64 {
-        (colours.iter()).map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour)).sum()
+        (colours.iter()).map(|other| other.weight.powf(0.25) * apart(DVec3::from(one.colour), DVec3::from(other.colour))).sum()
     };
     colours.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
@@ -63,7 +63,7 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
         if let Some(middle) = medoid(colours) {
             let others = colours.iter().filter(|one| one.view != middle.view);
             // Without the medoid itself, whose difference is always zero.
-            differences.extend(others.map(|one| apart(one.colour, middle.colour)));
+            differences.extend(others.map(|one| apart(DVec3::from(one.colour), DVec3::from(middle.colour))));
         }
     }
     differences.sort_unstable_by(f64::total_cmp);
@@ -85,7 +85,7 @@ pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[O
 pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
     let mut colour = medoid(colours)?.colour;
     let believed = |colour: [f64; 3], one: &ViewColour| {
-        let share = apart(one.colour, colour) / (TUKEY * scale);
+        let share = apart(DVec3::from(one.colour), DVec3::from(colour)) / (TUKEY * scale);
         (1.0 - share * share).max(0.0).powi(2)
     };
     for _ in 0..ROUNDS {
@@ -97,7 +97,7 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
         }
         // If all weights vanish, the medoid remains.
         if total > 0.0 {
-            colour = sum.map(|s| s / total);
+            colour = sum.map(|s| s / total).to_array();
         }
     }
     let odd: Vec<usize> =

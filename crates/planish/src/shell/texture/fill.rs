@@ -12,7 +12,7 @@ const MAX_RESIDUAL: f64 = 0.01;
 /// Maximum number of conjugate-gradient steps. More steps make no visible difference.
 const MAX_STEPS: usize = 2000;
 /// Colour if no view sees any part.
-const GREY: DVec3 = [128.0; 3];
+const GREY: DVec3 = DVec3::splat(128.0);
 
 /// Extends the colours of some vertices to all.
 pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<DVec3>]) -> Vec<DVec3> {
@@ -21,7 +21,7 @@ pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<DVec3>]) -> Vec<DVec3
     // there.
     let mean = match seen.len() {
         0 => GREY,
-        n => [0, 1, 2].map(|c| seen.iter().map(|v| v[c]).sum::<f64>() / n as f64),
+        n => DVec3::from_array([0, 1, 2].map(|c| seen.iter().map(|v| v[c]).sum::<f64>() / n as f64)),
     };
     let neighbours = Neighbours::from_mesh(mesh);
     let mut colours: Vec<[f64; 3]> = known.iter().map(|c| c.unwrap_or(mean)).collect();
@@ -150,7 +150,7 @@ mod tests {
         let neighbours = Neighbours::from_mesh(&mesh);
         for (v, colour) in found.iter().enumerate() {
             if v as u32 >= first {
-                assert_eq!(*colour, [50.0, 100.0, 7.0]);
+                assert_eq!(*colour, DVec3::new(50.0, 100.0, 7.0));
             } else if known[v].is_none() {
                 let around = neighbours.of_vertex(v as u32);
                 for c in 0..3 {

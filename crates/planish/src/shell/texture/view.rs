@@ -147,7 +147,7 @@ impl ColourView {
                 let Some(seen) = buffer.at(column, row).filter(|_| self.clear[k] > 1) else {
                     continue;
                 };
-                let made = colour(seen.triangle, seen.barycentric);
+                let made = colour(seen.triangle, DVec3::from(seen.barycentric));
                 sum += (0..3).map(|c| (made[c] - f64::from(self.colours[k][c])).powi(2)).sum::<f64>();
                 count += 3;
             }
