@@ -181,7 +181,7 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
             name: format!("{readings} readings"),
             points: points.clone(),
             normals: normals.clone(),
-            colours: sigma.iter().map(|s| ramp(scale.place(*s))).collect(),
+            colours: sigma.iter().map(|s| ramp(scale.place(*s)).to_array()).collect(),
         })
         .collect();
     Ok(Frames {
@@ -322,19 +322,19 @@ impl FramePainter {
             }
         };
         let sum = (0..SAMPLES * SAMPLES).map(sample).sum::<DVec3>();
-        sum.map(|c| (255.0 * screen_brightness(c / (SAMPLES * SAMPLES) as f64)).round() as u8)
+        sum.to_array().map(|c| (255.0 * screen_brightness(c / (SAMPLES * SAMPLES) as f64)).round() as u8)
     }
 
     fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &DepthVisibility) -> DVec3 {
         let corners = triangles[seen.triangle as usize].map(|c| c as usize);
-        let mix = |of: &[DVec3]| {
-            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * of[c])
+        let mix = |of: &dyn Fn(usize) -> DVec3| {
+            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * of(c))
         };
-        let direction = mix(&frame.points) - self.camera.at;
-        let cosine = mix(&frame.normals)
+        let direction = mix(&|c| frame.points[c]) - self.camera.at;
+        let cosine = mix(&|c| frame.normals[c])
             .try_normalize()
             .map_or(1.0, |normal| normal.dot(direction) / direction.length());
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
-        light * mix(&DVec3::from(frame.colours))
+        light * mix(&|c| frame.colours[c].into())
     }
 }

@@ -4,7 +4,7 @@
 //! [`plan_outputs`] finds problems with paths before the work. [`prepare`] finds problems with the model
 //! before the first file is written. The remaining failures are those of the disk.
 
-use planish_core::{DVec3, Finding, FindingCode};
+use planish_core::{Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
@@ -377,7 +377,11 @@ mod tests {
     fn an_stl_file_too_coarse_for_its_mesh_is_reported() {
         let mesh = |offset: f64| ModelMesh {
             mesh: TriangleMesh {
-                positions: vec![DVec3::new(offset, 0.0, 0.0), DVec3::new(offset + 1.0, 0.0, 0.0), DVec3::new(offset, 1.0, 0.0)],
+                positions: vec![
+                    DVec3::new(offset, 0.0, 0.0),
+                    DVec3::new(offset + 1.0, 0.0, 0.0),
+                    DVec3::new(offset, 1.0, 0.0),
+                ],
                 triangles: vec![[0, 1, 2]],
             },
             normals: vec![DVec3::Z; 3],

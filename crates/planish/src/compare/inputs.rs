@@ -147,7 +147,7 @@ impl Reference {
             let pose = &scan.world_from_scanner;
             for k in 0..scan.points.len() {
                 made.points.push(pose.apply(scan.points[k]));
-                let normal = scan.normals.as_ref().and_then(|n| unit(n[k])).unwrap_or(DVec3::ZERO);
+                let normal = scan.normals.as_ref().map_or(DVec3::ZERO, |n| n[k].normalize_or_zero());
                 normals.push(pose.rotate(normal));
                 let stated = match (&scan.covariance, &scan.sigma, set.sensors[posed.sensor].noise) {
                     (Some(all), _, _) => all[k].rotated(&pose.rotation),
@@ -211,9 +211,5 @@ fn normals(file: &PolygonMesh) -> Option<Vec<DVec3>> {
     let [Some(x), Some(y), Some(z)] = ["nx", "ny", "nz"].map(|name| file.column(name)) else {
         return None;
     };
-    Some(
-        (0..x.len())
-            .map(|k| unit([x[k], y[k], z[k]]).filter(|n| n.length().is_finite()).unwrap_or(DVec3::ZERO))
-            .collect(),
-    )
+    Some((0..x.len()).map(|k| DVec3::new(x[k], y[k], z[k]).normalize_or_zero()).collect())
 }

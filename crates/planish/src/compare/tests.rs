@@ -167,7 +167,13 @@ fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
 fn nothing_is_compared_beyond_a_border() {
     let model = measured(Shape::Sheet);
     // Three points over the sheet, two outside of it.
-    let beside = vec![DVec3::new(0.0, 0.0, 0.1), DVec3::new(0.5, 0.2, 0.1), DVec3::new(-0.5, 0.2, 0.1), DVec3::new(1.5, 0.0, 0.1), DVec3::new(0.0, -2.0, 0.1)];
+    let beside = vec![
+        DVec3::new(0.0, 0.0, 0.1),
+        DVec3::new(0.5, 0.2, 0.1),
+        DVec3::new(-0.5, 0.2, 0.1),
+        DVec3::new(1.5, 0.0, 0.1),
+        DVec3::new(0.0, -2.0, 0.1),
+    ];
     let report = compared(&model, points(beside));
     let backward = report.backward.unwrap();
     assert_eq!((backward.n, report.skipped.reference_beyond_border), (3, 2));
@@ -185,7 +191,10 @@ fn only_what_was_measured_is_compared() {
     let surface = refined_surface(Shape::Sheet);
     let left = |leaf: usize| surface.leaf_point(leaf, 0.5, 0.5)[0] < 0.0;
     let model = Compared::Surface(Box::new(model_of(surface.clone(), left)));
-    let report = compared(&model, points(vec![DVec3::new(-0.5, 0.0, 0.1), DVec3::new(-0.4, 0.1, 0.1), DVec3::new(0.5, 0.0, 0.1)]));
+    let report = compared(
+        &model,
+        points(vec![DVec3::new(-0.5, 0.0, 0.1), DVec3::new(-0.4, 0.1, 0.1), DVec3::new(0.5, 0.0, 0.1)]),
+    );
     assert_eq!((report.backward.unwrap().n, report.skipped.reference_not_observed), (2, 1));
     let report = compared(&model, mesh_reference(grid_sheet(4.0, 4.0, 8, 8)));
     assert!(report.skipped.model_not_observed > 0);
@@ -227,7 +236,8 @@ fn a_reference_in_another_unit_is_converted() {
 #[test]
 fn two_things_apart_share_nothing_to_compare() {
     let model = measured(Shape::Sheet);
-    let e = compare(&model, points(vec![DVec3::new(50.0, 0.0, 0.0)]), &CompareOptions::default(), &Silent).unwrap_err();
+    let e = compare(&model, points(vec![DVec3::new(50.0, 0.0, 0.0)]), &CompareOptions::default(), &Silent)
+        .unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Undetermined);
     assert!(e.to_string().contains("share nothing"), "{e}");
 }

@@ -80,7 +80,7 @@ pub(crate) fn shape_page(
 fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<TriangleMesh> {
     let bounds = BoundingBox::from_points(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
     let number = |k: usize| parameters[k];
-    let place = |k: usize| [number(k), number(k + 1), number(k + 2)];
+    let place = |k: usize| DVec3::new(number(k), number(k + 1), number(k + 2));
     let reach = |along: DVec3, from: DVec3| {
         let values = used.iter().map(|p| (*p - from).dot(along));
         [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
@@ -116,7 +116,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<T
             let (a, _) = tangents(axis);
             let b = axis.cross(a);
             // A cylinder has no ends, so the outermost readings along the axis are used.
-            let ends = reach(axis, DVec3::from(place(0)));
+            let ends = reach(axis, place(0));
             let ring = |end: f64, side: u32| {
                 let (sine, cosine) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
                 let out = number(6) * cosine * a + number(6) * sine * b;
@@ -131,7 +131,7 @@ fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<T
         }
         PrimitiveKind::Box => {
             let edges = [0, 1, 2].map(|d| number(3 + d) * place(6 + 3 * d));
-            Ok(parallelepiped(DVec3::from(place(0)), edges))
+            Ok(parallelepiped(place(0), edges))
         }
     }
 }

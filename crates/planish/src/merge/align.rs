@@ -367,7 +367,11 @@ fn about(by: [f64; 6], middle: DVec3) -> Pose {
     let turn = Pose::from_rotation_vector(DVec3::new(a, b, c), DVec3::ZERO);
     let turned = turn.rotate(middle);
     Pose {
-        translation: DVec3::new(middle[0] - turned[0] + x, middle[1] - turned[1] + y, middle[2] - turned[2] + z),
+        translation: DVec3::new(
+            middle[0] - turned[0] + x,
+            middle[1] - turned[1] + y,
+            middle[2] - turned[2] + z,
+        ),
         ..turn
     }
 }
@@ -406,7 +410,7 @@ fn smooth_normals(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<DVec3> {
         normals = (0..normals.len())
             .map(|v| {
                 let around = neighbours.of_vertex(v as u32).iter().map(|n| normals[*n as usize]);
-                around.fold(normals[v], add).try_normalize().unwrap_or(normals[v])
+                around.fold(normals[v], |sum, n| sum + n).try_normalize().unwrap_or(normals[v])
             })
             .collect();
     }

@@ -251,7 +251,7 @@ mod tests {
             let mut ball = icosphere(10.0, 4);
             // What reaches far out of the bound is carved away.
             let far = ball.positions.len() as u32;
-            ball.positions.extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]]);
+            ball.positions.extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]].map(DVec3::from));
             ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize][2].abs() < 7.0));
             ball.triangles.push([far, far + 2, far + 1]);
             let turn = |mesh: &mut TriangleMesh| mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));

@@ -138,7 +138,7 @@ impl Vertices {
         let measured: Vec<usize> =
             // Filled holes are not data. The spline closes them by its own smoothness.
             (0..in_part.len()).filter(|&v| in_part[v] && merged.observed[v] == 1).collect();
-        let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect();
+        let of = |values: &[DVec3]| measured.iter().map(|&v| values[v]).collect();
         Self {
             points: of(&merged.mesh.positions),
             normals: of(&merged.normals),

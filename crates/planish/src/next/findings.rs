@@ -52,7 +52,7 @@ pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<
             percent(next.unseen),
             count(next.candidates),
             SmallUnit::for_length(unit.name(), next.worst_sigma.before).text(place.sigma),
-            place.position.map(|c| significant(c, 4)).join(", ")
+            place.position.to_array().map(|c| significant(c, 4)).join(", ")
         );
         found.push(Finding::new(FindingCode::AreaUnseen, text));
     }

@@ -95,7 +95,7 @@ pub(crate) fn views_page(
         table.row(
             [
                 (k + 1).to_string(),
-                view.translation.map(|c| significant(c, 4)).join(", "),
+                view.translation.to_array().map(|c| significant(c, 4)).join(", "),
                 count(view.readings),
                 percent(view.seen),
                 percent(view.seen_so_far),
@@ -202,7 +202,7 @@ pub(crate) fn next_table(next: &NextReport, model_unit: &str, unit: SmallUnit<'_
         table.row(
             [
                 (k + 1).to_string(),
-                point.position.map(|c| significant(c, 5)).join(", "),
+                point.position.to_array().map(|c| significant(c, 5)).join(", "),
                 unit.number(point.sigma_before, 3),
                 unit.number(point.sigma_after, 3),
             ],

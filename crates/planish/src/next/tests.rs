@@ -19,7 +19,7 @@ fn model() -> SurfaceModel {
         let (x, y): (f64, f64) = (4.0 * random.random::<f64>(), 3.0 * random.random::<f64>());
         let noise: f64 = StandardNormal.sample(&mut random);
         let seldom = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
-        (!seldom).then_some([x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise])
+        (!seldom).then_some(DVec3::new(x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise))
     });
     let scan = Scan { name: "cloud".to_owned(), points: points.collect(), ..Scan::default() };
     let set = ScanSet {

@@ -128,8 +128,8 @@ fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
         writeln!(writer, "x,y,z,qx,qy,qz,qw,readings,seen,seen_so_far,worst_sigma_after,mean_sigma_after")?;
         for v in views {
             // All digits, so that a pose that is read back is the same.
-            let numbers = v.translation.to_array().iter().chain(&v.quaternion_xyzw).map(f64::to_string);
-            let place: Vec<String> = numbers.collect();
+            let place: Vec<String> =
+                v.translation.to_array().iter().chain(&v.quaternion_xyzw).map(f64::to_string).collect();
             writeln!(
                 writer,
                 "{},{},{},{},{},{}",

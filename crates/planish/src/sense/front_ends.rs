@@ -165,7 +165,7 @@ pub(super) fn photometric(
     let blame = |e: Error| e.in_context(calibration.display());
     let mut more_inputs = Vec::new();
     let lights = match &known.source {
-        LightSource::Directions(lights) => lights.clone(),
+        LightSource::Directions(lights) => from_arrays(lights).to_vec(),
         // A mirror ball shows the lights. Its pictures are inputs that only the calibration names.
         LightSource::Ball { images, mask } => {
             more_inputs.extend(images.iter().chain([mask]).cloned());

@@ -67,7 +67,7 @@ pub(super) fn write_glb(
     let sigma: Vec<f64> = (kept(known.sigma.len()).iter()).map(|v| known.sigma[each(v)]).collect();
     let observed: Vec<u8> = (kept(known.observed.len()).iter()).map(|v| known.observed[each(v)]).collect();
     let of =
-        |values: &[[f64; 3]]| -> Vec<DVec3> { split.vertex_of.iter().map(|v| values[*v as usize]).collect() };
+        |values: &[DVec3]| -> Vec<DVec3> { split.vertex_of.iter().map(|v| values[*v as usize]).collect() };
     let targets: Vec<MorphTarget> = (poses.iter())
         .map(|(name, places)| MorphTarget {
             name: (*name).to_owned(),

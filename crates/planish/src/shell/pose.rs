@@ -38,6 +38,7 @@ use crate::job::Job;
 use nalgebra::DVector;
 use planish_core::Finding;
 use planish_core::finding::with_warnings;
+use planish_core::vector3::{coordinates, from_arrays};
 use planish_core::{DVec3, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -180,7 +181,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     let controls = match &poses.controls {
         ControlsEntry::Count(count) => automatic_controls(&mesh, *count)?.points,
         ControlsEntry::Usual => automatic_controls(&mesh, DEFAULT_CONTROLS)?.points,
-        ControlsEntry::Points(points) => points.clone(),
+        ControlsEntry::Points(points) => from_arrays(points).to_vec(),
     };
     // Parts are resolved before the deformation is built: a misspelt name must not cost that time.
     let (parts, rigid) = rigid_parts(job, &file, &poses)?;
@@ -271,8 +272,8 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
             }
         };
         let (at, reach, within) = match entry.target {
-            PoseTarget::Within(at, reach) => (at, reach, true),
-            PoseTarget::Nearest(at) => (at, size, false),
+            PoseTarget::Within(at, reach) => (DVec3::from(at), reach, true),
+            PoseTarget::Nearest(at) => (DVec3::from(at), size, false),
             // A control by its index has no distance to check.
             PoseTarget::Control(_) => (DVec3::ZERO, f64::INFINITY, false),
         };
@@ -291,12 +292,12 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
             )));
         }
         for k in chosen {
-            by[k] += entry.by;
+            by[k] += DVec3::from(entry.by);
         }
     }
     // Counted after adding up: opposite moves of one control cancel.
     let moved = by.iter().filter(|d| **d != DVec3::ZERO).count();
-    Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten().to_array()), moved))
+    Ok((DVector::from_column_slice(coordinates(&by)), moved))
 }
 
 /// Writes one file and its companion files.

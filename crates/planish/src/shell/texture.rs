@@ -385,7 +385,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
             mesh.positions.len()
         )));
     }
-    let known: Vec<Option<DVec3>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
+    let known: Vec<Option<[f64; 3]>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
     let coloured = Coloured {
         colours: fill::on_mesh(mesh, &known),
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
@@ -416,8 +416,8 @@ fn judge(
             odd: statistics.counted[k][1],
             left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
             rms: view.difference(mesh, |triangle, weights| match texture {
-                Some(texture) => texture.at(triangle, weights.to_array()),
-                None => at_place(mesh, &coloured.colours, triangle, weights.to_array()),
+                Some(texture) => texture.at(triangle, weights),
+                None => at_place(mesh, &coloured.colours, triangle, weights),
             }),
         })
         .collect()

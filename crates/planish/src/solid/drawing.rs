@@ -199,7 +199,7 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
             chains.iter().enumerate().filter(|(k, _)| view.curves[*k].style == LineStyle::Visible)
         {
             let ends = [chain[0], chain[chain.len() - 1]];
-            if ends[0].distance(ends[1]) <= near {
+            if distance(ends[0], ends[1]) <= near {
                 continue;
             }
             for end in ends {

@@ -68,7 +68,7 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<F
     for (index, view) in drawing.views.iter().enumerate() {
         let is_closed = |curve: &Curve2| {
             let points = curve.points();
-            points[0].distance(points[points.len() - 1]) <= same
+            distance(points[0], points[points.len() - 1]) <= same
         };
         for (k, drawn) in view.curves.iter().enumerate() {
             // Hidden lines end behind others, and closed curves have no ends.
@@ -80,7 +80,7 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<F
                 let others = view.curves.iter().enumerate().filter(|(other, _)| *other != k);
                 let nearest = others
                     .map(|(_, other)| (nearest_on_curve(&other.curve, end), &other.entity))
-                    .map(|(at, entity)| (at.distance(end), at, entity))
+                    .map(|(at, entity)| (distance(at, end), at, entity))
                     .min_by(|a, b| a.0.total_cmp(&b.0));
                 if let Some((off, at, entity)) = nearest
                     && off > same

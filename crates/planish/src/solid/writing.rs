@@ -66,7 +66,7 @@ fn too_fine(solid: &Solid, tolerance: f64) -> Error {
 
 /// Refuses STL if the spacing of its 32-bit numbers, far from the origin, exceeds the mesh tolerance.
 fn refuse_coarse_numbers(job: &SolidJob, positions: &[DVec3], tolerance: f64) -> Result<()> {
-    let farthest = positions.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let farthest = positions.iter().fold(0.0, |most: f64, p| most.max(p.abs().max_element()));
     let apart = farthest * f64::from(f32::EPSILON);
     match job.outputs.iter().find(|output| extension(output) == "stl") {
         Some(output) if apart > tolerance => Err(Error::unsupported(format!(
@@ -148,7 +148,7 @@ mod tests {
             outputs: vec![PathBuf::from(output)],
             ..SolidJob::default()
         };
-        let far = [[1e8, 1e8, 1e8], [1e8 + 40.0, 1e8, 1e8]];
+        let far = [DVec3::splat(1e8), DVec3::new(1e8 + 40.0, 1e8, 1e8)];
         let message = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
         assert!(message.starts_with("part.stl: STL holds 32-bit numbers"), "{message}");
         refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();

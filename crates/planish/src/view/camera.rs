@@ -175,7 +175,7 @@ impl Camera {
             middle: [0.0; 2],
             diagonal,
         };
-        let seen: BoundingBox<2> = points.iter().map(|p| camera.project(*p).at).collect();
+        let seen: BoundingBox<[f64; 2]> = points.iter().map(|p| camera.project(*p).at).collect();
         let BoundingBox { min: low, max: high } = seen;
         // The distance is fixed and the focal length follows, so the perspective is the same for all objects.
         let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
@@ -200,7 +200,11 @@ impl Camera {
 
     /// A place of the picture at a depth: to the right, up, and towards the camera, from the camera.
     pub(super) fn place(&self, [column, row]: [f64; 2], depth: f64) -> DVec3 {
-        DVec3::new((column - self.middle[0]) / self.focal * depth, -(row - self.middle[1]) / self.focal * depth, -depth)
+        DVec3::new(
+            (column - self.middle[0]) / self.focal * depth,
+            -(row - self.middle[1]) / self.focal * depth,
+            -depth,
+        )
     }
 
     /// A direction of the world in the picture's axes.

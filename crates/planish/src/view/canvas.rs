@@ -4,7 +4,6 @@
 //! that pictures are the same on every computer.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
-use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_report::colour::Colour;
 
@@ -187,7 +186,7 @@ mod tests {
     #[test]
     fn texts_are_as_wide_as_they_say_and_stay_inside() {
         let mut canvas = blank(200, 40);
-        canvas.text([100.0, 30.0], "0.015 mm", 20.0, Anchor::Middle, DVec3::ZERO.to_array());
+        canvas.text([100.0, 30.0], "0.015 mm", 20.0, Anchor::Middle, [0.0; 3]);
         let half = 0.5 * canvas.width("0.015 mm", 20.0);
         assert!((30.0..60.0).contains(&half), "{half}");
         let inked = |column: usize| (0..40).any(|row| canvas.pixels[row * 200 + column][0] < 0.9);
@@ -195,17 +194,17 @@ mod tests {
         assert!((columns[0] as f64 - (100.0 - half)).abs() < 4.0, "{columns:?}");
         assert!((*columns.last().unwrap() as f64 - (100.0 + half)).abs() < 4.0);
         // Text outside the canvas is clipped.
-        canvas.text([-500.0, -3.0], "out", 20.0, Anchor::Right, DVec3::ZERO.to_array());
+        canvas.text([-500.0, -3.0], "out", 20.0, Anchor::Right, [0.0; 3]);
     }
 
     #[test]
     fn shapes_have_the_area_that_they_should_have() {
         let mut canvas = blank(100, 100);
-        canvas.rounded([[10.0, 10.0], [50.0, 30.0]], 5.0, |_| DVec3::ZERO.to_array());
+        canvas.rounded([[10.0, 10.0], [50.0, 30.0]], 5.0, |_| [0.0; 3]);
         let area = 40.0 * 20.0 - (4.0 - std::f64::consts::PI) * 25.0;
         assert!((ink(&canvas) - area).abs() < 0.02 * area, "{}", ink(&canvas));
         let mut canvas = blank(100, 100);
-        canvas.line([20.0, 20.0], [80.0, 60.0], 4.0, DVec3::ZERO.to_array());
+        canvas.line([20.0, 20.0], [80.0, 60.0], 4.0, [0.0; 3]);
         let area = 4.0 * 60.0_f64.hypot(40.0) + std::f64::consts::PI * 4.0;
         assert!((ink(&canvas) - area).abs() < 0.03 * area, "{}", ink(&canvas));
     }

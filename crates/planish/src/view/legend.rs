@@ -114,7 +114,7 @@ fn axes(canvas: &mut Canvas, camera: &Camera, middle: [f64; 2], em: f64) {
         })
         .collect();
     all.sort_by(|a, b| a.1[2].total_cmp(&b.1[2]));
-    for (d, [right, up, _]) in all {
+    for (d, DVec3 { x: right, y: up, .. }) in all {
         let length = right.hypot(up);
         let end = [middle[0] + 1.5 * em * right, middle[1] - 1.5 * em * up];
         canvas.line(middle, end, 0.14 * em, COLOURS[d]);

@@ -10,7 +10,7 @@
 //! There are no shadows and no materials.
 
 use super::camera::Camera;
-use planish_core::DVec3;
+use planish_core::{DVec3, Vec3};
 use planish_mesh::{DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::{Colour, linear_light};
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ pub(super) enum Shape<'a> {
 }
 
 /// The colour of a place on a triangle: its index, and weights of its corners.
-pub(super) type PlaceColour<'a> = dyn Fn(usize, DVec3) -> Colour + Sync + 'a;
+pub(super) type PlaceColour<'a> = dyn Fn(usize, [f64; 3]) -> Colour + Sync + 'a;
 /// The colour of a dot.
 pub(super) type DotColour<'a> = dyn Fn(usize) -> Colour + Sync + 'a;
 
@@ -89,7 +89,7 @@ struct Prepared<'a> {
     /// The first of its triangles, in the depth buffer.
     first: usize,
     /// Normals of the corners of its triangles, in the picture's axes.
-    normals: Vec<[[f32; 3]; 3]>,
+    normals: Vec<[Vec3; 3]>,
 }
 
 /// Corners of a dot's outline.
@@ -161,8 +161,8 @@ fn pixel(
         // Shapes are in the order of their first triangle.
         let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
         let (light, normal) = lit(&prepared[which], camera, &seen);
-        mean.light += 1.0 * light;
-        mean.normal += 1.0 * normal;
+        mean.light += light;
+        mean.normal += normal;
         mean.depth += seen.depth;
         match prepared[which].shape {
             Shape::Surface { colour, .. } => mean.is_value |= colour.is_none(),
@@ -174,7 +174,7 @@ fn pixel(
         n += 1.0;
     }
     if n > 0.0 {
-        mean.light = 1.0 / n * mean.light;
+        mean.light *= 1.0 / n;
         mean.normal = mean.normal.try_normalize().unwrap_or(DVec3::Z);
         mean.depth /= n;
         mean.covered = n / all;
@@ -189,15 +189,14 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DV
         Shape::Surface { colour, .. } => {
             let corners = &of.normals[index];
             let mixed = (corners.iter().zip(seen.barycentric))
-                .fold(DVec3::ZERO, |sum, (n, w)| sum + w * n.map(f64::from));
+                .fold(DVec3::ZERO, |sum, (n, w)| sum + w * n.as_dvec3());
             let normal = towards_camera(mixed.try_normalize().unwrap_or(DVec3::Z));
             match colour {
                 Some(colour) => {
                     let light = brightness(normal);
-                    let own = colour(index, DVec3::from(seen.barycentric)).map(linear_light);
-                    (light * own, normal)
+                    (light * linear(colour(index, seen.barycentric)), normal)
                 }
-                None => (DVec3::from(normal_colour(normal).map(linear_light)), normal),
+                None => (linear(normal_colour(normal)), normal),
             }
         }
         Shape::Dots { normals, colour, .. } => {
@@ -206,11 +205,16 @@ fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DV
             let normal = towards_camera(known.unwrap_or(DVec3::Z));
             let light = known.map_or(0.95, |_| brightness(normal));
             match colour {
-                Some(colour) => (light * colour(dot_index).map(linear_light), normal),
-                None => (DVec3::from(normal_colour(normal).map(linear_light)), normal),
+                Some(colour) => (light * linear(colour(dot_index)), normal),
+                None => (linear(normal_colour(normal)), normal),
             }
         }
     }
+}
+
+/// A colour as linear light.
+fn linear(colour: Colour) -> DVec3 {
+    DVec3::from(colour.map(linear_light))
 }
 
 fn towards_camera(normal: DVec3) -> DVec3 {
@@ -228,11 +232,11 @@ fn brightness(normal: DVec3) -> f64 {
 
 /// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet
 /// smoothly.
-fn corner_normals(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
+fn corner_normals(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[Vec3; 3]> {
     // Files may contain a vertex several times, once for each adjacent face.
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     // Adding 0 turns −0 into 0, so that both compare equal.
-    let bits = |k: u32| positions[k as usize].map(|c| (c + 0.0).to_bits());
+    let bits = |k: u32| positions[k as usize].to_array().map(|c| (c + 0.0).to_bits());
     order.par_sort_unstable_by_key(|&k| bits(k));
     let mut place_of = vec![0_u32; positions.len()];
     let mut places = 0_u32;
@@ -277,9 +281,9 @@ fn corner_normals(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) 
                     let other = face[other as usize];
                     // Faces are not normalised here: the mean is weighted by area.
                     let meets = own.is_none_or(|own| own.dot(other) >= smooth * other.length());
-                    if meets { sum + 1.0 * other } else { sum }
+                    if meets { sum + other } else { sum }
                 });
-                sum.try_normalize().or(own).unwrap_or(DVec3::Z).map(|c| c as f32)
+                sum.try_normalize().or(own).unwrap_or(DVec3::Z).as_vec3()
             })
         })
         .collect()
@@ -309,7 +313,7 @@ fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
                 } else {
                     obscurance(pixels, camera, size, at, &spiral)
                 };
-                pixel.light = share * pixel.light;
+                pixel.light *= share;
             }
             pixel
         })

@@ -23,7 +23,7 @@ const MIN_INFORMATION_RATIO: f64 = 3.0;
 const MIN_CURVED_COSINE: f64 = 0.94;
 /// Cells per diagonal. The length of error correlation is unknown, so sums over three cell sizes are
 /// compared.
-const CELLS: DVec3 = DVec3::new(8.0, 16.0, 32.0);
+const CELLS: [f64; 3] = [8.0, 16.0, 32.0];
 /// Minimum number of cells for an estimate of the variance of their sums.
 const MIN_CELLS: usize = 30;
 
@@ -284,7 +284,7 @@ pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: 
         let mut sums: BTreeMap<([usize; 2], [i64; 3]), (f64, f64)> = BTreeMap::new();
         for row in rows {
             let weight = row.robust_weight(scale);
-            let cell = row.place.map(|x| (x / edge).floor() as i64);
+            let cell = row.place.to_array().map(|x| (x / edge).floor() as i64);
             let (pair, sign) = match row.here < row.there {
                 true => ([row.here, row.there], 1.0),
                 false => ([row.there, row.here], -1.0),

@@ -26,7 +26,7 @@ fn square(
     for p in &mut mesh.positions {
         let [a, b] = [p[0] - least[0] + x, p[1] - least[1]];
         let slope = |d: [f64; 2]| (height(a + d[0], b + d[1]) - height(a - d[0], b - d[1])) / 2e-3;
-        let n = unit([-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0]).unwrap();
+        let n = DVec3::new(-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0).try_normalize().unwrap();
         *p = moved.apply(DVec3::new(a, b, height(a, b)) + error(a, b) * n);
     }
     MergePatch::make_manifold(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().patch
@@ -78,7 +78,7 @@ fn pose_errors_match_their_covariances() {
             .collect();
         let (poses, findings) = aligned(&mut patches).unwrap();
         assert!(findings.is_empty(), "{findings:?}");
-        assert!(poses[0].covariance.is_none() && poses[0].translation == DVec3::ZERO);
+        assert!(poses[0].covariance.is_none() && poses[0].translation == [0.0; 3]);
         for k in [1, 2] {
             sum += chi_square(&poses[k], &moved[k]);
             far = far.max(error_of(&poses[k], &moved[k]).fixed_rows::<3>(0).norm());
@@ -98,7 +98,7 @@ fn correlated_errors_increase_sigma() {
     // Waves of half a patch and less.
     let waves: Vec<DVec3> = (0..40).map(|_| DVec3::from_array([0; 3].map(|_| normal(&mut random)))).collect();
     let together = |x: f64, y: f64| -> f64 {
-        let wave = |[a, b, c]: &DVec3| (0.4 * (a * x + b * y) + 9.0 * c).sin();
+        let wave = |w: &DVec3| (0.4 * (w.x * x + w.y * y) + 9.0 * w.z).sin();
         SIGMA * waves.iter().map(wave).sum::<f64>() / (waves.len() as f64 / 2.0).sqrt()
     };
     let mut sigma = |error: &mut dyn FnMut(f64, f64) -> f64| {

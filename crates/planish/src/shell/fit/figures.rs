@@ -47,9 +47,9 @@ pub struct CameraPoseReport {
     /// `t`.
     pub t: DVec3,
     /// σ about each axis of the camera, in degrees.
-    pub sigma_rotation_deg: DVec3,
+    pub sigma_rotation_deg: [f64; 3],
     /// σ along each axis of the camera.
-    pub sigma_translation: DVec3,
+    pub sigma_translation: [f64; 3],
 }
 
 /// A frame of a sequence.

@@ -47,8 +47,8 @@ pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {
             moved: length(&change[3..]),
             r: camera.pinhole.r,
             t: camera.pinhole.t,
-            sigma_rotation_deg: DVec3::from_array(std::array::from_fn(|k| covariance[(k, k)].sqrt().to_degrees())),
-            sigma_translation: DVec3::from_array(std::array::from_fn(|k| covariance[(3 + k, 3 + k)].sqrt())),
+            sigma_rotation_deg: std::array::from_fn(|k| covariance[(k, k)].sqrt().to_degrees()),
+            sigma_translation: std::array::from_fn(|k| covariance[(3 + k, 3 + k)].sqrt()),
         });
     }
     reports

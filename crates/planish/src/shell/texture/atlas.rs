@@ -5,7 +5,6 @@
 //!
 //! All squares of an atlas have the same number of pixels, so large triangles have a lower resolution.
 
-use planish_core::DVec3;
 use planish_exchange::textured::{NO_UV, TexturedMesh};
 use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 
@@ -110,9 +109,14 @@ pub(super) fn atlas_share(triangles: usize) -> f64 {
 }
 
 /// A value of the corners at a place on a triangle.
-pub(super) fn at_place(mesh: &TriangleMesh, values: &[[f64; 3]], triangle: u32, weights: [f64; 3]) -> DVec3 {
+pub(super) fn at_place(
+    mesh: &TriangleMesh,
+    values: &[[f64; 3]],
+    triangle: u32,
+    weights: [f64; 3],
+) -> [f64; 3] {
     let corners = mesh.triangles[triangle as usize];
-    DVec3::from_array([0, 1, 2].map(|c| (corners.iter().zip(weights)).map(|(v, w)| w * values[*v as usize][c]).sum()))
+    [0, 1, 2].map(|c| (corners.iter().zip(weights)).map(|(v, w)| w * values[*v as usize][c]).sum())
 }
 
 #[cfg(test)]

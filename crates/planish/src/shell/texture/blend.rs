@@ -9,8 +9,6 @@
 //!
 //! Not guaranteed: if only two views see a place and differ, the one with the larger weight is used.
 
-use planish_core::DVec3;
-
 /// Tukey's constant: 95 % efficiency where errors are normal.
 const TUKEY: f64 = 4.685;
 /// Iterations of the mean. It starts at the medoid and settles in a few.
@@ -43,14 +41,14 @@ pub(super) struct Blended {
 }
 
 /// Root mean square difference over the three channels.
-fn apart(a: DVec3, b: DVec3) -> f64 {
+fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>() / 3.0).sqrt()
 }
 
 /// The colour that differs least from all others.
 fn medoid(colours: &[ViewColour]) -> Option<&ViewColour> {
     let cost = |one: &ViewColour| -> f64 {
-        (colours.iter()).map(|other| other.weight.powf(0.25) * apart(DVec3::from(one.colour), DVec3::from(other.colour))).sum()
+        (colours.iter()).map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour)).sum()
     };
     colours.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
@@ -63,7 +61,7 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
         if let Some(middle) = medoid(colours) {
             let others = colours.iter().filter(|one| one.view != middle.view);
             // Without the medoid itself, whose difference is always zero.
-            differences.extend(others.map(|one| apart(DVec3::from(one.colour), DVec3::from(middle.colour))));
+            differences.extend(others.map(|one| apart(one.colour, middle.colour)));
         }
     }
     differences.sort_unstable_by(f64::total_cmp);
@@ -85,19 +83,19 @@ pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[O
 pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
     let mut colour = medoid(colours)?.colour;
     let believed = |colour: [f64; 3], one: &ViewColour| {
-        let share = apart(DVec3::from(one.colour), DVec3::from(colour)) / (TUKEY * scale);
+        let share = apart(one.colour, colour) / (TUKEY * scale);
         (1.0 - share * share).max(0.0).powi(2)
     };
     for _ in 0..ROUNDS {
-        let (mut sum, mut total) = (DVec3::ZERO, 0.0);
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
         for one in colours {
             let weight = one.weight * believed(colour, one);
-            sum = sum + weight * one.colour;
+            sum = [0, 1, 2].map(|c| sum[c] + weight * one.colour[c]);
             total += weight;
         }
         // If all weights vanish, the medoid remains.
         if total > 0.0 {
-            colour = sum.map(|s| s / total).to_array();
+            colour = sum.map(|s| s / total);
         }
     }
     let odd: Vec<usize> =

@@ -4,7 +4,6 @@
 //! gradients). In a picture, the pixels between the charts are filled as well, because viewers average
 //! neighbouring pixels (push-pull: S. Gortler et al., *The lumigraph*, SIGGRAPH 1996, section 3.4).
 
-use planish_core::DVec3;
 use planish_mesh::{Neighbours, TriangleMesh};
 
 /// Maximum residual of the Laplace equation, of 255: far below one step of an 8-bit colour.
@@ -12,16 +11,16 @@ const MAX_RESIDUAL: f64 = 0.01;
 /// Maximum number of conjugate-gradient steps. More steps make no visible difference.
 const MAX_STEPS: usize = 2000;
 /// Colour if no view sees any part.
-const GREY: DVec3 = DVec3::splat(128.0);
+const GREY: [f64; 3] = [128.0; 3];
 
 /// Extends the colours of some vertices to all.
-pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<DVec3>]) -> Vec<DVec3> {
-    let seen: Vec<DVec3> = known.iter().flatten().copied().collect();
+pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f64; 3]> {
+    let seen: Vec<[f64; 3]> = known.iter().flatten().copied().collect();
     // Parts that no known vertex reaches have no boundary values, so the equation has no unique solution
     // there.
     let mean = match seen.len() {
         0 => GREY,
-        n => DVec3::from_array([0, 1, 2].map(|c| seen.iter().map(|v| v[c]).sum::<f64>() / n as f64)),
+        n => [0, 1, 2].map(|c| seen.iter().map(|v| v[c]).sum::<f64>() / n as f64),
     };
     let neighbours = Neighbours::from_mesh(mesh);
     let mut colours: Vec<[f64; 3]> = known.iter().map(|c| c.unwrap_or(mean)).collect();
@@ -102,11 +101,11 @@ pub(super) fn in_picture(columns: usize, rows: usize, pixels: &mut [Option<[f32;
     let mut half: Vec<Option<[f32; 3]>> = (0..half_columns * half_rows)
         .map(|k| {
             let (x, y) = (2 * (k % half_columns), 2 * (k / half_columns));
-            let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+            let (mut sum, mut count) = ([0.0; 3], 0.0);
             for row in y..(y + 2).min(rows) {
                 for column in x..(x + 2).min(columns) {
                     if let Some(colour) = pixels[row * columns + column] {
-                        sum = sum + colour;
+                        sum = [0, 1, 2].map(|c| sum[c] + colour[c]);
                         count += 1.0;
                     }
                 }
@@ -129,6 +128,7 @@ pub(super) fn in_picture(columns: usize, rows: usize, pixels: &mut [Option<[f32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
     use planish_mesh::grid_sheet;
 
     /// Between two known sides of a sheet, every colour is the mean of its neighbours. An unconnected part
@@ -137,9 +137,9 @@ mod tests {
     fn unknown_colours_are_the_means_of_their_neighbours() {
         let mut mesh = grid_sheet(10.0, 4.0, 10, 4);
         let first = mesh.positions.len() as u32;
-        (mesh.positions).extend([[50.0, 0.0, 0.0], [51.0, 0.0, 0.0], [50.0, 1.0, 0.0]]);
+        (mesh.positions).extend([[50.0, 0.0, 0.0], [51.0, 0.0, 0.0], [50.0, 1.0, 0.0]].map(DVec3::from));
         mesh.triangles.push([first, first + 1, first + 2]);
-        let known: Vec<Option<DVec3>> = (mesh.positions.iter())
+        let known: Vec<Option<[f64; 3]>> = (mesh.positions.iter())
             .map(|p| match p[0] {
                 x if x < -4.5 => Some([0.0, 200.0, 7.0]),
                 x if (4.5..20.0).contains(&x) => Some([100.0, 0.0, 7.0]),
@@ -150,7 +150,7 @@ mod tests {
         let neighbours = Neighbours::from_mesh(&mesh);
         for (v, colour) in found.iter().enumerate() {
             if v as u32 >= first {
-                assert_eq!(*colour, DVec3::new(50.0, 100.0, 7.0));
+                assert_eq!(*colour, [50.0, 100.0, 7.0]);
             } else if known[v].is_none() {
                 let around = neighbours.of_vertex(v as u32);
                 for c in 0..3 {

@@ -6,6 +6,7 @@
 use super::atlas::{self, Chart, at_place};
 use super::view::ColourView;
 use super::{Coloured, DEFAULT_SIDES, LARGEST_TEXTURE, Scene, ShellTextureJob, TextureReport, fill};
+use planish_core::vector3::as_arrays;
 use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::colour_png;
@@ -51,7 +52,7 @@ pub(super) struct Painting<'a> {
 /// Paints a texture: each of its pixels by what views see of its place on the mesh.
 pub(super) fn paint(
     Painting { job, file, scene, coloured, views }: &Painting<'_>,
-    seen: &(dyn Fn(DVec3, DVec3) -> Option<DVec3> + Sync),
+    seen: &(dyn Fn(DVec3, DVec3) -> Option<[f64; 3]> + Sync),
     findings: &mut Vec<Finding>,
 ) -> Result<Texture> {
     let (mesh, normals) = (&scene.mesh, &scene.normals[..]);
@@ -81,13 +82,13 @@ pub(super) fn paint(
     }
     let drawn = chart.drawn(size, size);
     // Colour, and whether a view saw it.
-    let found: Vec<Option<(DVec3, bool)>> = (0..size * size)
+    let found: Vec<Option<([f64; 3], bool)>> = (0..size * size)
         .into_par_iter()
         .map(|k| {
             let on = drawn.at(k % size, k / size)?;
             let place = |values: &[[f64; 3]]| at_place(mesh, values, on.triangle, on.barycentric);
-            let normal = place(normals).normalize_or_zero();
-            Some(match seen(place(&mesh.positions), normal) {
+            let normal = DVec3::from(place(as_arrays(normals))).normalize_or_zero();
+            Some(match seen(place(as_arrays(&mesh.positions)).into(), normal) {
                 Some(colour) => (colour, true),
                 // The filled colours of vertices continue smoothly from those that views see.
                 None => (place(&coloured.colours), false),
@@ -115,9 +116,9 @@ pub(super) fn paint(
 
 impl Texture {
     /// The colour at a place of a triangle, between the middles of pixels.
-    pub fn at(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
+    pub fn at(&self, triangle: u32, weights: [f64; 3]) -> [f64; 3] {
         let Some([u, v]) = self.chart.place(triangle, weights) else {
-            return DVec3::ZERO;
+            return [0.0; 3];
         };
         let last = (self.size - 1) as f64;
         let [x, y] = [u, 1.0 - v].map(|x| (x * self.size as f64 - 0.5).clamp(0.0, last));
@@ -128,7 +129,7 @@ impl Texture {
             self.pixels[row * self.size + column].map(f64::from)
         };
         let [a, b, c, d] = [pixel(0, 0), pixel(1, 0), pixel(0, 1), pixel(1, 1)];
-        (1.0 - y) * ((1.0 - x) * a + x * b) + y * ((1.0 - x) * c + x * d)
+        [0, 1, 2].map(|k| (1.0 - y) * ((1.0 - x) * a[k] + x * b[k]) + y * ((1.0 - x) * c[k] + x * d[k]))
     }
 
     pub fn png(&self) -> Result<Vec<u8>> {

@@ -132,7 +132,7 @@ impl ColourView {
     pub(super) fn difference(
         &self,
         mesh: &TriangleMesh,
-        colour: impl Fn(u32, DVec3) -> DVec3 + Sync,
+        colour: impl Fn(u32, [f64; 3]) -> [f64; 3] + Sync,
     ) -> Option<f64> {
         let buffer = DepthBuffer::draw(
             self.columns,
@@ -147,7 +147,7 @@ impl ColourView {
                 let Some(seen) = buffer.at(column, row).filter(|_| self.clear[k] > 1) else {
                     continue;
                 };
-                let made = colour(seen.triangle, DVec3::from(seen.barycentric));
+                let made = colour(seen.triangle, seen.barycentric);
                 sum += (0..3).map(|c| (made[c] - f64::from(self.colours[k][c])).powi(2)).sum::<f64>();
                 count += 3;
             }
