@@ -54,6 +54,7 @@ pub struct CompareArgs {
 }
 
 /// Value of `--part`.
+// `view` colours by the same deviations and shares this value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PartName {
     /// The measured part
