@@ -66,6 +66,7 @@ struct SceneBody {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &ContoursSceneArgs) -> u8 {
+    // Nothing is rendered, so there is no progress to report.
     summary::run("simulate scene contours", &args.common, |_| work(args))
 }
 
@@ -90,6 +91,7 @@ fn work(args: &ContoursSceneArgs) -> Result<Summary<SceneBody>> {
     lines.gap();
     lines.line(format!("Wrote {} files to {}. Next:", count(made.files.len()), args.out.display()));
     let at = |name: &str| args.out.join(name).display().to_string();
+    // The files are numbered from 1.
     for motion in 1..=made.views.len() {
         lines.line(format!(
             "  planish sense contours {} -o {} --patch {}",

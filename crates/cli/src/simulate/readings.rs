@@ -61,6 +61,7 @@ pub struct ReadingsArgs {
     common: CommonArgs,
 }
 
+// The example in the message is a valid value of the option.
 fn velocity(text: &str) -> Result<[f64; 3], String> {
     numbers(text, "10,-5,20")
 }
@@ -109,6 +110,7 @@ fn work(args: &ReadingsArgs) -> Result<Summary<ReadingsBody>> {
         sweep: args.sweep,
         noise: args.noise,
         outlier_share: args.outliers,
+        // Users state degrees; the scene computes in radians.
         velocity: args.velocity.map_or([0.0; 3], |[x, y, deg]| [x, y, deg.to_radians()]),
         seed: args.common.seed,
         unit,
