@@ -65,11 +65,13 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
     };
     let mut report = ContourReport {
         findings: part_findings(&part, 0),
+        // The only shape is also the largest, whose keys are at the top level of the JSON.
         main: part.clone(),
         contours: vec![part],
         constrained: None,
         levels: None,
         unit: job.unit,
+        // Readings in space are not separated into groups, so none is a stray.
         left_out: 0,
     };
     report.findings.extend(judge(&report));

@@ -88,12 +88,14 @@ pub struct MergeReport {
     /// Edges of one triangle.
     pub boundary_edges: usize,
     /// Edges of three and more: none, by construction.
+    // Counted and not assumed, so that an error of the stitching would be reported.
     pub nonmanifold_edges: usize,
     /// Whether the mesh has no boundary.
     pub watertight: bool,
     /// Connected parts.
     pub parts: usize,
     /// Common regions, largest first.
+    // The command lists only the first of them.
     pub regions: Vec<RegionReport>,
     /// The patches, in the order of the files.
     pub patches: Vec<PatchReport>,
@@ -122,6 +124,7 @@ pub struct MergeReport {
     pub quality: Option<TriangleQuality>,
     /// Files read.
     #[serde(skip)]
+    // The command has keys for inputs and unit in the JSON object of every job.
     pub inputs: Vec<PathBuf>,
     /// Unit of every length.
     #[serde(skip)]
@@ -141,6 +144,7 @@ pub struct Merged {
     /// σ along them.
     pub sigma: Vec<f64>,
     /// 1 where it was measured, 2 where it was completed.
+    // Bytes as in the columns of files.
     pub observed: Vec<u8>,
     /// How it bends, if requested.
     pub curvature: Option<VertexCurvature>,

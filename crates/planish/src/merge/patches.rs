@@ -252,6 +252,7 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
 
 /// σ along the normals, where points or their sensor state it.
 fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) -> Vec<f64> {
+    // The most specific statement counts: σ of a point, then its covariance, then the sensor.
     if let Some(sigma) = &scan.sigma {
         return sigma.clone();
     }

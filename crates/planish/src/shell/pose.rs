@@ -206,6 +206,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     }
     progress.check(WRITING_STAGE, 0.8)?;
     let mut findings = std::mem::take(&mut file.findings);
+    // A missing texture matters only if a file is written.
     let picture = match job.outputs.is_empty() {
         true => None,
         false => picture_of(&file, &mut findings),
@@ -236,6 +237,7 @@ fn rigid_parts(
     file: &TexturedMesh,
     poses: &PoseFile,
 ) -> Result<(Vec<RigidPart>, Vec<RigidReport>)> {
+    // Parts that only the job names follow the surface; a fixed part has to be stated in the file.
     let named = job.rigid.iter().map(|part| (part.clone(), false));
     let all = named.chain(poses.rigid.iter().map(|entry| (entry.part.clone(), entry.held)));
     let (mut parts, mut reports) = (Vec::new(), Vec::new());
@@ -255,6 +257,7 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
     }
     let mut by = vec![[0.0; 3]; controls.len()];
     for entry in entries {
+        // Of equally near controls the first counts, so that a pose is the same in every run.
         let near = |at: [f64; 3]| {
             (0..controls.len())
                 .min_by(|a, b| distance(controls[*a], at).total_cmp(&distance(controls[*b], at)))
@@ -330,6 +333,7 @@ fn write(
                 path,
                 &MeshColumns {
                     points,
+                    // Normals of the posed mesh: those of the file belong to the mesh at rest.
                     normals: Some(&normals_of(points, &mesh.triangles)),
                     triangles: &mesh.triangles,
                     unit: file.unit,

@@ -161,6 +161,7 @@ impl Job for ShellTextureJob {
             "glb" | "obj" => self.place != ColourPlace::Vertices || extension(path) == "glb",
             _ => false,
         };
+        // The message lists only what the chosen place allows.
         let needed = match self.place {
             ColourPlace::Vertices => ".ply or .glb for colours of vertices",
             _ => ".ply, .glb, or .obj (with a texture)",
@@ -287,6 +288,7 @@ fn read(
         (Some(own), Some(theirs)) => own.millimetres() / theirs.millimetres(),
         _ => 1.0,
     };
+    // Only this copy for the views is scaled; outputs keep the unit of the mesh.
     let points = file.points.iter().map(|p| p.map(|x| by * x)).collect();
     let mesh = TriangleMesh::try_new(points, file.triangles.clone())
         .map_err(|e| e.in_context(job.mesh.display()))?;
@@ -374,6 +376,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let all_used = used.len();
     used.retain(|k| odd[*k] <= MAX_OUTLIER_FRACTION);
     if used.len() < all_used {
+        // The statistics stay those of the first pass, because rejected views have none in the second.
         (_, sigma, blended) = blend_from(&used);
     }
     let seen = blended.iter().flatten().count();
@@ -387,7 +390,9 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     }
     let known: Vec<Option<[f64; 3]>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
     let coloured = Coloured {
+        // Filled from the used views only, so that a rejected picture colours nothing.
         colours: fill::on_mesh(mesh, &known),
+        // The file has one byte per vertex for the number of views.
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
     };
     Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
@@ -415,6 +420,7 @@ fn judge(
             },
             odd: statistics.counted[k][1],
             left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
+            // Also for held-out views: theirs is the only independent difference.
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),
                 None => at_place(mesh, &coloured.colours, triangle, weights),
@@ -425,6 +431,7 @@ fn judge(
 
 /// Reads a view's picture and mask, and draws the mesh as it sees it.
 fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<ColourView> {
+    // Views without an image were filtered out before, so the path is never empty.
     let path = view.image.as_deref().unwrap_or(Path::new(""));
     let picture = read_picture(path)?;
     // The positions on the border are not used, so few of them are made.

@@ -24,6 +24,8 @@ pub struct ReadingsReport {
 
 impl ReadingsReport {
     pub(super) fn from_source(source: &SourceFit) -> Option<Self> {
+        // `outliers` has one entry for each reading. Without readings, an rms of 0 would look like a perfect
+        // fit.
         (!source.outliers.is_empty()).then(|| Self {
             count: source.outliers.len(),
             outliers: source.outliers.iter().filter(|outlier| **outlier).count(),
@@ -80,6 +82,7 @@ pub struct FlowReport {
     /// Its parts.
     pub parts: usize,
     /// Overlap (IoU) with each mask.
+    // Maps of views are sorted by name, so that reports of equal runs are equal.
     pub iou: BTreeMap<String, f64>,
 }
 
@@ -119,6 +122,7 @@ pub struct ShellFitReport {
     pub smoothness_weight: f64,
     /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes
     /// it.
+    // The name is a key of the JSON output; programs and old files have it.
     pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,
@@ -126,6 +130,7 @@ pub struct ShellFitReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow: Option<FlowReport>,
     /// Frames of a sequence; all above is of the last.
+    // A single fit has no key `frames`: an empty list would look like a sequence without frames.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub frames: Vec<FrameReport>,
     /// How it ended.
