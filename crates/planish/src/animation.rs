@@ -212,6 +212,7 @@ impl ColourScale {
     }
 
     fn place(&self, sigma: f64) -> f64 {
+        // σ may be zero, and constant over all frames.
         (sigma.max(f64::MIN_POSITIVE).ln() - self.low) / (self.high - self.low).max(1e-9)
     }
 }
@@ -243,6 +244,7 @@ impl FramePainter {
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
         let at = add_scaled(bounds.center(), 4.0 * bounds.diagonal(), from);
         let forward = scale(-1.0, from);
+        // z cannot be up for a camera that looks along it.
         let up = if from[2].abs() < 0.95 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let right = unit(cross(forward, up)).unwrap_or([1.0, 0.0, 0.0]);
         let up = cross(right, forward);
@@ -253,6 +255,7 @@ impl FramePainter {
                 let [x, y] = camera.project(*p).at;
                 [most[0].max(x.abs()), most[1].max(y.abs())]
             });
+            // 0.46 instead of 0.5 leaves a border.
             let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
             x.min(y)
         };
@@ -333,6 +336,7 @@ impl FramePainter {
         };
         let direction = sub(mix(&frame.points), self.camera.at);
         let cosine = unit(mix(&frame.normals)).map_or(1.0, |normal| dot(normal, direction) / norm(direction));
+        // Both sides are lit, because an open sheet may be seen from behind.
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
         scale(light, mix(&frame.colours))
     }

@@ -221,6 +221,7 @@ pub struct ModelInfo {
 /// # Ok::<(), planish::Error>(())
 /// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
+    // A killed run may have left outputs that are only partly renamed (docs/decisions/0087-output-sets.md).
     recover_beside(path);
     match extension(path).as_str() {
         "planish" => model(path),
@@ -394,6 +395,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             nonmanifold_edges: check.nonmanifold_edges,
             components: check.components,
             area: mesh.area(),
+            // Negative for a mesh that is turned inside out.
             volume: mesh.signed_volume(),
             bounds: bounds(&mesh.positions),
             sigma: sigma.map(|s| SigmaSummary { median: s.p50, p95: s.p95, max: s.max }),

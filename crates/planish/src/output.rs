@@ -307,6 +307,7 @@ impl Prepared<'_> {
         let mut written = WrittenFile {
             file: path.clone(),
             format: output.format,
+            // A format has only its own figures; the JSON object omits the others.
             faces: None,
             vertices: None,
             triangles: None,
@@ -317,6 +318,7 @@ impl Prepared<'_> {
         match (output.format, &self.brep, &self.mesh, &self.dem) {
             (OutputFormat::Step, Some(brep), ..) => {
                 let options = StepOptions {
+                    // CAD programs show this name in their tree.
                     name: plain_name(path),
                     unit: self.model.unit,
                     uncertainty: step_uncertainty(self.model.unit),
@@ -336,6 +338,7 @@ impl Prepared<'_> {
                 written.triangles = Some(mesh.mesh.triangles.len());
                 written.tolerance = Some(mesh.tolerance);
             }
+            // `prepare` has made what all other formats need, so only saved models arrive here.
             _ => save(self.model, provenance, path)?,
         }
         Ok(written)
@@ -343,6 +346,7 @@ impl Prepared<'_> {
 }
 
 fn step_uncertainty(unit: Unit) -> f64 {
+    // The tolerance is a real length, whatever unit the file has.
     STEP_UNCERTAINTY_MM / unit.millimetres()
 }
 

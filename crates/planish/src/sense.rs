@@ -302,6 +302,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         kind: job.kind.name(),
         pixels: sensed.pixels,
         observations: sensed.observations,
+        // Sorted by name, so that reports of equal runs are equal.
         rejected: sensed.rejected,
         sigma_px: sensed.sigma_px,
         sigma: match &job.kind {
@@ -323,6 +324,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
 
 /// σ along the rays from the sensor.
 fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
+    // Points are in the sensor's frame, so the direction of a point is that of its ray.
     let covariances = scan.covariance.as_ref()?.iter().zip(&scan.points);
     summary(
         covariances.filter_map(|(c, p)| Some(c.along(planish_estimate::vector3::unit(*p)?).sqrt())).collect(),

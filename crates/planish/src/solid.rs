@@ -311,6 +311,7 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
         .enumerate()
         .map(|(index, solution)| RankedSolid {
             rank: index + 1,
+            // Unless all are requested, only the first solid is written.
             file: files.get(index).cloned().flatten(),
             volume: solution.measures.volume,
             area: solution.measures.area,
@@ -392,6 +393,7 @@ fn line_of(difference: &Disagreement) -> UnexplainedLine {
 
 fn counts(solid: &Solid) -> FaceCounts {
     let [plane, cylinder, cone, sphere, torus] = solid.faces_by_kind();
+    // Candidates consist of these five kinds only. The key `freeform` stays for programs that read it.
     FaceCounts { plane, cylinder, cone, sphere, torus, freeform: 0 }
 }
 

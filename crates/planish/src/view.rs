@@ -308,6 +308,7 @@ fn with_unit(field: &Field) -> String {
 /// Fields of the first surface, or of the first point cloud if there is none, followed by those of a
 /// reference's points.
 fn fields(content: &ViewedContent) -> impl Iterator<Item = &Field> {
+    // Hidden objects are not drawn, so their fields cannot colour the picture.
     let surfaces = content.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
     let clouds = content.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
     surfaces.chain(clouds)
@@ -432,6 +433,8 @@ fn dot_width(positions: &[[f64; 3]], camera: &Camera, [columns, rows]: [usize; 2
         }
     }
     let area = filled.iter().filter(|f| **f).count() as f64 * cell[0] * cell[1];
+    // The limits are those of 960 rows and shrink with the picture, but not below half, where dots would
+    // vanish.
     let [least, most] = DOT_WIDTHS.map(|w| w * rows.max(480) as f64 / 960.0);
     (DOT_WIDTH * (area / inside.max(1) as f64).sqrt()).clamp(least, most)
 }
@@ -441,6 +444,7 @@ fn on_paper(pixels: &[Pixel], columns: usize) -> Vec<Colour> {
     use planish_report::colour::linear_light;
     let rows = pixels.len() / columns.max(1);
     let paper = |row: usize| -> Colour {
+        // Colours are stated as screen values; mixing needs linear light.
         let share = row as f64 / rows.max(1) as f64;
         std::array::from_fn(|c| linear_light(PAPER[0][c] + share * (PAPER[1][c] - PAPER[0][c])))
     };

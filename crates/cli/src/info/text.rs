@@ -180,7 +180,7 @@ fn mesh_text(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
             ),
         ),
         ("area", format!("{}²", lengths.length(mesh.area))),
-        // Only a closed mesh has a volume.
+        // Only a closed and consistently oriented mesh has a volume.
         ("volume", mesh.volume.map_or(String::new(), |v| format!("{}³", lengths.length(v)))),
         (
             "σ",

@@ -362,7 +362,7 @@ fn report(
         .filter(|&i| found.proposals[i].outcome == ProposalOutcome::Implied)
         .collect();
     let relations: Vec<Constraint> = implied.iter().map(|&i| found.proposals[i].constraint).collect();
-    // All implied relations at once, because the search is expensive.
+    // In one call, so that the Jacobian of all constraints is ranked only once.
     let follows = implications(drawing, &found.constraints, &relations)?;
     let from = |i: usize| -> Vec<String> {
         // Indices in `follows` count the implied relations only.

@@ -31,6 +31,7 @@ pub(crate) fn next_page(
     let model_unit = model.unit.name();
     // The largest σ before the plan sets the unit, so that both states are shown in the same one.
     let unit = SmallUnit::for_length(model_unit, next.worst_sigma.before);
+    // A saved model has no readings to show.
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     scene.marks = next_marks(&next.points, unit);
     "where to measure next".clone_into(&mut scene.marks_name);
@@ -82,6 +83,7 @@ pub(crate) fn views_page(
     findings: Vec<Finding>,
     name: &Path,
 ) -> Result<Page> {
+    // As on the page of points: the largest σ before the plan sets the unit.
     let unit = SmallUnit::for_length(model.unit.name(), next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     show_views(&mut scene, next, sensor, unit)?;
@@ -189,6 +191,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         name: "fields of view".to_owned(),
         segments: fields,
         colour: "#b34700".to_owned(),
+        // Hidden at first: the fields of several views overlap.
         hidden: true,
     });
     Ok(())

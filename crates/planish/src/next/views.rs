@@ -153,6 +153,7 @@ pub fn next_views(
         let seen: Vec<bool> = (places.par_iter()).map(|p| sight.sees(&pose, p).is_some()).collect();
         seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
         let (worst, mean) = figures(&places, &variances);
+        // Weighted by rays, because a job file has one σ for all readings of the sensor.
         noise += taken.stands_for * taken.readings.iter().map(|r| r.sigma_along).sum::<f64>();
         let count = taken.stands_for * taken.readings.len() as f64;
         readings += count;
@@ -294,6 +295,8 @@ fn best_of(
         let of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
         representatives.areas.iter().enumerate().map(of).sum()
     };
+    // All candidates start from the same covariance, so it is computed once per view and not once per
+    // candidate.
     let now = total(&|k| covariance[(k, k)]);
     let left: Vec<f64> = candidates
         .par_iter()
@@ -303,6 +306,7 @@ fn best_of(
             None => f64::INFINITY,
         })
         .collect();
+    // Of equally good candidates the first counts, whatever the number of threads.
     (0..left.len())
         .min_by(|&a, &b| left[a].total_cmp(&left[b]))
         .filter(|&best| left[best] < (1.0 - MIN_GAIN) * now)

@@ -18,6 +18,7 @@ const MAX_LINES: usize = 60_000;
 /// A smaller unit in which most of the lengths are readable, if there is one.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
     let most = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
+    // A factor of 1 would only repeat the unit of the model.
     Some(SmallUnit::for_length(unit, most)).filter(|small| small.factor != 1.0)
 }
 
@@ -95,6 +96,7 @@ pub(crate) fn model_scene_of(
         ..Scene::default()
     };
     scene.clouds.push(Cloud {
+        // Hidden at first: control vertices do not lie on a curved surface.
         name: "control vertices".to_owned(),
         positions: model.surface.vertices().to_vec(),
         hidden: true,

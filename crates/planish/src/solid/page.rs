@@ -71,6 +71,7 @@ pub(crate) fn solid_page(
             name,
             positions: mesh.positions,
             triangles: mesh.triangles,
+            // Averaged normals would round off the edges.
             flat: true,
             ..SurfaceShown::default()
         });
@@ -127,6 +128,7 @@ fn mesh_edges(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[[f64; 3]; 
             sides.entry([a.min(b), a.max(b)]).or_default().push(normal);
         }
     }
+    // An edge with one triangle or with three is a defect of the mesh and is always drawn.
     let smooth = SMOOTH_DEG.to_radians().cos();
     (sides.into_iter())
         // Edges of chords on a round face are not edges of the solid.
@@ -160,6 +162,7 @@ fn lines_table(lines: &[UnexplainedLine]) -> Table {
 }
 
 fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Section> {
+    // Sections without content are omitted: exact drawings have no sizes with σ.
     let mut sections = Vec::new();
     if !report.solutions.is_empty() {
         let volume = head("volume", &format!("{unit}³"));

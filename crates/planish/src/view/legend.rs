@@ -21,6 +21,7 @@ pub(super) struct Legend {
 
 /// The em of letters in a picture, in pixels.
 pub(super) fn letter_size([columns, rows]: [usize; 2]) -> f64 {
+    // Wide pictures get the letters of a picture of 4:3. Below 9 pixels, letters are not readable.
     (columns.min(4 * rows / 3) as f64 / 64.0).max(9.0)
 }
 
@@ -88,6 +89,7 @@ fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], roo
     for (k, kind) in list.iter().enumerate() {
         let rest = list.len() - k;
         let width = 1.1 * em + canvas.width(&kind.label, size);
+        // Room is kept for the words "and n more".
         let is_full = k == MAX_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
         if is_full && k > 0 {
             let text = format!("and {rest} more");
