@@ -70,7 +70,7 @@ enum SceneCommand {
 
 /// Value of `--shape` of simulated objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-// A torus is missing: no simulated object has a handle.
+// Not all shapes of `planish`: scenes refuse a torus.
 enum SceneShape {
     /// One boundary
     Sheet,

@@ -59,7 +59,7 @@ pub enum OutputFormat {
 }
 
 impl OutputFormat {
-    /// The format that a path's extension asks for; meshes and STEP may be compressed (`.ply.gz`).
+    /// The format that the extension of a path selects; meshes and STEP may be compressed (`.ply.gz`).
     ///
     /// # Errors
     /// `Unsupported` for any other extension, or none.
@@ -112,9 +112,9 @@ fn plain_name(path: &Path) -> String {
 /// A file to be written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PlannedOutput {
-    /// Where.
+    /// Its path.
     pub path: PathBuf,
-    /// What.
+    /// Its format.
     pub format: OutputFormat,
 }
 
@@ -151,7 +151,7 @@ pub struct WrittenFile {
 pub struct OutputOptions {
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
+    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings if none is
     /// given.
     pub cell_size: Option<f64>,
     /// The map that rasters belong to.

@@ -54,7 +54,7 @@ fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &Contou
         count(part.readings),
         count(part.rejected)
     ));
-    // The margin shows how sure the kind is: kinds with a small difference are hardly distinguished.
+    // The margin shows how certain the kind is: a small one hardly distinguishes both kinds.
     if let (Some(margin), Some(other)) = (part.bic_margin, part.alternatives.first()) {
         lines.line(format!("Next best: {} (BIC larger by {}).", other.kind, significant(margin, 3)));
     }

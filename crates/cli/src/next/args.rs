@@ -58,7 +58,7 @@ pub struct NextArgs {
           help_heading = "Criterion")]
     pub against_random: usize,
     /// Propose at most this many poses of a sensor instead of points
-    // Poses take their σ from the sensor's file, and a random set of poses is no baseline of the library.
+    // Poses take their σ from the sensor's file, and only points are compared with random sets.
     #[arg(long, value_name = "N", value_parser = positive_count, allow_negative_numbers = true,
           requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"],
           help_heading = "Sensor poses")]

@@ -93,9 +93,9 @@ pub fn views_text(report: &NextViewsJobReport) -> String {
         .zip(&next.views)
         .map(|(k, v): (usize, _)| {
             let mut row = vec![k.to_string()];
+            row.extend(v.translation.map(|x| significant(x, 5)));
             // Four decimals of a unit quaternion are about 0.01°, enough to recognise a pose; the files have
             // all digits.
-            row.extend(v.translation.map(|x| significant(x, 5)));
             row.extend([
                 v.quaternion_xyzw.map(|c| format!("{c:.4}")).join(" "),
                 count(v.readings),

@@ -128,7 +128,7 @@ fn text(done: &OccludingReport) -> String {
     let rejected: Vec<String> = (done.left_out.iter())
         .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
         .collect();
-    // One sequence is the normal case and needs no line; more mean that the path of the camera was divided.
+    // One sequence is the normal case and needs no line.
     let pairs = (done.sequences > 1).then(|| format!("{} sequences of views", count(done.sequences)));
     lines.facts([
         ("rejected", rejected.join(", ")),
@@ -142,7 +142,7 @@ fn text(done: &OccludingReport) -> String {
         ("σ of normals", sigma_quantiles(done.sigma_n_deg, "°")),
         (
             "unobserved",
-            // The hull and the surface differ exactly where no contour touches the object.
+            // There the hull is only a bound of the object.
             done.unseen_share.map_or(String::new(), |share| {
                 format!(
                     "{} of the visual hull's surface has no contour nearby (concave, or between views)",
@@ -196,7 +196,7 @@ fn patches(lines: &mut Lines, done: &OccludingReport, unit: &str) {
 
 /// A table of the intersection over union of outlines and masks.
 fn overlaps(lines: &mut Lines, done: &OccludingReport) {
-    // Four decimals, since good fits differ only in the third one.
+    // Four decimals: values near 1 differ only in the last ones.
     let share = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.4}"));
     let rows: Vec<Vec<String>> = (done.iou.iter())
         .map(|row| {

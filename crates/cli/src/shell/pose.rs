@@ -107,7 +107,7 @@ fn text(report: &ShellPoseReport) -> String {
             "{} is rigid: {} vertices{}.",
             part.part,
             count(part.vertices),
-            // A fixed part explains why controls near it have no effect.
+            // Other rigid parts follow the surface around them.
             if part.held { ", fixed" } else { "" }
         ));
     }

@@ -91,7 +91,6 @@ fn work(args: &ContoursSceneArgs) -> Result<Summary<SceneBody>> {
     lines.gap();
     lines.line(format!("Wrote {} files to {}. Next:", count(made.files.len()), args.out.display()));
     let at = |name: &str| args.out.join(name).display().to_string();
-    // The files are numbered from 1.
     for motion in 1..=made.views.len() {
         lines.line(format!(
             "  planish sense contours {} -o {} --patch {}",

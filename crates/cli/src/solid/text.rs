@@ -11,7 +11,7 @@ const LINES_SHOWN: usize = 20;
 pub fn text(report: &SolidReport) -> String {
     let mut lines = Lines::default();
     let n = report.solutions.len();
-    // Without a solid, all other parts of the report are empty.
+    // Without a solid there is no table of solids; the unexplained lines are the result.
     if n == 0 {
         unexplained(&mut lines, report);
         return lines.into_text();
@@ -20,7 +20,7 @@ pub fn text(report: &SolidReport) -> String {
         1 => "One solid has these views.".to_owned(),
         _ => format!("{} solids have these views, best first.", count(n)),
     });
-    // Nearest solids that differ by a line usually reveal an error in the drawing, so they are counted.
+    // Rejected solids are not written, so this line is the only sign of them.
     if !report.refused.is_empty() {
         let others = report.refused.len();
         lines.line(format!(
@@ -42,7 +42,7 @@ pub fn text(report: &SolidReport) -> String {
         .map(|s| {
             vec![
                 s.rank.to_string(),
-                // Eight digits, since a drawing has exact sizes and candidates may differ by a small hole.
+                // Eight digits: sizes of a drawing are exact, and solids may differ in a small detail only.
                 significant(s.volume, 8),
                 significant(s.area, 8),
                 faces_by_kind(&s.faces),

@@ -12,10 +12,10 @@ use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_ray_readings;
 use planish_exchange::extension;
 
-/// Fits the job's shapes to its readings and writes its outputs: those that are JSON.
+/// Fits the job's shapes to its readings and writes its outputs, which must be JSON.
 ///
 /// # Errors
-/// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
+/// Those of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
 /// `Undetermined` when no shape can be fitted.
 pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     // Drawings are planar. The check is here, because planar contours accept them.

@@ -194,11 +194,11 @@ pub(super) fn turn_alike(
     Ok((turned, searches))
 }
 
-/// Findings about patches whose σ was estimated from their differences from others, and that differ as if
-/// they were of different objects.
+/// Findings about patches that probably belong to different objects. Only patches without a stated σ are
+/// judged.
 ///
-/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
-/// then as long as an edge.
+/// Heights between unrelated surfaces are uniform over the search distance of two edges, so their σ is about
+/// one edge.
 pub(super) fn unalike(
     patches: &[MergePatch],
     overlap: &Overlap,

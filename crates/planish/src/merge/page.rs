@@ -12,7 +12,7 @@ use std::path::Path;
 /// Writes a page that shows a merged mesh.
 ///
 /// # Errors
-/// `Io` where it cannot be written or an input no longer be read.
+/// `Io` if the page cannot be written or an input cannot be read again.
 pub(super) fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> {
     let inputs: Vec<_> =
         (merged.report.inputs.iter()).map(|path| (path.clone(), "a patch".to_owned())).collect();

@@ -1,7 +1,7 @@
-//! What can be merged, read from files: saved models, meshes, organised scans.
+//! Reads patches from files: saved models, meshes, CAD faces and organised scans.
 //!
-//! Input: paths. Output: patches in one frame and unit, with σ where files state it. Not guaranteed:
-//! that frames agree where no pose was given.
+//! Input: paths. Output: patches in one frame and unit, with σ if the files state it. Not guaranteed: frames
+//! of files without poses may disagree.
 
 use crate::compare::ComparedMesh;
 use crate::saved;
@@ -272,8 +272,8 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
         .collect()
 }
 
-/// Two triangles of every four neighbours of a grid, over the shorter diagonal, one where a corner is
-/// missing; none over a step in depth (G. Turk, M. Levoy 1994, section 3).
+/// Triangles of an organised scan: two for every four neighbours, split at the shorter diagonal, or one if a
+/// corner is missing. Triangles across a depth edge are dropped (G. Turk, M. Levoy 1994, section 3).
 fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
     let at = |k: usize| points[k];
@@ -310,8 +310,8 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
     triangles.into_iter().map(|t| t.map(|v| v as u32)).collect()
 }
 
-/// Turns all triangles where most look away from the sensor: which way round they are depends on how the grid
-/// runs.
+/// Flips all triangles if most of them face away from the sensor. Their orientation depends on the order of
+/// rows and columns.
 fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[[f64; 3]], viewing: Viewing) {
     let against: f64 = triangles
         .iter()

@@ -46,7 +46,7 @@ pub(super) struct Done {
     pub filled: Option<FillReport>,
     /// Triangles that stitch patches together.
     pub stitched: usize,
-    /// Vertices of the whole that are of each patch in space.
+    /// Number of vertices of the merged mesh from each patch in space.
     pub kept: Vec<usize>,
     pub inputs: Vec<PathBuf>,
 }

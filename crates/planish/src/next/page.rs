@@ -1,4 +1,4 @@
-//! Reports of plans where, and from where, to measure next.
+//! Reports of planned measurements: points and sensor poses.
 
 use crate::next::{Change, NextPoint, NextReport, ViewsReport};
 use crate::report::scenes::model_scene;
@@ -13,7 +13,7 @@ use planish_sense::{Pose, ViewSensor};
 use planish_surface::model::SurfaceModel;
 use std::path::Path;
 
-/// Lines of sight of a view are drawn so long, over the diagonal of the model's box.
+/// Length of a drawn line of sight, relative to the diagonal of the model's box.
 const SIGHT: f64 = 0.3;
 
 /// A σ before and after the measurements.
@@ -75,7 +75,7 @@ pub(crate) fn next_page(
     })
 }
 
-/// The page of poses from which to measure.
+/// The page of planned sensor poses.
 pub(crate) fn views_page(
     model: &SurfaceModel,
     next: &ViewsReport,

@@ -41,7 +41,7 @@ pub(super) struct Before<'a> {
     pub reading: f64,
 }
 
-/// Draws sets of `options.count` places and judges every beginning of each.
+/// Draws sets of `options.count` places and evaluates the first 1, 2, 3 … places of each.
 pub(super) fn at_random(
     before: Before<'_>,
     options: &NextOptions,

@@ -1,4 +1,4 @@
-//! `planish next --views`: a saved model and a sensor's file in, poses out.
+//! `planish next --views`: plans sensor poses from a saved model and the file of a sensor.
 
 use super::findings::judge_views;
 use super::page::views_page;

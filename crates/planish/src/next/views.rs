@@ -65,7 +65,7 @@ pub struct UnseenPlace {
     pub sigma: f64,
 }
 
-/// From where to measure next.
+/// Planned poses of a sensor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ViewsReport {
     /// The poses, best first.
@@ -82,21 +82,21 @@ pub struct ViewsReport {
     pub worst_unseen: Option<UnseenPlace>,
     /// Mean σ of the planned readings along their rays.
     pub sigma_along: Option<f64>,
-    /// Whether the goal is reached; none where there was none.
+    /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
 }
 
-/// Chooses poses one after the other. Of the options, `sigma` and `against_random` do not count.
+/// Chooses poses one after the other. The options `sigma` and `against_random` are ignored.
 ///
-/// Cost: a line of sight for every candidate and place once; for every view one factorisation, and for every
+/// Cost: one line of sight for every candidate and place. For every view: one factorisation, and for every
 /// candidate the Cholesky factor of the representatives that it sees.
 ///
 /// # Errors
-/// As for [`super::next_points`]; `Input` also for a sensor that makes no sense, and where no pose sees any
-/// of the region.
+/// Those of [`super::next_points`]; `Input` also for an invalid sensor, and if no pose sees any part of the
+/// region.
 pub fn next_views(
     model: &SurfaceModel,
     sensor: &ViewSensor,

@@ -55,9 +55,9 @@ fn known_by(mark: u8) -> &'static str {
     }
 }
 
-/// The field of what parts are known by, of those that occur.
+/// The field that states how each part is known. Only categories that occur are listed.
 pub(crate) fn observed_field(observed: &[u8]) -> Field {
-    // The best known first, and only what occurs.
+    // The best known first.
     let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
@@ -67,7 +67,7 @@ pub(crate) fn observed_field(observed: &[u8]) -> Field {
     )
 }
 
-/// A model in 3D, with the readings that made it where these are at hand; and the tolerance of its triangles.
+/// A model as a scene, with its readings if they are available, and the chord error of its triangles.
 pub(crate) fn model_scene(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,

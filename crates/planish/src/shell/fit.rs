@@ -68,7 +68,7 @@ pub struct ShellFitJob {
     pub points: Vec<PathBuf>,
     /// Cameras and masks.
     pub silhouettes: Option<PathBuf>,
-    /// A folder with one for each frame of something that moves, instead of points and silhouettes.
+    /// Folder with a folder for each frame of a moving object. It replaces points and silhouettes.
     pub sequence: Option<PathBuf>,
     /// Kind of deformation.
     pub deformation: DeformationKind,
@@ -81,11 +81,11 @@ pub struct ShellFitJob {
     pub family: Vec<PathBuf>,
     /// Parts that stay rigid: a group, object or material of the OBJ, or a file of vertex indices.
     pub rigid: Vec<String>,
-    /// Length over which they blend into the rest. The default is a tenth of the mesh's size.
+    /// Length over which rigid parts blend into the rest (default: a tenth of the mesh's size).
     pub blend: Option<f64>,
     /// Shape of the metaballs.
     pub metaball: Metaball,
-    /// Minimum distance between places on the border of a mask, in pixels.
+    /// Minimum distance between points on the outline of a mask, in pixels.
     pub outline_step_px: f64,
     /// Whether the stated σ of points and outlines are used without estimating them.
     pub believe_sigma: bool,

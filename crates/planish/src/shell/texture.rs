@@ -51,12 +51,12 @@ const MAX_OUTLIER_FRACTION: f64 = 0.5;
 /// Target of the colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ColourPlace {
-    /// Onto a texture where the mesh has texture coordinates, to the vertices where it has none.
+    /// To a texture if the mesh has texture coordinates, otherwise to the vertices.
     #[default]
     Auto,
     /// To the vertices.
     Vertices,
-    /// Onto a texture, on an atlas of the triangles where the mesh has no texture coordinates.
+    /// To a texture. Without texture coordinates, an atlas of the triangles is made.
     Texture,
 }
 
@@ -69,7 +69,7 @@ pub struct ShellTextureJob {
     pub views: PathBuf,
     /// Target of the colours.
     pub place: ColourPlace,
-    /// Pixels along a side of the texture; about as fine as the pictures if none is given.
+    /// Side of the texture in pixels (default: about the resolution of the images).
     pub texture_size: Option<usize>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
@@ -84,14 +84,14 @@ pub struct ColourViewReport {
     pub view: String,
     /// Whether the view was held out.
     pub held_out: bool,
-    /// Vertices that it sees.
+    /// Number of vertices that the view sees.
     pub seen: usize,
     /// Number of vertices at which it is an outlier.
     pub odd: usize,
     /// Whether the view was rejected because it differs at too many places.
     pub left_out: bool,
-    /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the
-    /// pixels of the mesh away from its outlines.
+    /// Root mean square difference of its image from the resulting colours, from 0 to 255, over the pixels
+    /// of the mesh away from its outlines.
     pub rms: Option<f64>,
 }
 
@@ -118,10 +118,10 @@ pub struct ShellTextureReport {
     pub vertices: usize,
     /// Vertices that a view sees.
     pub seen: usize,
-    /// Vertices that none sees, whose colours were filled.
+    /// Number of vertices that no view sees; their colours were filled.
     pub filled: usize,
-    /// σ of a colour as views state it, from 0 to 255: by how much they differ where three or more see a
-    /// vertex.
+    /// σ of a colour, from 0 to 255, estimated from the differences between views at vertices that three or
+    /// more views see.
     pub colour_sigma: f64,
     /// The texture, where one was made.
     pub texture: Option<TextureReport>,
@@ -143,7 +143,7 @@ pub struct ShellTextureReport {
 /// Colours of the vertices.
 struct Coloured {
     colours: Vec<[f64; 3]>,
-    /// From how many views; zero where they were filled.
+    /// Number of views that contributed to each vertex; zero if its colour was filled.
     views: Vec<u8>,
 }
 
@@ -176,7 +176,7 @@ impl Job for ShellTextureJob {
 
 /// Colours a mesh and writes its outputs.
 ///
-/// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
+/// Cost: one depth buffer per view, and one look-up per view for each vertex or texture pixel.
 fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
     progress.check("reading", 0.0)?;
     let mut findings = Vec::new();
@@ -242,7 +242,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
 struct Scene {
     mesh: TriangleMesh,
     normals: Vec<[f64; 3]>,
-    /// Whether its facets are turned both ways.
+    /// Whether facets are oriented inconsistently. Then both sides count as visible.
     two_sided: bool,
     /// The unit of the cameras.
     unit: Option<Unit>,

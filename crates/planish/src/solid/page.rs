@@ -1,4 +1,4 @@
-//! The report of solids that a drawing means.
+//! The report of the solids that a drawing describes.
 
 use crate::report::title_of;
 use crate::report::words::head;
@@ -20,8 +20,8 @@ const SPACING_RATIO: f64 = 1.35;
 const LABEL_HEIGHT_RATIO: f64 = 0.06;
 /// Maximum number of unexplained lines that are listed.
 const MAX_LINES: usize = 20;
-/// Faces that meet at less than this angle in degrees have no edge that is drawn. Facets of round faces meet
-/// at smaller angles, edges of usual parts at larger ones.
+/// Minimum angle between faces, in degrees, for an edge to be drawn. Facets of round faces meet at smaller
+/// angles, edges of usual parts at larger ones.
 const SMOOTH_DEG: f64 = 20.0;
 
 /// The page of solids, best first.

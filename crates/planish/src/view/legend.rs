@@ -82,7 +82,7 @@ fn bar(canvas: &mut Canvas, range: &Range, [left, bottom]: [f64; 2], width: f64,
     }
 }
 
-/// Kinds side by side; where the last one ends.
+/// Draws categories side by side; returns where the last one ends.
 fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], room: f64, em: f64) -> f64 {
     let size = 0.9 * em;
     let mut x = left;
