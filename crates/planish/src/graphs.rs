@@ -193,10 +193,12 @@ pub fn write_graphs(path: &Path, views: &[GraphsOfView], composite: Option<&Comp
         let composite = composite.map(|composite| WrittenComposite {
             composite,
             graph: composite.graph(),
+            // A composite graph without a tour is written as well.
             tour: composite.tour().ok().map(|tour| {
                 let edges: Vec<TourEdge> = composite
                     .edges
                     .iter()
+                    // Its edges have no lengths, so a tour counts them.
                     .map(|edge| TourEdge { a: edge.a, b: edge.b, length: 1.0 })
                     .collect();
                 NamedTour::new(&tour, &edges, |vertex| format!("V{}", vertex + 1))

@@ -71,6 +71,7 @@ impl ReportOutput {
                 self.seed
             )),
         ];
+        // Simulations have no inputs.
         if !inputs.is_empty() {
             blocks.push(Block::Table(files));
         }

@@ -86,6 +86,7 @@ pub struct ViewArgs {
           allow_hyphen_values = true, help_heading = "Image", requires = "output")]
     pub camera: Option<CameraAngles>,
     /// Upward axis: x, y, z, -x, -y or -z [default: z, or towards the front of a sheet]
+    // `-x` looks like an option, hence `allow_hyphen_values`.
     #[arg(long, value_name = "AXIS", value_parser = clap::value_parser!(Up), allow_hyphen_values = true,
           help_heading = "Image", requires = "output", hide_short_help = true)]
     pub up: Option<Up>,

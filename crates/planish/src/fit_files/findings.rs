@@ -21,6 +21,7 @@ const SIGMA_TOLERANCE: f64 = 1.25;
 
 /// The findings that follow from the figures of a fit.
 pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
+    // The unit of the page, so that findings and figures can be compared.
     let unit = SmallUnit::for_length(fit.model.unit.name(), report.rms.max(report.sigma.median));
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
     let share = share_rejected(scans);
@@ -42,6 +43,7 @@ fn held_out(report: &FitReport) -> Option<Finding> {
             FindingCode::SigmaTooSmall,
             format!("σ is too small: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
+        // The same factor in both directions: σ that is too large is wrong, too.
         _ if ratio < 1.0 / SIGMA_TOLERANCE => (
             FindingCode::SigmaTooLarge,
             format!("σ is too large: normalised rms of held-out readings is {}", significant(ratio, 3)),

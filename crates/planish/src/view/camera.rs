@@ -31,6 +31,7 @@ impl FromStr for Up {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
+        // Also the minus sign of typography, which text copied from documents may have.
         let (sign, name) = match text.strip_prefix(['-', '−']) {
             Some(name) => (-1.0, name),
             None => (1.0, text),
@@ -53,6 +54,7 @@ impl Up {
 
     /// The right-hand direction in the front view: x, or y if x is up.
     fn right(self) -> [f64; 3] {
+        // x cannot point both up and to the right.
         if self.axis == 0 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }
     }
 }
@@ -105,6 +107,7 @@ impl FromStr for CameraAngles {
         if let Some(zoom) = zoom {
             found.zoom = zoom.trim().parse().map_err(|_| format!("{NEEDED}; found {text:?}"))?;
         }
+        // `contains` also refuses NaN, which a comparison with `>` would accept.
         if !(-MAX_TURN_DEG..=MAX_TURN_DEG).contains(&found.azimuth_deg) {
             return Err(format!("needed an azimuth from -3600 to 3600 degrees; found {text:?}"));
         }

@@ -98,6 +98,7 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
             colour = sum.map(|s| s / total);
         }
     }
+    // The biweight is exactly zero beyond its limit, so the comparison needs no tolerance.
     let odd: Vec<usize> =
         (colours.iter().filter(|one| believed(colour, one) == 0.0)).map(|one| one.view).collect();
     Some(Blended { colour, views: colours.len() - odd.len(), odd })
