@@ -118,7 +118,7 @@ pub struct PlannedOutput {
     pub format: OutputFormat,
 }
 
-/// A file that was written, and what went into it.
+/// A file that was written, and its contents.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WrittenFile {
     /// Path as the user gave it.

@@ -148,7 +148,7 @@ pub struct SenseJob {
     pub unit: Option<Unit>,
 }
 
-/// A file that was written, and what went into it.
+/// A file that was written, and its contents.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SensedFile {
     /// Path as the user gave it.

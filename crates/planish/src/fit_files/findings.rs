@@ -11,8 +11,8 @@ const MAX_NORMALISED: f64 = 1.5;
 /// Maximum mean residual of a scan, in σ of a reading. The mean of many readings is known far better, so
 /// smaller shifts are significant, too. They matter little, because the noise hides them.
 const MAX_MEAN_SIGMAS: f64 = 0.5;
-/// A scan of which more than this share is rejected, and more than three times the share of all, does not
-/// fit.
+/// Maximum rejected share of a scan. A scan does not fit if its share is larger than this, and larger than
+/// three times the share of all scans.
 const MAX_REJECTED: f64 = 0.1;
 /// Minimum number of readings for judging a scan. With 30, the rms has a relative σ of 13 %.
 const MIN_JUDGED: usize = 30;

@@ -24,7 +24,7 @@ const MAX_EDGE_RATIO: f64 = 4.0;
 /// A patch and its origin.
 #[derive(Debug, Clone)]
 pub struct NamedPatch {
-    /// The file, and the scan in it where there are several.
+    /// The file, and the scan in it if there are several.
     pub name: String,
     /// The surface, and the numbers of its triangles in the file.
     pub tidied: ManifoldPatch,

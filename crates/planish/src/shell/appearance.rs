@@ -13,7 +13,7 @@ use planish_exchange::textured::{TexturedMesh, is_jpeg, read_bytes, write_textur
 use planish_mesh::TriangleMesh;
 use std::path::{Path, PathBuf};
 
-/// A pose by its name, and where it brings the vertices.
+/// The name of a pose, and the positions of the vertices in it.
 pub(super) type NamedPlaces<'a> = (&'a str, &'a [[f64; 3]]);
 
 /// The bytes of the texture; a finding if they cannot be read.

@@ -130,7 +130,7 @@ pub struct PoseTargetReport {
 /// The vertices of a rigid part: by its name in the file, or a file of indices from 0.
 ///
 /// # Errors
-/// `Input` where there is neither, or a word of the file is no index.
+/// `Input` if neither exists, or if a word of the file is no index.
 pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
     // Names of the mesh have priority over files, so that a file in the folder cannot change the meaning of a
     // job.

@@ -123,7 +123,7 @@ pub struct ShellTextureReport {
     /// σ of a colour, from 0 to 255, estimated from the differences between views at vertices that three or
     /// more views see.
     pub colour_sigma: f64,
-    /// The texture, where one was made.
+    /// The texture, if one was made.
     pub texture: Option<TextureReport>,
     /// The views.
     pub views: Vec<ColourViewReport>,
@@ -333,7 +333,7 @@ fn read(
 struct ViewStatistics {
     /// σ of a colour, estimated from the views that are used.
     sigma: f64,
-    /// For each view the number of vertices that it sees, and of those where it is an outlier.
+    /// For each view, the number of vertices that it sees, and at how many of them it is an outlier.
     counted: Vec<[usize; 2]>,
     /// Share of the vertices seen by three or more views at which each view is an outlier.
     odd: Vec<f64>,

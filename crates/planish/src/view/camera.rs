@@ -1,4 +1,4 @@
-//! From where an object is looked at: directions by angles or names, and the projection onto a picture.
+//! Cameras: view directions by angles or names, and the projection onto a picture.
 
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
 use planish_estimate::{Error, Result};
@@ -59,10 +59,10 @@ impl Up {
     }
 }
 
-/// A direction from which an object is looked at, by angles.
+/// A view direction by angles, with a zoom factor.
 ///
-/// From azimuth 0 one looks from the front: from −y where z is up, from z where y is up. It grows to the
-/// right: 90 is the right side.
+/// Azimuth 0 is the view from the front: from −y if z is up, from z if y is up. It grows to the right: 90 is
+/// the view from the right side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraAngles {
     /// Angle about the up axis, in degrees.
@@ -150,7 +150,7 @@ pub(super) struct Frame {
     pub high: [f64; 2],
 }
 
-/// A pinhole that looks at an object.
+/// A pinhole camera.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Camera {
     /// Its place.

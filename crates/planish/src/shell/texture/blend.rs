@@ -53,8 +53,9 @@ fn medoid(colours: &[ViewColour]) -> Option<&ViewColour> {
     colours.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// σ of a colour that a view states, from 0 to 255: by the median of what views differ from their medoid,
-/// where there are three or more. About a tenth too large with many views, as the medoid errs as well.
+/// σ of the colour of one view, from 0 to 255: from the median difference between views and their medoid, at
+/// places that three or more views see. About a tenth too large with many views, because the medoid has an
+/// error as well.
 pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     let mut differences = Vec::new();
     for colours in places.filter(|colours| colours.len() > 2) {
