@@ -105,7 +105,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     // Default values are left out, so that stating a default does not change the record.
     let differs = |value: f64, usual: f64| (value != usual).then(|| value.to_string());
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
-    // The record has the names that the parser accepts, so that the command can be repeated from it.
+    // The record has the names of the command line, because `planish info` prints it as a command.
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
     // Without a width the recorded value is empty: the option was given, and the job chose the width.

@@ -154,7 +154,7 @@ pub struct NextReport {
     pub random: Option<RandomDraws>,
 }
 
-/// σ of unresolved shape: shape smaller than the cells of the model. Smaller cells reduce it, readings do not.
+/// σ of unresolved shape, which is smaller than the model's cells. Smaller cells reduce it, readings do not.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnmeasurableSigma {
     /// The largest in the region, as a standard deviation along the normal.
