@@ -54,6 +54,7 @@ pub struct CompareArgs {
 }
 
 /// Value of `--part`.
+// `view` colours by the same deviations and shares this value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PartName {
     /// The measured part
@@ -106,6 +107,7 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     Ok(Summary {
         text: text::text(args, &report),
         unit: Some(report.unit),
+        // The files that the user named; a list of scans as the reference names further ones.
         inputs: vec![args.model.clone(), args.reference.clone()],
         outputs: args.page.report.iter().cloned().collect(),
         findings: report.findings.clone(),

@@ -53,6 +53,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
     let mut shapes = Vec::new();
     for choice in &args.kind {
         match choice {
+            // These two are switches of the job, set below.
             KindChoice::Auto | KindChoice::Chain => {}
             KindChoice::Plane(kind) => kinds.push(kind.clone()),
             KindChoice::Space(shape) => shapes.push(*shape),
@@ -112,6 +113,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
         },
         pixel: args.pixel_size,
         outputs: args.output.clone(),
+        // A table of readings states no unit, so the default of the option applies here.
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
         report: args.page.output(&args.common),
     })

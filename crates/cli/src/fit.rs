@@ -42,6 +42,7 @@ pub fn run(args: &FitArgs) -> u8 {
 fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let done = job(args)?.run(progress)?;
     Ok(Summary {
+        // The text and the lists borrow the report, so they come before the body, which takes it apart.
         text: text::text(args, &done),
         unit: Some(done.unit),
         inputs: files_read(args, &done),
@@ -105,8 +106,10 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     // Default values are left out, so that stating a default does not change the record.
     let differs = |value: f64, usual: f64| (value != usual).then(|| value.to_string());
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
+    // The record has the names of the command line, because `planish info` prints it as a command.
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));
     option("--known-uv", args.known_uv.map(|[u, v]| format!("{u}x{v}")));
+    // Without a width the recorded value is empty: the option was given, and the job chose the width.
     let ground = |width: Option<f64>| width.map_or(String::new(), |w| w.to_string());
     option("--ground", args.ground.map(ground));
     option("--motion", args.motion.and_then(|m| value_name(m.to_possible_value())));
@@ -114,6 +117,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--symmetry", args.symmetry.as_ref().map(symmetry_name));
     option("--tolerance", args.tolerance.map(|t| format!("{}{}", t.value, t.unit.map_or("", Unit::name))));
     option(
+        // clap fills in this default, so only the value shows whether it was changed.
         "--max-coefficients",
         (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),
     );
@@ -133,6 +137,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
 
 /// A symmetry as a value of `--symmetry`.
 fn symmetry_name(choice: &SymmetryChoice) -> String {
+    // The inverse of `values::symmetry`.
     let towards = |d: &Option<DVec3>| d.map_or(String::new(), |[x, y, z]| format!(":{x},{y},{z}"));
     match choice {
         SymmetryChoice::Auto => "auto".to_owned(),

@@ -45,12 +45,14 @@ pub fn run(args: &InfoArgs) -> u8 {
 }
 
 fn work(args: &InfoArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
+    // Large scans are read as a whole; the check lets Ctrl-C stop before that.
     progress.check("reading", 0.0)?;
     let found = info(&args.file, args.common.unit.map(Unit::from))?;
     Ok(Summary {
         text: text::text(&args.file, &found),
         unit: found.unit,
         inputs: found.files.clone(),
+        // `info` writes nothing, and its success is no judgement of the file: findings hold that.
         outputs: Vec::new(),
         findings: found.findings.clone(),
         body: Body { info: found, termination: "converged" },

@@ -19,7 +19,9 @@ pub fn sigma_quantiles(sigma: Option<SigmaSummary>, unit: &str) -> String {
 
 /// Cells of a sensor that several tables share: name, readings, stated σ, estimated σ, and which σ was used.
 pub fn sensor_cells(sensor: &SensorReport) -> [String; 5] {
+    // The fit decides which σ it uses; the table must not repeat that decision.
     let used = if sensor.sigma_used_is_estimated { "estimated" } else { "stated" };
+    // Normals and curvatures are not lengths, but the heading of the table states the unit of lengths.
     let name = match sensor.quantity.as_str() {
         "normal" => format!("{} (normals, °)", sensor.name),
         "curvature" => format!("{} (curvatures)", sensor.name),
@@ -66,6 +68,7 @@ impl Lines {
     pub fn facts<const N: usize>(&mut self, facts: [(&str, String); N]) {
         let rows: Vec<Vec<String>> = facts
             .into_iter()
+            // With empty values, a caller keeps one list for all cases, in a fixed order.
             .filter(|(_, value)| !value.is_empty())
             .map(|(name, value)| vec![name.to_owned(), value])
             .collect();
@@ -74,6 +77,7 @@ impl Lines {
 
     /// Adds a table of the poses that were estimated, if there are any.
     pub fn poses(&mut self, poses: &[ScanPoseReport], unit: Unit) {
+        // A pose without σ was fixed during the fit, so there is nothing to report about it.
         let uncertain = |p: &&ScanPoseReport| p.sigma_translation.is_some() || p.sigma_rotation_deg.is_some();
         let rows: Vec<Vec<String>> = poses
             .iter()
@@ -106,6 +110,7 @@ impl Lines {
 
     /// Adds a table with a heading row.
     pub fn table(&mut self, head: &[(&str, Align)], rows: &[Vec<String>]) {
+        // The heading is a row like any other, so that it counts for the widths.
         let titles = head.iter().map(|(title, _)| (*title).to_owned()).collect();
         let align: Vec<Align> = head.iter().map(|(_, align)| *align).collect();
         let mut all: Vec<Vec<String>> = vec![titles];

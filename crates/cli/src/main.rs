@@ -32,6 +32,7 @@ use clap::builder::styling::{AnsiColor, Styles};
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
+// clap drops colours by itself if the output is no terminal, or if NO_COLOR is set.
 const STYLES: Styles = Styles::styled()
     .header(AnsiColor::Green.on_default().bold())
     .usage(AnsiColor::Green.on_default().bold())
@@ -60,6 +61,7 @@ struct Cli {
 
 /// The commands.
 #[derive(Debug, Subcommand)]
+// The first lines of these comments are the help texts, so they are imperative and have no period at the end.
 enum Command {
     /// Fit a surface to scans and report its uncertainty
     Fit(fit::FitArgs),

@@ -56,6 +56,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: report.inputs.clone(),
         outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
         findings,
+        // All commands have this key, so that programs need no exception; a merge succeeds or is an error.
         body: Body { report, spline, termination: "converged" },
     })
 }
@@ -65,6 +66,7 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     let mut all = vec!["merge".to_owned()];
     all.extend(args.patches.iter().map(|path| path.display().to_string()));
     let method = args.method.and_then(|m| m.to_possible_value());
+    // The unit is recorded as it was stated; a conversion would round.
     let stated = |length: Length| format!("{}{}", length.value, length.unit.map_or("", Unit::name));
     // Default values are left out, so that stating a default does not change the record.
     let given = [

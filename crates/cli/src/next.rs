@@ -32,6 +32,7 @@ pub fn run(args: &NextArgs) -> u8 {
 
 fn options(args: &NextArgs) -> NextOptions {
     NextOptions {
+        // `--views` excludes `--count`, so the maximum of either kind has one place in the library.
         count: args.views.unwrap_or(args.count),
         region: args.region,
         measured_only: args.measured_only,
@@ -44,6 +45,7 @@ fn options(args: &NextArgs) -> NextOptions {
 
 fn termination(reached_goal: Option<bool>) -> &'static str {
     match reached_goal {
+        // The names are those of `fit`, so that a program reads one set of words from all commands.
         Some(true) => "reached_tolerance",
         Some(false) => "limit",
         None => "converged",

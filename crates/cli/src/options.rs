@@ -56,6 +56,7 @@ pub fn option(setting: Setting) -> &'static str {
 pub fn with_options(message: &str, settings: &[Setting]) -> String {
     let names: Vec<&str> = settings.iter().map(|setting| option(*setting)).collect();
     match names.len() {
+        // The options follow the message, so that it reads the same with and without a command line.
         0 => message.to_owned(),
         1 => format!("{message} (option {})", names[0]),
         _ => format!("{message} (options {})", names.join(", ")),

@@ -57,6 +57,8 @@ pub fn run(args: &SenseArgs) -> u8 {
             ("sense photometric", photometric::kind(args), &args.output, &args.common)
         }
         SenseCommand::Depth(args) => ("sense depth", Ok(depth::kind(args)), &args.output, &args.common),
+        // Contours need many views and write patches and a hull, so they have a job and a report of their
+        // own.
         SenseCommand::Contours(args) => return contours::run(args),
     };
     // Options that exclude each other are an error of the work, so that it is printed like any other.
@@ -83,11 +85,13 @@ fn work(
 
 fn text(done: &SenseReport) -> String {
     let mut lines = Lines::default();
+    // An image may be empty; the divisor is at least 1.
     let share = percent(done.observations as f64 / done.pixels.max(1) as f64);
     let found = count(done.observations);
     let pixels = count(done.pixels);
     lines.line(match done.kind {
         "photometric" => format!("Computed {found} normals from {pixels} pixels ({share})."),
+        // Crossings are sparse by design, so a share of the pixels would look like a failure.
         "grid" => format!("Found {found} stripe crossings in {pixels} pixels."),
         _ => format!("Computed {found} points from {pixels} pixels ({share})."),
     });
@@ -95,6 +99,7 @@ fn text(done: &SenseReport) -> String {
     let unit = done.unit.map_or("", Unit::name);
     let per_unit = done.unit.map_or(String::new(), |unit| format!("1/{unit}"));
     let rejected: Vec<String> =
+        // The keys are those of the JSON object, so that a cause has one name in both outputs.
         done.rejected.iter().map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-"))).collect();
     lines.facts([
         ("rejected", rejected.join(", ")),
@@ -109,6 +114,7 @@ fn text(done: &SenseReport) -> String {
         ("σ of brightness", done.sigma_brightness.map_or(String::new(), |s| significant(s, 3))),
     ]);
     for file in &done.written {
+        // Images have no points; their bands say what each value of a pixel is.
         let held = match file.points {
             Some(points) => format!("{} points", count(points)),
             None => file.bands.join(", "),

@@ -32,6 +32,7 @@ enum ShellCommand {
 
 /// Value of `--metaball`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+// `shell fit` and `shell mesh` build the same field, so they share this value.
 enum MetaballName {
     /// Built around whole facets
     Triangular,
@@ -51,6 +52,7 @@ impl From<MetaballName> for Metaball {
 /// Runs the command; returns the exit code.
 pub fn run(args: &ShellArgs) -> u8 {
     match &args.command {
+        // Each command has its own JSON keys, so each calls `summary::run` itself.
         ShellCommand::Fit(args) => fit::run(args),
         ShellCommand::Mesh(args) => mesh::run(args),
         ShellCommand::Pose(args) => pose::run(args),

@@ -48,6 +48,7 @@ enum SceneCommand {
     /// A freeform object of 100 mm, scanned by several sensors; one of them understates its σ
     Scans(scans::ScansArgs),
     /// Stereo images of a textured object from several views, for `sense stereo`
+    // Stereo and stripes share options: both render the same object from the same views.
     Stereo(pictures::PictureArgs),
     /// Images of an object under crossed stripes from the same views, for `sense grid`
     Grid(pictures::PictureArgs),
@@ -69,6 +70,7 @@ enum SceneCommand {
 
 /// Value of `--shape` of simulated objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+// Not all shapes of `planish`: scenes refuse a torus.
 enum SceneShape {
     /// One boundary
     Sheet,
@@ -93,6 +95,7 @@ pub fn run(args: &SimulateArgs) -> u8 {
     match &args.command {
         SimulateCommand::Scene(args) => run_scene(&args.scene),
         SimulateCommand::Sphere(args) => {
+            // The name includes the subcommand, so that `planish NAME --help` in a hint is a valid command.
             summary::run("simulate sphere", &args.common, |progress| sphere::work(args, progress))
         }
     }
@@ -112,6 +115,7 @@ fn run_scene(scene: &SceneCommand) -> u8 {
         SceneCommand::Vessel(args) => {
             summary::run("simulate scene vessel", &args.common, |progress| vessel::work(args, progress))
         }
+        // Scenes with keys of their own run their summary themselves.
         SceneCommand::Readings(args) => readings::run(args),
         SceneCommand::Views(args) => views::run(args),
         SceneCommand::Shell(args) => shell::run(args),

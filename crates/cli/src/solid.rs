@@ -161,6 +161,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         report: args.page.output(&args.common),
     };
     let report = job.run(progress)?;
+    // A cell, because `summary::run` returns only the exit code.
     is_solved.set(!report.solutions.is_empty());
     Ok(Summary {
         text: text::text(&report),
@@ -169,6 +170,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         outputs: report.written.clone(),
         findings: report.findings.clone(),
         body: Body {
+            // "limit" means that the search ended early, so there may be more solids with these views.
             termination: match (report.solutions.is_empty(), report.complete) {
                 (true, _) => "undetermined",
                 (false, true) => "converged",

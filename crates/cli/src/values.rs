@@ -14,6 +14,7 @@ const MAX_THREADS: usize = 1024;
 pub fn within(text: &str, needed: &str, good: impl Fn(f64) -> bool) -> Result<f64, String> {
     match text.parse::<f64>() {
         Err(_) => Err("needed a number".to_owned()),
+        // Rust parses `inf` and `NaN` as numbers, but no option has a use for them.
         Ok(value) if value.is_finite() && good(value) => Ok(value),
         Ok(_) => Err(format!("needed {needed}")),
     }
@@ -64,6 +65,7 @@ pub fn count(text: &str) -> Result<usize, String> {
 /// A whole number of at least 1.
 pub fn positive_count(text: &str) -> Result<usize, String> {
     match count(text) {
+        // The message of `count` would allow 0, so both failures get the same message here.
         Ok(n @ 1..) => Ok(n),
         _ => Err("needed a whole number above 0".to_owned()),
     }
@@ -78,6 +80,7 @@ pub fn pixel_step(text: &str) -> Result<usize, String> {
 }
 
 /// A seed of random numbers.
+// The message states the range because `u64` rejects both negative and larger numbers.
 pub fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("needed a whole number from 0 to {}", u64::MAX))
 }
@@ -94,6 +97,7 @@ pub fn threads(text: &str) -> Result<usize, String> {
 pub fn grid(text: &str) -> Result<[usize; 2], String> {
     // Larger numbers are typing errors. Commands have tighter limits by memory.
     let cells = |part: &str| part.trim().parse::<usize>().ok().filter(|n| (1..=1 << 14).contains(n));
+    // Summaries print sizes with ×, so it is accepted as well.
     let parts: Vec<Option<usize>> = text.split(['x', 'X', '×']).map(cells).collect();
     match parts[..] {
         [Some(u), Some(v)] => Ok([u, v]),
@@ -119,6 +123,7 @@ pub fn disparities(text: &str) -> Result<[i32; 2], String> {
 
 /// Two opposite corners of a box, returned as its minimum and maximum corner.
 pub fn corners(text: &str) -> Result<[DVec3; 2], String> {
+    // `numbers` would ask for six numbers without saying that they are two corners.
     let numbers: Option<Vec<f64>> =
         (text.split(',')).map(|part| part.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
     match numbers.as_deref() {

@@ -54,11 +54,13 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         compare: CompareOptions {
             part: args.part.into(),
             unit: args.common.unit.map(Unit::from),
+            // A picture needs no finer mesh than the default of `compare`.
             mesh_tolerance: None,
         },
     };
     let inputs: Vec<PathBuf> = std::iter::once(&args.file).chain(&args.reference).cloned().collect();
     let page = ReportOutput {
+        // A served page has no file; its path is never used.
         path: args.output.clone().unwrap_or_default(),
         command: command_line(),
         seed: args.common.seed,
@@ -104,6 +106,7 @@ fn show(
             "planish: no browser could be started: open the address above in a browser"
         );
     }
+    // The job's own interruption flag ends the server, so Ctrl-C works as for all commands.
     let requests = server.serve(&made.html, || progress.interrupted())?;
     Ok(page_summary(made, Some(url), requests, Lines::default(), Vec::new()))
 }
@@ -170,6 +173,7 @@ fn picture(
     lines.line(format!("{}: {}", args.file.display(), report.what));
     let unit = &report.color_unit;
     let colours = match report.color_range {
+        // Fixed colours, such as those of normals, have no range.
         Some([low, high]) => format!(
             "{} from {} to {} {unit}",
             quantity_name(&report.color),

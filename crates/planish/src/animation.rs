@@ -211,6 +211,7 @@ impl ColourScale {
     }
 
     fn place(&self, sigma: f64) -> f64 {
+        // σ may be zero, and constant over all frames.
         (sigma.max(f64::MIN_POSITIVE).ln() - self.low) / (self.high - self.low).max(1e-9)
     }
 }
@@ -242,6 +243,7 @@ impl FramePainter {
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
         let at = bounds.center() + 4.0 * bounds.diagonal() * from;
         let forward = -from;
+        // z cannot be up for a camera that looks along it.
         let up = if from[2].abs() < 0.95 { DVec3::Z } else { DVec3::Y };
         let right = forward.cross(up).try_normalize().unwrap_or(DVec3::X);
         let up = right.cross(forward);
@@ -252,6 +254,7 @@ impl FramePainter {
                 let [x, y] = camera.project(*p).at;
                 [most[0].max(x.abs()), most[1].max(y.abs())]
             });
+            // 0.46 instead of 0.5 leaves a border.
             let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
             x.min(y)
         };
@@ -334,6 +337,7 @@ impl FramePainter {
         let cosine = mix(&|c| frame.normals[c])
             .try_normalize()
             .map_or(1.0, |normal| normal.dot(direction) / direction.length());
+        // Both sides are lit, because an open sheet may be seen from behind.
         let light = AMBIENT + (1.0 - AMBIENT) * cosine.abs();
         light * mix(&|c| frame.colours[c].into())
     }

@@ -165,7 +165,7 @@ pub(crate) struct ShownReference {
     pub deviations: Vec<f64>,
     /// The same over its σ; not finite if none is known.
     pub normalised: Vec<f64>,
-    /// Its triangles, where it has any.
+    /// Its triangles, if it has any.
     pub mesh: Option<TriangleMesh>,
 }
 
@@ -374,7 +374,7 @@ fn surface_pairs(
         .collect())
 }
 
-/// The nearest points of a surface to points with normals (zero where they are not known).
+/// The nearest points of a surface to points with normals (zero if unknown).
 pub(crate) fn feet_on(
     surface: &Surface,
     points: &[DVec3],

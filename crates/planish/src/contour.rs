@@ -190,6 +190,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
         let found = constrained::constrained(&job.constrain, &parts, &seen, unit)
             .map_err(|e| e.in_context(job.input.display()))?;
         for (contour, (kind, theta)) in drawn.iter_mut().zip(found.drawn) {
+            // Drawings show the constrained contours if there are any.
             (contour.kind, contour.theta) = (kind, theta);
         }
         report.findings.extend(found.findings);
@@ -244,6 +245,7 @@ fn parts_of(
     let mut clusters: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
     for (level, members) in groups {
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
+        // Per level, because levels may be sampled at different distances.
         let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
         for cluster in separate(&sightings, gap) {
             // A level that consists of one small group is fitted: the user measured just these points.

@@ -18,7 +18,7 @@ pub struct NamedTour {
     pub vertices: Vec<String>,
     /// Edges that are traversed again, by the names of their ends.
     pub repeated: Vec<String>,
-    /// Length of the whole.
+    /// Length of the tour.
     pub length: f64,
     /// Whether no shorter route exists.
     pub is_shortest: bool,
@@ -40,9 +40,9 @@ pub struct NamedStructure {
     pub rank: usize,
     /// More equations than parameters.
     pub over: NamedPart,
-    /// As many.
+    /// As many equations as parameters.
     pub well: NamedPart,
-    /// Fewer.
+    /// Fewer equations than parameters.
     pub under: NamedPart,
     /// Blocks of the well-determined part, in the order in which they can be solved.
     pub blocks: Vec<NamedPart>,
@@ -193,10 +193,12 @@ pub fn write_graphs(path: &Path, views: &[GraphsOfView], composite: Option<&Comp
         let composite = composite.map(|composite| WrittenComposite {
             composite,
             graph: composite.graph(),
+            // A composite graph without a tour is written as well.
             tour: composite.tour().ok().map(|tour| {
                 let edges: Vec<TourEdge> = composite
                     .edges
                     .iter()
+                    // Its edges have no lengths, so a tour counts them.
                     .map(|edge| TourEdge { a: edge.a, b: edge.b, length: 1.0 })
                     .collect();
                 NamedTour::new(&tour, &edges, |vertex| format!("V{}", vertex + 1))

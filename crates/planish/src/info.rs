@@ -66,7 +66,7 @@ pub struct ScanInfo {
     pub name: String,
     /// Points with finite coordinates.
     pub points: usize,
-    /// Records without.
+    /// Number of records without finite coordinates.
     pub dropped_not_finite: usize,
     /// Columns of each point: `x y z`, and `sigma`, `cxx …`, `nx ny nz`, `sigma_n_deg` if present.
     pub columns: Vec<String>,
@@ -75,7 +75,7 @@ pub struct ScanInfo {
     pub bounds: Option<BoxInfo>,
     /// Columns, rows and filled cells of an organised scan.
     pub grid: Option<GridInfo>,
-    /// How the sensor looked, in words.
+    /// Viewing direction of the sensor, in words.
     pub viewing: String,
 }
 
@@ -165,9 +165,9 @@ pub struct MeshInfo {
     /// Around the vertices.
     #[serde(rename = "box")]
     pub bounds: Option<BoxInfo>,
-    /// σ of the vertices that count as measured, where they state it.
+    /// σ of the measured vertices, if the file has it.
     pub sigma: Option<SigmaSummary>,
-    /// Share of the vertices that were measured, where they state it.
+    /// Share of the vertices that were measured, if the file has it.
     pub observed_vertex_fraction: Option<f64>,
 }
 
@@ -184,7 +184,7 @@ pub struct ModelInfo {
     pub cells: usize,
     /// Cells of the base grid along u and v.
     pub base: [usize; 2],
-    /// Readings that went in.
+    /// Number of readings in the model.
     pub observations: usize,
     /// Area of the surface.
     pub area: f64,
@@ -201,7 +201,7 @@ pub struct ModelInfo {
     pub smoothness_weight: f64,
     /// Sensors of the last session.
     pub sensors: Vec<SensorReport>,
-    /// Poses that went in.
+    /// Poses of the scans.
     pub poses: Vec<ScanPoseReport>,
     /// The sessions that made it, oldest first.
     pub sessions: Vec<Session>,
@@ -221,6 +221,7 @@ pub struct ModelInfo {
 /// # Ok::<(), planish::Error>(())
 /// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
+    // A killed run may have left outputs that are only partly renamed (docs/decisions/0087-output-sets.md).
     recover_beside(path);
     match extension(path).as_str() {
         "planish" => model(path),
@@ -247,7 +248,7 @@ pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     }
 }
 
-/// A file of points in the unit that it names, or else in the given one.
+/// Describes a file of points. Its own unit has priority over the given one.
 fn scans(path: &Path, named: Option<Unit>, unit: Option<Unit>) -> Result<FileInfo> {
     // A unit in the file has priority over the given one.
     let set = read_inputs(&[path], if named.is_some() { None } else { unit })?;
@@ -394,6 +395,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             nonmanifold_edges: check.nonmanifold_edges,
             components: check.components,
             area: mesh.area(),
+            // Negative for a mesh that is turned inside out.
             volume: mesh.signed_volume(),
             bounds: bounds(&mesh.positions),
             sigma: sigma.map(|s| SigmaSummary { median: s.p50, p95: s.p95, max: s.max }),

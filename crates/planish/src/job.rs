@@ -53,6 +53,8 @@ pub trait Job {
     /// is also an input, and `Io` for one that cannot be written.
     fn run(&self, progress: &dyn Progress) -> Result<Self::Report> {
         let (outputs, inputs) = (self.outputs()?, self.inputs()?);
+        // An input may be an output of a killed run, whose renames are completed before anything is checked
+        // or read.
         inputs.iter().for_each(|path| recover_beside(path));
         check_outputs(&outputs, &inputs)?;
         write_as_set(|| self.execute(progress))

@@ -143,7 +143,7 @@ pub struct NextReport {
     pub mean_sigma: Change,
     /// σ of the readings.
     pub sigma: f64,
-    /// Whether the goal is reached; none where there was none.
+    /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -153,12 +153,12 @@ pub struct NextReport {
     pub random: Option<RandomDraws>,
 }
 
-/// σ of shape that the model's cells are too large to follow. Only smaller cells reduce it, not readings.
+/// σ of unresolved shape, which is smaller than the model's cells. Smaller cells reduce it, readings do not.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnmeasurableSigma {
     /// The largest in the region, as a standard deviation along the normal.
     pub largest: f64,
-    /// Share of the region's area where there is any.
+    /// Share of the region's area with unresolved shape.
     pub area_fraction: f64,
     /// The largest σ of the region with it, once all is measured: `√(variance + shape left)` of the worst
     /// place.

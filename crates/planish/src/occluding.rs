@@ -252,7 +252,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         occluding_contours(&views, &job.options, &mut |share| matching.check("matching contours", share))
             .map_err(|e| e.in_context(job.views.display()))?;
     progress.check("visual hull", 0.4)?;
-    // The hull is always made if possible: it also tells how much of the surface no contour shows.
+    // The hull is always made if possible: it also shows how much of the surface has no contour.
     let hull = hull_of(&views, &found)?;
     // With all views of the file, held-out ones included.
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;

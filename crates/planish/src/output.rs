@@ -59,7 +59,7 @@ pub enum OutputFormat {
 }
 
 impl OutputFormat {
-    /// The format that a path's extension asks for; meshes and STEP may be compressed (`.ply.gz`).
+    /// The format that the extension of a path selects; meshes and STEP may be compressed (`.ply.gz`).
     ///
     /// # Errors
     /// `Unsupported` for any other extension, or none.
@@ -112,13 +112,13 @@ fn plain_name(path: &Path) -> String {
 /// A file to be written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PlannedOutput {
-    /// Where.
+    /// Its path.
     pub path: PathBuf,
-    /// What.
+    /// Its format.
     pub format: OutputFormat,
 }
 
-/// A file that was written, and what went into it.
+/// A file that was written, and its contents.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WrittenFile {
     /// Path as the user gave it.
@@ -151,7 +151,7 @@ pub struct WrittenFile {
 pub struct OutputOptions {
     /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
+    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings if none is
     /// given.
     pub cell_size: Option<f64>,
     /// The map that rasters belong to.
@@ -307,6 +307,7 @@ impl Prepared<'_> {
         let mut written = WrittenFile {
             file: path.clone(),
             format: output.format,
+            // A format has only its own figures; the JSON object omits the others.
             faces: None,
             vertices: None,
             triangles: None,
@@ -317,6 +318,7 @@ impl Prepared<'_> {
         match (output.format, &self.brep, &self.mesh, &self.dem) {
             (OutputFormat::Step, Some(brep), ..) => {
                 let options = StepOptions {
+                    // CAD programs show this name in their tree.
                     name: plain_name(path),
                     unit: self.model.unit,
                     uncertainty: step_uncertainty(self.model.unit),
@@ -336,6 +338,7 @@ impl Prepared<'_> {
                 written.triangles = Some(mesh.mesh.triangles.len());
                 written.tolerance = Some(mesh.tolerance);
             }
+            // `prepare` has made what all other formats need, so only saved models arrive here.
             _ => save(self.model, provenance, path)?,
         }
         Ok(written)
@@ -343,6 +346,7 @@ impl Prepared<'_> {
 }
 
 fn step_uncertainty(unit: Unit) -> f64 {
+    // The tolerance is a real length, whatever unit the file has.
     STEP_UNCERTAINTY_MM / unit.millimetres()
 }
 

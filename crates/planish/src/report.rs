@@ -1,8 +1,8 @@
-//! Reports: one page of HTML a job, which opens without a network.
+//! Reports: one page of HTML for each job, which opens without a network.
 //!
-//! Input: what a job knows once it is done, its model and the figures of its summary. Output: a
-//! [`planish_report::Page`] and its file. Nothing that the summary says is computed again. Reports hold no
-//! time of day: the same input gives the same bytes.
+//! Input: the model and the figures of a finished job. Output: a [`planish_report::Page`] and its file. The
+//! figures of the summary are not computed again. Reports contain no time of day, so the same input gives the
+//! same bytes.
 
 pub(crate) mod scenes;
 pub(crate) mod words;
@@ -52,7 +52,7 @@ impl ReportOutput {
     /// Writes a page that has been made.
     ///
     /// # Errors
-    /// `Io` where it cannot be written.
+    /// `Io` if the file cannot be written.
     pub fn write_text(&self, html: &str) -> Result<()> {
         write_atomically(&self.path, |writer| writer.write_all(html.as_bytes()))
     }
@@ -71,6 +71,7 @@ impl ReportOutput {
                 self.seed
             )),
         ];
+        // Simulations have no inputs.
         if !inputs.is_empty() {
             blocks.push(Block::Table(files));
         }

@@ -50,9 +50,9 @@ pub enum SenseKind {
         left: PathBuf,
         /// The right one.
         right: PathBuf,
-        /// The two cameras; none where only disparities are wanted.
+        /// The two cameras; none if only disparities are written.
         calibration: Option<PathBuf>,
-        /// How they are matched.
+        /// Settings of the matching.
         options: StereoOptions,
         /// Selection of the disparities that are written as points.
         points: StereoPoints,
@@ -65,7 +65,7 @@ pub enum SenseKind {
         plain: Option<PathBuf>,
         /// Camera, projector and stripes.
         calibration: PathBuf,
-        /// How stripes are looked for.
+        /// Settings of the detection of stripes.
         options: GridOptions,
     },
     /// Pictures of one view under several lights.
@@ -148,7 +148,7 @@ pub struct SenseJob {
     pub unit: Option<Unit>,
 }
 
-/// A file that was written, and what went into it.
+/// A file that was written, and its contents.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SensedFile {
     /// Path as the user gave it.
@@ -171,9 +171,9 @@ pub struct SenseReport {
     pub pixels: usize,
     /// Pixels with a result.
     pub observations: usize,
-    /// Pixels without, by cause.
+    /// Pixels without a result, by cause.
     pub rejected: BTreeMap<&'static str, usize>,
-    /// σ of the disparities, or of the places where stripes cross, in pixels.
+    /// σ of the disparities, or of the crossings of stripes, in pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_px: Option<SigmaSummary>,
     /// σ of the points along their rays, in the unit.
@@ -189,7 +189,7 @@ pub struct SenseReport {
     /// alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enlarged: Option<f64>,
-    /// Share of light from everywhere.
+    /// Share of ambient light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient: Option<f64>,
     /// σ of the brightness, in the images' scale.
@@ -302,6 +302,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         kind: job.kind.name(),
         pixels: sensed.pixels,
         observations: sensed.observations,
+        // Sorted by name, so that reports of equal runs are equal.
         rejected: sensed.rejected,
         sigma_px: sensed.sigma_px,
         sigma: match &job.kind {
@@ -323,6 +324,7 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
 
 /// σ along the rays from the sensor.
 fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
+    // Points are in the sensor's frame, so the direction of a point is that of its ray.
     let covariances = scan.covariance.as_ref()?.iter().zip(&scan.points);
     summary(covariances.filter_map(|(c, p)| Some(c.along(p.try_normalize()?).sqrt())).collect())
 }

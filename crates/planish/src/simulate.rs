@@ -40,6 +40,7 @@ impl Job for SphereJob {
             }
         }
         let mut outputs = with_page(self.outputs.clone(), self.report.as_ref())?;
+        // A folder of pictures is no file; `planned` has checked that it is new or empty.
         if let Some(AnimationOutput::Mesh(path)) = planned(self.animation.as_deref())? {
             outputs.push(path);
         }

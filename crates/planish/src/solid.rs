@@ -174,9 +174,9 @@ pub struct DroppedCandidates {
 pub struct SolidReport {
     /// Solids, best first.
     pub solutions: Vec<RankedSolid>,
-    /// Whether there are no others.
+    /// Whether the search was complete, so that no other solid has these views.
     pub complete: bool,
-    /// Lines that no solid explains: where there are any, there are no solutions.
+    /// Lines that no solid explains. If there are any, there are no solutions.
     pub unexplained: Vec<UnexplainedLine>,
     /// Solids that were found, but whose views are not the drawing.
     pub refused: Vec<RefusedSolid>,
@@ -196,8 +196,8 @@ pub struct SolidReport {
     pub written: Vec<PathBuf>,
 }
 
-/// Reads views, finds solids, writes them. That no solid has these views is an answer: no solutions, and the
-/// lines that none explains.
+/// Reads views, finds solids and writes them. If no solid has these views, the report has no solutions and
+/// lists the lines that no solid explains.
 fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     progress.check("reading", 0.0)?;
     let mut findings = Vec::new();
@@ -311,6 +311,7 @@ fn ranked(accepted: &[&Solution], files: &[Option<String>]) -> Vec<RankedSolid> 
         .enumerate()
         .map(|(index, solution)| RankedSolid {
             rank: index + 1,
+            // Unless all are requested, only the first solid is written.
             file: files.get(index).cloned().flatten(),
             volume: solution.measures.volume,
             area: solution.measures.area,
@@ -392,6 +393,7 @@ fn line_of(difference: &Disagreement) -> UnexplainedLine {
 
 fn counts(solid: &Solid) -> FaceCounts {
     let [plane, cylinder, cone, sphere, torus] = solid.faces_by_kind();
+    // Candidates consist of these five kinds only. The key `freeform` stays for programs that read it.
     FaceCounts { plane, cylinder, cone, sphere, torus, freeform: 0 }
 }
 

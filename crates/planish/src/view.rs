@@ -1,9 +1,9 @@
-//! Looking at a file: as a picture without a window or a graphics card, or as a page for a browser.
+//! Shows a file as an image, without a window or a graphics card, or as a page for a browser.
 //!
-//! Input: a model, a mesh, points or scans, and from where to look. Output: a PNG with a legend
-//! ([`PictureJob`]), or HTML ([`view_page`]). The same bytes at any number of threads.
+//! Input: a model, a mesh, points or scans, and a camera. Output: a PNG with a legend ([`PictureJob`]), or
+//! HTML ([`view_page`]). The bytes do not depend on the number of threads.
 //!
-//! Not guaranteed: that pictures of different versions are the same to the last bit.
+//! Not guaranteed: images of different versions may differ in the last bit.
 
 mod camera;
 mod canvas;
@@ -48,7 +48,7 @@ const BORDER: f64 = 0.05;
 /// them; larger ones hide detail. The width in pixels stays within [`DOT_WIDTHS`].
 const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
-/// An object without colours of its own.
+/// Colour of an object without values.
 const CLAY: Colour = [0.84, 0.83, 0.80];
 /// Background colours at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
@@ -69,7 +69,7 @@ pub enum ColourBy {
 /// How a picture is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureOptions {
-    /// From where; the view of a report if none is given.
+    /// View direction and zoom (default: the view of reports).
     pub camera: Option<CameraAngles>,
     /// Up axis (default: z).
     pub up: Option<Up>,
@@ -99,7 +99,7 @@ pub struct PictureReport {
     pub what: String,
     /// Coloured quantity: the key of a field, `normal` or `plain`.
     pub color: String,
-    /// Values of the first and of the last colour, in the unit of the file; none of kinds.
+    /// Values of the first and of the last colour, in the unit of the file; none for categories.
     pub color_range: Option<[f64; 2]>,
     /// Unit of the values, such as `mm` or `1/mm²`; empty if unknown.
     pub color_unit: String,
@@ -114,8 +114,8 @@ pub struct PictureReport {
 
 /// A file drawn as a PNG.
 ///
-/// Cost: nine places a pixel and 48 neighbours of it: 1.6 s of processor time for 1280 × 960 pixels of 86 000
-/// triangles; some 400 bytes of memory a pixel.
+/// Cost: nine samples and 48 neighbours per pixel; 1.6 s of processor time for 1280 × 960 pixels and 86 000
+/// triangles. Memory: about 400 bytes per pixel.
 ///
 /// # Examples
 /// ```no_run
@@ -308,12 +308,13 @@ fn with_unit(field: &Field) -> String {
 /// Fields of the first surface, or of the first point cloud if there is none, followed by those of a
 /// reference's points.
 fn fields(content: &ViewedContent) -> impl Iterator<Item = &Field> {
+    // Hidden objects are not drawn, so their fields cannot colour the picture.
     let surfaces = content.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
     let clouds = content.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
     surfaces.chain(clouds)
 }
 
-/// The field that colours a picture; none for normals and plain ones.
+/// The field that colours a picture; none for normals and for one colour.
 fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Option<&Field>> {
     let find = |key: &str| fields(content).find(|field| field.key == key);
     match colour {
@@ -432,6 +433,8 @@ fn dot_width(positions: &[DVec3], camera: &Camera, [columns, rows]: [usize; 2]) 
         }
     }
     let area = filled.iter().filter(|f| **f).count() as f64 * cell[0] * cell[1];
+    // The limits are those of 960 rows and shrink with the picture, but not below half, where dots would
+    // vanish.
     let [least, most] = DOT_WIDTHS.map(|w| w * rows.max(480) as f64 / 960.0);
     (DOT_WIDTH * (area / inside.max(1) as f64).sqrt()).clamp(least, most)
 }
@@ -441,6 +444,7 @@ fn on_paper(pixels: &[Pixel], columns: usize) -> Vec<Colour> {
     use planish_report::colour::linear_light;
     let rows = pixels.len() / columns.max(1);
     let paper = |row: usize| -> Colour {
+        // Colours are stated as screen values; mixing needs linear light.
         let share = row as f64 / rows.max(1) as f64;
         std::array::from_fn(|c| linear_light(PAPER[0][c] + share * (PAPER[1][c] - PAPER[0][c])))
     };

@@ -15,6 +15,7 @@ pub fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
         report.unit
     ));
     lines.gap();
+    // A reference without faces has no forward direction; its row stays, so that the table has one form.
     let row = |name: &str, found: &Option<Deviations>| {
         let mut row = vec![name.to_owned()];
         match found {
@@ -47,7 +48,10 @@ pub fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
         }
         None => "The model has no σ, so the coverage is unknown.".to_owned(),
     });
+    // Skipped points are counted by cause: many of them mean that the figures above describe a small part
+    // only.
     let skipped = report.skipped;
+    // `measured` is the default, so its words say why points were not compared.
     let (of_model, of_reference) = match args.part {
         PartName::Measured => (
             "points of the model were not measured",

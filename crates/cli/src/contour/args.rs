@@ -46,6 +46,7 @@ pub struct ContourArgs {
     /// Kinds are auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs,
     /// closed or open), regular-polygon-N and polygon-N with N corners; in space plane3, sphere, cylinder and
     /// box.
+    // A custom parser instead of a value enum, because some kinds contain a number of corners.
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind,
           help_heading = "Estimation")]
     pub kind: Vec<KindChoice>,
@@ -54,6 +55,7 @@ pub struct ContourArgs {
           help_heading = "Estimation")]
     pub filter: ContourFilter,
     /// Reject readings more than this many σ from the contour (0: none)
+    // 0 switches the gate off: an option with a default cannot be left out.
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative,
           allow_negative_numbers = true, help_heading = "Estimation")]
     pub gate: f64,
@@ -61,6 +63,8 @@ pub struct ContourArgs {
     ///
     /// Near a corner it is uncertain which side was hit. Applies to rectangles and polygons, for `batch` and
     /// the filters.
+    // Assigning such readings to the nearer side would make the object grow
+    // (docs/decisions/0052-readings-near-corners.md).
     #[arg(long, value_name = "SIGMAS", default_value_t = 2.0, value_parser = not_negative,
           allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
     pub corner_margin: f64,
@@ -90,6 +94,7 @@ pub struct ContourArgs {
     /// A known constraint, such as `P1P2 is 40 long`; repeatable
     ///
     /// Constraints use the phrases and names of the report, as in `P1P2 parallel to P3P4`.
+    // Any text: the phrases need the names of the parts, which are known only after the fit.
     #[arg(long, value_name = "CONSTRAINT", help_heading = "Constraints")]
     pub given: Vec<String>,
     /// Probability that a true relation is rejected
@@ -130,6 +135,7 @@ pub struct ContourArgs {
           hide_short_help = true)]
     pub scans: usize,
     /// Minimum and maximum range of a log, in metres; longer ranges have hit nothing
+    // Logs are in metres, so the default differs in unit from other lengths.
     #[arg(long, value_name = "FROM,TO", default_value = "0.05,20", value_parser = pair, help_heading = "Logs",
           hide_short_help = true)]
     pub range_gate: [f64; 2],

@@ -23,6 +23,7 @@ pub fn constraints_text(lines: &mut Lines, report: &ConstrainedReport) {
         .map(|dimension| vec![dimension.text.clone(), significant(dimension.sigma, 2)])
         .collect();
     if rows.is_empty() {
+        // A sketch without free dimensions is fully determined, which is worth a line.
         lines.line("No free dimensions.");
     } else {
         lines.line("Free dimensions:");
@@ -38,9 +39,11 @@ pub fn constraints_text(lines: &mut Lines, report: &ConstrainedReport) {
     for set in report.redundant.iter().take(RELATIONS_SHOWN) {
         lines.line(format!("Redundant: {}, implied by {}.", set.text, list(&set.with)));
     }
+    // `checked_sub` is none if all were listed; 0 more are not reported.
     if let Some(more) = report.redundant.len().checked_sub(RELATIONS_SHOWN).filter(|more| *more > 0) {
         lines.line(format!("… and {} more; --json lists all.", count(more)));
     }
+    // Without constraints there is nothing to test, and p would be meaningless.
     if report.degrees > 0 {
         lines.line(format!(
             "All constraints: χ² {} with {} degrees of freedom, p = {}.",
@@ -53,10 +56,12 @@ pub fn constraints_text(lines: &mut Lines, report: &ConstrainedReport) {
 
 /// Relations by outcome, and a table of those that were imposed.
 fn relations(lines: &mut Lines, report: &ConstrainedReport) {
+    // Outcomes are words of the JSON object.
     let with_outcome = |outcome: &str| -> Vec<&ReportedRelation> {
         report.relations.iter().filter(|r| r.outcome == outcome).collect()
     };
     let imposed = with_outcome("imposed");
+    // Implied relations hold as well, but imposing them would add no rank.
     let implied = with_outcome("implied").len();
     if !report.relations.is_empty() {
         lines.line(format!(
@@ -65,6 +70,8 @@ fn relations(lines: &mut Lines, report: &ConstrainedReport) {
             count(report.relations.len()),
             count(imposed.len()),
             count(implied),
+            // The number expected by chance shows how many of the relations may be accidents
+            // (docs/decisions/0045-finding-constraints.md).
             significant(report.expected_by_chance, 2)
         ));
     }
@@ -76,6 +83,7 @@ fn relations(lines: &mut Lines, report: &ConstrainedReport) {
             .collect();
         lines.table(&[("relation", Align::Left), ("χ²", Align::Right), ("p", Align::Right)], &rows);
     }
+    // Each passed its own test, but not together with stronger relations.
     for relation in with_outcome("refused").into_iter().take(RELATIONS_SHOWN) {
         lines.line(format!("Rejected: {}, conflicts with {}.", relation.text, list(&relation.with)));
     }

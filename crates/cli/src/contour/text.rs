@@ -46,6 +46,7 @@ pub fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
 fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &ContourReport) {
     let level = part.level.map_or_else(String::new, |level| format!(" at level {level}"));
     let hole = part.hole_of.map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
+    // A single contour needs no number.
     let name = if report.contours.len() > 1 { format!("Contour {}: ", index + 1) } else { String::new() };
     lines.line(format!(
         "{name}{}{level}{hole}, from {} readings ({} rejected by the gate).",
@@ -53,6 +54,7 @@ fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &Contou
         count(part.readings),
         count(part.rejected)
     ));
+    // The margin shows how certain the kind is: a small one hardly distinguishes both kinds.
     if let (Some(margin), Some(other)) = (part.bic_margin, part.alternatives.first()) {
         lines.line(format!("Next best: {} (BIC larger by {}).", other.kind, significant(margin, 3)));
     }

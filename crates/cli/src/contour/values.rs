@@ -27,6 +27,7 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "chain" {
         return Ok(KindChoice::Chain);
     }
+    // The names come from the library, so that a new kind is accepted here without a change.
     if let Some(shape) = PrimitiveKind::ALL.into_iter().find(|shape| shape.to_string() == text) {
         return Ok(KindChoice::Space(shape));
     }

@@ -54,6 +54,8 @@ pub struct FitArgs {
     ///
     /// The folder must be new or empty; the images are frame_0001.png and so on. Colours show σ from dark
     /// violet (small) to yellow (large). Orange dots in the images are the readings used so far.
+    // An animation shows readings in their order (docs/decisions/0021-animation.md). An update starts
+    // from a finished model, and known parameters are solved in one step.
     #[arg(long, value_name = "OUT.glb|DIR", value_hint = ValueHint::AnyPath, hide_short_help = true,
           conflicts_with_all = ["update", "known_uv", "ground"])]
     pub animate: Option<PathBuf>,
@@ -61,6 +63,7 @@ pub struct FitArgs {
     /// Add the scans to a saved model; its grid is kept
     ///
     /// The smoothness prior of the model is not counted a second time.
+    // The model decides shape and grid (docs/decisions/0086-types-instead-of-flags.md).
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
           conflicts_with_all = ["shape", "tolerance", "max_coefficients", "max_depth"])]
     pub update: Option<PathBuf>,
@@ -72,6 +75,8 @@ pub struct FitArgs {
     /// The fit takes one step. u and v are in [0, 1]. The surface is a sheet unless --shape is given; balls
     /// and tori need at least 4x4 cells. σ is taken only from the `sigma` column or from a sensor. At most
     /// 3000 readings are held out. A sheet of 61x61 cells has 64x64 control vertices.
+    // One linear step on a fixed grid refines nothing and searches no foot points, so these options have no
+    // effect.
     #[arg(long, value_name = "NxM", value_parser = grid, help_heading = "Surface", hide_short_help = true,
           conflicts_with_all = ["update", "tolerance", "max_coefficients", "max_depth", "refine_by", "filter",
                                 "ground"])]
@@ -92,6 +97,8 @@ pub struct FitArgs {
           help_heading = "Surface", hide_short_help = true)]
     pub refine_by: RefineByName,
     /// Maximum number of control vertices
+    // The defaults repeat those of `FitOptions`, because the help shows them. A saved model records only
+    // values that differ from `FitOptions::default()`.
     #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = max_coefficients,
           allow_negative_numbers = true, help_heading = "Surface", hide_short_help = true)]
     pub max_coefficients: usize,
@@ -132,6 +139,7 @@ pub struct FitArgs {
     /// The axis or plane is fitted to the readings. `rotation:full` is a surface of revolution; `auto`
     /// selects the symmetry that the readings support, if any. An approximate direction may follow, as in
     /// rotation:full:z or mirror:0,1,0.2. Completed parts have `observed` = 2. Measurements take precedence.
+    // Completion happens during a fit with refinement; an update keeps the strategy of its model.
     #[arg(long, value_name = "SYMMETRY", value_parser = symmetry, help_heading = "Completion",
           conflicts_with_all = ["update", "known_uv"])]
     pub symmetry: Option<SymmetryChoice>,

@@ -50,12 +50,15 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
         // The parser excludes every other strategy and its settings.
         return Ok(Strategy::KnownParameters { cells });
     }
+    // These refusals depend on the values of both options, which `conflicts_with` cannot express.
     if args.animate.is_some() && args.motion == Some(MotionName::Bend) {
         return Err(Error::unsupported(
             "--animate shows readings in their order: expected a fit without --known-uv and --motion bend, \
              which use all readings of a time together",
         ));
     }
+    // Inferred readings share their error, and the filter would average it away
+    // (docs/decisions/0017-sigma-of-inferred-parts.md).
     let inferred = [(args.symmetry.is_some(), "--symmetry"), (fill_gaps, "--complete")];
     if let (true, Some((_, name))) = (is_patch, inferred.iter().find(|(asked, _)| *asked)) {
         return Err(Error::unsupported(format!(
@@ -64,6 +67,7 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
         )));
     }
     let global =
+        // The job asks for snapshots if it writes an animation.
         GlobalOptions { ground, align: args.align, symmetry: args.symmetry, fill_gaps, snapshots: None };
     match args.motion {
         Some(MotionName::Rigid) if is_patch => Err(Error::unsupported(
@@ -102,6 +106,7 @@ fn refuse_with_bending(args: &FitArgs, is_patch: bool, fill_gaps: bool) -> Resul
 
 /// The first few of the scans.
 fn names(paths: &[PathBuf]) -> String {
+    // A fit may have hundreds of scans; the message has to stay one line.
     let first: Vec<String> = paths.iter().take(3).map(|path| path.display().to_string()).collect();
     first.join(", ") + if paths.len() > first.len() { ", …" } else { "" }
 }

@@ -29,6 +29,7 @@ pub fn text(args: &FitArgs, done: &FitJobReport) -> String {
     ));
     lines.gap();
     facts(&mut lines, args, done);
+    // σ of the surface, printed above, already contains this part; without the line it would look like noise.
     if let Some(left) = &fit.unresolved_shape {
         lines.line(format!(
             "Unresolved shape: on {} of the area the cells are too large ({} {unit} rms, included in σ)",
@@ -74,6 +75,8 @@ fn facts(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
     );
     lines.facts([
         ("readings of all sessions", all_readings),
+        // Residuals judge the fit by the readings it used; the held-out readings after them are independent
+        // of it.
         ("residuals", residuals),
         ("held out", held_out),
         ("σ of the surface", sigma),
@@ -125,6 +128,8 @@ fn subdivided(fit: &FitReport) -> String {
 /// The reason why the fit ended.
 fn termination(fit: &FitReport) -> &'static str {
     match fit.termination {
+        // The job has judged the number of rejected readings; a second threshold here could disagree with its
+        // warning.
         FitTermination::Converged
             if fit.findings.iter().any(|finding| finding.code == FindingCode::ManyRejected) =>
         {
@@ -158,6 +163,7 @@ fn completion(lines: &mut Lines, fit: &FitReport, unit: Unit) {
         }
     }
     if let Some(bending) = &found.bending {
+        // `--motion bend` excludes symmetries and filled gaps, so nothing of what follows can apply.
         return bending_states(lines, bending, unit);
     }
     for gap in found.gaps.iter().take(GAPS_SHOWN) {
@@ -177,12 +183,15 @@ fn completion(lines: &mut Lines, fit: &FitReport, unit: Unit) {
 fn bending_states(lines: &mut Lines, bending: &BendingReport, unit: Unit) {
     let rows: Vec<Vec<String>> = (bending.states.iter().enumerate())
         .map(|(k, state)| {
+            // E, F and G are the coefficients of the first fundamental form. An isometry changes none of
+            // them.
             let [e, f, g] = state.largest_change.map(|change| significant(100.0 * change, 2));
             vec![
                 state.time_s.map_or((k + 1).to_string(), |time| format!("{time} s")),
                 count(state.observations),
                 significant(state.rms, 3),
                 significant(state.sigma, 3),
+                // Changes are measured from the first state, so it has none.
                 if k == 0 { "reference".to_owned() } else { format!("{e}, {f}, {g}") },
                 percent(state.carried_area_fraction),
                 if state.isometric { "yes" } else { "no" }.to_owned(),
@@ -222,6 +231,7 @@ fn gap_line(gap: &GapReport, unit: Unit) -> String {
     format!(
         "{area}: {shape}, from {} around it (reduced χ² {}, probability {}).",
         counted(gap.readings, "reading"),
+        // A gap with a shape always has these figures; NaN would make a missing one visible.
         significant(gap.reduced_chi_square.unwrap_or(f64::NAN), 3),
         significant(gap.probability.unwrap_or(f64::NAN), 2)
     )
@@ -237,6 +247,7 @@ fn symmetry_line(found: &SymmetryReport, unit: Unit) -> String {
         (_, None) => "a surface of revolution".to_owned(),
     };
     let proposed = if found.proposed { ", proposed" } else { "" };
+    // The largest σ of the axes: a mean would promise too much for the worst direction.
     let largest = |values: &[f64]| values.iter().fold(0.0, |a: f64, b| a.max(*b));
     format!(
         "Symmetry: {what}{proposed}; {} of {} pieces of the cloud agree; σ of its position {} {unit}, of its \
@@ -297,10 +308,12 @@ fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
 /// A description of a written file.
 fn contents(file: &WrittenFile, unit: Unit) -> String {
     match file.format {
+        // STEP holds the B-spline itself, so there is no chord error to report.
         OutputFormat::Step => {
             format!("the exact surface in {}", counted(file.faces.unwrap_or(0), "B-spline face"))
         }
         OutputFormat::Ply | OutputFormat::Obj | OutputFormat::Stl | OutputFormat::Glb => {
+            // OBJ and STL have no place for values of vertices.
             let with = match file.format {
                 OutputFormat::Ply | OutputFormat::Glb => ", with σ",
                 _ => "",
@@ -316,6 +329,7 @@ fn contents(file: &WrittenFile, unit: Unit) -> String {
             format!(
                 "heights and their σ in {columns} × {rows} cells of {} {unit}, {} known",
                 significant(file.cell_size.unwrap_or(f64::NAN), 3),
+                // The divisor is at least 1, because the cells are zero if the file reports none.
                 percent(known as f64 / (columns * rows).max(1) as f64)
             )
         }

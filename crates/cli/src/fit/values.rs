@@ -19,6 +19,7 @@ pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
         "rotation" => Some(match parts.next().ok_or(NEEDED)? {
             "full" => None,
             number => match number.parse::<u32>() {
+                // Order 1 is no symmetry. Above 1000, `full` is meant.
                 Ok(order) if (2..=1000).contains(&order) => Some(order),
                 _ => return Err(format!("{NEEDED}; found the order {number:?}")),
             },
@@ -29,6 +30,7 @@ pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
     match (kind, order, parts.next()) {
         ("rotation", Some(order), None) => Ok(SymmetryChoice::Of(SymmetryKind::Rotation { order, towards })),
         ("mirror", None, None) => Ok(SymmetryChoice::Of(SymmetryKind::Mirror { towards })),
+        // A direction is a hint for one axis or plane, but `auto` also chooses between the kinds.
         ("auto", None, None) if towards.is_none() => Ok(SymmetryChoice::Auto),
         _ => Err(NEEDED.to_owned()),
     }
@@ -46,6 +48,7 @@ fn direction(text: &str) -> Result<DVec3, String> {
     let numbers: Vec<f64> =
         (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
     let all: DVec3 = numbers.try_into().map_err(|_| needed())?;
+    // The length is free, because only the direction counts; zero has none.
     if all.iter().all(|c: &f64| c.is_finite()) && all.iter().any(|c| *c != 0.0) {
         Ok(all)
     } else {
@@ -55,11 +58,13 @@ fn direction(text: &str) -> Result<DVec3, String> {
 
 /// The share of held-out readings.
 pub fn held_out(text: &str) -> Result<f64, String> {
+    // With a larger share, too few readings would remain for the fit that they validate.
     within(text, "a share from 0 to below 0.9", |v| (0.0..0.9).contains(&v))
 }
 
 /// A gate in multiples of σ.
 pub fn gate(text: &str) -> Result<f64, String> {
+    // A gate below 1 σ would reject a third of the correct readings.
     within(text, "at least 1 σ (4 is usual)", |v| v >= 1.0)
 }
 

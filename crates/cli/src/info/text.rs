@@ -15,6 +15,7 @@ impl Lengths {
         self.0.map_or("", Unit::name)
     }
 
+    // Without a unit in the file, no default is added: it would look like a statement of the file.
     fn length(&self, value: f64) -> String {
         format!("{} {}", significant(value, 4), self.name()).trim_end().to_owned()
     }
@@ -95,6 +96,7 @@ fn scan_text(lines: &mut Lines, scan: &ScanInfo, lengths: &Lengths) {
 
 fn grid(scan: &ScanInfo) -> String {
     scan.grid.map_or("none".to_owned(), |grid| {
+        // An empty grid has no cells to divide by.
         let cells = (grid.columns * grid.rows).max(1) as f64;
         format!("{} × {}, {} filled", grid.columns, grid.rows, percent(grid.filled as f64 / cells))
     })
@@ -104,6 +106,7 @@ fn list_text(lines: &mut Lines, list: &ScanListInfo, lengths: &Lengths) {
     lines.facts([("unit", unit_or_unknown(lengths)), ("box", lengths.bounds(&list.bounds))]);
     lines.gap();
     let sigma = |value: Option<f64>, of_points: bool| match value {
+        // A σ per point overrides that of the sensor, so it comes first.
         _ if of_points => "per point".to_owned(),
         None => "estimated by fit".to_owned(),
         Some(value) => lengths.length(value),
@@ -178,6 +181,7 @@ fn mesh_text(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
             ),
         ),
         ("area", format!("{}²", lengths.length(mesh.area))),
+        // Only a closed and consistently oriented mesh has a volume.
         ("volume", mesh.volume.map_or(String::new(), |v| format!("{}³", lengths.length(v)))),
         (
             "σ",
@@ -192,6 +196,7 @@ fn mesh_text(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
         ),
         (
             "measured",
+            // Meshes of other programs lack the column `observed`.
             mesh.observed_vertex_fraction
                 .map_or(String::new(), |f| format!("{} of the vertices", percent(f))),
         ),
@@ -217,6 +222,7 @@ fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
         (
             "completed",
             match model.invented_area_fraction {
+                // Exactly 0 if nothing was completed, so the comparison needs no tolerance.
                 0.0 => String::new(),
                 share => format!("{} of the area, inferred from other parts", percent(share)),
             },
@@ -233,6 +239,7 @@ fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
         ("readings", count(model.observations)),
     ]);
     lines.gap();
+    // The cells are those of the summary of `fit`, so that both can be compared.
     let rows: Vec<Vec<String>> = model.sensors.iter().map(|sensor| sensor_cells(sensor).to_vec()).collect();
     lines.table(
         &[

@@ -76,6 +76,7 @@ pub struct MergeArgs {
     /// θ: maximum angle between corresponding normals [default: from σ]
     ///
     /// The default follows from σ and the length of the edges and is at most 69°.
+    // Normals more than 90° apart belong to opposite sides of a wall, which must not be fused.
     #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true,
           help_heading = "Fusion")]
     pub theta: Option<f64>,
@@ -86,6 +87,7 @@ pub struct MergeArgs {
     ///
     /// New vertices are marked as completed; their σ is a rough estimate. The outer rim of a sheet is not
     /// filled.
+    // No hole is filled by default, because filled parts are not measured.
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = count,
           allow_negative_numbers = true, help_heading = "Result")]
     pub fill: usize,

@@ -23,6 +23,8 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
     facts(&mut lines, report);
     lines.gap();
     patches(&mut lines, report);
+    // Parts from the bounding mesh are no measurements, so they are never counted without a line of their
+    // own.
     if let Some(completed) = &report.completed {
         lines.gap();
         lines.line(format!(
@@ -37,6 +39,7 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
         lines.gap();
         lines.line(filled_line(filled));
     }
+    // Removed triangles are reported, because a user may miss a small part of the object.
     if report.fragments_left_out > 0 {
         lines.gap();
         lines.line(format!(
@@ -114,6 +117,8 @@ fn facts(lines: &mut Lines, report: &MergeReport) {
                     "smallest angle: median {:.1}°, 99 % above {:.1}°; longest edge / height: median {:.2}, \
                      99 % below {}",
                     q.smallest_angle_median_deg,
+                    // The worst triangle alone would say little about a mesh of thousands, so a quantile is
+                    // shown.
                     q.smallest_angle_p1_deg,
                     q.aspect_median,
                     significant(q.aspect_p99, 3)
@@ -131,6 +136,7 @@ fn patches(lines: &mut Lines, report: &MergeReport) {
         .enumerate()
         .map(|(k, p)| {
             vec![
+                // Patches are counted from 0, as in the table of overlaps and in the JSON object.
                 k.to_string(),
                 p.name.clone(),
                 count(p.triangles),
@@ -180,9 +186,11 @@ fn filled_line(filled: &FillReport) -> String {
         counted(filled.holes, "hole"),
         count(filled.vertices)
     );
+    // A hole that stays open is a reason to raise `--fill`, so the line names the option.
     if filled.left_open > 0 {
         words += &format!("; {} left open: more edges than --fill allows", counted(filled.left_open, "hole"));
     }
+    // The outer rim of a sheet is no hole; filling it would close the sheet.
     if filled.outer_rims > 0 {
         words += &format!("; {} left open", counted(filled.outer_rims, "outer rim"));
     }

@@ -59,6 +59,7 @@ pub struct NextArgs {
           help_heading = "Criterion")]
     pub against_random: usize,
     /// Propose at most this many poses of a sensor instead of points
+    // Poses take their σ from the sensor's file, and only points are compared with random sets.
     #[arg(long, value_name = "N", value_parser = positive_count, allow_negative_numbers = true,
           requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"],
           help_heading = "Sensor poses")]
@@ -74,6 +75,7 @@ pub struct NextArgs {
           help_heading = "Criterion")]
     pub goal: Option<Length>,
     /// Consider only this box, in the model's unit [default: everything]
+    // The first coordinate may be negative and then looks like an option, hence `allow_hyphen_values`.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true,
           hide_short_help = true, help_heading = "Criterion")]
     pub region: Option<[DVec3; 2]>,

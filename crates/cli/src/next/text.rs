@@ -36,6 +36,7 @@ pub fn points_text(report: &NextJobReport) -> String {
         report.unit
     ));
     lines.gap();
+    // Five digits place a probe to a ten-thousandth of the coordinates; the files have all digits.
     let number = |x: f64| significant(x, 5);
     let rows: Vec<Vec<String>> = (1..)
         .zip(&next.points)
@@ -93,6 +94,8 @@ pub fn views_text(report: &NextViewsJobReport) -> String {
         .map(|(k, v): (usize, _)| {
             let mut row = vec![k.to_string()];
             row.extend(v.translation.map(|x| significant(x, 5)));
+            // Four decimals of a unit quaternion are about 0.01°, enough to recognise a pose; the files have
+            // all digits.
             row.extend([
                 v.quaternion_xyzw.map(|c| format!("{c:.4}")).join(" "),
                 count(v.readings),
@@ -121,6 +124,7 @@ pub fn views_text(report: &NextViewsJobReport) -> String {
     );
     lines.gap();
     changes(&mut lines, next.worst_sigma, next.mean_sigma);
+    // More views cannot lower this σ, so the user needs another sensor position or range.
     if let Some(place) = &next.worst_unseen {
         lines.line(format!(
             "{} of the area is visible from no pose; σ there is up to {}, at {}.",

@@ -91,6 +91,7 @@ fn work(args: &ContoursArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         hull: args.hull.clone(),
         judged: args.judge.clone(),
         options: OccludingOptions {
+            // Options that are not on the command line keep the defaults of the library.
             half_window_px: args.window,
             frontier_deg: args.frontier,
             ..OccludingOptions::default()
@@ -99,6 +100,7 @@ fn work(args: &ContoursArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         seed: args.common.seed,
     };
     let done = job.run(progress)?;
+    // The JSON object lists every file that was written, and patches are reported apart from points.
     let patches = done.patches.iter().flat_map(|p| &p.files).map(|w| w.file.clone());
     Ok(Summary {
         text: text(&done),
@@ -117,24 +119,30 @@ fn text(done: &OccludingReport) -> String {
         count(done.observations),
         count(done.contour_points),
         count(done.views),
+        // The divisor is at least 1: masks may be empty.
         percent(done.observations as f64 / done.contour_points.max(1) as f64)
     ));
     lines.gap();
     let unit = done.unit.map_or("", Unit::name);
+    // The keys are those of the JSON object, so that a cause has one name in both outputs.
     let rejected: Vec<String> = (done.left_out.iter())
         .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
         .collect();
+    // One sequence is the normal case and needs no line.
     let pairs = (done.sequences > 1).then(|| format!("{} sequences of views", count(done.sequences)));
     lines.facts([
         ("rejected", rejected.join(", ")),
         ("views", pairs.unwrap_or_default()),
         ("contours", format!("reduced χ² {:.3} of the local parabolas", done.chi2)),
         ("σ of depths", sigma_quantiles(done.sigma_depth, unit)),
+        // The circle through three lines of sight has an error of its own in wide steps
+        // (docs/decisions/0035-occluding-contours.md).
         ("of the circle model", sigma_quantiles(done.sigma_circle, unit)),
         ("σ along normals", sigma_quantiles(done.sigma, unit)),
         ("σ of normals", sigma_quantiles(done.sigma_n_deg, "°")),
         (
             "unobserved",
+            // There the hull is only a bound of the object.
             done.unseen_share.map_or(String::new(), |share| {
                 format!(
                     "{} of the visual hull's surface has no contour nearby (concave, or between views)",
@@ -188,9 +196,11 @@ fn patches(lines: &mut Lines, done: &OccludingReport, unit: &str) {
 
 /// A table of the intersection over union of outlines and masks.
 fn overlaps(lines: &mut Lines, done: &OccludingReport) {
+    // Four decimals: values near 1 differ only in the last ones.
     let share = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.4}"));
     let rows: Vec<Vec<String>> = (done.iou.iter())
         .map(|row| {
+            // Only held-out views judge independently: the others have shaped the hull.
             let held = if row.held_out { "held out" } else { "" };
             vec![row.view.clone(), held.to_owned(), share(row.hull), share(row.judged)]
         })

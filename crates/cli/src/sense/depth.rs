@@ -34,5 +34,6 @@ pub struct DepthArgs {
 
 /// The job of these arguments.
 pub fn kind(args: &DepthArgs) -> SenseKind {
+    // Without a calibration the library looks for one beside the image, as `fit` does for depth images.
     SenseKind::Depth { image: args.image.clone(), calibration: args.calib.clone() }
 }

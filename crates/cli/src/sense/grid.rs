@@ -58,6 +58,7 @@ pub fn kind(args: &GridArgs) -> SenseKind {
         image: args.image.clone(),
         plain: args.plain.clone(),
         calibration: args.calib.clone(),
+        // The spacing of the stripes is part of the calibration; only the scale depends on the image.
         options: GridOptions { scale_px: args.scale },
     }
 }

@@ -47,7 +47,9 @@ pub struct PhotometricArgs {
 
 /// The job of these arguments.
 pub fn kind(args: &PhotometricArgs) -> Result<SenseKind> {
+    // clap excludes both options together, but not the absence of both, and it does not count the images.
     match (&args.calib, args.normal_map, &args.images[..]) {
+        // The number of images is compared with the lights when the calibration has been read.
         (Some(calibration), None, images) => Ok(SenseKind::Photometric {
             images: images.to_vec(),
             mask: args.mask.clone(),

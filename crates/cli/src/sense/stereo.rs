@@ -112,6 +112,8 @@ pub fn kind(args: &StereoArgs) -> Result<SenseKind> {
         right: args.right.clone(),
         calibration: args.calib.clone(),
         options: StereoOptions {
+            // The library counts disparities from the lowest one; on the command line a range is easier to
+            // state.
             least_disparity: first,
             disparities,
             small_step: args.p1,
@@ -120,6 +122,8 @@ pub fn kind(args: &StereoArgs) -> Result<SenseKind> {
             left_right: args.left_right,
             speckle: args.speckle,
         },
+        // Without a limit every pixel with a disparity is kept: a fit weights by σ, so uncertain points do no
+        // harm.
         points: StereoPoints { step: args.step, max_sigma_px: args.max_sigma.unwrap_or(f64::INFINITY) },
     })
 }

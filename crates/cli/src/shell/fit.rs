@@ -62,6 +62,7 @@ pub struct ShellFitArgs {
     ///
     /// It has a folder for each frame, ordered by name, with views.toml, points.* or both. The meshes are
     /// written as NAME.FRAME.ply.
+    // The frames have their own points and views, so files for all of them would be ambiguous.
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath,
           conflicts_with_all = ["points", "silhouettes"], hide_short_help = true)]
     sequence: Option<PathBuf>,
@@ -75,6 +76,7 @@ pub struct ShellFitArgs {
     ///
     /// Controls are chosen on the mesh, denser where it is curved. For a lattice it is the total number of
     /// points, rounded to a cube of at least 8. For modes it is the maximum number of modes.
+    // `u64`, because clap checks ranges of fixed-width integers only.
     #[arg(long, value_name = "N", default_value_t = 60,
           value_parser = clap::value_parser!(u64).range(1..=MAX_CONTROLS), help_heading = "Deformation")]
     controls: u64,
@@ -110,6 +112,7 @@ pub struct ShellFitArgs {
     ///
     /// Before the fit the mesh grows into uncovered parts of the masks, is cut outside of the masks, and is
     /// remeshed. The mesh must be closed; its texture is lost.
+    // The mesh is remeshed, so vertex indices of parts, controls and a family would no longer apply.
     #[arg(long, requires = "silhouettes", conflicts_with_all = ["rigid", "controls_file", "family"],
           hide_short_help = true, help_heading = "Fit")]
     rough_start: bool,
@@ -161,6 +164,7 @@ fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFit
         silhouettes: args.silhouettes.clone(),
         sequence: args.sequence.clone(),
         deformation: args.deformation.into(),
+        // The parser has limited the number to 1000, so the cast loses nothing.
         controls: args.controls as usize,
         controls_file: args.controls_file.clone(),
         family: args.family.clone(),

@@ -86,6 +86,7 @@ fn work(args: &ShellMeshArgs, progress: &dyn Progress) -> Result<Summary<ShellMe
         level: match args.surface {
             SurfaceName::Shell => IsoLevel::Shell,
             SurfaceName::Outer => IsoLevel::Outer,
+            // The other surfaces need no distance: thickness and threshold decide where they are.
             SurfaceName::Offset => IsoLevel::Offset(args.offset),
         },
         metaball: args.metaball.into(),
@@ -118,6 +119,8 @@ fn text(report: &ShellMeshReport) -> String {
         count(report.components),
         if report.components == 1 { "part" } else { "parts" },
         match (report.watertight, report.manifold) {
+            // Measured on the result and not assumed, although marching tetrahedra should guarantee both
+            // (docs/decisions/0068-marching-tetrahedra.md).
             (true, true) => ", closed and manifold",
             _ => ", not closed or not manifold",
         }
@@ -125,6 +128,7 @@ fn text(report: &ShellMeshReport) -> String {
     lines.line(format!(
         "Cell size {}{unit}; distance from the exact surface: rms {}{unit}, largest {}{unit}.",
         significant(report.cell, 3),
+        // The deviation from the exact surface tells whether the cell size was small enough.
         significant(report.deviation_rms, 3),
         significant(report.deviation_max, 3)
     ));

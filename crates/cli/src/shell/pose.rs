@@ -72,6 +72,7 @@ fn work(args: &ShellPoseArgs, progress: &dyn Progress) -> Result<Summary<ShellPo
         mesh: args.mesh.clone(),
         poses: args.poses.clone(),
         rigid: args.rigid.clone(),
+        // Only .glb has morph targets; the job writes the first pose to all other formats.
         outputs: args.output.clone(),
         unit: args.common.unit.map(Into::into),
     };
@@ -97,6 +98,7 @@ fn text(report: &ShellPoseReport) -> String {
     let rows: Vec<Vec<String>> = (report.poses.iter())
         .map(|pose| vec![pose.name.clone(), count(pose.moved), significant(pose.farthest, 3)])
         .collect();
+    // Without a unit in the file, the heading has none either.
     let farthest =
         report.unit.map_or_else(|| "farthest vertex".to_owned(), |unit| format!("farthest vertex / {unit}"));
     lines.table(&[("pose", Align::Left), ("controls moved", Align::Right), (&farthest, Align::Right)], &rows);
@@ -105,6 +107,7 @@ fn text(report: &ShellPoseReport) -> String {
             "{} is rigid: {} vertices{}.",
             part.part,
             count(part.vertices),
+            // Other rigid parts follow the surface around them.
             if part.held { ", fixed" } else { "" }
         ));
     }

@@ -107,6 +107,7 @@ fn text(report: &ShellTextureReport) -> String {
             texture.size,
             if texture.atlas { " on an atlas of the triangles" } else { "" },
             count(texture.texels),
+            // The report counts seen pixels; filled ones interest the user, because no image shows them.
             count(texture.texels - texture.seen)
         ));
     }
@@ -119,6 +120,7 @@ fn text(report: &ShellTextureReport) -> String {
         .map(|view| {
             vec![
                 match (view.held_out, view.left_out) {
+                    // A held-out view takes no part, so it can be neither rejected nor counted as different.
                     (true, _) => format!("{} (held out)", view.view),
                     (_, true) => format!("{} (rejected)", view.view),
                     _ => view.view.clone(),

@@ -60,5 +60,6 @@ pub fn work(args: &BendingArgs, progress: &dyn Progress) -> Result<Summary<ScanS
         unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
     };
     let made = write_bending_scene(&options, &args.out, progress)?;
+    // The truth is the sheet at the last scan, which is also the model of `--motion bend`.
     Ok(summary(&args.out, made, options.unit, [" --motion bend", ""]))
 }

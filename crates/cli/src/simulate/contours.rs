@@ -66,6 +66,7 @@ struct SceneBody {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &ContoursSceneArgs) -> u8 {
+    // Nothing is rendered, so there is no progress to report.
     summary::run("simulate scene contours", &args.common, |_| work(args))
 }
 

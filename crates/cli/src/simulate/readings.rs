@@ -62,6 +62,7 @@ pub struct ReadingsArgs {
     common: CommonArgs,
 }
 
+// The example in the message is a valid value of the option.
 fn velocity(text: &str) -> Result<DVec3, String> {
     numbers(text, "10,-5,20")
 }
@@ -110,6 +111,7 @@ fn work(args: &ReadingsArgs) -> Result<Summary<ReadingsBody>> {
         sweep: args.sweep,
         noise: args.noise,
         outlier_share: args.outliers,
+        // Users state degrees; the scene computes in radians.
         velocity: args.velocity.map_or(DVec3::ZERO, |[x, y, deg]| [x, y, deg.to_radians()]),
         seed: args.common.seed,
         unit,

@@ -86,6 +86,7 @@ pub fn work(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<ScanSce
         readings: args.readings,
         sigma: args.sigma,
         views: args.views,
+        // Flags of clap are off by default, so the option is negative and the setting positive.
         old_scanner: !args.no_old_scanner,
         misstated: args.misstated,
         probe_points: args.probe_points,
@@ -96,5 +97,6 @@ pub fn work(args: &ScansArgs, progress: &dyn Progress) -> Result<Summary<ScanSce
         truth_triangles: args.truth_triangles,
     };
     let made = write_scans_scene(&options, &args.out, progress)?;
+    // The defaults of `fit` and `compare` suit this scene.
     Ok(summary(&args.out, made, options.unit, ["", ""]))
 }

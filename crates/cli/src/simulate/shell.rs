@@ -87,6 +87,7 @@ fn work(args: &ShellSceneArgs) -> Result<Summary<Body>> {
             outliers: args.outliers,
             views: args.views,
             seed: args.common.seed,
+            // The default ball is 100 mm large, so without an option its unit is the millimetre.
             unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
         },
         &args.out,
@@ -102,12 +103,14 @@ fn work(args: &ShellSceneArgs) -> Result<Summary<Body>> {
     lines.line(format!("Wrote {} files to {}.", made.files.len(), args.out.display()));
     Ok(Summary {
         text: lines.into_text(),
+        // The unit of the given mesh counts, which only the scene knows.
         unit: Some(made.unit),
         inputs: args.mesh.clone().into_iter().collect(),
         outputs: made.files,
         findings: Vec::new(),
         body: Body {
             rows: made.points,
+            // The columns of points.ply, so that a program knows them without reading the file.
             columns: ["x", "y", "z", "sigma"],
             controls: made.controls,
             findings: Vec::new(),

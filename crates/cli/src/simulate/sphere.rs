@@ -79,10 +79,12 @@ pub struct SphereBody {
 
 /// Runs the simulation.
 pub fn work(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBody>> {
+    // The defaults are the settings of the paper, so options that are not given reproduce its figures.
     let defaults = SphereOptions::default();
     let options = SphereOptions {
         seed: args.common.seed,
         sets: args.sets,
+        // Given numbers replace all of the paper's numbers, so clap must not have these as default values.
         readings: if args.readings.is_empty() { defaults.readings.clone() } else { args.readings.clone() },
         depth: args.depth,
         orientation_deg: args.orientation_deg,
@@ -98,6 +100,7 @@ pub fn work(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<Sphere
     let rows = job.run(progress)?;
     Ok(Summary {
         text: text(args, &options, &rows),
+        // Errors are in per cent of the radius, so the result has no lengths.
         unit: None,
         inputs: Vec::new(),
         outputs: (args.out.iter()).chain(&args.animate).chain(&args.page.report).cloned().collect(),
@@ -121,6 +124,7 @@ fn text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -> Strin
             vec![
                 count(row.readings),
                 significant(row.noise_percent, 2),
+                // A row without orientations is the first figure: positions only.
                 row.orientation_deg.map_or_else(|| "–".to_owned(), |x| significant(x, 2)),
                 significant(row.leaf_patches, 3),
                 significant(row.patch_percent, 3),

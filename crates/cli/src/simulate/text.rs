@@ -17,6 +17,7 @@ pub struct ScanSceneBody {
     columns: Vec<String>,
     truth: TruthSummary,
     #[serde(flatten, serialize_with = "with_warnings")]
+    // A simulation has no findings, but all JSON objects have the key.
     findings: Vec<Finding>,
     termination: &'static str,
 }
@@ -73,6 +74,7 @@ fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 
                 s.name.clone(),
                 significant(s.sigma_along, 3),
                 significant(s.sigma_across, 3),
+                // The stated σ shows which sensor misstates its σ; the fit should detect it.
                 significant(s.sigma_along / s.misstatement, 3),
             ]
         })
@@ -87,6 +89,7 @@ fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 
         &rows,
     );
     lines.gap();
+    // The commands can be pasted as they are, so that the example needs no manual.
     let job = out.join("job.toml");
     lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), out.display()));
     lines.line(format!("  planish fit {}{fit} -o part.planish", job.display()));

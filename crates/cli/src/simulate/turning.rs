@@ -58,5 +58,6 @@ pub fn work(args: &TurningArgs, progress: &dyn Progress) -> Result<Summary<ScanS
         unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
     };
     let made = write_turning_scene(&options, &args.out, progress)?;
+    // Without this option, `fit` would overlay the scans as if the object stood still.
     Ok(summary(&args.out, made, options.unit, [" --motion rigid", ""]))
 }

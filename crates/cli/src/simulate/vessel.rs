@@ -47,6 +47,7 @@ pub fn work(args: &VesselArgs, progress: &dyn Progress) -> Result<Summary<ScanSc
         unit: args.common.unit.map_or(Unit::Millimetre, Unit::from),
     };
     let made = write_vessel_scene(&options, &args.out, progress)?;
+    // The scanner sees one side only; the comparison shows how good the completed side is.
     let how = [" --symmetry rotation:full", " --part completed"];
     Ok(summary(&args.out, made, options.unit, how))
 }

@@ -72,8 +72,10 @@ fn work(args: &ViewsArgs) -> Result<Summary<ReadingsBody>> {
     ));
     lines.line(format!(
         "  planish contour {} --constrain -o front.json",
+        // With `--constrain`, the contour file has the constraints; otherwise `solid` has to find them.
         args.out.join("front/readings.csv").display()
     ));
+    // One command for three views: the solid needs the constrained contours of all of them.
     lines.line("  planish solid front.json top.json side.json -o prism.step -o prism.json");
     Ok(readings_summary(made, unit, lines))
 }

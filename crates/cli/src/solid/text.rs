@@ -11,6 +11,7 @@ const LINES_SHOWN: usize = 20;
 pub fn text(report: &SolidReport) -> String {
     let mut lines = Lines::default();
     let n = report.solutions.len();
+    // Without a solid there is no table of solids; the unexplained lines are the result.
     if n == 0 {
         unexplained(&mut lines, report);
         return lines.into_text();
@@ -19,6 +20,7 @@ pub fn text(report: &SolidReport) -> String {
         1 => "One solid has these views.".to_owned(),
         _ => format!("{} solids have these views, best first.", count(n)),
     });
+    // Rejected solids are not written, so this line is the only sign of them.
     if !report.refused.is_empty() {
         let others = report.refused.len();
         lines.line(format!(
@@ -40,6 +42,7 @@ pub fn text(report: &SolidReport) -> String {
         .map(|s| {
             vec![
                 s.rank.to_string(),
+                // Eight digits: sizes of a drawing are exact, and solids may differ in a small detail only.
                 significant(s.volume, 8),
                 significant(s.area, 8),
                 faces_by_kind(&s.faces),
@@ -74,6 +77,7 @@ fn unexplained(lines: &mut Lines, report: &SolidReport) {
     });
     lines.gap();
     let cells = |u: &UnexplainedLine| {
+        // A missing line is not in the file, so it has no name.
         let entity = u.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
         vec![u.view.to_owned(), entity, u.why.clone()]
     };
@@ -93,6 +97,7 @@ fn faces_by_kind(faces: &FaceCounts) -> String {
         (faces.cone, "cone", "cones"),
         (faces.sphere, "sphere", "spheres"),
         (faces.torus, "torus", "tori"),
+        // No plural: "freeform" is an adjective here.
         (faces.freeform, "freeform", "freeform"),
     ];
     let present = kinds.into_iter().filter(|(n, ..)| *n > 0);

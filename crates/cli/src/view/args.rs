@@ -69,6 +69,7 @@ pub struct ViewArgs {
     /// have a scan and a height.
     #[arg(
         long,
+        // Both spellings: the library writes "colour", and most programs write "color".
         visible_alias = "colour",
         value_name = "WHAT",
         value_enum,
@@ -80,10 +81,12 @@ pub struct ViewArgs {
     ///
     /// 0,0 is the front and 90,0 the right side. Names are front, back, left, right, top, bottom and iso. A
     /// zoom factor may follow (30,20,1.5).
+    // An azimuth may be negative and then looks like an option, hence `allow_hyphen_values`.
     #[arg(long, value_name = "CAMERA", value_parser = clap::value_parser!(CameraAngles),
           allow_hyphen_values = true, help_heading = "Image", requires = "output")]
     pub camera: Option<CameraAngles>,
     /// Upward axis: x, y, z, -x, -y or -z [default: z, or towards the front of a sheet]
+    // `-x` looks like an option, hence `allow_hyphen_values`.
     #[arg(long, value_name = "AXIS", value_parser = clap::value_parser!(Up), allow_hyphen_values = true,
           help_heading = "Image", requires = "output", hide_short_help = true)]
     pub up: Option<Up>,

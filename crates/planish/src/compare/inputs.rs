@@ -120,6 +120,7 @@ impl Reference {
         }
         let made = Self {
             covariance: covariances(&file).map_err(|e| e.in_context(path.display()))?,
+            // Columns of the file, which only a cloud keeps (see below).
             normals: normals(&file),
             unit: file.unit,
             points: file.points,
@@ -149,6 +150,7 @@ impl Reference {
                 made.points.push(pose.apply(scan.points[k]));
                 let normal = scan.normals.as_ref().map_or(DVec3::ZERO, |n| n[k].normalize_or_zero());
                 normals.push(pose.rotate(normal));
+                // The most specific statement counts: the covariance of a point, its σ, then the sensor.
                 let stated = match (&scan.covariance, &scan.sigma, set.sensors[posed.sensor].noise) {
                     (Some(all), _, _) => all[k].rotated(&pose.rotation),
                     (None, Some(sigmas), _) => SymmetricMatrix3::isotropic(sigmas[k] * sigmas[k]),
@@ -188,6 +190,7 @@ fn covariances(file: &PolygonMesh) -> Result<Option<Vec<SymmetricMatrix3>>> {
         if let Some(at) = sigma.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
             return Err(Error::input(format!("vertex {at}: needed sigma ≥ 0, found {}", sigma[at])));
         }
+        // σ is along the normal. Isotropic noise has the same σ there, and only that direction is used.
         return Ok(Some(sigma.iter().map(|&s| SymmetricMatrix3::isotropic(s * s)).collect()));
     }
     let columns = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"].map(|name| file.column(name));

@@ -26,6 +26,7 @@ pub(crate) fn compare_page(
 ) -> Result<Page> {
     let names = [model_name, reference_name].map(crate::report::file_name);
     let model_unit = report.unit.name();
+    // Forward deviations exist only if the reference has faces.
     let main = report.forward.or(report.backward);
     let unit = SmallUnit::for_length(model_unit, main.map_or(1.0, |d| d.rms));
     let normalised = shown.normalised.clone();
@@ -157,6 +158,7 @@ fn deviation_field(
 }
 
 fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
+    // Every nth point, so that the selection is the same in every run.
     let step = shown.points.len().div_ceil(MAX_POINTS).max(1);
     let some = |values: &[f64]| values.iter().copied().step_by(step).collect::<Vec<f64>>();
     let mut fields = vec![numbers(
@@ -197,6 +199,7 @@ fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
 }
 
 fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
+    // The plot is empty if no deviation has a σ.
     let svg = plot::normalised_residuals(normalised);
     let blocks = if svg.is_empty() {
         vec![Block::Text("The model states no σ.".to_owned())]

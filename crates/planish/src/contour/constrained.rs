@@ -236,12 +236,15 @@ pub(super) fn constrained(
         None => (found, Vec::new()),
         Some(grid) => {
             let grid = grid.in_unit(unit.unwrap_or(Unit::Millimetre));
+            // After the relations: they make σ of the sizes smaller, so fewer multiples of the grid are
+            // possible.
             snap(&found, grid, &Dimension::all(&sketch.drawing))?
         }
     };
     // Dimensions come last: they fill the degrees of freedom that constraints and rounded sizes leave.
     let dimensions = dimension_scheme(&found.drawing, &found.covariance, &found.constraints);
     let diagnosis = diagnose(&found.drawing, &found.constraints)?;
+    // The graphs describe the drawing with all its dimensions, so that nothing in them is free.
     let complete: Vec<Constraint> = found
         .constraints
         .iter()
@@ -317,12 +320,15 @@ fn contours_of(sketch: &Sketch, found: &Constrained) -> Result<(Vec<ConstrainedC
         let kind = sketch.parts[i].kind.clone();
         let (theta, covariance) = sketch.contour(i, &found.drawing, &found.covariance)?;
         let names = kind.names();
+        // Equations have radians and reports have degrees, so both factors apply to a covariance.
         let at = |k: usize, l: usize| names[k].1 * names[l].1 * covariance[(k, l)];
         contours.push(ConstrainedContour {
             kind: kind.to_string(),
             parameters: (0..names.len())
                 .map(|k| {
                     let value =
+                        // The covariance is singular along imposed constraints, and rounding can make a
+                        // variance slightly negative.
                         ReportedValue { value: theta[k] * names[k].1, sigma: at(k, k).max(0.0).sqrt() };
                     (names[k].0.clone(), value)
                 })
@@ -356,8 +362,10 @@ fn report(
         .filter(|&i| found.proposals[i].outcome == ProposalOutcome::Implied)
         .collect();
     let relations: Vec<Constraint> = implied.iter().map(|&i| found.proposals[i].constraint).collect();
+    // In one call, so that the Jacobian of all constraints is ranked only once.
     let follows = implications(drawing, &found.constraints, &relations)?;
     let from = |i: usize| -> Vec<String> {
+        // Indices in `follows` count the implied relations only.
         let set = follows.iter().find(|dependence| implied[dependence.constraint] == i);
         set.map_or_else(Vec::new, |set| set.with.iter().map(|&k| words(&found.constraints[k])).collect())
     };
@@ -474,6 +482,7 @@ fn sizes_of(
         name,
         contour,
         value,
+        // σ of a size is that of the constraint that would fix it. This avoids a second set of derivatives.
         sigma: planish_contour::constraint::sigma(&constraint, drawing, covariance),
     };
     if bars {
@@ -494,5 +503,6 @@ fn sizes_of(
 
 /// The last part whose numbers begin no later.
 fn part_of(sketch: &Sketch, first: impl Fn(&planish_contour::sketch::SketchPart) -> u32, id: u32) -> usize {
+    // Numbers of points, bars and circles are consecutive from part to part.
     sketch.parts.iter().rposition(|part| first(part) <= id).unwrap_or_default()
 }

@@ -16,7 +16,7 @@ const CONFIDENCE: f64 = 0.99;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Relation {
-    /// All are the same: a prism (a cylinder, where they are circles).
+    /// All are the same: a prism (a cylinder if they are circles).
     Prism,
     /// Circles about one axis, of different radii.
     Revolution,

@@ -45,6 +45,7 @@ pub(crate) fn headline(report: &ContourReport) -> String {
 }
 
 fn kinds_of(report: &ContourReport) -> String {
+    // A list keeps the order of the contours, the largest first.
     let mut kinds: Vec<(String, usize)> = Vec::new();
     for part in &report.contours {
         match kinds.iter_mut().find(|(kind, _)| *kind == part.kind) {
@@ -103,6 +104,7 @@ pub(crate) fn with_sigma(value: f64, sigma: f64) -> String {
 pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
     let mut table = Table::new(["parameter", "value", "σ"]);
     for (name, value) in part.parameters.iter().chain(&part.sides) {
+        // Parameters of one contour mix lengths and angles.
         let unit = unit_of(name, unit);
         let name = head(name, unit);
         let decimals = with_sigma(value.value, value.sigma);

@@ -19,6 +19,7 @@ pub(super) fn is_picture(path: &Path) -> bool {
 pub(super) fn edges_of(path: &Path, pixel: f64) -> Result<ContourReadings> {
     let image = read_brightness(path)?;
     let points = edge_points(&image, &EdgeOptions::default()).map_err(|e| e.in_context(path.display()))?;
+    // Images count rows from the top; y of contours points upwards.
     let lowest = (image.rows - 1) as f64;
     let sightings = points.iter().enumerate().map(|(k, point)| ContourReading {
         target: ContourTarget::Point {
@@ -27,6 +28,7 @@ pub(super) fn edges_of(path: &Path, pixel: f64) -> Result<ContourReadings> {
         },
         pose: None,
         time_s: 0.0,
+        // Edge points have no line in a file, so messages name them by their number.
         line: k + 1,
     });
     Ok(ContourReadings { sightings: sightings.collect(), ..ContourReadings::default() })

@@ -58,7 +58,7 @@ pub struct PartReport {
     pub rejected: usize,
     /// Sum of squared distances in σ, divided by the degrees of freedom. Expected: 1.
     pub reduced_chi_square: f64,
-    /// Its level, where there are levels.
+    /// Its level, if the file has levels.
     pub level: Option<f64>,
     /// Index in `contours` of the part that contains this one as a hole.
     pub hole_of: Option<usize>,

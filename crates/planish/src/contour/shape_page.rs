@@ -76,7 +76,7 @@ pub(crate) fn shape_page(
     })
 }
 
-/// A shape as triangles, as large as its readings where it has no end.
+/// A shape as triangles. A shape without ends is as large as its readings.
 fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[DVec3]) -> Result<TriangleMesh> {
     let bounds = BoundingBox::from_points(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
     let number = |k: usize| parameters[k];

@@ -65,6 +65,7 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
             let chord = [b[0] - a[0], b[1] - a[1]];
             let length = chord[0].hypot(chord[1]);
             let is_radius = bulge != 0.0;
+            // The bulge is the tangent of a quarter of the arc's angle, as in DXF.
             let value = if is_radius { length * (1.0 + bulge * bulge) / (4.0 * bulge.abs()) } else { length };
             let same = |size: &Size| {
                 size.is_radius == is_radius && (size.value - value).abs() <= LENGTH_TOLERANCE * value
@@ -91,6 +92,7 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
 /// half axis.
 fn round_labels(kind: &ContourKind, vertices: &[[f64; 2]], sizes: &[Size]) -> Vec<SizeLabel> {
     let n = vertices.len();
+    // The labels are at vertices n/8 and n/4, which must differ.
     if n < 8 {
         return Vec::new();
     }

@@ -12,10 +12,10 @@ use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_ray_readings;
 use planish_exchange::extension;
 
-/// Fits the job's shapes to its readings and writes its outputs: those that are JSON.
+/// Fits the job's shapes to its readings and writes its outputs, which must be JSON.
 ///
 /// # Errors
-/// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
+/// Those of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
 /// `Undetermined` when no shape can be fitted.
 pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     // Drawings are planar. The check is here, because planar contours accept them.
@@ -65,11 +65,13 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
     };
     let mut report = ContourReport {
         findings: part_findings(&part, 0),
+        // The only shape is also the largest, whose keys are at the top level of the JSON.
         main: part.clone(),
         contours: vec![part],
         constrained: None,
         levels: None,
         unit: job.unit,
+        // Readings in space are not separated into groups, so none is a stray.
         left_out: 0,
     };
     report.findings.extend(judge(&report));

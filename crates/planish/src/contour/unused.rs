@@ -25,6 +25,7 @@ pub(super) enum Readings {
 /// # Errors
 /// `Input`, naming the option and the file.
 pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> {
+    // Settings with a default cannot be absent. Stating the default explicitly is not noticed, and harmless.
     let usual = CarmenOptions::default();
     let SigmaDefaults { position, heading_deg, range, point } = job.sigma;
     let (is_log, is_picture) = (readings == Readings::Log, readings == Readings::Picture);

@@ -11,8 +11,8 @@ const MAX_NORMALISED: f64 = 1.5;
 /// Maximum mean residual of a scan, in σ of a reading. The mean of many readings is known far better, so
 /// smaller shifts are significant, too. They matter little, because the noise hides them.
 const MAX_MEAN_SIGMAS: f64 = 0.5;
-/// A scan of which more than this share is rejected, and more than three times the share of all, does not
-/// fit.
+/// Maximum rejected share of a scan. A scan does not fit if its share is larger than this, and larger than
+/// three times the share of all scans.
 const MAX_REJECTED: f64 = 0.1;
 /// Minimum number of readings for judging a scan. With 30, the rms has a relative σ of 13 %.
 const MIN_JUDGED: usize = 30;
@@ -21,6 +21,7 @@ const SIGMA_TOLERANCE: f64 = 1.25;
 
 /// The findings that follow from the figures of a fit.
 pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
+    // The unit of the page, so that findings and figures can be compared.
     let unit = SmallUnit::for_length(fit.model.unit.name(), report.rms.max(report.sigma.median));
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
     let share = share_rejected(scans);
@@ -42,6 +43,7 @@ fn held_out(report: &FitReport) -> Option<Finding> {
             FindingCode::SigmaTooSmall,
             format!("σ is too small: normalised rms of held-out readings is {}", significant(ratio, 3)),
         ),
+        // The same factor in both directions: σ that is too large is wrong, too.
         _ if ratio < 1.0 / SIGMA_TOLERANCE => (
             FindingCode::SigmaTooLarge,
             format!("σ is too large: normalised rms of held-out readings is {}", significant(ratio, 3)),

@@ -84,6 +84,7 @@ pub(crate) fn fit_page(
                 },
                 match report.held_out.n {
                     0 => String::new(),
+                    // A narrow no-break space keeps the number on one line.
                     n => format!("normalised rms of {} readings", count(n).replace(' ', "\u{202f}")),
                 },
             ),

@@ -48,6 +48,7 @@ impl FitTask {
     pub fn fit_options(&self) -> Option<&FitOptions> {
         match self {
             Self::Fit(options) => Some(options),
+            // The saved model decides what these options would decide.
             Self::Update { .. } => None,
         }
     }
@@ -70,6 +71,8 @@ impl FitTask {
         }
     }
 
+    // New fits and updates share these settings, but have different structs: an update has neither a shape
+    // nor a strategy (docs/decisions/0086-types-instead-of-flags.md).
     pub(super) fn gate(&self) -> f64 {
         match self {
             Self::Fit(options) => options.gate,

@@ -121,6 +121,7 @@ pub(super) fn turn_alike(
     let mut agree = vec![0.0; count * count];
     for i in 0..count {
         let mesh = &patches[i].mesh;
+        // Every nth vertex: the sample needs no seed and covers the whole patch.
         let step = (mesh.positions.len() / MAX_SAMPLES).max(1);
         let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
         let reach = match mesh.bounding_box() {
@@ -139,6 +140,8 @@ pub(super) fn turn_alike(
                     _ => reach,
                 };
                 if let Some(foot) = searches[j].closest_within(*p, reach)
+                    // A foot on the boundary means that the other patch ends there: the vertex is beside it,
+                    // not above it.
                     && !foot.on_boundary
                 {
                     let cosine = here.normal.dot(foot.normal);
@@ -161,6 +164,7 @@ pub(super) fn turn_alike(
     let mut turned: Vec<Option<bool>> = vec![None; count];
     while let Some(first) = (0..count)
         .filter(|k| turned[*k].is_none())
+        // Of equally large patches the first file counts, so that the choice is defined.
         .max_by_key(|k| (patches[*k].mesh.triangles.len(), Reverse(*k)))
     {
         turned[first] = Some(false);
@@ -183,16 +187,17 @@ pub(super) fn turn_alike(
         for t in &mut patch.mesh.triangles {
             t.swap(1, 2);
         }
+        // The search returns normals, which follow from the order of the corners.
         searches[k] = MeshSearch::try_new(&patch.mesh)?;
     }
     Ok((turned, searches))
 }
 
-/// Findings about patches whose σ was estimated from their differences from others, and that differ as if
-/// they were of different objects.
+/// Findings about patches that probably belong to different objects. Only patches without a stated σ are
+/// judged.
 ///
-/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
-/// then as long as an edge.
+/// Heights between unrelated surfaces are uniform over the search distance of two edges, so their σ is about
+/// one edge.
 pub(super) fn unalike(
     patches: &[MergePatch],
     overlap: &Overlap,
@@ -230,6 +235,7 @@ pub(super) fn nearest(
     let mut best: Option<(f64, usize, usize)> = None;
     for (j, search) in searches.iter().enumerate() {
         for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
+            // Only a message depends on this distance, so samples are enough.
             let step = (here.mesh.positions.len() / MAX_SAMPLES).max(1);
             for p in here.mesh.positions.iter().step_by(step) {
                 if let Some(foot) = search.closest(*p)

@@ -11,7 +11,7 @@ use planish_surface::model::{ScanPoseReport, SigmaSummary};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// A region that two patches share.
+/// A region in which two patches overlap.
 #[derive(Debug, Clone, Serialize, PartialEq)]
 pub struct RegionReport {
     /// Both patches, counted from 0 in the order of [`MergeReport::patches`].
@@ -29,7 +29,7 @@ pub struct PatchReport {
     pub name: String,
     /// Its triangles.
     pub triangles: usize,
-    /// Vertices in the whole.
+    /// Number of its vertices in the merged mesh.
     pub vertices_kept: usize,
     /// Whether the patch was flipped because it faced against the patches that it overlaps.
     pub turned_over: bool,
@@ -70,7 +70,7 @@ pub struct FillReport {
     pub vertices: usize,
     /// Triangles in them.
     pub triangles: usize,
-    /// Borders that look outwards, as that of a sheet does: they were left open.
+    /// Outer boundaries, such as that of a sheet; they were left open.
     pub outer_rims: usize,
     /// Holes with more edges than were allowed, and those that could not be covered: they were left open.
     pub left_open: usize,
@@ -79,25 +79,27 @@ pub struct FillReport {
 /// The figures of a merge.
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeReport {
-    /// How shared places were fused.
+    /// How corresponding points were fused.
     pub method: MergeMethod,
-    /// Vertices of the whole.
+    /// Vertices of the merged mesh.
     pub vertices: usize,
     /// Its triangles.
     pub triangles: usize,
     /// Edges of one triangle.
     pub boundary_edges: usize,
     /// Edges of three and more: none, by construction.
+    // Counted and not assumed, so that an error of the stitching would be reported.
     pub nonmanifold_edges: usize,
     /// Whether the mesh has no boundary.
     pub watertight: bool,
     /// Connected parts.
     pub parts: usize,
     /// Common regions, largest first.
+    // The command lists only the first of them.
     pub regions: Vec<RegionReport>,
     /// The patches, in the order of the files.
     pub patches: Vec<PatchReport>,
-    /// How patches were moved onto the first, where they were aligned.
+    /// Motions of the patches onto the first one, if they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses: Vec<ScanPoseReport>,
     /// The completion by a bound, if one was given.
@@ -108,7 +110,7 @@ pub struct MergeReport {
     pub filled: Option<FillReport>,
     /// Whether σ was estimated from the differences between patches.
     pub sigma_estimated: bool,
-    /// Quantiles of σ of the whole, over its vertices.
+    /// Quantiles of σ over the vertices of the merged mesh.
     pub sigma: SigmaSummary,
     /// Triangles that stitch patches together.
     pub stitched_triangles: usize,
@@ -122,6 +124,7 @@ pub struct MergeReport {
     pub quality: Option<TriangleQuality>,
     /// Files read.
     #[serde(skip)]
+    // The command has keys for inputs and unit in the JSON object of every job.
     pub inputs: Vec<PathBuf>,
     /// Unit of every length.
     #[serde(skip)]
@@ -141,8 +144,9 @@ pub struct Merged {
     /// σ along them.
     pub sigma: Vec<f64>,
     /// 1 where it was measured, 2 where it was completed.
+    // Bytes as in the columns of files.
     pub observed: Vec<u8>,
-    /// How it bends, if requested.
+    /// Curvature at the vertices, if requested.
     pub curvature: Option<VertexCurvature>,
     /// Result of the job.
     pub report: MergeReport,

@@ -12,7 +12,7 @@ use std::path::Path;
 /// Writes a page that shows a merged mesh.
 ///
 /// # Errors
-/// `Io` where it cannot be written or an input no longer be read.
+/// `Io` if the page cannot be written or an input cannot be read again.
 pub(super) fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> {
     let inputs: Vec<_> =
         (merged.report.inputs.iter()).map(|path| (path.clone(), "a patch".to_owned())).collect();
@@ -21,11 +21,13 @@ pub(super) fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Resu
 
 /// A patch by the name of its file.
 fn short(name: &str) -> String {
+    // Folders would make the columns wide; the page lists full paths with its inputs.
     file_name(Path::new(name))
 }
 
 fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
+    // One unit for the page, chosen by σ, which is the smallest length on it.
     let unit = SmallUnit::for_length(report.unit.name(), report.sigma.median);
     // A vertex of a regular triangle mesh has six neighbours.
     let regular = report.valence.get(6).copied().unwrap_or(0) as f64
@@ -90,6 +92,7 @@ fn regions(report: &MergeReport, unit: SmallUnit<'_>) -> Table {
     let rms = unit.head("rms");
     let mut regions = Table::new(["patches", "points", &rms]);
     for region in &report.regions {
+        // Numbers of patches mean nothing to a reader of the page.
         let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
         regions.row([format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)], false);
     }
@@ -185,6 +188,7 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
                 match (k, pose.covariance) {
                     (0, _) => String::new(),
                     (_, None) => "not aligned".to_owned(),
+                    // A motion has three translations and three rotations.
                     _ => format!("{} of 6", pose.undetermined.len()),
                 },
             ],

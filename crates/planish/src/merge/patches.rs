@@ -1,7 +1,7 @@
-//! What can be merged, read from files: saved models, meshes, organised scans.
+//! Reads patches from files: saved models, meshes, CAD faces and organised scans.
 //!
-//! Input: paths. Output: patches in one frame and unit, with σ where files state it. Not guaranteed:
-//! that frames agree where no pose was given.
+//! Input: paths. Output: patches in one frame and unit, with σ if the files state it. Not guaranteed: frames
+//! of files without poses may disagree.
 
 use crate::compare::ComparedMesh;
 use crate::saved;
@@ -23,7 +23,7 @@ const MAX_EDGE_RATIO: f64 = 4.0;
 /// A patch and its origin.
 #[derive(Debug, Clone)]
 pub struct NamedPatch {
-    /// The file, and the scan in it where there are several.
+    /// The file, and the scan in it if there are several.
     pub name: String,
     /// The surface, and the numbers of its triangles in the file.
     pub tidied: ManifoldPatch,
@@ -251,6 +251,7 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
 
 /// σ along the normals, where points or their sensor state it.
 fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) -> Vec<f64> {
+    // The most specific statement counts: σ of a point, then its covariance, then the sensor.
     if let Some(sigma) = &scan.sigma {
         return sigma.clone();
     }
@@ -270,8 +271,8 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
         .collect()
 }
 
-/// Two triangles of every four neighbours of a grid, over the shorter diagonal, one where a corner is
-/// missing; none over a step in depth (G. Turk, M. Levoy 1994, section 3).
+/// Triangles of an organised scan: two for every four neighbours, split at the shorter diagonal, or one if a
+/// corner is missing. Triangles across a depth edge are dropped (G. Turk, M. Levoy 1994, section 3).
 fn triangles_of_grid(grid: &RangeGrid, points: &[DVec3]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
     let at = |k: usize| points[k];
@@ -308,8 +309,8 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[DVec3]) -> Vec<[u32; 3]> {
     triangles.into_iter().map(|t| t.map(|v| v as u32)).collect()
 }
 
-/// Turns all triangles where most look away from the sensor: which way round they are depends on how the grid
-/// runs.
+/// Flips all triangles if most of them face away from the sensor. Their orientation depends on the order of
+/// rows and columns.
 fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[DVec3], viewing: Viewing) {
     let against: f64 = triangles
         .iter()

@@ -46,7 +46,7 @@ pub(super) struct Done {
     pub filled: Option<FillReport>,
     /// Triangles that stitch patches together.
     pub stitched: usize,
-    /// Vertices of the whole that are of each patch in space.
+    /// Number of vertices of the merged mesh from each patch in space.
     pub kept: Vec<usize>,
     pub inputs: Vec<PathBuf>,
 }
@@ -173,9 +173,11 @@ impl Ready {
     /// 1 for vertices that were measured, 2 for those that were completed or fill a hole.
     pub fn observed(&self, sewn: &StitchedMesh) -> Vec<u8> {
         let of = |(patch, v): &(u32, u32)| {
+            // Numbers beyond the patches stand for the bound and for filled holes.
             let Some(file) = self.order.get(*patch as usize) else {
                 return 2;
             };
+            // An empty list means that everything was measured.
             self.observed[*file].get(*v as usize).copied().unwrap_or(1)
         };
         sewn.source.iter().map(of).collect()
@@ -190,6 +192,7 @@ impl Ready {
             stands[*k] = at;
         }
         let region = |r: &planish_mesh::CommonRegion| {
+            // The order of a pair in space is of no meaning for the user.
             let [a, b] = r.patches.map(|p| self.order[p]);
             RegionReport { patches: [a.min(b), a.max(b)], points: r.points, rms: r.rms }
         };
@@ -268,6 +271,7 @@ fn order_in_space(patches: &[MergePatch]) -> Vec<usize> {
         all.sort_unstable_by(by);
         all
     };
+    // Full sorting is left to ties, because it costs much more than finding the first place.
     let mut order: Vec<usize> = (0..patches.len()).collect();
     order.sort_by(|i, j| match (&firsts[*i], &firsts[*j]) {
         // Patches that begin at one place differ later on.
@@ -291,6 +295,7 @@ fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {
         .into_par_iter()
         .map(|t| planish_mesh::triangle_shape(&mesh.corners(t)))
         .unzip();
+    // Unstable sorting is deterministic here: equal numbers cannot be told apart.
     angles.par_sort_unstable_by(f64::total_cmp);
     aspects.par_sort_unstable_by(f64::total_cmp);
     (!angles.is_empty()).then(|| TriangleQuality {

@@ -51,6 +51,7 @@ pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<
             "{} of the area is seen from none of the {} poses that were compared; its largest σ is {} at {}",
             percent(next.unseen),
             count(next.candidates),
+            // The unit of the page, so that both figures can be compared.
             SmallUnit::for_length(unit.name(), next.worst_sigma.before).text(place.sigma),
             place.position.to_array().map(|c| significant(c, 4)).join(", ")
         );
@@ -70,6 +71,7 @@ fn unresolved_shape(left: UnmeasurableSigma, unit: Unit) -> Finding {
         significant(left.largest, 3)
     );
     Finding::new(FindingCode::UnresolvedShape, text)
+        // Either limit may have stopped the refinement.
         .with_setting(Setting::MaxDepth)
         .with_setting(Setting::MaxCoefficients)
 }

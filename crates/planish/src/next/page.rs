@@ -1,4 +1,4 @@
-//! Reports of plans where, and from where, to measure next.
+//! Reports of planned measurements: points and sensor poses.
 
 use crate::next::{Change, NextPoint, NextReport, ViewsReport};
 use crate::report::scenes::model_scene;
@@ -12,7 +12,7 @@ use planish_sense::{Pose, ViewSensor};
 use planish_surface::model::SurfaceModel;
 use std::path::Path;
 
-/// Lines of sight of a view are drawn so long, over the diagonal of the model's box.
+/// Length of a drawn line of sight, relative to the diagonal of the model's box.
 const SIGHT: f64 = 0.3;
 
 /// A σ before and after the measurements.
@@ -30,6 +30,7 @@ pub(crate) fn next_page(
     let model_unit = model.unit.name();
     // The largest σ before the plan sets the unit, so that both states are shown in the same one.
     let unit = SmallUnit::for_length(model_unit, next.worst_sigma.before);
+    // A saved model has no readings to show.
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     scene.marks = next_marks(&next.points, unit);
     "where to measure next".clone_into(&mut scene.marks_name);
@@ -73,7 +74,7 @@ pub(crate) fn next_page(
     })
 }
 
-/// The page of poses from which to measure.
+/// The page of planned sensor poses.
 pub(crate) fn views_page(
     model: &SurfaceModel,
     next: &ViewsReport,
@@ -81,6 +82,7 @@ pub(crate) fn views_page(
     findings: Vec<Finding>,
     name: &Path,
 ) -> Result<Page> {
+    // As on the page of points: the largest σ before the plan sets the unit.
     let unit = SmallUnit::for_length(model.unit.name(), next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     show_views(&mut scene, next, sensor, unit)?;
@@ -188,6 +190,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         name: "fields of view".to_owned(),
         segments: fields,
         colour: "#b34700".to_owned(),
+        // Hidden at first: the fields of several views overlap.
         hidden: true,
     });
     Ok(())

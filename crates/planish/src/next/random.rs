@@ -41,7 +41,7 @@ pub(super) struct Before<'a> {
     pub reading: f64,
 }
 
-/// Draws sets of `options.count` places and judges every beginning of each.
+/// Draws sets of `options.count` places and evaluates the first 1, 2, 3 … places of each.
 pub(super) fn at_random(
     before: Before<'_>,
     options: &NextOptions,
@@ -118,9 +118,11 @@ fn one_by_one(
             let column = &before[k];
             let own = column[at[k]] + reading;
             for (variance, c) in variances.iter_mut().zip(column) {
+                // Rounding can take a variance that nearly vanishes below zero.
                 *variance = (*variance - c * c / own).max(0.0);
             }
             for other in later {
+                // The same reading also reduces the covariances with all later ones (rank one).
                 let share = other[at[k]] / own;
                 other.iter_mut().zip(column).for_each(|(o, c)| *o -= share * c);
             }

@@ -1,4 +1,4 @@
-//! `planish next --views`: a saved model and a sensor's file in, poses out.
+//! `planish next --views`: plans sensor poses from a saved model and the file of a sensor.
 
 use super::findings::judge_views;
 use super::page::views_page;
@@ -74,6 +74,7 @@ impl Job for NextViewsJob {
 /// Reads a saved model and a sensor, chooses poses, and writes them.
 fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViewsJobReport> {
     progress.check("reading", 0.0)?;
+    // The sensor first: its file is small, and an error in it needs no model.
     let known = read_view_sensor(&job.sensor)?;
     let model = load(&job.model)?;
     // A sensor without a unit is assumed to be in that of the model.
@@ -111,6 +112,8 @@ fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -
         sensor.sigma_across
     );
     for (k, view) in next.views.iter().enumerate() {
+        // `{:?}` keeps a decimal point, without which TOML would read an integer. The viewpoint is the
+        // origin, because scans are in the sensor's frame.
         let _ = write!(
             text,
             "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, \

@@ -64,7 +64,7 @@ pub struct UnseenPlace {
     pub sigma: f64,
 }
 
-/// From where to measure next.
+/// Planned poses of a sensor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ViewsReport {
     /// The poses, best first.
@@ -81,21 +81,21 @@ pub struct ViewsReport {
     pub worst_unseen: Option<UnseenPlace>,
     /// Mean σ of the planned readings along their rays.
     pub sigma_along: Option<f64>,
-    /// Whether the goal is reached; none where there was none.
+    /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
 }
 
-/// Chooses poses one after the other. Of the options, `sigma` and `against_random` do not count.
+/// Chooses poses one after the other. The options `sigma` and `against_random` are ignored.
 ///
-/// Cost: a line of sight for every candidate and place once; for every view one factorisation, and for every
+/// Cost: one line of sight for every candidate and place. For every view: one factorisation, and for every
 /// candidate the Cholesky factor of the representatives that it sees.
 ///
 /// # Errors
-/// As for [`super::next_points`]; `Input` also for a sensor that makes no sense, and where no pose sees any
-/// of the region.
+/// Those of [`super::next_points`]; `Input` also for an invalid sensor, and if no pose sees any part of the
+/// region.
 pub fn next_views(
     model: &SurfaceModel,
     sensor: &ViewSensor,
@@ -152,6 +152,7 @@ pub fn next_views(
         let seen: Vec<bool> = (places.par_iter()).map(|p| sight.sees(&pose, p).is_some()).collect();
         seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
         let (worst, mean) = figures(&places, &variances);
+        // Weighted by rays, because a job file has one σ for all readings of the sensor.
         noise += taken.stands_for * taken.readings.iter().map(|r| r.sigma_along).sum::<f64>();
         let count = taken.stands_for * taken.readings.len() as f64;
         readings += count;
@@ -293,6 +294,8 @@ fn best_of(
         let of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
         representatives.areas.iter().enumerate().map(of).sum()
     };
+    // All candidates start from the same covariance, so it is computed once per view and not once per
+    // candidate.
     let now = total(&|k| covariance[(k, k)]);
     let left: Vec<f64> = candidates
         .par_iter()
@@ -302,6 +305,7 @@ fn best_of(
             None => f64::INFINITY,
         })
         .collect();
+    // Of equally good candidates the first counts, whatever the number of threads.
     (0..left.len())
         .min_by(|&a, &b| left[a].total_cmp(&left[b]))
         .filter(|&best| left[best] < (1.0 - MIN_GAIN) * now)

@@ -118,6 +118,7 @@ fn left_out(points: &[&OccludingPoint]) -> f64 {
 fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSet {
     ScanSet {
         unit,
+        // The points have their own covariances, so the sensor states no σ.
         sensors: vec![Sensor { name: "contours".to_owned(), kind: SensorKind::Range, ..Sensor::default() }],
         scans: vec![PosedScan {
             scan: found.scan(Some(strip), &format!("strip {}", strip + 1)),
@@ -130,6 +131,7 @@ fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSe
 }
 
 fn options(job: &OccludingJob) -> FitOptions {
+    // A strip is an open band of the surface, so its topology is known.
     FitOptions { shape: Some(Shape::Sheet), seed: job.seed, ..FitOptions::default() }
 }
 
@@ -154,6 +156,7 @@ pub(super) fn written(
             plan_outputs(&paths)?.into_iter().partition(|p| p.format.is_mesh());
         for output in meshes {
             let mesh = &patch.mesh;
+            // Every vertex is a measured point of a contour.
             let seen = vec![1; mesh.positions.len()];
             let unit = unit.unwrap_or(Unit::Millimetre);
             let (normals, sigma) = (&mesh.vertex_normals(), &patch.sigma);
@@ -183,6 +186,7 @@ fn written_mesh(file: PathBuf, format: OutputFormat, mesh: &TriangleMesh) -> Wri
         faces: None,
         vertices: Some(mesh.positions.len()),
         triangles: Some(mesh.triangles.len()),
+        // The mesh joins measured points. It approximates no surface, so it has no chord error.
         tolerance: None,
         cells: None,
         cell_size: None,

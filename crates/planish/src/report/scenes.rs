@@ -18,6 +18,7 @@ const MAX_LINES: usize = 60_000;
 /// A smaller unit in which most of the lengths are readable, if there is one.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
     let most = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
+    // A factor of 1 would only repeat the unit of the model.
     Some(SmallUnit::for_length(unit, most)).filter(|small| small.factor != 1.0)
 }
 
@@ -54,9 +55,9 @@ fn known_by(mark: u8) -> &'static str {
     }
 }
 
-/// The field of what parts are known by, of those that occur.
+/// The field that states how each part is known. Only categories that occur are listed.
 pub(crate) fn observed_field(observed: &[u8]) -> Field {
-    // The best known first, and only what occurs.
+    // The best known first.
     let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
@@ -66,7 +67,7 @@ pub(crate) fn observed_field(observed: &[u8]) -> Field {
     )
 }
 
-/// A model in 3D, with the readings that made it where these are at hand; and the tolerance of its triangles.
+/// A model as a scene, with its readings if they are available, and the chord error of its triangles.
 pub(crate) fn model_scene(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -95,6 +96,7 @@ pub(crate) fn model_scene_of(
         ..Scene::default()
     };
     scene.clouds.push(Cloud {
+        // Hidden at first: control vertices do not lie on a curved surface.
         name: "control vertices".to_owned(),
         positions: model.surface.vertices().to_vec(),
         hidden: true,

@@ -4,6 +4,7 @@ use planish_report::numbers::significant;
 
 /// Prefixes a name with `A` or `An`.
 pub(crate) fn with_article(name: &str) -> String {
+    // Names of kinds are in lower case.
     let an = name.starts_with(['a', 'e', 'i', 'o', 'u']);
     format!("{} {name}", if an { "An" } else { "A" })
 }

@@ -117,6 +117,7 @@ pub(super) fn grid(
         ("no_index", no_index),
         ("off_line", off_line),
         ("undetermined", undetermined),
+        // These crossings remain observations; only their curvature is missing.
         ("no_curvature", found.readings.len() - bent.len()),
     ];
     Ok(Sensed {
@@ -225,12 +226,14 @@ pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     }
     let picture = read_picture(image)?;
     let map = normals_from_colours(picture.columns, picture.rows, &picture.values, picture.white, sigma_deg);
+    // A normal map states no pixel size, so positions are in pixels.
     map.and_then(|map| of_normals(&map, 1.0)).map_err(|e| e.in_context(image.display()))
 }
 
 fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
     let scan = map.scan(pixel_size, "normals")?;
     let band =
+        // NaN marks pixels without a normal: any number would be taken for a direction.
         |k: usize| map.normals.iter().map(|n| n.map_or(f32::NAN, |n| n[k] as f32)).collect::<Vec<f32>>();
     let sigma = map.sigma_deg.iter().map(|s| *s as f32).collect();
     let bands = vec![("nx", band(0)), ("ny", band(1)), ("nz", band(2)), ("sigma_n_deg", sigma)];
@@ -264,6 +267,7 @@ pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> 
     }
     Ok(Sensed {
         findings,
+        // The scan keeps only pixels with a depth, and counts the others.
         pixels: scan.points.len() + scan.dropped_not_finite,
         observations: scan.points.len(),
         rejected: [("no_reading", scan.dropped_not_finite)].into_iter().filter(|(_, n)| *n > 0).collect(),

@@ -13,7 +13,7 @@ use planish_exchange::textured::{TexturedMesh, is_jpeg, read_bytes, write_textur
 use planish_mesh::TriangleMesh;
 use std::path::{Path, PathBuf};
 
-/// A pose by its name, and where it brings the vertices.
+/// The name of a pose, and the positions of the vertices in it.
 pub(super) type NamedPlaces<'a> = (&'a str, &'a [DVec3]);
 
 /// The bytes of the texture; a finding if they cannot be read.
@@ -30,6 +30,7 @@ pub(super) fn picture_of(file: &TexturedMesh, findings: &mut Vec<Finding>) -> Op
 
 /// Whether OBJ and GLB files can contain this texture.
 fn can_be_kept(bytes: &&[u8]) -> bool {
+    // glTF 2.0 permits only these two formats.
     bytes.starts_with(b"\x89PNG") || is_jpeg(bytes)
 }
 
@@ -63,6 +64,7 @@ pub(super) fn write_glb(
     // GLB has one texture coordinate per vertex, so vertices on seams are doubled.
     let split = file.split();
     let each = |v: &u32| *v as usize;
+    // Absent columns stay absent: zeros would mean σ = 0.
     let kept = |count: usize| if count == 0 { &[][..] } else { &split.vertex_of[..] };
     let sigma: Vec<f64> = (kept(known.sigma.len()).iter()).map(|v| known.sigma[each(v)]).collect();
     let observed: Vec<u8> = (kept(known.observed.len()).iter()).map(|v| known.observed[each(v)]).collect();

@@ -68,7 +68,7 @@ pub struct ShellFitJob {
     pub points: Vec<PathBuf>,
     /// Cameras and masks.
     pub silhouettes: Option<PathBuf>,
-    /// A folder with one for each frame of something that moves, instead of points and silhouettes.
+    /// Folder with a folder for each frame of a moving object. It replaces points and silhouettes.
     pub sequence: Option<PathBuf>,
     /// Kind of deformation.
     pub deformation: DeformationKind,
@@ -81,11 +81,11 @@ pub struct ShellFitJob {
     pub family: Vec<PathBuf>,
     /// Parts that stay rigid: a group, object or material of the OBJ, or a file of vertex indices.
     pub rigid: Vec<String>,
-    /// Length over which they blend into the rest. The default is a tenth of the mesh's size.
+    /// Length over which rigid parts blend into the rest (default: a tenth of the mesh's size).
     pub blend: Option<f64>,
     /// Shape of the metaballs.
     pub metaball: Metaball,
-    /// Minimum distance between places on the border of a mask, in pixels.
+    /// Minimum distance between points on the outline of a mask, in pixels.
     pub outline_step_px: f64,
     /// Whether the stated σ of points and outlines are used without estimating them.
     pub believe_sigma: bool,
@@ -157,6 +157,7 @@ fn inputs_with_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<PathBuf> 
 /// Points and silhouettes of each frame; one frame without a name if the mesh is fitted once.
 fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
     match &job.sequence {
+        // The command refuses these combinations earlier; users of the library meet them here.
         Some(_) if job.rough_start => Err(Error::input(
             "a sequence follows one mesh: make a rough start ready by the first frame's silhouettes alone",
         )),
@@ -237,6 +238,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         };
         // Each frame is written when it is done. An interrupted sequence keeps the frames before.
         run.write(k, &start, &known, picture.as_deref())?;
+        // With the estimated poses, so that errors of the cameras do not count as errors of the mesh.
         let iou = overlap(&frame, &found, &fit.cameras);
         // A single fit is its own report; frames are listed for sequences only.
         if stage.tracked {
@@ -333,6 +335,8 @@ impl FrameStage<'_> {
         if self.name.is_empty() {
             e
         } else if e.kind() == ErrorKind::Interrupted {
+            // An interruption is no failure of this frame. The user needs to know how many meshes are
+            // complete.
             let (name, done) = (self.name, self.number);
             Error::new(e.kind(), format!("interrupted in frame {name}: {done} frames are done"))
         } else {
@@ -347,6 +351,7 @@ impl Run<'_> {
         let (mesh, appearance) = read_template(self.job, &mut self.units)?;
         self.inputs.extend(appearance.files.iter().cloned());
         self.findings.extend(appearance.findings.iter().cloned());
+        // The overlap before the fit refers to the mesh of the file, also after a rough start.
         let given = mesh.clone();
         if !self.job.rough_start {
             return Ok(Start { given, mesh, appearance, sigma: Vec::new(), flow: None });
@@ -355,6 +360,7 @@ impl Run<'_> {
         progress.check("flowing", 0.0)?;
         let made = rough_start::flown(self.job, mesh, &mut self.units, &mut |rounds| {
             progress.items(rounds, "rounds");
+            // The number of rounds is unknown, so the share only approaches its end.
             progress.check("flowing", FITTING_PROGRESS.0 * rounds as f64 / (rounds + 3) as f64)
         })?;
         // Remeshing changes the vertices, so texture coordinates and groups no longer belong to any.
@@ -396,6 +402,7 @@ impl Run<'_> {
             match write_moved(output, &textured, &mesh.positions, Known { sigma, observed }, picture)? {
                 Some(files) => self.written.extend(files),
                 None => {
+                    // Without a texture, the mesh has σ and `observed` as columns.
                     write_known_mesh(output, known)?;
                     self.written.push(output.clone());
                 }
@@ -461,6 +468,8 @@ impl Run<'_> {
         if let Some(page) = &self.job.report {
             let shown = ShownShell {
                 found: &TriangleMesh { positions: fit.positions, triangles: start.mesh.triangles.clone() },
+                // Not the mesh of the file: after a rough start, only this one has the vertices of the
+                // result.
                 given: &start.mesh,
                 sigma: &sigma,
                 observed: &observed,
@@ -521,6 +530,7 @@ fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, 
 }
 
 /// Overlap (IoU) of a mesh with the mask of each view.
+// Sorted by name: a hash map would order the views differently in each run.
 fn overlap(frame: &Frame, mesh: &TriangleMesh, cameras: &[Camera]) -> BTreeMap<String, f64> {
     (frame.views.iter().zip(&frame.masks).zip(cameras))
         .filter_map(|((view, mask), camera)| {

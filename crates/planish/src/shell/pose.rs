@@ -130,7 +130,7 @@ pub struct PoseTargetReport {
 /// The vertices of a rigid part: by its name in the file, or a file of indices from 0.
 ///
 /// # Errors
-/// `Input` where there is neither, or a word of the file is no index.
+/// `Input` if neither exists, or if a word of the file is no index.
 pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
     // Names of the mesh have priority over files, so that a file in the folder cannot change the meaning of a
     // job.
@@ -206,6 +206,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     }
     progress.check(WRITING_STAGE, 0.8)?;
     let mut findings = std::mem::take(&mut file.findings);
+    // A missing texture matters only if a file is written.
     let picture = match job.outputs.is_empty() {
         true => None,
         false => picture_of(&file, &mut findings),
@@ -236,6 +237,7 @@ fn rigid_parts(
     file: &TexturedMesh,
     poses: &PoseFile,
 ) -> Result<(Vec<RigidPart>, Vec<RigidReport>)> {
+    // Parts that only the job names follow the surface; a fixed part has to be stated in the file.
     let named = job.rigid.iter().map(|part| (part.clone(), false));
     let all = named.chain(poses.rigid.iter().map(|entry| (entry.part.clone(), entry.held)));
     let (mut parts, mut reports) = (Vec::new(), Vec::new());
@@ -255,6 +257,7 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
     }
     let mut by = vec![DVec3::ZERO; controls.len()];
     for entry in entries {
+        // Of equally near controls the first counts, so that a pose is the same in every run.
         let near = |at: DVec3| {
             (0..controls.len()).min_by(|a, b| controls[*a].distance(at).total_cmp(&controls[*b].distance(at)))
         };
@@ -329,6 +332,7 @@ fn write(
                 path,
                 &MeshColumns {
                     points,
+                    // Normals of the posed mesh: those of the file belong to the mesh at rest.
                     normals: Some(&normals_of(points, &mesh.triangles)),
                     triangles: &mesh.triangles,
                     unit: file.unit,

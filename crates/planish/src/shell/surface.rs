@@ -160,6 +160,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         // Triangular metaballs follow facets of any size; spheres only approximate small ones.
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
+            // The sphere of a facet is as large as the facet, so the softness limits its size.
             let (fine, _) = subdivide_for_spheres(&mesh, MAX_SPHERE_RATIO * softness, MAX_FACETS);
             // A warning: the surface is valid, but bumpy.
             if fine.triangles.len() >= MAX_FACETS {
@@ -204,10 +205,12 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
         triangles: made.mesh.triangles.len(),
         components: made.check.components,
         euler_characteristic: made.check.euler_characteristic,
+        // Checked on the result, although the extraction guarantees both.
         watertight: made.check.watertight,
         manifold: made.check.manifold,
         cell: made.cell,
         softness,
+        // After the division: these facets form the field and decide time and memory.
         facets: wrapped.triangles.len(),
         deviation_rms: made.deviation_rms,
         deviation_max: made.deviation_max,

@@ -51,12 +51,12 @@ const MAX_OUTLIER_FRACTION: f64 = 0.5;
 /// Target of the colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ColourPlace {
-    /// Onto a texture where the mesh has texture coordinates, to the vertices where it has none.
+    /// To a texture if the mesh has texture coordinates, otherwise to the vertices.
     #[default]
     Auto,
     /// To the vertices.
     Vertices,
-    /// Onto a texture, on an atlas of the triangles where the mesh has no texture coordinates.
+    /// To a texture. Without texture coordinates, an atlas of the triangles is made.
     Texture,
 }
 
@@ -69,7 +69,7 @@ pub struct ShellTextureJob {
     pub views: PathBuf,
     /// Target of the colours.
     pub place: ColourPlace,
-    /// Pixels along a side of the texture; about as fine as the pictures if none is given.
+    /// Side of the texture in pixels (default: about the resolution of the images).
     pub texture_size: Option<usize>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
@@ -84,14 +84,14 @@ pub struct ColourViewReport {
     pub view: String,
     /// Whether the view was held out.
     pub held_out: bool,
-    /// Vertices that it sees.
+    /// Number of vertices that the view sees.
     pub seen: usize,
     /// Number of vertices at which it is an outlier.
     pub odd: usize,
     /// Whether the view was rejected because it differs at too many places.
     pub left_out: bool,
-    /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the
-    /// pixels of the mesh away from its outlines.
+    /// Root mean square difference of its image from the resulting colours, from 0 to 255, over the pixels
+    /// of the mesh away from its outlines.
     pub rms: Option<f64>,
 }
 
@@ -118,12 +118,12 @@ pub struct ShellTextureReport {
     pub vertices: usize,
     /// Vertices that a view sees.
     pub seen: usize,
-    /// Vertices that none sees, whose colours were filled.
+    /// Number of vertices that no view sees; their colours were filled.
     pub filled: usize,
-    /// σ of a colour as views state it, from 0 to 255: by how much they differ where three or more see a
-    /// vertex.
+    /// σ of a colour, from 0 to 255, estimated from the differences between views at vertices that three or
+    /// more views see.
     pub colour_sigma: f64,
-    /// The texture, where one was made.
+    /// The texture, if one was made.
     pub texture: Option<TextureReport>,
     /// The views.
     pub views: Vec<ColourViewReport>,
@@ -143,7 +143,7 @@ pub struct ShellTextureReport {
 /// Colours of the vertices.
 struct Coloured {
     colours: Vec<[f64; 3]>,
-    /// From how many views; zero where they were filled.
+    /// Number of views that contributed to each vertex; zero if its colour was filled.
     views: Vec<u8>,
 }
 
@@ -161,6 +161,7 @@ impl Job for ShellTextureJob {
             "glb" | "obj" => self.place != ColourPlace::Vertices || extension(path) == "glb",
             _ => false,
         };
+        // The message lists only what the chosen place allows.
         let needed = match self.place {
             ColourPlace::Vertices => ".ply or .glb for colours of vertices",
             _ => ".ply, .glb, or .obj (with a texture)",
@@ -175,7 +176,7 @@ impl Job for ShellTextureJob {
 
 /// Colours a mesh and writes its outputs.
 ///
-/// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
+/// Cost: one depth buffer per view, and one look-up per view for each vertex or texture pixel.
 fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
     progress.check("reading", 0.0)?;
     let mut findings = Vec::new();
@@ -241,7 +242,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
 struct Scene {
     mesh: TriangleMesh,
     normals: Vec<DVec3>,
-    /// Whether its facets are turned both ways.
+    /// Whether facets are oriented inconsistently. Then both sides count as visible.
     two_sided: bool,
     /// The unit of the cameras.
     unit: Option<Unit>,
@@ -287,6 +288,7 @@ fn read(
         (Some(own), Some(theirs)) => own.millimetres() / theirs.millimetres(),
         _ => 1.0,
     };
+    // Only this copy for the views is scaled; outputs keep the unit of the mesh.
     let points = file.points.iter().map(|p| p.map(|x| by * x)).collect();
     let mesh = TriangleMesh::try_new(points, file.triangles.clone())
         .map_err(|e| e.in_context(job.mesh.display()))?;
@@ -331,7 +333,7 @@ fn read(
 struct ViewStatistics {
     /// σ of a colour, estimated from the views that are used.
     sigma: f64,
-    /// For each view the number of vertices that it sees, and of those where it is an outlier.
+    /// For each view, the number of vertices that it sees, and at how many of them it is an outlier.
     counted: Vec<[usize; 2]>,
     /// Share of the vertices seen by three or more views at which each view is an outlier.
     odd: Vec<f64>,
@@ -374,6 +376,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let all_used = used.len();
     used.retain(|k| odd[*k] <= MAX_OUTLIER_FRACTION);
     if used.len() < all_used {
+        // The statistics stay those of the first pass, because rejected views have none in the second.
         (_, sigma, blended) = blend_from(&used);
     }
     let seen = blended.iter().flatten().count();
@@ -387,7 +390,9 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     }
     let known: Vec<Option<[f64; 3]>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
     let coloured = Coloured {
+        // Filled from the used views only, so that a rejected picture colours nothing.
         colours: fill::on_mesh(mesh, &known),
+        // The file has one byte per vertex for the number of views.
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
     };
     Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
@@ -415,6 +420,7 @@ fn judge(
             },
             odd: statistics.counted[k][1],
             left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
+            // Also for held-out views: theirs is the only independent difference.
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),
                 None => at_place(mesh, &coloured.colours, triangle, weights),
@@ -425,6 +431,7 @@ fn judge(
 
 /// Reads a view's picture and mask, and draws the mesh as it sees it.
 fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<ColourView> {
+    // Views without an image were filtered out before, so the path is never empty.
     let path = view.image.as_deref().unwrap_or(Path::new(""));
     let picture = read_picture(path)?;
     // The positions on the border are not used, so few of them are made.

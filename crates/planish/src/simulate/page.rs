@@ -33,6 +33,7 @@ pub(crate) fn sphere_page(options: &SphereOptions, rows: &[SphereRow], svg: Stri
     }
     let finest = rows.iter().filter(|row| row.depth == options.depth);
     let ratios: Vec<f64> = finest.map(|row| row.patch_percent / row.global_percent).collect();
+    // A ratio of each row and not of the means, because errors grow with the noise.
     let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
     Page {
         job: "simulate sphere".to_owned(),
@@ -56,6 +57,7 @@ pub(crate) fn sphere_page(options: &SphereOptions, rows: &[SphereRow], svg: Stri
                 .to_owned(),
         }],
         sections: vec![Section::new("The rows", vec![Block::Table(table)])],
+        // No scene: a row is a mean over many fitted spheres.
         ..Page::default()
     }
 }

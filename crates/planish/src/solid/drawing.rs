@@ -1,4 +1,4 @@
-//! A drawing's files as views: read, placed in one frame, and looked over for what cannot be meant.
+//! Reads the files of a drawing as views in one frame, and checks them for errors.
 
 use super::misses::{nearly_equal_extents, nearly_meeting_ends};
 use super::{SolidJob, kinds};

@@ -52,6 +52,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
                     drawing.views[other].kind.name(),
                     file(paths, other),
                     size / first,
+                    // A tenth more, so that the tolerance still joins them after rounding to two digits.
                     1.1 * off
                 );
                 found.push(inexact(text));

@@ -1,4 +1,4 @@
-//! The report of solids that a drawing means.
+//! The report of the solids that a drawing describes.
 
 use crate::report::title_of;
 use crate::report::words::head;
@@ -21,8 +21,8 @@ const SPACING_RATIO: f64 = 1.35;
 const LABEL_HEIGHT_RATIO: f64 = 0.06;
 /// Maximum number of unexplained lines that are listed.
 const MAX_LINES: usize = 20;
-/// Faces that meet at less than this angle in degrees have no edge that is drawn. Facets of round faces meet
-/// at smaller angles, edges of usual parts at larger ones.
+/// Minimum angle between faces, in degrees, for an edge to be drawn. Facets of round faces meet at smaller
+/// angles, edges of usual parts at larger ones.
 const SMOOTH_DEG: f64 = 20.0;
 
 /// The page of solids, best first.
@@ -72,6 +72,7 @@ pub(crate) fn solid_page(
             name,
             positions: mesh.positions,
             triangles: mesh.triangles,
+            // Averaged normals would round off the edges.
             flat: true,
             ..SurfaceShown::default()
         });
@@ -127,6 +128,7 @@ fn mesh_edges(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<[DVec3; 2]> {
             sides.entry([a.min(b), a.max(b)]).or_default().push(normal);
         }
     }
+    // An edge with one triangle or with three is a defect of the mesh and is always drawn.
     let smooth = SMOOTH_DEG.to_radians().cos();
     (sides.into_iter())
         // Edges of chords on a round face are not edges of the solid.
@@ -160,6 +162,7 @@ fn lines_table(lines: &[UnexplainedLine]) -> Table {
 }
 
 fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Section> {
+    // Sections without content are omitted: exact drawings have no sizes with σ.
     let mut sections = Vec::new();
     if !report.solutions.is_empty() {
         let volume = head("volume", &format!("{unit}³"));

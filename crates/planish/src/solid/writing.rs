@@ -133,6 +133,7 @@ fn numbered(path: &Path, rank: usize) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let packed = name.to_lowercase().ends_with(".gz");
     let plain = if packed { &name[..name.len() - 3] } else { &name[..] };
+    // The number goes before the extension, which selects the format.
     let at = plain.rfind('.').unwrap_or(plain.len());
     path.with_file_name(format!("{}.{rank}{}", &name[..at], &name[at..]))
 }

@@ -1,4 +1,4 @@
-//! From where an object is looked at: directions by angles or names, and the projection onto a picture.
+//! Cameras: view directions by angles or names, and the projection onto a picture.
 
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
@@ -31,6 +31,7 @@ impl FromStr for Up {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
+        // Also the minus sign of typography, which text copied from documents may have.
         let (sign, name) = match text.strip_prefix(['-', '−']) {
             Some(name) => (-1.0, name),
             None => (1.0, text),
@@ -53,14 +54,15 @@ impl Up {
 
     /// The right-hand direction in the front view: x, or y if x is up.
     fn right(self) -> DVec3 {
+        // x cannot point both up and to the right.
         if self.axis == 0 { DVec3::Y } else { DVec3::X }
     }
 }
 
-/// A direction from which an object is looked at, by angles.
+/// A view direction by angles, with a zoom factor.
 ///
-/// From azimuth 0 one looks from the front: from −y where z is up, from z where y is up. It grows to the
-/// right: 90 is the right side.
+/// Azimuth 0 is the view from the front: from −y if z is up, from z if y is up. It grows to the right: 90 is
+/// the view from the right side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraAngles {
     /// Angle about the up axis, in degrees.
@@ -105,6 +107,7 @@ impl FromStr for CameraAngles {
         if let Some(zoom) = zoom {
             found.zoom = zoom.trim().parse().map_err(|_| format!("{NEEDED}; found {text:?}"))?;
         }
+        // `contains` also refuses NaN, which a comparison with `>` would accept.
         if !(-MAX_TURN_DEG..=MAX_TURN_DEG).contains(&found.azimuth_deg) {
             return Err(format!("needed an azimuth from -3600 to 3600 degrees; found {text:?}"));
         }
@@ -147,7 +150,7 @@ pub(super) struct Frame {
     pub high: [f64; 2],
 }
 
-/// A pinhole that looks at an object.
+/// A pinhole camera.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Camera {
     /// Its place.

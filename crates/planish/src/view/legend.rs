@@ -22,6 +22,7 @@ pub(super) struct Legend {
 
 /// The em of letters in a picture, in pixels.
 pub(super) fn letter_size([columns, rows]: [usize; 2]) -> f64 {
+    // Wide pictures get the letters of a picture of 4:3. Below 9 pixels, letters are not readable.
     (columns.min(4 * rows / 3) as f64 / 64.0).max(9.0)
 }
 
@@ -82,13 +83,14 @@ fn bar(canvas: &mut Canvas, range: &Range, [left, bottom]: [f64; 2], width: f64,
     }
 }
 
-/// Kinds side by side; where the last one ends.
+/// Draws categories side by side; returns where the last one ends.
 fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], room: f64, em: f64) -> f64 {
     let size = 0.9 * em;
     let mut x = left;
     for (k, kind) in list.iter().enumerate() {
         let rest = list.len() - k;
         let width = 1.1 * em + canvas.width(&kind.label, size);
+        // Room is kept for the words "and n more".
         let is_full = k == MAX_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
         if is_full && k > 0 {
             let text = format!("and {rest} more");

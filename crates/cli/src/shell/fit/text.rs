@@ -14,6 +14,7 @@ pub fn text(report: &ShellFitReport) -> String {
         counted(report.iterations, "iteration")
     ));
     lines.gap();
+    // Tables without rows are left out: a fit has points, outlines or both, and only sequences have frames.
     readings(&mut lines, report);
     if !report.iou.is_empty() {
         overlaps(&mut lines, report);
@@ -42,6 +43,7 @@ pub fn text(report: &ShellFitReport) -> String {
 /// A table of points, outlines and tracks.
 fn readings(lines: &mut Lines, report: &ShellFitReport) {
     let unit = report.unit;
+    // Each kind has its own unit, so the unit is in the cell and not in the heading.
     let row = |name: &str, r: &Option<ReadingsReport>, unit: &str| {
         r.as_ref().map(|r| {
             vec![
@@ -80,8 +82,10 @@ fn overlaps(lines: &mut Lines, report: &ShellFitReport) {
         .map(|(view, iou)| {
             vec![
                 view.clone(),
+                // Both maps have the same views, so the index cannot fail.
                 significant(report.iou_before[view], 3),
                 significant(*iou, 3),
+                // A held-out view is the only independent check of a fit to silhouettes.
                 if report.held_out.contains(view) { "held out".to_owned() } else { String::new() },
             ]
         })
@@ -96,6 +100,7 @@ fn overlaps(lines: &mut Lines, report: &ShellFitReport) {
 /// A table of the frames of a sequence.
 fn frames(lines: &mut Lines, report: &ShellFitReport) {
     let unit = report.unit;
+    // A frame may lack points or views, and the first frame has no prediction to deviate from.
     let shown = |value: Option<f64>| value.map_or_else(String::new, |value| significant(value, 3));
     let rows: Vec<Vec<String>> = (report.frames.iter())
         .map(|frame| {
@@ -127,6 +132,7 @@ fn frames(lines: &mut Lines, report: &ShellFitReport) {
 /// A table of the estimated poses of cameras.
 fn poses(lines: &mut Lines, report: &ShellFitReport) {
     let unit = report.unit;
+    // One σ for three axes: the largest one is on the safe side.
     let largest = |values: [f64; 3]| significant(values.into_iter().fold(0.0, f64::max), 2);
     let rows: Vec<Vec<String>> = (report.poses.iter())
         .map(|pose| {

@@ -64,6 +64,7 @@ impl Residual {
 
 /// Residuals of all vertices that overlap another patch within `reach`. The order does not depend on threads.
 pub(super) fn residuals(sides: &[Side], reach: f64) -> Vec<Residual> {
+    // Of many patches, most pairs are far apart; boxes exclude them without a search.
     let boxes: Vec<Option<BoundingBox>> = (sides.iter())
         .map(|s| {
             let places = s.patch.mesh.positions.iter().step_by(s.stride);
@@ -114,6 +115,7 @@ fn residual(
     let theirs = theirs.try_normalize()?;
     let normal = (mine + theirs).try_normalize()?;
     let at_foot = |values: &[f64]| mesh.interpolate(values, foot.triangle as usize, foot.barycentric);
+    // Without σ the weights are relative, and the common scale is estimated from the residuals.
     let there_sigma = match there.patch.sigma.is_empty() {
         true => 1.0,
         false => at_foot(&there.patch.sigma),
@@ -281,6 +283,7 @@ pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: 
     let mut largest = if stated { 1.0 } else { 0.0_f64 };
     for cells in CELLS.to_array() {
         let edge = size / cells;
+        // An ordered map: with a hash map, the order of the sums would vary between runs.
         let mut sums: BTreeMap<([usize; 2], [i64; 3]), (f64, f64)> = BTreeMap::new();
         for row in rows {
             let weight = row.robust_weight(scale);
@@ -294,6 +297,7 @@ pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: 
             sum.1 += weight;
         }
         let kept: Vec<(f64, f64)> = sums.into_values().filter(|(_, v)| *v > 0.0).collect();
+        // Without a stated σ, a rough estimate from few cells is better than none.
         if kept.len() >= MIN_CELLS || largest == 0.0 {
             let variance: f64 = kept.iter().map(|(_, v)| v).sum();
             let square: f64 = kept.iter().map(|(s, _)| s * s).sum();

@@ -16,7 +16,7 @@ pub struct ReadingsReport {
     pub count: usize,
     /// Number of gross errors among them.
     pub outliers: usize,
-    /// Root mean square of the residuals of all others: distances of points, pixels of outlines, σ of tracks.
+    /// Root mean square of the other residuals: distances of points, pixels of outlines, σ of tracks.
     pub rms: f64,
     /// Ratio of their estimated to their stated σ.
     pub sigma_factor: f64,
@@ -24,6 +24,8 @@ pub struct ReadingsReport {
 
 impl ReadingsReport {
     pub(super) fn from_source(source: &SourceFit) -> Option<Self> {
+        // `outliers` has one entry for each reading. Without readings, an rms of 0 would look like a perfect
+        // fit.
         (!source.outliers.is_empty()).then(|| Self {
             count: source.outliers.len(),
             outliers: source.outliers.iter().filter(|outlier| **outlier).count(),
@@ -59,7 +61,7 @@ pub struct FrameReport {
     pub frame: String,
     /// Root mean square of the distances of points that are no gross errors.
     pub rms_points: Option<f64>,
-    /// The same of places on outlines, in pixels.
+    /// The same for points on outlines, in pixels.
     pub rms_silhouettes_px: Option<f64>,
     /// Mean overlap (IoU) of the mesh with the masks of its views.
     pub iou: Option<f64>,
@@ -77,9 +79,10 @@ pub struct FlowReport {
     pub rounds: usize,
     /// Facets of the mesh that was fitted.
     pub facets: usize,
-    /// Its parts.
+    /// Number of its parts.
     pub parts: usize,
     /// Overlap (IoU) with each mask.
+    // Maps of views are sorted by name, so that reports of equal runs are equal.
     pub iou: BTreeMap<String, f64>,
 }
 
@@ -88,7 +91,7 @@ pub struct FlowReport {
 pub struct ShellFitReport {
     /// Root mean square of the distances of points that are no gross errors.
     pub rms_points: Option<f64>,
-    /// The same of places on outlines, in pixels.
+    /// The same for points on outlines, in pixels.
     pub rms_silhouettes_px: Option<f64>,
     /// Overlap (IoU) of the mesh with the mask of each view.
     pub iou: BTreeMap<String, f64>,
@@ -119,16 +122,18 @@ pub struct ShellFitReport {
     pub smoothness_weight: f64,
     /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes
     /// it.
+    // The name is a key of the JSON output, which programs read.
     pub lack_of_fit: f64,
-    /// Iterations.
+    /// Number of iterations.
     pub iterations: usize,
     /// The flow of a rough start before the fit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow: Option<FlowReport>,
-    /// Frames of a sequence; all above is of the last.
+    /// Frames of a sequence; the other fields describe the last frame.
+    // A single fit has no key `frames`: an empty list would look like a sequence without frames.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub frames: Vec<FrameReport>,
-    /// How it ended.
+    /// Why the iteration ended.
     pub termination: &'static str,
     /// The unit of lengths.
     #[serde(skip)]

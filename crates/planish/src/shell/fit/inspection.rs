@@ -44,7 +44,7 @@ const MAX_FRAME_SHARE: f64 = 0.5;
 /// Refuses points that cannot belong to the mesh: of another size, or far away.
 ///
 /// # Errors
-/// `Undetermined` where they cannot.
+/// `Undetermined` for such points.
 pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) -> Result<()> {
     let Some(of_mesh) = mesh.surface_bounds().filter(|b| b.diagonal() > 0.0) else {
         return Ok(());

@@ -29,6 +29,7 @@ pub(crate) struct ShownShell<'a> {
 
 /// The page of a fitted shell.
 pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named: &[PathBuf]) -> Page {
+    // One unit for the whole page, chosen by σ: it is the smallest length that has to be readable.
     let unit = SmallUnit::for_length(report.unit.name(), report.sigma.median);
     let mut figures = vec![Figure::new(
         "σ, median",
@@ -75,11 +76,13 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
 }
 
 fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
+    // No views would give 0/0.
     let n = values.len().max(1) as f64;
     values.sum::<f64>() / n
 }
 
 fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
+    // `went_in` selects the unit of a row by these names.
     [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
 }
 
@@ -93,6 +96,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
         Vec::new()
     } else {
         vec![Cloud {
+            // Hidden at first, because many thousand dots would cover the mesh.
             name: "points that were read".to_owned(),
             positions: shown.points.iter().copied().step_by(step).collect(),
             hidden: true,
@@ -120,6 +124,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
                 positions: shown.given.positions.clone(),
                 triangles: shown.given.triangles.clone(),
                 hidden: true,
+                // Translucent, so that the fitted mesh inside it remains visible.
                 translucent: true,
                 ..SurfaceShown::default()
             },
@@ -169,6 +174,7 @@ fn overlaps(report: &ShellFitReport) -> Option<Section> {
     }
     let mut table = Table::new(["view", "overlap", "before", "used"]);
     for (view, share) in &report.iou {
+        // Held-out views judge the fit, so a small overlap is marked for them as well.
         let held_out = report.held_out.contains(view);
         table.row(
             [

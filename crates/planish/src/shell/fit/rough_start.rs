@@ -174,6 +174,7 @@ pub(super) fn flown(
         .collect();
     Ok(Flown {
         report: FlowReport {
+            // The final filling is a round as well.
             rounds: rounds + 1,
             facets: mesh.triangles.len(),
             parts: mesh.check().components,
@@ -204,6 +205,7 @@ fn covers(
     files: &[&ViewFile],
     frame: &Frame,
 ) -> Result<Vec<ContourView>> {
+    // The same selection as in `views_of`, so that each view is paired with its own mask.
     let masks = (frame.views.iter().zip(&frame.masks))
         .filter(|(view, _)| !view.held_out)
         .filter_map(|(_, mask)| mask.as_ref());

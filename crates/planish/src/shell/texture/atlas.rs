@@ -75,6 +75,7 @@ impl Chart {
         let place = |uv: u32| self.uv.get(uv as usize).copied();
         (self.triangles.iter())
             .filter_map(|t| Some([place(t[0])?, place(t[1])?, place(t[2])?]))
+            // Without a sign, because parts of a chart may be mirrored.
             .map(|[a, b, c]| 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])).abs())
             .sum()
     }
@@ -82,6 +83,7 @@ impl Chart {
     /// Triangles that have no coordinates, or reach out of the picture.
     pub(super) fn outside(&self) -> usize {
         let inside = |uv: &u32| {
+            // Coordinates in files are rounded.
             (self.uv.get(*uv as usize)).is_some_and(|at| at.iter().all(|x| (-1e-6..=1.0 + 1e-6).contains(x)))
         };
         self.triangles.iter().filter(|t| !t.iter().all(inside)).count()

@@ -53,8 +53,9 @@ fn medoid(colours: &[ViewColour]) -> Option<&ViewColour> {
     colours.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// σ of a colour that a view states, from 0 to 255: by the median of what views differ from their medoid,
-/// where there are three or more. About a tenth too large with many views, as the medoid errs as well.
+/// σ of the colour of one view, from 0 to 255: from the median difference between views and their medoid, at
+/// places that three or more views see. About a tenth too large with many views, because the medoid has an
+/// error as well.
 pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     let mut differences = Vec::new();
     for colours in places.filter(|colours| colours.len() > 2) {
@@ -98,6 +99,7 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
             colour = sum.map(|s| s / total);
         }
     }
+    // The biweight is exactly zero beyond its limit, so the comparison needs no tolerance.
     let odd: Vec<usize> =
         (colours.iter().filter(|one| believed(colour, one) == 0.0)).map(|one| one.view).collect();
     Some(Blended { colour, views: colours.len() - odd.len(), odd })

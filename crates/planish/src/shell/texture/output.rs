@@ -28,6 +28,7 @@ pub(super) fn write(
     let known = Known { sigma, observed: &observed };
     let normals = normals_of(&file.points, &file.triangles);
     match (extension(path).as_str(), texture) {
+        // PLY has colours of vertices only, also if a texture was painted.
         ("ply", _) => {
             let channel =
                 |c: usize| -> Vec<u8> { coloured.colours.iter().map(|v| v[c].round() as u8).collect() };
@@ -54,6 +55,7 @@ pub(super) fn write(
                 },
             )?;
         }
+        // Only GLB remains here, because a job with an OBJ output always has a texture.
         (_, None) => {
             // glTF has linear light from 0 to 1.
             let linear = |value: f64| linear_light((value / 255.0).clamp(0.0, 1.0));
