@@ -100,6 +100,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
                     sheet.layers.insert(name.to_uppercase(), line_type.to_uppercase());
                 }
             }
+            // Blocks may insert blocks that are defined later, so all are read before anything is drawn.
             "BLOCK" if section == "BLOCKS" => {
                 let name = record.text(2).unwrap_or_default().to_uppercase();
                 block = Some((name, Block::at(&record)?));

@@ -173,6 +173,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 /// Kind by its name. For a chain, the names of its parameters (`bulgeN`) state which pieces are arcs.
 fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     if name == "chain" {
+        // Unlike `polygon-N`, the name `chain` states no number of corners, so the parameters are counted.
         let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MAX_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
         let pieces = corners.saturating_sub(usize::from(!closed));

@@ -49,6 +49,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         loop {
             let number = source.line_number() + 1;
             let Some(line) = source.line()? else { break };
+            // Spreadsheet programs begin CSV files in UTF-8 with a byte order mark.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             if line.is_empty() || line.starts_with(b"#") {
                 continue;

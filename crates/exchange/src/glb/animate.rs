@@ -130,6 +130,7 @@ impl Animation {
             .collect();
 
         let mut sections = Sections::default();
+        // Sections are added in the order in which `write_to` writes them, which alone defines their offsets.
         let attributes: Vec<Value> = columns
             .chunks_exact(3)
             .map(|columns| {
@@ -141,6 +142,7 @@ impl Animation {
             })
             .collect();
         let indices = sections.add(3 * triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
+        // glTF requires the extremes of the times of an animation, too.
         let end = json!({"min": [times[0]], "max": [times[times.len() - 1]]});
         let input = sections.add(times.len(), 4, None, FLOAT, "SCALAR", end);
         let output = sections.add(weights.len(), 4, None, FLOAT, "SCALAR", json!({}));

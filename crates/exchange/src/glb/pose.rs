@@ -173,6 +173,7 @@ fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
 
 fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
     let single = |p: &[f64; 3]| p.map(|x| x as f32);
+    // The middle of the bounds, unlike the mean, minimises the largest coordinate and so its rounding.
     let low = mesh.points.iter().fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
     let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
     let center: DVec3 = DVec3::from_array([0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k])));
@@ -198,6 +199,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         attributes.insert("COLOR_0".to_owned(), json!(at));
     }
     let sigma: Vec<[f32; 1]> = mesh.sigma.iter().map(|sigma| [*sigma as f32]).collect();
+    // Four bytes per mark, because glTF aligns the elements of attributes to four bytes.
     let observed: Vec<[f32; 1]> = mesh.observed.iter().map(|mark| [f32::from(*mark)]).collect();
     for (name, column) in [("_SIGMA", sigma), ("_OBSERVED", observed)] {
         if !column.is_empty() {
@@ -221,11 +223,13 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     let indices =
         (chunk.sections).add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
     let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
+    // glTF has no names of targets; by convention viewers read them from `extras.targetNames`.
     let names: Vec<&str> = mesh.targets.iter().map(|target| target.name.as_str()).collect();
     let mut primitive =
         json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
     let mut shape =
         json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(Unit::Metre).name()}});
+    // glTF forbids empty lists of targets and weights.
     if !targets.is_empty() {
         primitive["targets"] = json!(targets);
         shape["weights"] = json!(vec![0.0; targets.len()]);
@@ -242,6 +246,8 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     if let Some((bytes, kind)) = mesh.picture.zip(picture_kind) {
         let view = chunk.picture(bytes);
         document["images"] = json!([{"bufferView": view, "mimeType": kind}]);
+        // LINEAR and LINEAR_MIPMAP_LINEAR: without mipmaps, a texture flickers when it is small on the
+        // screen.
         document["samplers"] = json!([{"magFilter": 9729, "minFilter": 9987}]);
         document["textures"] = json!([{"source": 0, "sampler": 0}]);
         surface["baseColorTexture"] = json!({"index": 0});
