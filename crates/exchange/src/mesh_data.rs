@@ -105,6 +105,8 @@ impl MeshColumns<'_> {
             names.extend(["nx", "ny", "nz"]);
         }
         for (name, _) in columns {
+            // A PLY header separates its words by blanks, so a blank in a name would change the meaning of
+            // the line.
             let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
             if !word || names.contains(&name) {
                 return Err(Error::input(format!(
