@@ -53,8 +53,8 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
     drop(writer);
     keep_attributes(temporary.path(), &target).map_err(failed)?;
-    // Without this, a power failure after the rename could leave an empty file under the final name. Attributes
-    // are set before, so that they are stored too.
+    // Without this, a power failure after the rename could leave an empty file under the final name. It
+    // follows the attributes, so that they are stored too.
     temporary.as_file().sync_all().map_err(failed)?;
     stage_file(temporary, target)
 }

@@ -167,6 +167,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
         if views.iter().any(|other| other.name == name) {
             return Err(Error::input(format!("expected views of different names, found two named `{name}`")));
         }
+        // A closure, so that every error inside gets the name of the view.
         let read = || {
             // Both forms together could conflict.
             let camera = match (view.k, view.r, view.t, view.p) {

@@ -130,7 +130,6 @@ impl Animation {
             .collect();
 
         let mut sections = Sections::default();
-        // Sections are added in the order in which `write_to` writes them, which alone defines their offsets.
         let attributes: Vec<Value> = columns
             .chunks_exact(3)
             .map(|columns| {
@@ -142,7 +141,6 @@ impl Animation {
             })
             .collect();
         let indices = sections.add(3 * triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
-        // glTF requires the extremes of the times of an animation, too.
         let end = json!({"min": [times[0]], "max": [times[times.len() - 1]]});
         let input = sections.add(times.len(), 4, None, FLOAT, "SCALAR", end);
         let output = sections.add(weights.len(), 4, None, FLOAT, "SCALAR", json!({}));
@@ -184,6 +182,7 @@ impl Animation {
 
     fn write_to(&self, writer: &mut impl Write, triangles: &[[u32; 3]]) -> io::Result<()> {
         self.head.write_to(writer)?;
+        // In the order in which `new` added the sections: it alone defines their offsets.
         for c in self.columns.iter().flatten().flatten() {
             writer.write_all(&c.to_le_bytes())?;
         }

@@ -223,13 +223,11 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     let indices =
         (chunk.sections).add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
     let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
-    // glTF has no names of targets; by convention viewers read them from `extras.targetNames`.
     let names: Vec<&str> = mesh.targets.iter().map(|target| target.name.as_str()).collect();
     let mut primitive =
         json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
     let mut shape =
         json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(Unit::Metre).name()}});
-    // glTF forbids empty lists of targets and weights.
     if !targets.is_empty() {
         primitive["targets"] = json!(targets);
         shape["weights"] = json!(vec![0.0; targets.len()]);
@@ -246,8 +244,6 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     if let Some((bytes, kind)) = mesh.picture.zip(picture_kind) {
         let view = chunk.picture(bytes);
         document["images"] = json!([{"bufferView": view, "mimeType": kind}]);
-        // LINEAR and LINEAR_MIPMAP_LINEAR: without mipmaps, a texture flickers when it is small on the
-        // screen.
         document["samplers"] = json!([{"magFilter": 9729, "minFilter": 9987}]);
         document["textures"] = json!([{"source": 0, "sampler": 0}]);
         surface["baseColorTexture"] = json!({"index": 0});

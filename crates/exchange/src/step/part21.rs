@@ -57,6 +57,7 @@ impl<'a, W: Write> Part21<'a, W> {
     pub(super) fn begin(&mut self) -> io::Result<Id> {
         let id = self.next_id();
         self.next += 1;
+        // Streamed instead of formatted first, because the text of a control net can be large.
         write!(self.writer, "{id}=")?;
         Ok(id)
     }

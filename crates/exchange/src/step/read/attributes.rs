@@ -150,6 +150,7 @@ impl<'a> Entity<'a> {
             let Value::List(row) = row else {
                 return Err(self.unexpected(at, what));
             };
+            // Callers compute the index of a value from its row and column.
             if *width.get_or_insert(row.len()) != row.len() {
                 return Err(
                     self.wrong(&format!("attribute {}: expected rows of equal length, found others", at + 1))

@@ -175,6 +175,7 @@ impl<'a> Cursor<'a> {
             Some(quote @ (b'\'' | b'"')) => {
                 let end = text_end(self.bytes, self.at, quote)
                     .ok_or_else(|| Error::input("expected the end of a string, found the end of the file"))?;
+                // Control directives such as `\X2\` stay encoded, because texts appear only in messages.
                 let text = &self.bytes[self.at + 1..end - 1];
                 self.at = end;
                 Ok(Value::Text(text))
