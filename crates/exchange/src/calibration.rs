@@ -101,6 +101,7 @@ pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) 
 /// Rejects the first number that is not finite or out of range. Entries: key, value, whether it is in range,
 /// and a description of the range.
 fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
+    // Finite in any case, because TOML has `nan` and `inf`, and the range of some keys is unlimited.
     match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
         Some((key, value, _, expected)) => {
             Err(Error::input(format!("expected {expected} for {key}, found {value}")))

@@ -143,6 +143,7 @@ pub(crate) fn scan_of_vertices(
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(columns.iter().map(|(name, _)| name.as_str())).collect();
     let mut collector = PointCollector::new(PointColumns::find(&names)?, points.len());
+    // One buffer for all vertices: the collector copies what it keeps.
     let mut record = Vec::with_capacity(names.len());
     for (vertex, point) in points.enumerate() {
         record.clear();

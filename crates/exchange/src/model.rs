@@ -223,8 +223,8 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     };
     let (header, description) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let promised = description.data_len();
-    // Eight bytes with the length of the header precede it. Compared here, because a cut-off file is the
-    // commonest damage and deserves its own message.
+    // Eight bytes with the length of the header precede it. Compared here, so that a cut-off file gets a
+    // message of its own.
     let found = bytes.len().saturating_sub(header).saturating_sub(8);
     if found != promised {
         return Err(Error::input(format!(

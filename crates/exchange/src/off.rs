@@ -117,7 +117,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         counts.clone_from(&buffer);
     }
     let mut rest = &counts[..];
-    // The third count, of edges, is not read: nothing needs it, and many files state 0.
+    // The third count, of edges, is not read, because nothing needs it.
     let [vertices, polygons] =
         [whole(&mut rest, at, "a number of vertices")?, whole(&mut rest, at, "a number of polygons")?];
     source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;

@@ -227,6 +227,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     let mut tracks = Vec::new();
     if let Some(file) = &t.tracks {
         let file = folder.join(file);
+        // A track joins several views, so only the σ that is stated for all views applies to it.
         tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX))?;
         files.push(file);
     }

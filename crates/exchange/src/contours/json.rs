@@ -156,11 +156,13 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
         )));
     }
     let values = names.iter().map(|(name, factor)| match contour.parameters.get(name) {
+        // Files state angles in degrees for people; `theta` has radians.
         Some(written) => Ok(written.value / factor),
         None => Err(Error::input(format!("expected the parameter `{name}`, found none"))),
     });
     Ok(EstimatedContour {
         theta: values.collect::<Result<_>>()?,
+        // The leading block is the marginal covariance: a velocity behind it is marginalised.
         covariance: DMatrix::from_fn(count, count, |i, j| {
             // The file is rounded to decimals, so symmetric entries may differ in the last digit.
             0.5 * (contour.covariance[i][j] + contour.covariance[j][i]) / (names[i].1 * names[j].1)

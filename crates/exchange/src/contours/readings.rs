@@ -87,7 +87,7 @@ pub fn read_contour_readings(
                     "expected a header `x,y,heading_deg,range` or `x,y`, found no readings",
                 ));
             };
-            // Spreadsheet programs begin CSV files in UTF-8 with a byte order mark.
+            // Some spreadsheet programs begin CSV files in UTF-8 with a byte order mark.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             // CARMEN logs begin with comments, parameters or scans.
             if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {

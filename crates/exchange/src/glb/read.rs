@@ -69,6 +69,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
 fn textured_from<R: Read>(source: &mut Source<R>) -> Result<(PolygonMesh, Option<Vec<u8>>)> {
     with_file(source, |file| {
         let (mesh, materials) = file.mesh(true)?;
+        // One picture only, because `TexturedMesh` has one texture.
         let most = (materials.iter())
             .filter_map(|(material, count)| file.picture(*material).map(|picture| (*count, picture)))
             .max_by_key(|(count, _)| *count);
@@ -138,6 +139,7 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
              compression and quantisation"
         )));
     }
+    // The binary chunk is optional (section 4.4.3.3), and chunks behind it are ignored.
     let binary = match source.peek(1)?.is_empty() {
         true => Vec::new(),
         false => chunk(source, BINARY_CHUNK)?,
@@ -230,6 +232,7 @@ impl File<'_> {
     fn mesh(&self, with_uv: bool) -> Result<(PolygonMesh, BTreeMap<usize, usize>)> {
         let mut materials = BTreeMap::new();
         let mut mesh = PolygonMesh { unit: Some(Unit::Metre), ..PolygonMesh::default() };
+        // glTF leaves the choice open if no default scene is stated; the first one is read then.
         let scene = index(&self.document["scene"]).unwrap_or(0);
         let mut stack: Vec<(usize, Transform, usize)> =
             match self.document["scenes"][scene]["nodes"].as_array() {

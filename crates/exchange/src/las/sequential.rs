@@ -140,8 +140,7 @@ impl Times {
             NEW_SERIES_SYMBOL => return self.begin(decoder).map(|()| true),
             _ => return Ok(self.switch((symbol - NEW_SERIES_SYMBOL) as usize)),
         };
-        // Wrapping, as in LASzip: damaged data may give any difference, and valid data rely on the same
-        // arithmetic.
+        // Wrapping, because damaged data may give any difference.
         let found = self.integers.decompress(decoder, last.wrapping_mul(multiple), context)?;
         match context {
             1 => self.misfits[self.series] = 0,
@@ -175,7 +174,7 @@ impl Times {
         self.newest = (self.newest + 1) % 4;
         self.series = self.newest;
         self.keep(self.series, decoder, 8)?;
-        // `keep` stores the predicted half as a difference, but a new series has none yet.
+        // `keep` stores the upper half as a difference, but a new series has none yet.
         self.differences[self.series] = 0;
         decoder.read_int().map(drop)
     }

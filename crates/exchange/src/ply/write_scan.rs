@@ -37,6 +37,7 @@ use crate::atomic::write_atomically;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn write_scan(path: &Path, scan: &Scan, unit: Option<Unit>) -> Result<()> {
+    // Before anything is written, because the header declares one count for all columns.
     check(scan).map_err(|e| e.in_context(path.display()))?;
     write_atomically(path, |writer| write_to(writer, scan, unit))
 }

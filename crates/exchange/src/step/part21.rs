@@ -101,6 +101,7 @@ pub(super) fn real(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
         Some((mantissa, exponent)) if mantissa.contains('.') => write!(f, "{mantissa}E{exponent}"),
         Some((mantissa, exponent)) => write!(f, "{mantissa}.E{exponent}"),
         None => {
+            // Part 21 requires the point, but no digit after it.
             f.write_str(shortest.strip_suffix(".0").map_or(&shortest, |_| &shortest[..shortest.len() - 1]))
         }
     }

@@ -99,6 +99,7 @@ impl<'a> Entity<'a> {
         match self.value(at) {
             Some(Value::Name(b"T")) => Ok(true),
             Some(Value::Name(b"F")) => Ok(false),
+            // `.U.` (unknown) is refused: all flags that are read here are BOOLEAN, not LOGICAL.
             _ => Err(self.unexpected(at, ".T. or .F.")),
         }
     }

@@ -89,6 +89,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             }
             "ORIENTED_CLOSED_SHELL" | "ORIENTED_OPEN_SHELL" => {
                 let same = entity.truth(3)?;
+                // Two reversals cancel.
                 self.add(entity.reference(2)?, forward == same, depth + 1)
             }
             "CLOSED_SHELL" | "OPEN_SHELL" | "CONNECTED_FACE_SET" => {
