@@ -164,6 +164,7 @@ fn read_image(path: &Path) -> Result<Image> {
 
 /// Rejects an image whose declared size a file of this length cannot hold.
 pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
+    // The product of two 32-bit numbers fits.
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
         Some(length) if pixels > length.saturating_mul(MAX_DEFLATE_RATIO) => Err(Error::input(format!(

@@ -331,6 +331,7 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     }
     // Byte 0 is the length of a free text between the header and the pixels.
     let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;
+    // Sides have 16 bits and pixels at most four bytes, so the product cannot overflow.
     let size = columns * rows * samples;
     // A run-length packet of at least two bytes stands for at most 128 pixels.
     if columns * rows > body.len().saturating_mul(128) {

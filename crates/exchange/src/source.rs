@@ -86,6 +86,7 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
         match file.read(&mut first[found..]) {
             Ok(0) => break,
             Ok(n) => found += n,
+            // A signal interrupted the call, which has read nothing and is repeated.
             Err(e) if e.kind() == IoKind::Interrupted => {}
             Err(e) => return Err(Error::io("could not be read").with_source(e)),
         }

@@ -164,7 +164,9 @@ impl Layout {
             };
             record.push(match parse_number(field) {
                 Some(value) => value,
+                // An empty field is a missing value; a missing coordinate drops the record.
                 None if field.is_empty() => f64::NAN,
+                // A word in these columns shows that they hold no normals; zero discards them, as above.
                 None if self.tentative_normals && record.len() >= 3 => 0.0,
                 None => return Err(self.no_number(field, number)),
             });

@@ -114,6 +114,7 @@ impl<'a, R: Read> Groups<'a, R> {
             match self.next_group()? {
                 None => return Ok(None),
                 Some(group) if group.code == 0 => break group,
+                // Comments (code 999) may precede the first section.
                 Some(_) => {}
             }
         };

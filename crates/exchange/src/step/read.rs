@@ -203,6 +203,7 @@ impl StepFaces {
         }
         if shapes.is_empty() {
             // Some files have shells that no representation refers to.
+            // Units belong to representations, so a loose shell has none.
             let geometry = Geometry { index: &index, length: 1.0, angle: 1.0 };
             for read in loose_shells(geometry)? {
                 let motions = vec![Motion::NONE];
