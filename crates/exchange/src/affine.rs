@@ -30,6 +30,7 @@ impl Affine {
 
     /// True if all entries are finite and so small that their products cannot overflow.
     pub(crate) fn is_finite(&self) -> bool {
+        // At 1e15, doubles are an eighth of a unit apart: no drawing needs coordinates that large.
         self.columns.iter().flatten().chain(&self.origin).all(|x| x.is_finite() && x.abs() < 1e15)
     }
 
@@ -55,6 +56,7 @@ impl Affine {
                     sweep: *sweep,
                 }
             }
+            // A stretched arc is an arc of an ellipse, for which `Curve2` has no kind of its own.
             _ => Curve2::Chain(curve.points().into_iter().map(|p| self.point(p)).collect()),
         }
     }

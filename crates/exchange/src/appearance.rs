@@ -132,6 +132,7 @@ impl TexturedMesh {
     /// material.
     #[must_use]
     pub fn vertices_of(&self, name: &str) -> Option<Vec<u32>> {
+        // OBJ keeps the names of objects, groups and materials apart, so one name may denote several parts.
         let part = [PartKind::Object, PartKind::Group, PartKind::Material]
             .into_iter()
             .find_map(|kind| self.parts.iter().find(|part| part.kind == kind && part.name == name))?;
@@ -181,6 +182,7 @@ pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
             })?);
         }
     }
+    // Sorted first, because `dedup` compares only neighbours.
     vertices.sort_unstable();
     vertices.dedup();
     Ok(vertices)
@@ -208,6 +210,8 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
         for (index, line) in text.lines().enumerate() {
             let line = line.split('#').next().unwrap_or_default().trim();
             let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+            // Other keywords describe lighting and further maps. They are skipped without a check, because
+            // programs add keywords of their own.
             match word {
                 "newmtl" => current = Some(rest.trim().to_owned()),
                 "map_Kd" => {
@@ -261,6 +265,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     let ending = if picture.is_some_and(is_jpeg) { "jpg" } else { "png" };
     let (materials, texture) = (path.with_extension("mtl"), path.with_extension(ending));
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    // OBJ states names before the triangles, while parts list triangles, so the lists are inverted once.
     let names = TriangleParts::new(mesh);
     let mut written = Vec::new();
     // Files are written before those that refer to them: picture, materials, mesh.
@@ -284,6 +289,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
             writeln!(writer, "mtllib {}", name(&materials))?;
         }
         for DVec3 { x, y, z } in &mesh.points {
+            // `{:?}` prints the shortest digits that read back to the same number.
             writeln!(writer, "v {x:?} {y:?} {z:?}")?;
         }
         for [u, v] in &mesh.uv {
@@ -321,6 +327,7 @@ impl TriangleParts {
         let mut parts = vec![Vec::new(); mesh.triangles.len()];
         for (index, part) in mesh.parts.iter().enumerate() {
             for t in &part.triangles {
+                // `check` does not cover parts, so an index beyond the triangles must not panic here.
                 if let Some(own) = parts.get_mut(*t as usize) {
                     own.push(index as u32);
                 }

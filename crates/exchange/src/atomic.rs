@@ -52,8 +52,9 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
     write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
     drop(writer);
-    // Without this, a power failure after the rename could leave an empty file under the final name.
     keep_attributes(temporary.path(), &target).map_err(failed)?;
+    // Without this, a power failure after the rename could leave an empty file under the final name. It
+    // follows the attributes, so that they are stored too.
     temporary.as_file().sync_all().map_err(failed)?;
     stage_file(temporary, target)
 }
@@ -117,6 +118,8 @@ pub fn check_writable(path: &Path) -> Result<()> {
             path.display()
         )));
     }
+    // Creating a file is the test, because permission bits do not show read-only file systems or access
+    // lists.
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
         Target::File { target, folder } => {
@@ -165,6 +168,7 @@ fn could_not_write(path: &Path, e: io::Error) -> Error {
 /// the temporary name.
 fn not_made(path: &Path, folder: &Path, e: &io::Error) -> Error {
     Error::io(format!("{}: cannot create a file in the folder {}", path.display(), folder.display()))
+        // Only the kind is kept, because the text of the original error contains the temporary path.
         .with_source(io::Error::from(e.kind()))
 }
 
@@ -206,6 +210,7 @@ pub fn make_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
         return Err(Error::io(format!("{}: expected a folder, found a file", path.display())));
     }
+    // Listed before they are made, so that a set that fails removes only folders that are new.
     let missing: Vec<&Path> =
         path.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
     fs::create_dir_all(path)
@@ -262,6 +267,7 @@ impl PendingFolder {
         if path.exists() && !path.is_dir() {
             return Err(in_the_way("a file"));
         }
+        // A rename replaces only an empty folder. Found now, the conflict costs no computation.
         if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) {
             return Err(in_the_way("a folder with files in it"));
         }

@@ -92,6 +92,7 @@ pub fn read_calibration(path: &Path) -> Result<Calibration> {
 pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) -> Result<T> {
     toml::from_str(text).map_err(|e| {
         let line =
+            // Counted in bytes, because a span is in bytes and may follow characters of several bytes.
             e.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count());
         Error::input(format!("line {line}: {}; {expected}", e.message().trim_end()))
     })
@@ -100,6 +101,7 @@ pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) 
 /// Rejects the first number that is not finite or out of range. Entries: key, value, whether it is in range,
 /// and a description of the range.
 fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
+    // Finite in any case, because TOML has `nan` and `inf`, and the range of some keys is unlimited.
     match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
         Some((key, value, _, expected)) => {
             Err(Error::input(format!("expected {expected} for {key}, found {value}")))
@@ -137,6 +139,7 @@ fn parse(text: &str) -> Result<Calibration> {
         (None, None) => None,
         (a, b) => Some([a.unwrap_or(0.0), b.unwrap_or(0.0)]),
     };
+    // σ = 0 would give every reading infinite weight; it must not be taken for "unknown".
     if sigma == Some([0.0; 2]) {
         return Err(Error::input(
             "expected sigma_a or sigma_b above 0, found 0 for both: leave them out to estimate σ",

@@ -24,6 +24,7 @@ pub fn sha256_of(path: &Path) -> Result<String> {
     let failed = |e| Error::io(format!("{}: could not be read", path.display())).with_source(e);
     let mut file = File::open(path).map_err(failed)?;
     let mut sum = Sha256::new();
+    // Read in pieces, because scans may be larger than the memory.
     let mut piece = vec![0; 1 << 18];
     loop {
         match file.read(&mut piece).map_err(failed)? {

@@ -105,6 +105,7 @@ pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>
     let camera = &calibration.camera;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let image = read_image(path).map_err(|e| e.in_context(path.display()))?;
+    // Without σ the columns are absent, not zero: only then is the noise estimated from the readings.
     let columns = match camera.sigma {
         Some(_) => PointColumns::find(&["x", "y", "z", "cxx", "cxy", "cxz", "cyy", "cyz", "czz"])?,
         None => PointColumns::positions_only(),
@@ -149,6 +150,7 @@ fn read_image(path: &Path) -> Result<Image> {
             )));
         }
     };
+    // The caller divides by the number of columns, and its grid needs a reading for each cell.
     if image.readings.is_empty() || image.readings.len() != image.columns * image.rows {
         return Err(Error::input(format!(
             "expected {} × {} readings, found {}",
@@ -162,6 +164,7 @@ fn read_image(path: &Path) -> Result<Image> {
 
 /// Rejects an image whose declared size a file of this length cannot hold.
 pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
+    // The product of two 32-bit numbers fits.
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
         Some(length) if pixels > length.saturating_mul(MAX_DEFLATE_RATIO) => Err(Error::input(format!(
@@ -182,6 +185,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     let mut reader = png::Decoder::new(file).read_info().map_err(damaged)?;
     let info = reader.info();
     let (columns, rows) = (info.width, info.height);
+    // Before any row is decoded, because the header alone can request gigabytes.
     check_promise(columns, rows, length)?;
     let wide = match reader.output_color_type() {
         (png::ColorType::Grayscale, png::BitDepth::Sixteen) => true,
@@ -192,6 +196,8 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
             )));
         }
     };
+    // Rows of an interlaced image arrive in seven passes of partial rows, which the loop below would
+    // misplace.
     if info.interlaced {
         return Err(Error::unsupported("the PNG image is interlaced: save it without interlacing"));
     }
@@ -214,6 +220,7 @@ pub(crate) fn tiff_limits(length: Option<u64>) -> Limits {
     if let Some(length) = length {
         let unpacked = usize::try_from(length.saturating_mul(MAX_DEFLATE_RATIO)).unwrap_or(usize::MAX);
         // Decoded values have at most eight bytes.
+        // `min` keeps the absolute limits of the decoder, which bound large files too.
         limits.decoding_buffer_size = limits.decoding_buffer_size.min(unpacked.saturating_mul(8));
         limits.intermediate_buffer_size = limits.intermediate_buffer_size.min(unpacked.saturating_mul(8));
         limits.ifd_value_size = limits.ifd_value_size.min(usize::try_from(length).unwrap_or(usize::MAX));
@@ -234,6 +241,7 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         }
         e => Error::input("not a TIFF image, or damaged or cut off").with_source(e),
     };
+    // First, because the decoder reads tags when it is created, before `with_limits` can bound them.
     tags::check(&mut file)?;
     let mut decoder = TiffDecoder::new(file).map_err(damaged)?.with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;

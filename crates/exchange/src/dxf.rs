@@ -85,6 +85,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
         match record.kind.as_str() {
             "SECTION" => {
                 section = record.text(2).unwrap_or_default().to_owned();
+                // Header variables have no code 0, so all of them belong to the record of the section.
                 if section == "HEADER" {
                     unit = unit_of(&record);
                 }
@@ -100,12 +101,14 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
                     sheet.layers.insert(name.to_uppercase(), line_type.to_uppercase());
                 }
             }
+            // Blocks may insert blocks that are defined later, so all are read before anything is drawn.
             "BLOCK" if section == "BLOCKS" => {
                 let name = record.text(2).unwrap_or_default().to_uppercase();
                 block = Some((name, Block::at(&record)?));
             }
             "ENDBLK" if section == "BLOCKS" => sheet.blocks.extend(block.take()),
             _ if section == "ENTITIES" || section == "BLOCKS" => {
+                // Counted here as well as on drawing, because the records themselves take memory.
                 entities += 1;
                 if entities > MAX_ENTITIES {
                     return Err(too_many());
@@ -123,6 +126,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let mut drawer = Drawer::new(&sheet, empty);
     drawer.draw(&items, &Place::default())?;
     let (mut drawing, dimensions, ignored) = drawer.finish();
+    // One finding per kind, because a drawing may have thousands of texts.
     for (kind, (count, first)) in &ignored {
         drawing.ignored.insert(kind.clone(), *count);
         drawing.findings.push(Finding::new(
@@ -131,6 +135,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
         ));
     }
     drawing.findings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
+    // Otherwise any text of alternating whole numbers and words would count as an empty drawing.
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
             "expected an ASCII DXF file that ends with EOF, found no entities and no EOF",

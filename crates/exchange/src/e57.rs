@@ -50,6 +50,7 @@ fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
     let clouds = reader.pointclouds();
     let mut scans = Vec::with_capacity(clouds.len());
     for (number, cloud) in clouds.iter().enumerate() {
+        // Names of clouds are optional and need not differ, so a number distinguishes several.
         let label = match (&clouds[..], &cloud.name) {
             ([_], _) => name.to_owned(),
             (_, Some(own)) if !own.is_empty() => format!("{name} {} ({own})", number + 1),
@@ -61,6 +62,7 @@ fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
     if scans.is_empty() {
         return Err(Error::input("expected at least one point cloud, found none"));
     }
+    // A cloud without valid points is no error beside others, but a fit could not use it.
     if scans.iter().any(|scan| !scan.points.is_empty()) {
         scans.retain(|scan| !scan.points.is_empty());
     } else {
@@ -75,6 +77,8 @@ fn bits(record: &Record) -> u64 {
         RecordDataType::Single { .. } => 32,
         RecordDataType::Double { .. } => 64,
         RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => {
+            // E57 packs integers into the fewest bits that hold `max - min`; with 128 bits it cannot
+            // overflow.
             u64::from(128 - (i128::from(max) - i128::from(min)).max(0).leading_zeros())
         }
     }
@@ -171,12 +175,14 @@ impl Layout {
         let number = |k: usize| values[k].to_f64(&cloud.prototype[k].data_type);
         let stated = |family: Option<[usize; 3]>, state: Option<usize>| {
             let Some([a, b, c]) = family else { return Ok(None) };
+            // 0 is valid; with 1 only the direction is meaningful, with 2 nothing is.
             let valid = state.map(number).transpose()?.is_none_or(|state| state == 0.0);
             e57::Result::Ok(match valid {
                 true => Some([number(a)?, number(b)?, number(c)?]),
                 false => None,
             })
         };
+        // A record may hold both kinds of coordinates; Cartesian ones need no conversion.
         if let Some(point) = stated(self.cartesian, self.cartesian_state)? {
             return Ok(Some(DVec3::from(point)));
         }
@@ -227,6 +233,7 @@ fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     };
     for (point, cell) in cells.iter().enumerate() {
         let at = (cell[1] - low[1]) as usize * made.columns + (cell[0] - low[0]) as usize;
+        // Several returns of one direction share a cell, and a cell holds one reading.
         if made.cells[at] != RangeGrid::EMPTY {
             return None;
         }

@@ -35,10 +35,12 @@ pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
             }
         }));
     });
+    // No guard object resets the flag, because `catch_unwind` always returns here.
     DECODING.set(true);
     let decoded = panic::catch_unwind(AssertUnwindSafe(decode));
     DECODING.set(false);
     decoded.map_err(|panic| {
+        // The payload is a `String` if the message has arguments, else a literal.
         let message = panic
             .downcast_ref::<String>()
             .map(String::as_str)

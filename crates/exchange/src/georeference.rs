@@ -39,6 +39,7 @@ impl GeoReference {
     ///
     /// Entries that point outside their values are removed, so that a raster never gets invalid keys.
     pub(crate) fn from_keys(keys: &[u8], doubles: &[u8], text: &[u8]) -> Option<Self> {
+        // The directory begins with four words: version, revision, minor revision, and the number of keys.
         let words: Vec<u16> = keys.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         let count = usize::from(*words.get(3)?);
         let doubles: Vec<f64> =
@@ -63,10 +64,13 @@ impl GeoReference {
     /// Reads the EPSG code of the projected system from well-known text; none if the text has no such code.
     pub(crate) fn from_wkt(wkt: &str) -> Option<Self> {
         // A compound system states the projected system first, and the vertical one after it.
+        // Version 1 of well-known text spells it PROJCS, version 2 (ISO 19162) PROJCRS.
         let map = &wkt[wkt.find("PROJCS[").or_else(|| wkt.find("PROJCRS["))?..];
         let map = &map
             [..[map.find("VERT_CS["), map.find("VERTCRS[")].into_iter().flatten().min().unwrap_or(map.len())];
         let code = ["AUTHORITY[\"EPSG\",", "ID[\"EPSG\","].into_iter().find_map(|before| {
+            // The last code is that of the system: the codes of its datum, ellipsoid and units are nested
+            // before it.
             let code = &map[map.rfind(before)? + before.len()..];
             let digits: String =
                 (code.chars().skip_while(|c| *c == '"')).take_while(char::is_ascii_digit).collect();

@@ -99,6 +99,7 @@ pub fn write_geotiff(path: &Path, grid: &HeightGrid) -> Result<()> {
             grid.values.len()
         )));
     }
+    // In memory, because the encoder seeks back to complete its directory, which a pipe does not allow.
     let bytes = encoded(grid).map_err(|e| {
         Error::unsupported(format!(
             "{}: {} × {} cells do not fit into a TIFF file; use larger cells",
@@ -118,8 +119,10 @@ fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
     let size = |n: usize| u32::try_from(n).map_err(|e| TiffError::IoError(io::Error::other(e)));
     let mut image = encoder.new_image::<HeightAndSigma>(size(grid.columns)?, size(grid.rows)?)?;
     let tags = image.encoder();
+    // `BlackIsZero` describes one sample, so TIFF requires the second to be declared as extra.
     tags.write_tag(Tag::ExtraSamples, ExtraSamples::Unspecified.to_u16())?;
     tags.write_tag(Tag::ModelPixelScaleTag, &[grid.cell, grid.cell, 0.0][..])?;
+    // Pixel (0, 0) is tied by its corner, because pixels are areas (`RASTER_TYPE` 1).
     let [west, north] = grid.corner;
     tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, west, north, 0.0][..])?;
     tags.write_tag(Tag::GdalNodata, format!("{NODATA}").as_str())?;
@@ -141,6 +144,7 @@ fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
         }
         let text = String::from_utf8_lossy(&georeference.text);
         let text = text.trim_end_matches('\0');
+        // The encoder rejects other texts, which would lose the heights for the sake of a name.
         if !text.is_empty() && text.is_ascii() {
             tags.write_tag(Tag::Unknown(TEXT_TAG), text)?;
         }

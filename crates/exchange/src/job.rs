@@ -93,6 +93,7 @@ struct JobTable {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SensorTable {
+    // Values keep their spans, so that errors found after parsing still name the line.
     kind: Spanned<String>,
     sigma: Option<Spanned<f64>>,
     sigma_along: Option<Spanned<f64>>,
@@ -372,6 +373,7 @@ fn parse(source: &str, folder: &Path) -> Result<JobFile> {
     if table.scan.is_empty() {
         return Err(Error::input("expected at least one [[scan]], found none"));
     }
+    // A job may only list files and poses; σ is then estimated, as for files without a job.
     if sensors.is_empty() {
         sensors.push(crate::scan_set::unnamed_sensor());
     }

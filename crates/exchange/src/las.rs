@@ -124,6 +124,7 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     let axes = header.transforms();
     let at_once = (BATCH_BYTES / record).max(1);
     let mut bytes = Vec::new();
+    // Nothing is reserved, because a compressed file may promise a hundred times its own size.
     let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
     let mut classes = Vec::new();
     let mut point = 0;

@@ -105,6 +105,8 @@ impl MeshColumns<'_> {
             names.extend(["nx", "ny", "nz"]);
         }
         for (name, _) in columns {
+            // A PLY header separates its words by blanks, so a blank in a name would change the meaning of
+            // the line.
             let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
             if !word || names.contains(&name) {
                 return Err(Error::input(format!(
@@ -141,6 +143,7 @@ pub(crate) fn scan_of_vertices(
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(columns.iter().map(|(name, _)| name.as_str())).collect();
     let mut collector = PointCollector::new(PointColumns::find(&names)?, points.len());
+    // One buffer for all vertices: the collector copies what it keeps.
     let mut record = Vec::with_capacity(names.len());
     for (vertex, point) in points.enumerate() {
         record.clear();

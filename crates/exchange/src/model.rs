@@ -205,6 +205,7 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
     let Value::Object(mut metadata) = model.metadata.clone() else {
         return Err(Error::input("expected a JSON object as the metadata of a model, found another value"));
     };
+    // Replaces the schema of a model that was read: what is written has the present format.
     metadata.insert("schema".to_owned(), SCHEMA.into());
     // A single key, because safetensors writes a hash map, whose order of keys changes from run to run.
     let metadata = HashMap::from([(KEY.to_owned(), Value::Object(metadata).to_string())]);
@@ -222,6 +223,8 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     };
     let (header, description) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let promised = description.data_len();
+    // Eight bytes with the length of the header precede it. Compared here, so that a cut-off file gets a
+    // message of its own.
     let found = bytes.len().saturating_sub(header).saturating_sub(8);
     if found != promised {
         return Err(Error::input(format!(
@@ -231,6 +234,8 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let foreign = || {
         Error::input("expected a model saved by Planish, found a safetensors file without metadata `planish`")
     };
+    // Before the tensors, so that files of other programs and of newer versions are named as such, whatever
+    // types their tensors have.
     let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(foreign)?;
     let metadata: Value = serde_json::from_str(text).map_err(|e| {
         Error::input("expected JSON in the metadata `planish`, found other text").with_source(e)

@@ -73,6 +73,7 @@ pub(crate) fn npy_header(descr: &str, columns_first: bool, shape: &str) -> Vec<u
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
     }
+    // The format pads before the line feed, which must be the last byte of the header.
     header.push('\n');
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend_from_slice(&(header.len() as u16).to_le_bytes());
@@ -82,6 +83,7 @@ pub(crate) fn npy_header(descr: &str, columns_first: bool, shape: &str) -> Vec<u
 
 /// True if the array is an image: plain numbers, two axes, and wider than points.
 pub(crate) fn is_image(path: &Path) -> bool {
+    // A damaged file counts as points, whose reader then reports the damage.
     let shape = open(path).and_then(|mut source| header::read_header(&mut source)).ok();
     shape.is_some_and(|h| !h.structured && matches!(h.shape[..], [_, columns] if columns > MAX_COLUMNS))
 }

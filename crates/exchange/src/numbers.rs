@@ -65,6 +65,7 @@ impl NumberType {
     pub(crate) fn decode<const BIG: bool>(self, bytes: &[u8]) -> f64 {
         fn ordered<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
             let mut ordered = [0; N];
+            // Callers pass at least `N` bytes. A shorter slice is an error of the program, not of a file.
             ordered.copy_from_slice(&bytes[..N]);
             if BIG {
                 ordered.reverse();

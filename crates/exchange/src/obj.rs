@@ -228,6 +228,7 @@ impl Obj {
                     && line[..at].trim_ascii().is_empty()
                 {
                     let name = std::str::from_utf8(name.trim_ascii()).unwrap_or_default();
+                    // Comments are free text, so one that names no unit is not an error.
                     self.unit = name.parse().ok().or(self.unit);
                 }
                 &line[..at]
@@ -241,12 +242,15 @@ impl Obj {
                         "line {number}: expected at most {NONE} vertices, found more"
                     )));
                 }
+                // Kept for now, because faces refer to vertices by their number in the file; `mesh_of`
+                // decides.
                 if self.not_finite.is_none() && !point.is_finite() {
                     self.not_finite = Some(number);
                 }
                 self.points.push(point);
             }
             Some(b"vn") => self.stated.push(three(&mut rest, number)?),
+            // `fo` (face outline) is an older keyword, which version 3.0 of the format reads as `f`.
             Some(b"f" | b"fo") => self.face(rest, number)?,
             Some(keyword) => {
                 if let Some(appearance) = &mut self.appearance {
@@ -289,6 +293,8 @@ impl Obj {
                 (Some(normal), None) => Some(index(normal, self.stated.len(), "normal")?),
                 _ => return Err(wrong()),
             };
+            // Otherwise the texture index is not parsed, so that a damaged one does not prevent reading the
+            // shape.
             if let Some(appearance) = &mut self.appearance {
                 let count = appearance.uv.len();
                 let uv = match texture {

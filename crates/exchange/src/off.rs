@@ -117,6 +117,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         counts.clone_from(&buffer);
     }
     let mut rest = &counts[..];
+    // The third count, of edges, is not read, because nothing needs it.
     let [vertices, polygons] =
         [whole(&mut rest, at, "a number of vertices")?, whole(&mut rest, at, "a number of polygons")?];
     source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;
@@ -146,6 +147,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         let at = line(source, &mut buffer, "a polygon")?;
         let mut rest = &buffer[..];
         let count = whole(&mut rest, at, "a number of corners")?;
+        // Each corner takes at least one byte of the line, so a larger count is damage.
         if count > buffer.len() as u64 {
             return Err(Error::input(format!(
                 "line {at}: expected {count} corners, found the end of the line"

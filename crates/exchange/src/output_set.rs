@@ -213,6 +213,8 @@ fn publish(staged: Vec<Staged>) -> Result<()> {
     };
     let mut failure = None;
     for item in staged {
+        // Continues after a failure: the set is committed, and each rename that succeeds is one less to
+        // recover.
         let target = item.target.clone();
         if let Err(e) = item.publish(!manifests.is_empty()) {
             failure.get_or_insert((target, e));

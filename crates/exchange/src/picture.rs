@@ -182,6 +182,7 @@ fn encode_png(
     values: &[u8],
 ) -> io::Result<()> {
     let mut encoder = png::Encoder::new(writer, width, height);
+    // No chunks of time or text are added, so that the same values give the same bytes.
     encoder.set_color(kind);
     let mut out = encoder.write_header()?;
     out.write_image_data(values)?;
@@ -235,6 +236,8 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (columns, rows) = (reader.info().width, reader.info().height);
     check_promise(columns, rows, length)?;
+    // Rows of an interlaced image arrive in seven passes of partial rows, which the loop below would
+    // misplace.
     if reader.info().interlaced {
         return Err(Error::unsupported("the PNG image is interlaced: save it without interlacing"));
     }
@@ -302,6 +305,8 @@ fn jpeg(bytes: &[u8]) -> Result<Picture> {
         check_promise(columns as u32, rows as u32, Some(bytes.len() as u64))?;
         let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
         let wanted = if grey { ColorSpace::Luma } else { ColorSpace::RGB };
+        // Only now, because the headers decide; a grey picture expanded to RGB would take three times the
+        // memory.
         decoder.set_options(options.jpeg_set_out_colorspace(wanted));
         let values = decoder.decode().map_err(damaged)?.into_iter().map(f32::from).collect();
         Ok(channels(columns, rows, if grey { 1 } else { 3 }, values, 255.0))
@@ -317,13 +322,16 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     let samples = usize::from(bits / 8);
     // Types 9 to 11 are the run-length encoded forms of 1 to 3.
     let grey = matches!(kind, 3 | 11);
+    // Byte 1 announces a colour map, which would lie between the header and the pixels.
     if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
         return Err(Error::unsupported(format!(
             "expected a TGA image with 24 or 32 bits of colour or 8 bits of grey, found type {kind} with \
              {bits} bits"
         )));
     }
+    // Byte 0 is the length of a free text between the header and the pixels.
     let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;
+    // Sides have 16 bits and pixels at most four bytes, so the product cannot overflow.
     let size = columns * rows * samples;
     // A run-length packet of at least two bytes stands for at most 128 pixels.
     if columns * rows > body.len().saturating_mul(128) {
@@ -343,6 +351,7 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
         (0..count / stored).for_each(|_| unpacked.extend_from_slice(pixels));
         body = &rest[stored * samples..];
     }
+    // The last packet may reach beyond the picture.
     unpacked.truncate(size);
     // Colours are stored as blue, green, red. Rows run from the bottom unless bit 5 of the descriptor is set,
     // and from right to left if bit 4 is set.
@@ -401,6 +410,7 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
             let body = bytes.get(at + 1..).ok_or_else(damaged)?;
             let width = if white > 255 { 2 } else { 1 };
             let body = body.get(..size * width).ok_or_else(damaged)?;
+            // Netpbm stores the more significant byte first.
             let value = |b: &[u8]| b.iter().fold(0_u16, |v, b| (v << 8) | u16::from(*b));
             body.chunks_exact(width).map(|b| f32::from(value(b))).collect()
         }

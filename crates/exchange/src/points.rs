@@ -133,6 +133,7 @@ impl PointColumns {
             _ => None,
         };
         let (sigma_normal, sigma_curvature) = (named(SIGMA_NORMAL), named(SIGMA_CURVATURE));
+        // A σ without its quantity points to a misspelt column, which would otherwise be ignored silently.
         for (sigma, of, of_what) in [
             (sigma_normal.map(|_| SIGMA_NORMAL), normal.is_some(), &NORMAL[..]),
             (sigma_curvature.map(|_| SIGMA_CURVATURE), curvature.is_some(), &CURVATURE[..]),
@@ -222,6 +223,7 @@ impl PointCollector {
     /// reading means nothing.
     #[inline]
     pub(crate) fn push(&mut self, record: &[f64], place: impl Display) -> Result<()> {
+        // Dropped records count, too, because grids and messages refer to the records of the file.
         let number = self.records;
         self.records += 1;
         let point = self.columns.position.map(|c| record[c]);
@@ -237,6 +239,7 @@ impl PointCollector {
             )));
         }
         self.scan.points.push(DVec3::from(point));
+        // σ = 0 would give a reading infinite weight.
         let positive = |name: &str, value: f64| {
             if value > 0.0 && value.is_finite() {
                 return Ok(value);
@@ -297,6 +300,7 @@ impl PointCollector {
         }
         if let Some(column) = self.columns.time {
             let time = record[column];
+            // Unlike a normal, a time has no value that means unknown: scans are split and ordered by it.
             if !time.is_finite() {
                 return Err(Error::input(format!(
                     "{place}: expected a time in seconds, found {time} (point {number})"

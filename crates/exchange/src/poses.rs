@@ -202,6 +202,7 @@ fn parse(text: &str) -> Result<PoseFile> {
             return Err(Error::input(format!("expected 1 to {MAX_CONTROLS} controls at finite positions")));
         }
     };
+    // 0 is valid: rigid parts then end without a transition.
     if let Some(blend) = t.blend.filter(|b| !(b.is_finite() && *b >= 0.0)) {
         return Err(Error::input(format!("expected a length of at least 0 for blend, found {blend}")));
     }

@@ -61,6 +61,8 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
         )));
     }
     let values: Vec<f32> = (0..columns * rows).flat_map(|k| bands.iter().map(move |band| band[k])).collect();
+    // In memory, because the encoder of TIFF seeks back to complete its directory, which a pipe does not
+    // allow.
     let bytes = match (extension(path).as_str(), bands.len()) {
         ("npy", _) => npy(columns, rows, bands.len(), &values),
         ("tif" | "tiff", 2) => tiff::<2>(columns, rows, &values).map_err(|e| too_large(path, e))?,
@@ -91,6 +93,7 @@ fn tiff<const N: usize>(
     let size = |n: usize| u32::try_from(n).map_err(|e| TiffError::IoError(io::Error::other(e)));
     let mut image = encoder.new_image::<Samples<N>>(size(columns)?, size(rows)?)?;
     let unspecified = [ExtraSamples::Unspecified.to_u16(); N];
+    // `BlackIsZero` describes one sample, so TIFF requires the others to be declared as extra.
     image.encoder().write_tag(Tag::ExtraSamples, &unspecified[1..])?;
     image.write_data(values)?;
     Ok(file.into_inner())

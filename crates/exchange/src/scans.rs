@@ -77,6 +77,7 @@ impl Requests {
         let at = |line| Some(format!("{} (line {line})", path.display()));
         match extension(path).as_str() {
             "conf" => {
+                // The index later places the list before its first scan in `ScanSet::inputs`.
                 self.lists.push((self.scans.len(), path.to_path_buf()));
                 let listed = read_conf(path)?;
                 let sensor = gathered.sensor(unnamed_sensor(), path)?;
@@ -203,6 +204,7 @@ const SIGNATURES: [(&[u8], &str, &[&str]); 4] = [
 fn misnamed(path: &Path) -> Option<Error> {
     let named = extension(path);
     let longest = SIGNATURES.iter().map(|(bytes, ..)| bytes.len()).max()?;
+    // Unpacks gzip, so that the content is judged and not its wrapper.
     let mut source = open(path).ok()?;
     let first = source.peek(longest).ok()?;
     let (_, format, extensions) = SIGNATURES.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
@@ -221,6 +223,7 @@ fn misnamed(path: &Path) -> Option<Error> {
 /// Reads a file of one scan; an error names the true format if the extension is wrong.
 fn read_single(path: &Path) -> Result<Read> {
     read_by_extension(path).map_err(|e| match e.kind() {
+        // Errors of other kinds, such as a missing file, have nothing to do with the format.
         ErrorKind::Input => misnamed(path).unwrap_or(e),
         _ => e,
     })
@@ -384,6 +387,7 @@ fn refuse_doubles(wanted: &[Wanted]) -> Result<()> {
     let mut seen = HashMap::new();
     for w in wanted {
         // A missing file is reported by its reader.
+        // Resolved, so that two paths of one file are recognised.
         if let Ok(real) = fs::canonicalize(&w.path)
             && seen.insert(real, &w.path).is_some()
         {

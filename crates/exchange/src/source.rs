@@ -45,6 +45,7 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     // A process that was killed while it published this file may have left the set half renamed.
     recover_beside(path);
     let metadata = fs::metadata(path).map_err(failed)?;
+    // Checked first, because opening a folder succeeds on Linux and only reading from it fails.
     if metadata.is_dir() {
         return Err(Error::io("expected a file, found a folder"));
     }
@@ -85,6 +86,7 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
         match file.read(&mut first[found..]) {
             Ok(0) => break,
             Ok(n) => found += n,
+            // A signal interrupted the call, which has read nothing and is repeated.
             Err(e) if e.kind() == IoKind::Interrupted => {}
             Err(e) => return Err(Error::io("could not be read").with_source(e)),
         }
@@ -116,6 +118,7 @@ pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
 
 /// Unpacks gzip and fails if the result is out of proportion to the file ([`check_expansion`]).
 struct Unpacked<R> {
+    // A gzip file may consist of several members (RFC 1952, section 2.2), as block compressors write them.
     decoder: MultiGzDecoder<Counted<R>>,
     unpacked: u64,
 }
@@ -268,6 +271,7 @@ impl<R: Read> Source<R> {
             self.start = 0;
         }
         if self.end == self.buffer.len() {
+            // Doubled, so that a long line is copied only a few times while the buffer grows.
             self.buffer.resize(2 * self.buffer.len(), 0);
         }
         loop {
@@ -340,6 +344,7 @@ impl<R: Read> Source<R> {
         if self.remaining().is_some_and(|left| left < n as u64) {
             return Ok(None);
         }
+        // If the length is unknown, the buffer still grows only as bytes arrive, not to the requested size.
         while self.end - self.start < n {
             if !self.fill()? {
                 return Ok(None);
@@ -350,6 +355,7 @@ impl<R: Read> Source<R> {
 
     /// Returns the rest of the file.
     pub(crate) fn rest(mut self) -> Result<Vec<u8>> {
+        // Needs no limit: a plain file is as long as it is, and `Unpacked` limits a compressed one.
         while self.fill()? {}
         self.buffer.truncate(self.end);
         self.buffer.drain(..self.start);

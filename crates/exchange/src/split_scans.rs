@@ -45,6 +45,7 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
         scan.time_s = mean(&(0..part.len()).collect::<Vec<_>>()).or(scan.time_s);
         return Ok(vec![scan]);
     }
+    // The cells of one grid hold points of all scans, and no part has a grid of its own.
     if scan.grid.is_some() {
         return Err(Error::unsupported(format!(
             "{}: expected one scan in an organised file, found {}: write one file per scan, or points \
@@ -94,6 +95,8 @@ fn pick<T: Copy>(column: Option<&Vec<T>>, of: &[usize]) -> Option<Vec<T>> {
 fn ordered_bits(x: f64) -> u64 {
     // Adding zero turns −0 into +0, so that both are one time.
     let bits = (x + 0.0).to_bits();
+    // The bits of negative numbers ascend with their size, so they are inverted; the others get the highest
+    // bit, which places them above.
     if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
 }
 

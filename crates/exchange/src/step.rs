@@ -156,6 +156,7 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     };
     let name = text(&options.name);
     writeln!(writer, "ISO-10303-21;\nHEADER;")?;
+    // Implementation level: edition 2 of Part 21, conformance class 1.
     writeln!(writer, "FILE_DESCRIPTION((''),'2;1');")?;
     // A fixed time, so that the same shape gives the same bytes.
     writeln!(writer, "FILE_NAME({name},'1970-01-01T00:00:00',(''),(''),'Planish','Planish','');")?;
@@ -215,6 +216,7 @@ fn write_items<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Re
         }
         let mut oriented = Vec::with_capacity(voids.len());
         for void in voids {
+            // The faces of voids already point out of the material, so their shells are not reversed.
             oriented.push(out.add(format_args!("ORIENTED_CLOSED_SHELL('',*,{void},.T.)"))?);
         }
         items.push(out.add_list(&format!("BREP_WITH_VOIDS({name},{outer},"), &oriented)?);
@@ -227,6 +229,7 @@ fn write_items<W: Write>(out: &mut Part21<W>, what: Shape, name: &str) -> io::Re
 
 /// Writes the context: units and uncertainty.
 fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Result<Id> {
+    // `NAMED_UNIT(*)`: the dimensions of an SI unit are derived from its name.
     let length = match options.unit {
         Unit::Millimetre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))"))?,
         Unit::Metre => out.add(format_args!("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.))"))?,
@@ -288,6 +291,8 @@ fn values(knots: &[(f64, usize)]) -> Vec<f64> {
 }
 
 fn write_curve<W: Write>(out: &mut Part21<W>, curve: &BsplineCurve) -> io::Result<Id> {
+    // The form and the two flags (closed, self-intersecting) are for information only in ISO 10303-42, so
+    // fixed values are valid for any curve.
     let first = write_poles(out, &curve.poles)?;
     out.add(format_args!(
         "B_SPLINE_CURVE_WITH_KNOTS('',{},({}),.UNSPECIFIED.,.F.,.F.,({}),({}),.UNSPECIFIED.)",
@@ -339,6 +344,7 @@ fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
         // Each face refers to the shared edge with its own direction.
         let mut oriented = Vec::with_capacity(face.edges.len());
         for &(edge, forward) in &face.edges {
+            // The two `*` are the ends, which are derived from the edge.
             let sense = if forward { "T" } else { "F" };
             oriented.push(out.add(format_args!("ORIENTED_EDGE('',*,*,{},.{sense}.)", edges[edge]))?);
         }

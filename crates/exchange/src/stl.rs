@@ -129,6 +129,8 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
         let [a, b, c] = corners;
         // A degenerate triangle has no normal and gets zero.
         let normal = (b - a).cross(c - a).normalize_or_zero();
+        // The last two bytes, the attributes, stay 0: programs disagree on the colours that they encode
+        // there.
         let mut record = [0; RECORD];
         let numbers = normal.as_ref().iter().chain(coordinates(&corners));
         for (bytes, number) in record.chunks_exact_mut(4).zip(numbers) {
@@ -182,6 +184,7 @@ impl Soup {
         let named = header.strip_prefix(UNIT_HEADER.as_bytes());
         self.unit = named.and_then(|name| std::str::from_utf8(name).ok()?.trim_ascii().parse().ok());
         let count = NumberType::U32.decode::<false>(count) as u64;
+        // The count has 32 bits, so the product cannot overflow.
         source.check_promise(count, "triangles", count * RECORD as u64)?;
         // The length of a compressed file is unknown, so the reservation is limited as well.
         self.triangles.reserve(source.reserve(count, RECORD as u64));
@@ -215,6 +218,8 @@ impl Soup {
                 match word.to_ascii_lowercase().as_slice() {
                     // The rest of the line is a name, which may contain any words.
                     b"solid" => {
+                        // Several solids may follow each other; the last one shows whether the file is
+                        // complete.
                         ended = false;
                         line = &[];
                     }

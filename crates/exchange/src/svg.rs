@@ -284,6 +284,7 @@ fn numbers(text: &str) -> Result<Vec<f64>> {
 
 fn polygon(text: &str, is_closed: bool) -> Result<Vec<Curve2>> {
     let values = numbers(text)?;
+    // An odd last number is dropped, as SVG prescribes.
     let mut corners: Vec<[f64; 2]> = values.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
     if is_closed && let Some(first) = corners.first().copied() {
         corners.push(first);

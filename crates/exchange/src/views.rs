@@ -167,6 +167,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
         if views.iter().any(|other| other.name == name) {
             return Err(Error::input(format!("expected views of different names, found two named `{name}`")));
         }
+        // A closure, so that every error inside gets the name of the view.
         let read = || {
             // Both forms together could conflict.
             let camera = match (view.k, view.r, view.t, view.p) {
@@ -226,6 +227,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     let mut tracks = Vec::new();
     if let Some(file) = &t.tracks {
         let file = folder.join(file);
+        // A track joins several views, so only the σ that is stated for all views applies to it.
         tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX))?;
         files.push(file);
     }

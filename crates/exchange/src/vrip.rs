@@ -88,6 +88,8 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                     })?;
                 }
                 let [tx, ty, tz, qx, qy, qz, qw] = values;
+                // Checked below, because `Pose` normalises any length, and columns in another order would
+                // pass unnoticed.
                 let length = [qx, qy, qz, qw].iter().map(|c| c * c).sum::<f64>().sqrt();
                 // The conjugate of a unit quaternion is its inverse.
                 let pose = Pose::from_quaternion_xyzw([-qx, -qy, -qz, qw], DVec3::new(tx, ty, tz))

@@ -61,6 +61,7 @@ enum Separator {
 impl Separator {
     /// Detects the separator: a semicolon, else a comma, else blanks and tabs.
     fn detect(line: &[u8]) -> Self {
+        // The semicolon first: where it separates fields, a comma can only be a decimal comma.
         let found = [b';', b','].into_iter().find(|byte| line.contains(byte));
         found.map_or(Self::Blank, Self::Byte)
     }
@@ -121,6 +122,7 @@ impl Layout {
         Self {
             separator,
             width: columns.width(),
+            // Nothing is reserved: the count of a PTS file is not trusted, and other files state none.
             collector: PointCollector::new(columns, 0),
             tentative_normals,
         }
@@ -162,7 +164,9 @@ impl Layout {
             };
             record.push(match parse_number(field) {
                 Some(value) => value,
+                // An empty field is a missing value; a missing coordinate drops the record.
                 None if field.is_empty() => f64::NAN,
+                // A word in these columns shows that they hold no normals; zero discards them, as above.
                 None if self.tentative_normals && record.len() >= 3 => 0.0,
                 None => return Err(self.no_number(field, number)),
             });
@@ -217,6 +221,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                     count_line = Some(number);
                     continue;
                 }
+                // An empty first field is a missing coordinate, not a header.
                 if parse_number(first).is_none() && !first.is_empty() {
                     let Some(names) = names(line) else {
                         return Err(Error::input(format!(

@@ -154,6 +154,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     // Orthonormal rows and a third row that is the cross product: a mirror is rejected.
     let [a, b, c] = made.r;
     let [a, b, c] = [a, b, c].map(DVec3::from_array);
+    // Unit rows, one right angle and the determinant: together they leave only c = a × b.
     let off = [
         a.length_squared() - 1.0,
         b.length_squared() - 1.0,

@@ -160,6 +160,7 @@ fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
     check_count(lights.len(), "directions in `lights`")?;
     let unit = |(k, light): (usize, &[f64; 3])| {
         DVec3::from_array(*light)
+            // Directions of any length are accepted, because only the direction is used.
             .try_normalize()
             .map(|d| d.to_array())
             .map(|[x, y, z]| match frame {

@@ -130,6 +130,7 @@ pub fn read_stereo_calibration(path: &Path) -> Result<StereoCalibration> {
 
 fn parse(text: &str) -> Result<StereoCalibration> {
     // Decided before parsing, so that an error lists the keys of the right kind of calibration.
+    // Malformed TOML counts as rectified here; the second parse then reports the syntax error with its line.
     let views = text.parse::<toml::Table>().is_ok_and(|t| t.contains_key("view"));
     if views { parse_views(text) } else { parse_rectified(text) }
 }

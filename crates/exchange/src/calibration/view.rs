@@ -86,6 +86,7 @@ fn parse(text: &str) -> Result<ViewCalibration> {
     )?;
     let sensor = ViewSensor {
         borders: borders(&t)?,
+        // A camera has one ray per pixel, unless `rays` states another number.
         rays: (t.rays.or(t.size)).ok_or_else(|| {
             Error::input("expected rays = [along x, along y], because fov_deg does not define their number")
         })?,

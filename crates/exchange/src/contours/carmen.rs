@@ -46,6 +46,7 @@ pub(crate) fn read_carmen<R: Read>(
 ) -> Result<ContourReadings> {
     let mut read = ContourReadings { has_times: true, in_metres: true, ..ContourReadings::default() };
     let mut scans = 0;
+    // A source cannot be rewound (it may be a gzip stream), so the line that showed the format is passed in.
     let mut begun = Some((source.line_number(), first.to_vec()));
     loop {
         let (number, line) = match begun.take() {
@@ -83,10 +84,12 @@ pub(crate) fn read_carmen<R: Read>(
         let time_s = if words.len() > beams + 8 { value(beams + 8)? } else { 0.0 };
         for beam in 0..beams {
             let range = value(2 + beam)?;
+            // A scanner reports its maximum range where it receives no echo, which is not a measurement.
             if range < options.range[0] || range > options.range[1] {
                 read.left_out += 1;
                 continue;
             }
+            // `FLASER` states no field of view; by convention it is half a turn about the heading.
             let turn = std::f64::consts::PI * beam as f64 / beams as f64 - std::f64::consts::FRAC_PI_2;
             let sighting = ContourReading {
                 target: ContourTarget::Range {

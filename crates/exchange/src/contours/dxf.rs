@@ -44,6 +44,7 @@ fn drawing(contours: &[DrawnContour], unit: Option<Unit>) -> String {
     let mut put = |group: i32, value: &str| {
         let _ = writeln!(text, "{group}\n{value}");
     };
+    // AC1015 is AutoCAD 2000, whose entities carry subclass markers (group 100) as `entity` writes them.
     for (group, value) in [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1015"), (9, "$INSUNITS")] {
         put(group, value);
     }
@@ -85,6 +86,7 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
             numbers(put, &[(10, theta[0]), (20, theta[1]), (30, 0.0)]);
             numbers(put, &major);
             numbers(put, &[(210, 0.0), (220, 0.0), (230, 1.0)]);
+            // DXF states the minor axis only as a ratio, and a whole ellipse by its start and end parameters.
             numbers(put, &[(40, theta[3] / theta[2]), (41, 0.0), (42, std::f64::consts::TAU)]);
         }
         _ => {
@@ -107,6 +109,8 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
 
 fn numbers(put: &mut impl FnMut(i32, &str), values: &[(i32, f64)]) {
     for (group, value) in values {
+        // The shortest text that reads back to the same number, so that a drawing repeats the estimate
+        // exactly.
         put(*group, &format!("{value}"));
     }
 }

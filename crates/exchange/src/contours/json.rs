@@ -156,11 +156,13 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
         )));
     }
     let values = names.iter().map(|(name, factor)| match contour.parameters.get(name) {
+        // Files state angles in degrees for people; `theta` has radians.
         Some(written) => Ok(written.value / factor),
         None => Err(Error::input(format!("expected the parameter `{name}`, found none"))),
     });
     Ok(EstimatedContour {
         theta: values.collect::<Result<_>>()?,
+        // The leading block is the marginal covariance: a velocity behind it is marginalised.
         covariance: DMatrix::from_fn(count, count, |i, j| {
             // The file is rounded to decimals, so symmetric entries may differ in the last digit.
             0.5 * (contour.covariance[i][j] + contour.covariance[j][i]) / (names[i].1 * names[j].1)
@@ -173,6 +175,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 /// Kind by its name. For a chain, the names of its parameters (`bulgeN`) state which pieces are arcs.
 fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     if name == "chain" {
+        // Unlike `polygon-N`, the name `chain` states no number of corners, so the parameters are counted.
         let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MAX_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
         let pieces = corners.saturating_sub(usize::from(!closed));

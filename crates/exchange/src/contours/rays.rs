@@ -49,6 +49,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         loop {
             let number = source.line_number() + 1;
             let Some(line) = source.line()? else { break };
+            // Some spreadsheet programs begin CSV files in UTF-8 with a byte order mark.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             if line.is_empty() || line.starts_with(b"#") {
                 continue;
@@ -109,6 +110,7 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
         ],
         range,
         sigma: [
+            // `None`: a pose without σ is exact, whereas a range without σ is an error.
             row.sigma("sigma_x", defaults.position, None)?,
             row.sigma("sigma_y", defaults.position, None)?,
             row.sigma("sigma_z", defaults.position, None)?,

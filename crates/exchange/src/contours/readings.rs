@@ -87,6 +87,7 @@ pub fn read_contour_readings(
                     "expected a header `x,y,heading_deg,range` or `x,y`, found no readings",
                 ));
             };
+            // Some spreadsheet programs begin CSV files in UTF-8 with a byte order mark.
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
             // CARMEN logs begin with comments, parameters or scans.
             if line.starts_with(b"#") || line.starts_with(b"PARAM") || line.starts_with(b"FLASER") {
@@ -180,6 +181,8 @@ fn table<R: Read>(
         let pose = match row.optional("pose_id")? {
             Some(id) => {
                 let next = poses.len();
+                // Compared by bits: identifiers are copied, not computed, and `f64` has no total order for a
+                // map.
                 Some(*poses.entry(id.to_bits()).or_insert(next))
             }
             None => None,
@@ -212,6 +215,7 @@ impl<'a> Row<'a> {
     /// Splits a line into fields; their number must be that of the header.
     pub(super) fn parse(line: &'a [u8], header: &'a Header, number: u64) -> Result<Self> {
         let fields: Vec<&[u8]> = line.split(|&b| b == b',').map(<[u8]>::trim_ascii).collect();
+        // A decimal comma splits a number in two, which must not silently shift the columns behind it.
         if fields.len() != header.width {
             return Err(Error::input(format!(
                 "line {number}: expected {} fields as in the header, found {}",
@@ -249,6 +253,7 @@ impl<'a> Row<'a> {
         setting: Option<Setting>,
     ) -> Result<f64> {
         match self.optional(name)?.or(default) {
+            // σ = 0 is sensible for a pose (exact) but would give a range or a point infinite weight.
             Some(value) if value > 0.0 || (setting.is_none() && value == 0.0) => Ok(value),
             Some(value) => Err(Error::input(format!(
                 "line {}: expected a positive σ in column `{name}`, found {value}",

@@ -58,12 +58,14 @@ fn too_many<R: Read + Seek>(file: &mut R, length: u64) -> io::Result<Option<(u64
     }
     let first = whole(file, place)?;
     file.seek(SeekFrom::Start(first))?;
+    // A damaged number of tags needs no limit: reading beyond the end of the file fails and ends the loop.
     let tags = whole(file, if wide { NumberType::U64 } else { NumberType::U16 })?;
     for _ in 0..tags {
         let tag = whole(file, NumberType::U16)?;
         file.seek(SeekFrom::Current(2))?;
         let count = whole(file, place)?;
         file.seek(SeekFrom::Current(place.size() as i64))?;
+        // A value takes at least one byte, so this holds for tags of any type.
         if count > length {
             return Ok(Some((tag, count)));
         }

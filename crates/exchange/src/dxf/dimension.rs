@@ -24,9 +24,11 @@ pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result
         let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
         hi - lo
     };
+    // Relative to the drawing, because the unit of a DXF file may be unknown.
     let near = ON_LINE_SHARE * extent(0).max(extent(1));
     let mut found = Vec::new();
     for record in dimensions {
+        // Incomplete dimensions are skipped: they only check the drawing and must not prevent reading it.
         let Some(measured) = Measured::from_record(record)? else {
             continue;
         };
@@ -81,6 +83,8 @@ impl Measured {
         let (first, second, along, both, what) = match kind {
             0 | 1 => {
                 let angle = record.number(50)?.unwrap_or(0.0).to_radians();
+                // A linear dimension (0) measures along its own direction, an aligned one (1) the distance
+                // itself.
                 let along = (kind == 0).then(|| [angle.cos(), angle.sin()]);
                 (point(13)?, point(14)?, along, true, "the distance of its points is")
             }
@@ -148,6 +152,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
 
 fn distance_to(curve: &Curve2, p: [f64; 2]) -> f64 {
     if let Curve2::Arc { center, radius, .. } = curve {
+        // The whole circle counts: the diameter of an arc has its other end on the part that is not drawn.
         return ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs();
     }
     let to_piece = |q: &[[f64; 2]]| {

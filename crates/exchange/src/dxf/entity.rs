@@ -86,6 +86,7 @@ fn ellipse(record: &Record) -> Result<Curve2> {
     let ratio = record.required(40, "a ratio of the axes")?;
     let from = record.number(41)?.unwrap_or(0.0);
     let sweep = (record.number(42)?.unwrap_or(TAU) - from).rem_euclid(TAU);
+    // The remainder of a whole turn is zero, so zero stands for the whole ellipse.
     let sweep = if sweep < 1e-9 { TAU } else { sweep };
     let turned = if record.number(230)?.is_some_and(|z| z < 0.0) { -1.0 } else { 1.0 };
     let minor = [-major[1] * ratio * turned, major[0] * ratio * turned];
@@ -104,6 +105,7 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
     let mut bulges = Vec::new();
     for group in &record.groups {
         match group.code {
+            // A bulge follows its vertex and is omitted if it is 0, so the order of groups assigns it.
             10 => bulges.push(0.0),
             42 => {
                 if let Some(last) = bulges.last_mut() {
@@ -179,6 +181,7 @@ fn spline(record: &Record) -> Result<Curve2> {
     let weights = numbers(record, 41)?;
     let degree = record.required(71, "a degree")? as usize;
     let ascending = knots.windows(2).all(|k| k[0] <= k[1]);
+    // de Boor's algorithm costs the square of the degree; the limit bounds the work of a damaged file.
     if !(1..=15).contains(&degree)
         || poles.len() <= degree
         || knots.len() != poles.len() + degree + 1

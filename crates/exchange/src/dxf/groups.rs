@@ -49,6 +49,7 @@ impl Record {
 
 impl Group {
     pub(super) fn number(&self) -> Result<f64> {
+        // The same limit as in `Affine::is_finite`; it keeps products of coordinates finite.
         self.value.parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e15).ok_or_else(|| {
             let found: String = self.value.chars().take(40).collect();
             Error::input(format!(
@@ -72,6 +73,8 @@ impl<'a, R: Read> Groups<'a, R> {
     }
 
     fn next_line(&mut self) -> Result<Option<String>> {
+        // Writers indent codes by blanks. Texts before AutoCAD 2007 are in code pages, but only keywords and
+        // numbers matter here.
         let line = self.source.line()?.map(|l| String::from_utf8_lossy(l).trim().to_owned());
         self.line += u64::from(line.is_some());
         Ok(line)
@@ -85,6 +88,7 @@ impl<'a, R: Read> Groups<'a, R> {
             return Ok(None);
         };
         let at = self.line;
+        // A binary DXF file begins with text in place of a code and ends up here, too.
         let Ok(code) = code.parse::<i32>() else {
             // Blank lines at the end of a file are not an error.
             if code.is_empty() {
@@ -110,6 +114,7 @@ impl<'a, R: Read> Groups<'a, R> {
             match self.next_group()? {
                 None => return Ok(None),
                 Some(group) if group.code == 0 => break group,
+                // Comments (code 999) may precede the first section.
                 Some(_) => {}
             }
         };

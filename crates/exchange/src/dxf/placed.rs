@@ -23,6 +23,7 @@ pub(super) struct Items(Vec<(Record, Vec<Record>)>);
 impl Items {
     pub(super) fn add(&mut self, record: Record) {
         match (record.kind.as_str(), self.0.last_mut()) {
+            // Old-style polylines are a sequence POLYLINE, VERTEX …, SEQEND of records at the same level.
             ("VERTEX", Some((polyline, vertices))) if polyline.kind == "POLYLINE" => vertices.push(record),
             ("SEQEND", _) => {}
             _ => self.0.push((record, Vec::new())),
@@ -92,6 +93,7 @@ impl Place {
         let [dx, dy] = shift;
         let [bx, by] = block.base;
         let own = [
+            // The shift of rows and columns turns with the insert but is not scaled.
             mirror * (at[0] + cos * dx - sin * dy) - columns[0][0] * bx - columns[1][0] * by,
             at[1] + sin * dx + cos * dy - columns[0][1] * bx - columns[1][1] * by,
         ];
@@ -175,6 +177,8 @@ impl<'a> Drawer<'a> {
                 continue;
             }
             self.drawing.curves.push(DrawnCurve {
+                // The identity map would change the last bits of start angles, which pass through cos and
+                // atan2.
                 curve: if place.depth == 0 { curve } else { place.map.curve(&curve) },
                 style,
                 entity: name.clone(),
@@ -235,6 +239,7 @@ fn outer_style(
     let own = record.text(6).unwrap_or("BYLAYER").to_uppercase();
     let line_type = match (own.as_str(), outer) {
         ("BYBLOCK", Some((_, line_type))) => line_type.clone(),
+        // `BYBLOCK` outside a block has no insert to inherit from, so the layer decides.
         ("BYLAYER" | "BYBLOCK", _) => layers.get(&layer).cloned().unwrap_or_default(),
         _ => own,
     };

@@ -182,6 +182,7 @@ impl Animation {
 
     fn write_to(&self, writer: &mut impl Write, triangles: &[[u32; 3]]) -> io::Result<()> {
         self.head.write_to(writer)?;
+        // In the order in which `new` added the sections: it alone defines their offsets.
         for c in self.columns.iter().flatten().flatten() {
             writer.write_all(&c.to_le_bytes())?;
         }

@@ -173,6 +173,7 @@ fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
 
 fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
     let single = |p: &[f64; 3]| p.map(|x| x as f32);
+    // The middle of the bounds, unlike the mean, minimises the largest coordinate and so its rounding.
     let low = mesh.points.iter().fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
     let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
     let center: DVec3 = DVec3::from_array([0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k])));
@@ -198,6 +199,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         attributes.insert("COLOR_0".to_owned(), json!(at));
     }
     let sigma: Vec<[f32; 1]> = mesh.sigma.iter().map(|sigma| [*sigma as f32]).collect();
+    // Four bytes per mark, because glTF aligns the elements of attributes to four bytes.
     let observed: Vec<[f32; 1]> = mesh.observed.iter().map(|mark| [f32::from(*mark)]).collect();
     for (name, column) in [("_SIGMA", sigma), ("_OBSERVED", observed)] {
         if !column.is_empty() {

@@ -69,6 +69,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
 fn textured_from<R: Read>(source: &mut Source<R>) -> Result<(PolygonMesh, Option<Vec<u8>>)> {
     with_file(source, |file| {
         let (mesh, materials) = file.mesh(true)?;
+        // One picture only, because `TexturedMesh` has one texture.
         let most = (materials.iter())
             .filter_map(|(material, count)| file.picture(*material).map(|picture| (*count, picture)))
             .max_by_key(|(count, _)| *count);
@@ -121,11 +122,13 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
     if !header.starts_with(&MAGIC) {
         return Err(Error::input("byte 0: expected `glTF`: not a GLB file, or cut off"));
     }
+    // The total length behind it is not used: the lengths of the chunks are checked instead.
     let version = NumberType::U32.decode::<false>(&header[4..8]);
     if version != 2.0 {
         return Err(Error::unsupported(format!("byte 4: expected version 2 of glTF, found {version}")));
     }
     let json = chunk(source, JSON_CHUNK)?;
+    // Untyped, so that malformed parts that are not needed, such as cameras, do not prevent reading the mesh.
     let document: Value = serde_json::from_slice(&json)
         .map_err(|e| Error::input(format!("the JSON chunk is malformed (line {} of it): {e}", e.line())))?;
     // The text is as large as the document, so it is freed before the binary chunk is read.
@@ -136,6 +139,7 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
              compression and quantisation"
         )));
     }
+    // The binary chunk is optional (section 4.4.3.3), and chunks behind it are ignored.
     let binary = match source.peek(1)?.is_empty() {
         true => Vec::new(),
         false => chunk(source, BINARY_CHUNK)?,
@@ -228,6 +232,7 @@ impl File<'_> {
     fn mesh(&self, with_uv: bool) -> Result<(PolygonMesh, BTreeMap<usize, usize>)> {
         let mut materials = BTreeMap::new();
         let mut mesh = PolygonMesh { unit: Some(Unit::Metre), ..PolygonMesh::default() };
+        // glTF leaves the choice open if no default scene is stated; the first one is read then.
         let scene = index(&self.document["scene"]).unwrap_or(0);
         let mut stack: Vec<(usize, Transform, usize)> =
             match self.document["scenes"][scene]["nodes"].as_array() {
@@ -436,6 +441,7 @@ impl File<'_> {
                  {component}"
             )));
         }
+        // Without a view, glTF prescribes zeros, which are no geometry.
         if accessor["sparse"].is_object() || accessor["bufferView"].is_null() {
             return Err(Error::unsupported(format!(
                 "accessor {number}: sparse data, or data without a bufferView, are not supported"
@@ -532,6 +538,7 @@ impl Accessor<'_> {
 fn node_transform(node: &Value) -> Result<Transform> {
     let stated = |key: &str| !node[key].is_null();
     let wrong = |key: &str, n: usize| Error::input(format!("expected {n} finite numbers for its {key}"));
+    // glTF forbids a matrix beside the other three.
     if stated("matrix") {
         let m: [f64; 16] = numbers(&node["matrix"]).ok_or_else(|| wrong("matrix", 16))?;
         return Ok(Transform {

@@ -75,6 +75,7 @@ impl Head {
     /// # Errors
     /// The length of the file, if it does not fit into the 32 bits of the format.
     pub(super) fn new(document: &Value, binary: u64) -> std::result::Result<Self, u64> {
+        // The keys of a `Value` are sorted, so the same mesh gives the same bytes.
         let mut json = document.to_string().into_bytes();
         // Chunks are aligned to four bytes; JSON is padded with blanks (section 4.4.3.2).
         json.resize(json.len().next_multiple_of(4), b' ');
@@ -161,6 +162,8 @@ impl Layout {
             return Err(Error::input("expected finite coordinates in the range of float32"));
         }
         let n = mesh.points.len();
+        // One section per column in the order in which `write_to` writes them, which alone defines their
+        // offsets.
         let mut sections = Sections::default();
         let mut attributes = serde_json::Map::new();
         let position = sections.add(n, 12, Some(ATTRIBUTES), FLOAT, "VEC3", bounds);
@@ -170,6 +173,7 @@ impl Layout {
             attributes.insert("NORMAL".to_owned(), json!(normal));
         }
         if mesh.column("sigma").is_some() {
+            // Opaque, but with a fourth byte, because glTF aligns the elements of attributes to four bytes.
             let colour = sections.add(n, 4, Some(ATTRIBUTES), BYTE, "VEC4", json!({"normalized": true}));
             attributes.insert("COLOR_0".to_owned(), json!(colour));
         }

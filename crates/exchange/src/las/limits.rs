@@ -107,6 +107,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     let Some(bytes) = description else {
         return Ok(());
     };
+    // As for the header, the decoder reports the reason.
     let Ok(description) = LazVlr::from_buffer(&bytes) else {
         return Ok(());
     };
@@ -197,11 +198,13 @@ impl Chunks<'_> {
                 self.length
             )));
         }
+        // The count is now plausible, so the decoder may allocate the table.
         file.seek(SeekFrom::Start(start)).map_err(failed)?;
         let chunks = guarded(|| ChunkTable::read_from(&mut *file, self.description))?
             .map_err(|e| self.damaged("the table of the chunks cannot be read").with_source(e))?;
         let (mut byte, mut points) = (start + 8, 0_u64);
         for (k, chunk) in chunks.as_ref().iter().enumerate() {
+            // Later chunks are never read, so their sizes do not matter.
             if points >= self.promised {
                 break;
             }

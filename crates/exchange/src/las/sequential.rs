@@ -32,6 +32,7 @@ impl<R: Read + Seek> Sequential<R> {
     /// Starts reading after the header; `one_chunk` means that the file has no table of chunks.
     pub(super) fn new(mut file: R, description: &LazVlr, one_chunk: bool) -> laz::Result<Self> {
         let chunks = match one_chunk {
+            // The caller reads as many records as the header promises, so the chunk needs no end.
             true => vec![u64::MAX],
             false => {
                 let table = ChunkTable::read_from(&mut file, description)?;
@@ -139,6 +140,7 @@ impl Times {
             NEW_SERIES_SYMBOL => return self.begin(decoder).map(|()| true),
             _ => return Ok(self.switch((symbol - NEW_SERIES_SYMBOL) as usize)),
         };
+        // Wrapping, because damaged data may give any difference.
         let found = self.integers.decompress(decoder, last.wrapping_mul(multiple), context)?;
         match context {
             1 => self.misfits[self.series] = 0,
@@ -172,6 +174,7 @@ impl Times {
         self.newest = (self.newest + 1) % 4;
         self.series = self.newest;
         self.keep(self.series, decoder, 8)?;
+        // `keep` stores the upper half as a difference, but a new series has none yet.
         self.differences[self.series] = 0;
         decoder.read_int().map(drop)
     }

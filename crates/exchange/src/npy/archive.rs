@@ -82,6 +82,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     let mut archive = open_archive(path)?;
     let mut entries: Vec<(usize, String)> = Vec::new();
     for number in 0..archive.len() {
+        // Raw, because a name is needed even of an entry whose compression is not supported.
         let name = archive.by_index_raw(number).map_err(damaged)?.name().map_err(damaged)?.into_owned();
         if let Some(name) = name.strip_suffix(".npy") {
             entries.push((number, name.to_owned()));

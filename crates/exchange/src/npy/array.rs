@@ -25,8 +25,10 @@ impl<R: Read> Array<R> {
     pub(super) fn open(mut source: Source<R>, inner: usize) -> Result<Self> {
         let header = read_header(&mut source)?;
         let mut made = Self { header, source, loaded: None, inner, next: 0 };
+        // A scalar (shape `()`) has no axis that could form a record.
         made.inner = inner.min(made.header.shape.len());
         let (elements, bytes) = made.header.extent();
+        // Both are saturated, so that a shape whose product overflows fails here instead of wrapping around.
         made.source.check_promise(elements, "elements", bytes)?;
         // With one axis, Fortran and C order are the same.
         if made.header.columns_first && made.header.shape.len() > 1 {

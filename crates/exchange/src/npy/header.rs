@@ -55,6 +55,7 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     };
     let cut_off =
         |byte: u64| Error::input(format!("byte {byte}: the file ends within its header: it is cut off"));
+    // Little endian on every machine (NEP 1), unlike the numbers of the array.
     let length = source
         .bytes(width)?
         .map(|bytes| bytes.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b)))
@@ -80,6 +81,7 @@ impl Header {
             let Literal::Dictionary(entries) = literal else {
                 return Err(Error::input("expected a dictionary"));
             };
+            // NumPy sorts the keys, but the format does not require an order.
             let found = entries.iter().find(|(name, _)| name == key);
             found.map(|(_, value)| value).ok_or_else(|| Error::input(format!("expected the key '{key}'")))
         };
@@ -168,6 +170,7 @@ impl Header {
         let digits = std::str::from_utf8(digits).map_err(|_| unknown())?;
         // The unit of dates follows in brackets: `<M8[ns]`.
         let digits = digits.split('[').next().unwrap_or_default();
+        // The limit keeps the size of an element, a product with at most `MAX_NUMBERS`, far from an overflow.
         let stated: usize = digits.parse().ok().filter(|&n: &usize| n <= 1 << 20).ok_or_else(unknown)?;
         // Booleans are read as bytes. Half and extended precision have no `NumberType` and are rejected.
         let number = match letter {
@@ -265,6 +268,7 @@ impl Parser<'_> {
     }
 
     fn string(&mut self) -> Result<String> {
+        // Escapes are not interpreted: no type and no column that is used contains one.
         let quote = self.text[self.at];
         let rest = &self.text[self.at + 1..];
         let end = rest.iter().position(|&b| b == quote);

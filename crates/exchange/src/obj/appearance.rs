@@ -49,6 +49,8 @@ impl AppearanceReader {
             }
             b"o" => self.begin(PartKind::Object, vec![text()]),
             b"usemtl" => self.begin(PartKind::Material, vec![text()]),
+            // A face has one object and one material, whose names may contain blanks, but any number of
+            // groups.
             b"g" => {
                 let names = text().split_ascii_whitespace().map(str::to_owned).collect();
                 self.begin(PartKind::Group, names);
@@ -65,6 +67,7 @@ impl AppearanceReader {
         self.current[own].clear();
         for name in names {
             let parts = &mut self.parts;
+            // A file may return to an earlier part, to which the next triangles then belong.
             let at = *self.index.entry((own as u8, name.clone())).or_insert_with(|| {
                 parts.push(MeshPart { kind, name, triangles: Vec::new() });
                 parts.len() - 1
@@ -107,6 +110,7 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     let mut made = TexturedMesh {
         points: mesh.points,
         triangles: mesh.triangles,
+        // Without coordinates every corner is `NO_UV`; the empty list says so for the whole mesh.
         uv_triangles: if appearance.uv.is_empty() { Vec::new() } else { appearance.triangles },
         uv: appearance.uv,
         parts: appearance.parts.into_iter().filter(|part| !part.triangles.is_empty()).collect(),
@@ -128,6 +132,7 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
                 pictures.extend(read_materials(&name)?);
                 made.files.push(name);
             } else {
+                // Not an error, because the shape does not depend on materials.
                 made.findings.push(Finding::new(
                     FindingCode::MaterialsMissing,
                     format!("{}: the material file {} does not exist", path.display(), name.display()),

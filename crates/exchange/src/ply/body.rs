@@ -82,7 +82,9 @@ pub(crate) fn read_rows<R: Read>(
     wanted_list: Option<usize>,
     row: impl FnMut(&Row) -> Result<()>,
 ) -> Result<()> {
+    // Again for each element, because only now the rest of the file behind the earlier ones is known.
     check_count(source, element, encoding)?;
+    // Such rows take no bytes, so that no size of a file would bound the loop over them.
     if element.properties.is_empty() {
         return Ok(());
     }
@@ -170,6 +172,7 @@ fn read_text_rows<R: Read>(
                 if wanted {
                     list.clear();
                 }
+                // The line bounds the loop: a damaged length fails at the first missing word.
                 for _ in 0..items {
                     let word = next_word(&mut line).ok_or_else(|| too_short(name))?;
                     if wanted {
@@ -226,12 +229,14 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                 let size = property.number.size();
                 // Lists that are not requested are skipped without storing them.
                 if wanted_list != Some(k) {
+                    // At most 2³² items of eight bytes, so the product cannot overflow.
                     if !source.skip(items * size as u64)? {
                         return Err(ends());
                     }
                     continue;
                 }
                 list.clear();
+                // Grown item by item, so that a damaged length reserves no memory before the file ends.
                 for _ in 0..items {
                     list.push(property.number.decode::<BIG>(source.bytes(size)?.ok_or_else(ends)?));
                 }

@@ -69,6 +69,7 @@ impl Header {
 fn add_property(header: &mut Header, words: &[&str], wrong: &dyn Fn(&str) -> Error) -> Result<()> {
     let (name, length, number) = match *words {
         ["list", length, item, name] => {
+            // A floating-point length could be a fraction or NaN.
             let length =
                 NumberType::parse(length).filter(|t| !matches!(t, NumberType::F32 | NumberType::F64));
             let length = length.ok_or_else(|| wrong("a list length of an integer type"))?;
@@ -96,6 +97,7 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     match source.line()? {
         None => return Err(Error::input("the file is empty")),
         Some(b"ply") => {}
+        // Lines end at LF, so the header would be one line together with the body.
         Some(line) if line.starts_with(b"ply\r") => {
             return Err(Error::input(
                 "line 1: expected lines that end in LF or CRLF, found a lone carriage return",
@@ -129,6 +131,7 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         };
         match words[..] {
             ["end_header"] => break,
+            // Comments are free text, so a word that is no unit is not an error.
             ["comment", "unit", name] => header.unit = name.parse().ok(),
             [] | ["comment", ..] => {}
             ["obj_info", "num_cols", n] => {

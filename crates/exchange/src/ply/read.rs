@@ -133,6 +133,7 @@ fn vertices(header: &Header) -> Result<(&Element, Vec<&str>)> {
 
 /// Converts a value to an index below `count`.
 fn index_below(value: f64, count: u64, place: Place) -> Result<u32> {
+    // `f64` holds every PLY type exactly, so this comparison is exact, too.
     if value >= 0.0 && value < count as f64 && value.fract() == 0.0 && value <= f64::from(u32::MAX) {
         return Ok(value as u32);
     }
@@ -176,6 +177,8 @@ pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(
         // The grid may come before the vertices, so it is renumbered only now that all dropped ones are
         // known.
         for cell in grid.cells.iter_mut().filter(|cell| **cell != RangeGrid::EMPTY) {
+            // `dropped` ascends, so the place of a kept vertex in it is the number of vertices dropped
+            // before.
             *cell = match dropped.binary_search(&u64::from(*cell)) {
                 Ok(_) => RangeGrid::EMPTY,
                 Err(before) => *cell - before as u32,

@@ -37,6 +37,7 @@ use crate::atomic::write_atomically;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn write_scan(path: &Path, scan: &Scan, unit: Option<Unit>) -> Result<()> {
+    // Before anything is written, because the header declares one count for all columns.
     check(scan).map_err(|e| e.in_context(path.display()))?;
     write_atomically(path, |writer| write_to(writer, scan, unit))
 }
@@ -117,6 +118,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
     writeln!(writer, "end_header")?;
     for (i, point) in scan.points.iter().enumerate() {
         let mut put = |values: &[f64]| values.iter().try_for_each(|v| writer.write_all(&v.to_le_bytes()));
+        // In the order of `names` above, which is all that tells the columns apart.
         put(point.as_ref())?;
         if let Some(normals) = &scan.normals {
             put(normals[i].as_ref())?;

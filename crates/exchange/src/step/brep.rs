@@ -89,6 +89,7 @@ fn finite(points: &[DVec3]) -> Result<()> {
 
 fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()> {
     let ascending = knots.windows(2).all(|k| k[0].0 < k[1].0) && knots.iter().all(|k| k.0.is_finite());
+    // More than degree + 1 equal knots would give a basis function that is zero everywhere.
     let clamped_at_most = knots.iter().all(|k| (1..=degree + 1).contains(&k.1));
     let sum: usize = knots.iter().map(|k| k.1).sum();
     if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
@@ -194,6 +195,8 @@ impl Brep {
         let Some(last) = face.edges.last() else {
             return Err(Error::input("expected a loop of edges, found none"));
         };
+        // Begins at the end of the last edge, so that the closing of the loop is checked like every other
+        // joint.
         let mut at = ends(last)?.1;
         for oriented in &face.edges {
             let (start, end) = ends(oriented)?;

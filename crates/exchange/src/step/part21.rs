@@ -57,6 +57,7 @@ impl<'a, W: Write> Part21<'a, W> {
     pub(super) fn begin(&mut self) -> io::Result<Id> {
         let id = self.next_id();
         self.next += 1;
+        // Streamed instead of formatted first, because the text of a control net can be large.
         write!(self.writer, "{id}=")?;
         Ok(id)
     }
@@ -100,6 +101,7 @@ pub(super) fn real(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
         Some((mantissa, exponent)) if mantissa.contains('.') => write!(f, "{mantissa}E{exponent}"),
         Some((mantissa, exponent)) => write!(f, "{mantissa}.E{exponent}"),
         None => {
+            // Part 21 requires the point, but no digit after it.
             f.write_str(shortest.strip_suffix(".0").map_or(&shortest, |_| &shortest[..shortest.len() - 1]))
         }
     }

@@ -105,6 +105,7 @@ pub struct StepMesh {
 /// ```
 pub fn read_step(path: &Path) -> Result<StepFaces> {
     let read = || -> Result<StepFaces> {
+        // As a whole, because instances may refer to later ones and are parsed on request.
         let bytes = open(path)?.rest()?;
         StepFaces::from_bytes(&bytes)
     };
@@ -202,6 +203,7 @@ impl StepFaces {
         }
         if shapes.is_empty() {
             // Some files have shells that no representation refers to.
+            // Units belong to representations, so a loose shell has none.
             let geometry = Geometry { index: &index, length: 1.0, angle: 1.0 };
             for read in loose_shells(geometry)? {
                 let motions = vec![Motion::NONE];
@@ -238,6 +240,7 @@ impl StepFaces {
             });
             mesh.left_out
                 .extend(placed.read.left_out.iter().map(|(name, reason)| format!("face {name}: {reason}")));
+            // Once, however often the shape is placed.
             mesh.left_out.extend(failed);
             for motion in &placed.motions {
                 for part in &made.parts {

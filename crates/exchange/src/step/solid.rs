@@ -190,6 +190,7 @@ fn write_shell<W: Write>(
         for (k, ring) in face.loops.iter().enumerate() {
             let mut oriented = Vec::with_capacity(ring.len());
             for coedge in ring {
+                // The two `*` below are the ends, which are derived from the edge.
                 let sense = if coedge.forward { "T" } else { "F" };
                 let mut parts = edges[coedge.edge].clone();
                 if !coedge.forward {
@@ -201,6 +202,8 @@ fn write_shell<W: Write>(
                 }
             }
             let ring = out.add_list("EDGE_LOOP('',", &oriented)?;
+            // A face has at most one outer bound. `Solid` puts it first; around a cylinder, either loop will
+            // do.
             let kind = if k == 0 { "FACE_OUTER_BOUND" } else { "FACE_BOUND" };
             bounds.push(out.add(format_args!("{kind}('',{ring},.T.)"))?);
         }

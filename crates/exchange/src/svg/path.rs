@@ -103,6 +103,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
                 end
             }
             'Z' => {
+                // The next command may omit M; the path then continues from its start.
                 add_line(&mut curves, at, begun);
                 begun
             }
@@ -124,6 +125,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
                 end
             }
             'A' => {
+                // Negative radii count as positive, and radii of 0 give a line (SVG 1.1, F.6.6).
                 let radii = [words.number()?.abs(), words.number()?.abs()];
                 let angle = words.number()?.to_radians();
                 let (is_large, is_clockwise) = (words.flag()?, words.flag()?);
@@ -222,6 +224,7 @@ fn arc(
     is_large: bool,
     is_clockwise: bool,
 ) -> Option<Curve2> {
+    // Equal ends leave the arc undefined; SVG omits it (F.6.2).
     if from == to {
         return None;
     }

@@ -53,6 +53,7 @@ impl Style {
         let label = node.attributes().find(|a| a.name() == "label").map_or("", |a| a.value());
         let names =
             [node.attribute("id").unwrap_or_default(), label].into_iter().chain(classes.iter().copied());
+        // Names come first, so that a stated pattern of dashes overrides them.
         for name in names {
             let name = name.to_uppercase();
             let mentions = |words: &[&str]| words.iter().any(|w| name.contains(w));

@@ -99,6 +99,7 @@ impl<'a> Entity<'a> {
         match self.value(at) {
             Some(Value::Name(b"T")) => Ok(true),
             Some(Value::Name(b"F")) => Ok(false),
+            // `.U.` (unknown) is refused: all flags that are read here are BOOLEAN, not LOGICAL.
             _ => Err(self.unexpected(at, ".T. or .F.")),
         }
     }
@@ -150,6 +151,7 @@ impl<'a> Entity<'a> {
             let Value::List(row) = row else {
                 return Err(self.unexpected(at, what));
             };
+            // Callers compute the index of a value from its row and column.
             if *width.get_or_insert(row.len()) != row.len() {
                 return Err(
                     self.wrong(&format!("attribute {}: expected rows of equal length, found others", at + 1))

@@ -43,6 +43,7 @@ pub(super) struct Geometry<'b, 'a> {
 impl Geometry<'_, '_> {
     pub(super) fn point(&self, id: u64) -> Result<DVec3> {
         let entity = self.index.entity_of(id, "CARTESIAN_POINT")?;
+        // Attribute 0 is the name in every representation item.
         match entity.numbers(1)?.as_slice() {
             [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MAX_COORDINATE) => {
                 Ok(DVec3::from_array([*x, *y, *z].map(|c| c * self.length)))
@@ -58,6 +59,7 @@ impl Geometry<'_, '_> {
     pub(super) fn direction(&self, id: u64) -> Result<DVec3> {
         let entity = self.index.entity_of(id, "DIRECTION")?;
         let found = match entity.numbers(1)?.as_slice() {
+            // Only the ratios of a direction are significant (ISO 10303-42), so its length is arbitrary.
             [x, y, z] => DVec3::new(*x, *y, *z).try_normalize(),
             _ => None,
         };
@@ -183,6 +185,8 @@ impl Geometry<'_, '_> {
         let poles = poles?;
         let knots = match part(parts, "B_SPLINE_CURVE_WITH_KNOTS") {
             Some(own) => {
+                // A simple instance lists the attributes of its supertypes first: name, degree, poles, form
+                // and two flags.
                 let at = if simple { 6 } else { 0 };
                 repeated(own, &own.counts(at)?, &own.numbers(at + 1)?, poles.len() + degree + 1)?
             }
@@ -252,6 +256,7 @@ impl Geometry<'_, '_> {
             }
             "OFFSET_SURFACE" => ParametricSurface::Offset {
                 base: Box::new(self.surface_at(entity.reference(1)?, depth + 1)?),
+                // May be negative: the offset is then against the normal.
                 distance: entity.number(2)? * self.length,
             },
             // Trimming is ignored: the loops of the face bound the surface.
@@ -300,6 +305,7 @@ impl Geometry<'_, '_> {
         };
         let degrees = [base.count(at)?, base.count(at + 1)?];
         let (n_u, ids) = base.rows_of_references(at + 2)?;
+        // The minimum avoids a division by zero for an empty net, which the constructor below rejects.
         let n_v = ids.len() / n_u.max(1);
         let poles: Result<Vec<_>> = ids.into_iter().map(|p| self.point(p)).collect();
         let knots = match part(parts, "B_SPLINE_SURFACE_WITH_KNOTS") {

@@ -83,6 +83,7 @@ impl Units {
                 _ => {}
             }
         }
+        // After the units, because the uncertainty is converted to the unit of lengths.
         let uncertain =
             part(&parts, "GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT").map(|p| p.references(0)).transpose()?;
         for id in uncertain.unwrap_or_default() {

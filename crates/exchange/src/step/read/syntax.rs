@@ -172,9 +172,11 @@ impl<'a> Cursor<'a> {
                 Ok(Value::Derived)
             }
             Some(b'(') => Ok(Value::List(self.list(depth + 1)?)),
+            // `"` delimits binary values, which no face uses; they only have to be skipped correctly.
             Some(quote @ (b'\'' | b'"')) => {
                 let end = text_end(self.bytes, self.at, quote)
                     .ok_or_else(|| Error::input("expected the end of a string, found the end of the file"))?;
+                // Control directives such as `\X2\` stay encoded, because texts appear only in messages.
                 let text = &self.bytes[self.at + 1..end - 1];
                 self.at = end;
                 Ok(Value::Text(text))
@@ -282,6 +284,8 @@ impl<'a> Index<'a> {
                 _ if is_data => {
                     return Err(named(Error::input("expected an instance `#n = …;` or `ENDSEC;`")));
                 }
+                // Entries of the header are skipped: the data section states the units of each
+                // representation.
                 _ => {}
             }
         }
@@ -312,6 +316,7 @@ impl<'a> Index<'a> {
             Some(b'(') => "",
             _ => cursor.keyword().map_err(|e| e.in_context(format!("#{id}")))?,
         };
+        // A second instance of a number would make every reference to it ambiguous.
         if self.places.insert(id, place).is_some() {
             return Err(Error::input(format!("expected one instance #{id}, found two")));
         }

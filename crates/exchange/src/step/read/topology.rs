@@ -89,6 +89,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             }
             "ORIENTED_CLOSED_SHELL" | "ORIENTED_OPEN_SHELL" => {
                 let same = entity.truth(3)?;
+                // Two reversals cancel.
                 self.add(entity.reference(2)?, forward == same, depth + 1)
             }
             "CLOSED_SHELL" | "OPEN_SHELL" | "CONNECTED_FACE_SET" => {
@@ -104,6 +105,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 self.add_face(id, forward);
                 Ok(true)
             }
+            // After the faces, because `FACE_SURFACE` has this ending, too.
             keyword if keyword.ends_with("_SURFACE") || keyword.starts_with("B_SPLINE_SURFACE") => {
                 self.add_bare(id);
                 Ok(true)
@@ -192,6 +194,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 let mut ring = Vec::new();
                 for oriented in entity.references(1)? {
                     let oriented = self.index().entity_of(oriented, "ORIENTED_EDGE")?;
+                    // Attributes 1 and 2, the ends, are derived from the edge and have no value in the file.
                     ring.push((self.edge(oriented.reference(3)?)?, oriented.truth(4)?));
                 }
                 Ok(ring)
