@@ -254,7 +254,7 @@ fn style_of(
 ) -> Option<LineStyle> {
     let (layer, line_type) = outer_style(record, layers, outer);
     let mentions = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
-    if mentions(&["CENTER", "CENTRE", "DASHDOT", "CURVE_SEGMENTS", "PHANTOM", "DIVIDE"]) {
+    if mentions(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {
         return None;
     }
     Some(match mentions(&["HIDDEN", "DASH"]) {

@@ -214,5 +214,6 @@ fn normals(file: &PolygonMesh) -> Option<Vec<DVec3>> {
     let [Some(x), Some(y), Some(z)] = ["nx", "ny", "nz"].map(|name| file.column(name)) else {
         return None;
     };
+    // Files mark unknown normals by zeros or NaN.
     Some((0..x.len()).map(|k| DVec3::new(x[k], y[k], z[k]).normalize_or_zero()).collect())
 }

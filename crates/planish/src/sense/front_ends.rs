@@ -1,6 +1,7 @@
 //! The sensors: raw data and calibration to points, normals and images of numbers.
 
 use super::*;
+use planish_core::vector3::from_arrays;
 use planish_core::{Finding, FindingCode, Setting};
 
 /// Maximum σ of normals, in degrees. A direction with a larger σ is unknown.

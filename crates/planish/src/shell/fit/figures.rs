@@ -1,7 +1,7 @@
 //! The figures of a shell fit.
 
+use planish_core::Finding;
 use planish_core::finding::with_warnings;
-use planish_core::{DVec3, Finding};
 use planish_exchange::Unit;
 use planish_shell::SourceFit;
 use planish_surface::model::SigmaSummary;
@@ -45,9 +45,9 @@ pub struct CameraPoseReport {
     /// Length of its estimated translation.
     pub moved: f64,
     /// `R`, row by row.
-    pub r: [DVec3; 3],
+    pub r: [[f64; 3]; 3],
     /// `t`.
-    pub t: DVec3,
+    pub t: [f64; 3],
     /// σ about each axis of the camera, in degrees.
     pub sigma_rotation_deg: [f64; 3],
     /// σ along each axis of the camera.
