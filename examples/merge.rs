@@ -4,6 +4,7 @@
 
 #![allow(clippy::print_stdout, reason = "the program prints its result")]
 
+use planish_core::DVec3;
 use planish::merge::{MergeOptions, NamedPatch, PatchSet, merge, write_merged};
 use planish::progress::Silent;
 use planish::{Result, Unit};
@@ -22,12 +23,12 @@ fn height(x: f64, y: f64) -> f64 {
 fn main() -> Result<()> {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
     let error = Normal::new(0.0, SIGMA).expect("a positive σ");
-    let pose_error = Pose::from_rotation_vector([0.004, -0.006, 0.005], [0.3, -0.2, 0.3]);
+    let pose_error = Pose::from_rotation_vector(DVec3::new(0.004, -0.006, 0.005), DVec3::new(0.3, -0.2, 0.3));
     let mut patches = Vec::new();
     for (name, x, pose) in [("left", 0.0, Pose::identity()), ("right", 18.0, pose_error)] {
         let mut mesh = grid_sheet(40.0, 40.0, 60, 60);
         for p in &mut mesh.positions {
-            let position = [p[0] + x, p[1], height(p[0] + x, p[1]) + error.sample(&mut random)];
+            let position = DVec3::new(p[0] + x, p[1], height(p[0] + x, p[1]) + error.sample(&mut random));
             *p = pose.apply(position);
         }
         let sigma = vec![SIGMA; mesh.positions.len()];

@@ -15,7 +15,7 @@ fn main() -> Result<()> {
     let error = Normal::new(0.0, sigma).expect("a positive σ");
     let mut measure = || {
         let (x, y) = (8.0 * random.random::<f64>(), 6.0 * random.random::<f64>());
-        Reading::position([x, y, 0.3 * x.sin() + error.sample(&mut random)], sigma)
+        Reading::position(DVec3::new(x, y, 0.3 * x.sin() + error.sample(&mut random)), sigma)
     };
 
     // The first readings determine the topology. All others are added one by one.
@@ -26,7 +26,7 @@ fn main() -> Result<()> {
         // `push` returns the reason if it rejects the reading as an outlier.
         rejected += usize::from(surface.push(&measure())?.is_some());
         if n % 5000 == 0 {
-            let nearest = surface.nearest([4.0, 3.0, 0.0]);
+            let nearest = surface.nearest(DVec3::new(4.0, 3.0, 0.0));
             println!(
                 "{n} readings, {} patches: z = {:.4} ± {:.4} (true value {:.4})",
                 surface.patches(),

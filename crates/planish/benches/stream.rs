@@ -7,6 +7,7 @@
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
+use planish_core::DVec3;
 use planish::Shape;
 use planish::stream::{Reading, StreamOptions, SurfaceStream};
 use rand::{RngExt, SeedableRng};
@@ -23,10 +24,10 @@ fn height(x: f64, y: f64) -> f64 {
 
 fn reading(random: &mut ChaCha8Rng) -> Reading {
     let [x, y] = SIZE.map(|s| s * random.random::<f64>());
-    let point = [x, y, height(x, y)].map(|c| {
+    let point = DVec3::from_array([x, y, height(x, y)].map(|c| {
         let noise: f64 = StandardNormal.sample(random);
         c + SIGMA * noise
-    });
+    }));
     Reading::position(point, SIGMA)
 }
 
@@ -85,7 +86,7 @@ fn main() {
             let mut sigmas: Vec<f64> = (0..200)
                 .map(|_| {
                     let [x, y] = SIZE.map(|s| s * random.random::<f64>());
-                    stream.nearest([x, y, height(x, y)]).sigma
+                    stream.nearest(DVec3::new(x, y, height(x, y))).sigma
                 })
                 .collect();
             sigmas.sort_by(f64::total_cmp);

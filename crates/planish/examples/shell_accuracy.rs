@@ -171,7 +171,7 @@ fn one(
         controls.points.iter().flat_map(|p| {
             let p = *p - center;
             let of = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-            let own: DVec3 = std::array::from_fn(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin());
+            let own: DVec3 = DVec3::from_array(std::array::from_fn(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin()));
             own
         }),
     );
@@ -186,13 +186,13 @@ fn one(
     let (mut readings, mut good) = (Vec::new(), Vec::new());
     for sample in &samples {
         let gross = places.random_range(0.0..1.0) < 0.1;
-        let at = std::array::from_fn(|k| {
+        let at = DVec3::from_array(std::array::from_fn(|k| {
             if gross {
                 bounds.center()[k] + size * places.random_range(-0.5..0.5)
             } else {
                 sample.position[k] + sigma * normal()
             }
-        });
+        }));
         let v = sigma * sigma;
         readings.push(PointReading { at, covariance: SymmetricMatrix3::isotropic(v) });
         good.push(!gross);

@@ -353,6 +353,7 @@ fn step_uncertainty(unit: Unit) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planish_core::DVec3;
     use planish_mesh::TriangleMesh;
 
     #[test]

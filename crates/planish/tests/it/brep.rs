@@ -18,12 +18,12 @@ const MODES: [BrepOptions; 2] =
     [BrepOptions { max_control_points: usize::MAX }, BrepOptions { max_control_points: 0 }];
 
 fn base(shape: Shape, size: f64) -> BaseShape {
-    let axis = [0.0, 0.6, 0.8];
-    let centre = [size, -0.5 * size, 0.2 * size];
+    let axis = DVec3::new(0.0, 0.6, 0.8);
+    let centre = DVec3::new(size, -0.5 * size, 0.2 * size);
     match shape {
-        Shape::Sheet => BaseShape::plane(centre, [DVec3::X, [0.0, 0.6, 0.8]], [size, 0.7 * size]),
-        Shape::Tube => BaseShape::cylinder(centre, axis, 0.5 * size, size),
-        Shape::Ball => BaseShape::sphere(centre, size, axis),
+        Shape::Sheet => BaseShape::plane(DVec3::from(centre), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [size, 0.7 * size]),
+        Shape::Tube => BaseShape::cylinder(DVec3::from(centre), DVec3::from(axis), 0.5 * size, size),
+        Shape::Ball => BaseShape::sphere(DVec3::from(centre), size, DVec3::from(axis)),
         Shape::Torus => BaseShape::torus(centre, axis, size, 0.4 * size),
     }
 }
@@ -66,7 +66,7 @@ fn spline_point(knots: &[f64], poles: &[DVec3], t: f64) -> DVec3 {
         for k in (r..=3).rev() {
             let (low, high) = (knots[span - 3 + k], knots[span + 1 + k - r]);
             let w = (t - low) / (high - low);
-            d[k] = std::array::from_fn(|c| (1.0 - w) * d[k - 1][c] + w * d[k][c]);
+            d[k] = DVec3::from_array(std::array::from_fn(|c| (1.0 - w) * d[k - 1][c] + w * d[k][c]));
         }
     }
     d[3]
@@ -158,7 +158,7 @@ fn a_surface_above_the_limit_is_cut_at_the_base_grid() {
 #[test]
 fn a_ball_turned_inside_out_still_encloses_its_solid() {
     let ball = base(Shape::Ball, 1.0).surface([8, 6]).unwrap();
-    let mirrored = ball.vertices().iter().map(|p| [-p[0], p[1], p[2]]).collect();
+    let mirrored = ball.vertices().iter().map(|p| DVec3::new(-p[0], p[1], p[2])).collect();
     let ball = ball.with_vertices(mirrored).unwrap();
     for options in MODES {
         let brep = brep_from_surface(&ball, &options);
@@ -239,7 +239,7 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
     }
     // A ball turned inside out, too.
     let ball = bumpy(Shape::Ball, 100.0, [12, 8], 1);
-    let mirrored = ball.vertices().iter().map(|p| [-p[0], p[1], p[2]]).collect();
+    let mirrored = ball.vertices().iter().map(|p| DVec3::new(-p[0], p[1], p[2])).collect();
     let ball = ball.with_vertices(mirrored).unwrap();
     for (mode, options) in MODES.iter().enumerate() {
         let path = folder.join(format!("mirrored-{mode}.step"));

@@ -63,7 +63,7 @@ fn observe(system: &SurfaceSystem, truth: &Surface, count: usize, draw: &mut Dra
     system
         .accumulate(|leaf, cell| {
             for (local, z) in &readings[leaf] {
-                cell.add_vector(&leaf_weights(local[0], local[1]), *z, &[w, 0.0, 0.0, w, 0.0, w]);
+                cell.add_vector(&leaf_weights(local[0], local[1]), DVec3::from(*z), &[w, 0.0, 0.0, w, 0.0, w]);
             }
             !readings[leaf].is_empty()
         })
@@ -86,7 +86,7 @@ fn error_and_bound(
         let cell = CellCovariance::new(space, leaf, &dense);
         let e = estimate.leaf_point(leaf, 0.5, 0.5) - truth.leaf_point(leaf, 0.5, 0.5);
         let c = leaf_weights(0.5, 0.5);
-        error += e.iter().map(|x| x * x).sum::<f64>();
+        error += e.to_array().iter().map(|x| x * x).sum::<f64>();
         bound += [DVec3::X, DVec3::Y, DVec3::Z].map(|a| cell.variance_along(&c, a)).iter().sum::<f64>();
     }
     (error, bound)

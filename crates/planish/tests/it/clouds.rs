@@ -24,7 +24,7 @@ fn sheet(count: usize, seed: u64) -> Vec<DVec3> {
         .map(|_| {
             let (x, y): (f64, f64) = (rng.random(), rng.random());
             let mut noise = || SIGMA * Distribution::<f64>::sample(&StandardNormal, &mut rng);
-            [x + noise(), y + noise(), height(x, y) + noise()]
+            DVec3::new(x + noise(), y + noise(), height(x, y) + noise())
         })
         .collect()
 }
@@ -47,8 +47,8 @@ fn error(fit: &Fit) -> f64 {
     let square: f64 = (0..count)
         .map(|_| {
             let [x, y] = [0, 1].map(|_| rng.random_range(0.05..0.95));
-            let p = [x, y, height(x, y)];
-            let foot = surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
+            let p = DVec3::new(x, y, height(x, y));
+            let foot = surface.project(DVec3::from(p), search.nearest(DVec3::from(p), DVec3::ZERO), &ProjectionOptions::default());
             foot.height * foot.height + foot.slip * foot.slip
         })
         .sum();
@@ -64,7 +64,7 @@ fn dust_changes_little() {
         [("one far point", 1, 100.0), ("dust all about", 250, 2.0), ("dust far about", 250, 20.0)]
     {
         let mut points = sheet(5000, 1);
-        points.extend((0..count).map(|_| [0; 3].map(|_| rng.random_range(-extent..extent))));
+        points.extend((0..count).map(|_| DVec3::from_array([0; 3].map(|_| rng.random_range(-extent..extent)))));
         let found = error(&run(&set_of(points, None)));
         println!("{what}: {found:.6} instead of {clean:.6}");
         assert!(found < 1.3 * clean, "{what}: {found} instead of {clean}");
@@ -178,7 +178,7 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
 fn a_sheet_of_points_without_sides_faces_up() {
     let options = FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() };
     for turned in [false, true] {
-        let points = sheet(3000, 8).into_iter().map(|[x, y, z]| if turned { [x, -y, -z] } else { [x, y, z] });
+        let points = sheet(3000, 8).into_iter().map(|DVec3 { x, y, z }| if turned { [x, -y, -z] } else { DVec3::new(x, y, z).to_array() });
         let fit = fit(&set_of(points.collect(), Some(SIGMA)), &options, &Silent).unwrap();
         let [u, v] = fit.model.surface.space().extent().map(|e| 0.5 * e);
         assert!(fit.model.surface.normal(u, v).unwrap()[2] > 0.5);

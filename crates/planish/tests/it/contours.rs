@@ -107,7 +107,7 @@ fn the_product_of_the_sides_finds_the_rectangle_too() {
 fn a_thing_that_moves_and_turns_is_found_with_its_motion() {
     let folder = tempfile::tempdir().unwrap();
     let turn = 8f64.to_radians();
-    let path = scene(ContourKind::Rectangle, [6.0, -3.0, turn], 0.3, folder.path());
+    let path = scene(ContourKind::Rectangle, DVec3::new(6.0, -3.0, turn), 0.3, folder.path());
     let mut job = job(path, &[ContourKind::Rectangle]);
     job.fit.motion = PlanarMotion::Rigid;
     let report = job.run(&Silent).unwrap();
@@ -177,15 +177,15 @@ fn readings_in_space_are_a_cylinder() {
     let path = folder.path().join("rays.csv");
     let solid = SimulatedPrimitive {
         shape: PrimitiveKind::Cylinder,
-        center: [30.0, -20.0, 50.0],
-        turn: [0.3, -0.5, 0.7],
+        center: DVec3::new(30.0, -20.0, 50.0),
+        turn: DVec3::new(0.3, -0.5, 0.7),
         size: [25.0, 80.0, 0.0],
     };
     let sensor =
         SpaceSensor { standoff: 150.0, sigma_position: 0.5, sigma_angle_rad: 0.01, sigma_range_share: 0.004 };
     let mut text = String::from("x,y,z,azimuth_deg,elevation_deg,range,sigma_range\n");
     for ray in rays(&solid, 300, &sensor, 4).noisy {
-        if let RayTarget::Range { origin: [x, y, z], direction_rad: [a, e], range, sigma } = ray.target {
+        if let RayTarget::Range { origin: DVec3 { x, y, z }, direction_rad: [a, e], range, sigma } = ray.target {
             let (a, e) = (a.to_degrees(), e.to_degrees());
             writeln!(text, "{x},{y},{z},{a},{e},{range},{}", sigma[5]).unwrap();
         }

@@ -45,7 +45,7 @@ fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
     for seed in 0..runs {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { Distribution::<f64>::sample(&StandardNormal, &mut rng) };
-        let points = (0..count).map(|_| [normal(), normal(), sigma * normal()]).collect();
+        let points = (0..count).map(|_| DVec3::new(normal(), normal(), sigma * normal())).collect();
         let set = common::probed(points, None, None);
         let options = FitOptions { held_out_share: 0.0, shape: Some(Shape::Sheet), ..FitOptions::default() };
         let fit = fit(&set, &options, &Silent).unwrap();
@@ -71,7 +71,7 @@ fn a_noisy_sphere_keeps_its_radius() {
         .map(|n| {
             let z = 1.0 - 2.0 * (f64::from(n) + 0.5) / f64::from(count);
             let (r, a) = (f64::sqrt(1.0 - z * z), f64::from(n) * 2.399_963);
-            [r * a.cos(), r * a.sin(), z]
+            DVec3::new(r * a.cos(), r * a.sin(), z)
         })
         .collect();
     let mut noise = || -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
@@ -85,7 +85,7 @@ fn a_noisy_sphere_keeps_its_radius() {
         let jet = surface.leaf_jet(leaf, 0.5, 0.5);
         let [e, f, g] = jet.first_form();
         let weight = space.leaves()[leaf].side().powi(2) * (e * g - f * f).max(0.0).sqrt();
-        sum += weight * jet.point.iter().map(|x| x * x).sum::<f64>().sqrt();
+        sum += weight * jet.point.to_array().iter().map(|x| x * x).sum::<f64>().sqrt();
         area += weight;
     }
     let excess = sum / area - 1.0;

@@ -27,10 +27,10 @@ fn patch(name: &str, axis: DVec3, least: f64, turn: f64, smooth: f64, rng: &mut 
     let mut ball = icosphere(1.0, 5);
     let (s, c) = turn.sin_cos();
     for p in &mut ball.positions {
-        let [x, y, z] = *p;
-        *p = [c * x - s * y, s * x + c * y, z];
-        let [x, y, z] = *p;
-        *p = [x, c * y - s * z, s * y + c * z];
+        let DVec3 { x, y, z } = *p;
+        *p = DVec3::new(c * x - s * y, s * x + c * y, z);
+        let DVec3 { x, y, z } = *p;
+        *p = DVec3::new(x, c * y - s * z, s * y + c * z);
     }
     ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= least));
     let waves: Vec<(DVec3, f64)> = (0..12)
@@ -167,7 +167,7 @@ fn the_sides_of_a_thin_plate_are_not_turned_over() {
     let mut side = |from: f64, height: f64, down: bool| {
         let mut mesh = planish_mesh::grid_sheet(40.0, 30.0, 40, 30);
         for p in &mut mesh.positions {
-            *p = [p[0] + from, p[1], height + 0.02 * normal(&mut rng)];
+            *p = DVec3::new(p[0] + from, p[1], height + 0.02 * normal(&mut rng));
         }
         if down {
             mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -238,7 +238,7 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
         .positions
         .iter()
         .map(|p| {
-            let [x, y, z] = *p;
+            let DVec3 { x, y, z } = *p;
             let d = DVec3::new(x + 0.01, y - 0.013, z + 0.007).try_normalize().expect("a direction");
             radius(d) * d
         })
@@ -273,7 +273,7 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
 #[test]
 fn patches_that_are_off_are_brought_together_first() {
     let mut patches = four_patches();
-    let off = Pose::from_rotation_vector([0.006, -0.004, 0.005], [0.08, -0.06, 0.1]);
+    let off = Pose::from_rotation_vector(DVec3::new(0.006, -0.004, 0.005), DVec3::new(0.08, -0.06, 0.1));
     for p in &mut patches[2].tidied.patch.mesh.positions {
         *p = off.apply(*p);
     }

@@ -17,10 +17,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 fn normals3(rng: &mut ChaCha8Rng, sigma: f64) -> DVec3 {
-    std::array::from_fn(|_| {
+    DVec3::from_array(std::array::from_fn(|_| {
         let z: f64 = StandardNormal.sample(rng);
         sigma * z
-    })
+    }))
 }
 
 fn scene(shape: Shape, seed: u64) -> ScanScene {
@@ -49,7 +49,7 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
                 Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), DVec3::ZERO);
             let t = normals3(&mut rng, sigma_translation);
             posed.scan.world_from_scanner = Pose {
-                translation: std::array::from_fn(|k| truth.translation[k] + t[k]),
+                translation: DVec3::from_array(std::array::from_fn(|k| truth.translation[k] + t[k])),
                 ..turn.after(&Pose { translation: DVec3::ZERO, ..truth })
             };
             (posed.sigma_translation, posed.sigma_rotation_deg) =
@@ -61,9 +61,9 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
 
 /// `eᵀ C⁻¹ e` of an estimated pose: 6 on average.
 fn squared_error(report: &ScanPoseReport, truth: &Pose) -> f64 {
-    let found = Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation).unwrap();
+    let found = Pose::from_quaternion_xyzw(report.quaternion_xyzw, DVec3::from(report.translation)).unwrap();
     let turn = found.after(&truth.inverse()).rotation_vector();
-    let t: DVec3 = std::array::from_fn(|k| found.translation[k] - truth.translation[k]);
+    let t: DVec3 = DVec3::from_array(std::array::from_fn(|k| found.translation[k] - truth.translation[k]));
     let e = DVector::from_column_slice(&[t[0], t[1], t[2], turn[0], turn[1], turn[2]]);
     let covariance = DMatrix::from_fn(6, 6, |a, b| report.covariance.unwrap()[a][b]);
     e.dot(&covariance.lu().solve(&e).unwrap())
@@ -112,7 +112,7 @@ fn sphere(rng: &mut ChaCha8Rng, radius: f64, sigma: f64) -> ScanSet {
         let (mut points, mut normals) = (Vec::new(), Vec::new());
         while points.len() < 2_000 {
             let n = normals3(rng, 1.0);
-            let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let length = n.to_array().iter().map(|c| c * c).sum::<f64>().sqrt();
             let n = n.map(|c| c / length);
             if side * n[2] > -0.3 {
                 let noise = normals3(rng, sigma);

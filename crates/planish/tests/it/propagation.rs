@@ -91,7 +91,7 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
 fn real_readings_overrule_a_symmetry() {
     let mut scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     // The other side was pressed in by 2 mm, and a probe has touched it there.
-    let foot = scene.truth.foot([-60.0, 0.0, -5.0]).unwrap();
+    let foot = scene.truth.foot(DVec3::new(-60.0, 0.0, -5.0)).unwrap();
     let (middle, n) = (foot.point.position, foot.point.normal);
     let (e1, e2) = planish_estimate::vector3::tangents(n);
     let pressed: Vec<DVec3> = (0..121)
@@ -142,14 +142,14 @@ fn with_gap(
 #[test]
 fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
     type Surface = fn(f64, f64) -> (DVec3, DVec3);
-    let table: Surface = |x, y| ([x, y, 0.1 * x], DVec3::new(-0.1, 0.0, 1.0).try_normalize().unwrap());
+    let table: Surface = |x, y| (DVec3::new(x, y, 0.1 * x), DVec3::new(-0.1, 0.0, 1.0).try_normalize().unwrap());
     let dome: Surface = |x, y| {
-        let n = [x / 20.0, y / 20.0, (1.0 - (x * x + y * y) / 400.0).sqrt()];
-        (n.map(|c| 20.0 * c), n)
+        let n = DVec3::new(x / 20.0, y / 20.0, (1.0 - (x * x + y * y) / 400.0).sqrt());
+        (DVec3::from(n.map(|c| 20.0 * c)), n)
     };
     let roof: Surface = |x, y| {
         let (sin, cos) = (x / 15.0).sin_cos();
-        ([15.0 * sin, y, 15.0 * cos], [sin, 0.0, cos])
+        (DVec3::new(15.0 * sin, y, 15.0 * cos), DVec3::new(sin, 0.0, cos))
     };
     let sigma = 0.02;
     for (kind, surface) in [("plane", table), ("sphere", dome), ("cylinder", roof)] {
@@ -230,7 +230,7 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         for pose in &motion.poses[1..] {
             let turn = (truth.rate_deg_per_s * pose.time_s).to_radians() * truth.axis;
             let true_pose = Pose::from_twist(turn, truth.axis_point.cross(turn));
-            let found = Pose::from_quaternion_xyzw(pose.quaternion_xyzw, pose.translation).unwrap();
+            let found = Pose::from_quaternion_xyzw(pose.quaternion_xyzw, DVec3::from(pose.translation)).unwrap();
             let (off, _) = found.inverse().after(&true_pose).twist();
             let squares: f64 =
                 (0..3).map(|k| (off[k].to_degrees() / pose.sigma_rotation_deg[k]).powi(2)).sum();
@@ -357,8 +357,8 @@ fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
     scan.time_s = Some(1.0);
     let world_from_scanner = scan.world_from_scanner;
     for p in &mut scan.points {
-        let [x, y, z] = world_from_scanner.apply(*p);
-        *p = world_from_scanner.inverse().apply([1.08 * x, y, z]);
+        let DVec3 { x, y, z } = world_from_scanner.apply(*p);
+        *p = world_from_scanner.inverse().apply(DVec3::new(1.08 * x, y, z));
     }
     let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
     let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
@@ -390,7 +390,7 @@ fn what_cannot_bend_is_refused() {
         .map(|k| {
             let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
             let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
-            [50.0 * (1.0 - z * z).sqrt() * cos, 50.0 * (1.0 - z * z).sqrt() * sin, 50.0 * z]
+            DVec3::new(50.0 * (1.0 - z * z).sqrt() * cos, 50.0 * (1.0 - z * z).sqrt() * sin, 50.0 * z)
         })
         .collect();
     let normals = sphere.iter().map(|p| 0.02 * *p).collect();

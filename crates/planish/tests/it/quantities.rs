@@ -47,7 +47,7 @@ impl Truth {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut z: Vec<f64> = (0..plane.vertices().len()).map(|_| StandardNormal.sample(&mut rng)).collect();
         factor.solve_lower_transpose_in_place(&mut z).unwrap();
-        let vertices = (plane.vertices().iter().zip(&z)).map(|(p, z)| [p[0], p[1], *z]);
+        let vertices = (plane.vertices().iter().zip(&z)).map(|(p, z)| DVec3::new(p[0], p[1], *z));
         let jet = plane.jet(0.0, 0.0);
         let plan = |p: DVec3| [p[0], p[1]];
         Self {
@@ -59,7 +59,7 @@ impl Truth {
 
     /// Over so many cells a side.
     fn on_cells(cells: usize, seed: u64) -> Self {
-        let middle = [0.5 * SIZE, 0.5 * SIZE, 0.0];
+        let middle = DVec3::new(0.5 * SIZE, 0.5 * SIZE, 0.0);
         let base = BaseShape::plane(middle, [DVec3::X, DVec3::Y], [0.5 * SIZE; 2]);
         Self::over(&base.surface([cells, cells]).unwrap(), seed)
     }
@@ -67,7 +67,7 @@ impl Truth {
     /// Over the very grid that a fit of so many readings begins with.
     fn on_grid_of_fit(mix: Mix, seed: u64) -> Self {
         let level = Self::on_cells(1, 0);
-        let flat = level.surface.vertices().iter().map(|p| [p[0], p[1], 0.0]);
+        let flat = level.surface.vertices().iter().map(|p| DVec3::new(p[0], p[1], 0.0));
         let level = Self { surface: level.surface.with_vertices(flat.collect()).unwrap(), ..level };
         let options = FitOptions { max_depth: Some(0), shape: Some(Shape::Sheet), ..FitOptions::default() };
         let fit = fit(&readings(&level, mix, seed), &options, &Silent).unwrap();
@@ -78,8 +78,8 @@ impl Truth {
         let half = |p: DVec3, q: DVec3| [0, 1, 2].map(|d| if d < 2 { 0.5 * (q[d] - p[d]) } else { 0.0 });
         let (du, dv) = (half(a, b), half(a, c));
         let (lu, lv) = (du.length_squared().sqrt(), dv.length_squared().sqrt());
-        let centre = [a[0] + du[0] + dv[0], a[1] + du[1] + dv[1], 0.0];
-        let plane = BaseShape::plane(centre, [du.map(|x| x / lu), dv.map(|x| x / lv)], [lu, lv]);
+        let centre = DVec3::new(a[0] + du[0] + dv[0], a[1] + du[1] + dv[1], 0.0);
+        let plane = BaseShape::plane(centre, [DVec3::from(du.map(|x| x / lu)), DVec3::from(dv.map(|x| x / lv))], [lu, lv]);
         Self::over(&plane.surface(base).unwrap(), seed)
     }
 
@@ -101,14 +101,14 @@ struct Mix {
     misstated: DVec3,
 }
 
-const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: [1.0; 3] };
+const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: DVec3::splat(1.0) };
 
 /// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length,
 /// each match off by σ = 0.05 pixels: along the ray `z² / (f b)` of that, across it `z / f`. And its
 /// covariance.
 fn stereo_noise(point: DVec3, normal_draws: DVec3) -> (DVec3, SymmetricMatrix3) {
     let seen_from = [0.5 * SIZE, 0.5 * SIZE, 60.0];
-    let away: DVec3 = std::array::from_fn(|k| point[k] - seen_from[k]);
+    let away: DVec3 = DVec3::from_array(std::array::from_fn(|k| point[k] - seen_from[k]));
     let (ray, z) = (away.try_normalize().unwrap(), -away[2]);
     let (along, across) = (z * z / (1000.0 * 20.0) * 0.05, z / 1000.0 * 0.05);
     let (e1, e2) = tangents(ray);
@@ -165,8 +165,8 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
                 point = point.map(|c| c + mix.misstated[0] * SIGMA * draw(&mut rng));
             }
             if sensor == 3 {
-                let (noise, covariance) = stereo_noise(point, [(); 3].map(|()| draw(&mut rng)));
-                point = std::array::from_fn(|k| point[k] + noise[k]);
+                let (noise, covariance) = stereo_noise(point, DVec3::from_array([(); 3].map(|()| draw(&mut rng))));
+                point = DVec3::from_array(std::array::from_fn(|k| point[k] + noise[k]));
                 covariances.push(covariance);
             }
             scan.points.push(point);
@@ -215,7 +215,7 @@ fn errors(fit: &Fit, truth: &Truth) -> Vec<(f64, f64)> {
     (0..surface.space().leaves().len())
         .filter_map(|leaf| {
             let jet = surface.leaf_jet(leaf, 0.5, 0.5);
-            let [x, y, z] = jet.point;
+            let DVec3 { x, y, z } = jet.point;
             if !(0.5..9.5).contains(&x) || !(0.5..9.5).contains(&y) {
                 return None;
             }
@@ -309,7 +309,7 @@ fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
 #[test]
 fn a_misstated_sigma_of_any_quantity_is_found_out() {
     let mix =
-        Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: [1.0, 3.0, 0.4] };
+        Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: DVec3::new(1.0, 3.0, 0.4) };
     let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;
     for (sensor, (quantity, sigma)) in report.sensors.iter().zip([
         ("position", SIGMA),

@@ -57,7 +57,7 @@ fn scene(folder: &Path) -> ShellFitJob {
             .map(|k| {
                 let [u, v] = [k % SIZE[0], k / SIZE[0]].map(|x| x as f64);
                 let within = [(u - middle[0]) / FOCAL, (v - middle[1]) / FOCAL, 1.0];
-                let along: DVec3 = std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum());
+                let along: DVec3 = DVec3::from_array(std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum()));
                 255 * u8::from(is_hit(eye, along.try_normalize().unwrap()))
             })
             .collect();
@@ -74,7 +74,7 @@ fn scene(folder: &Path) -> ShellFitJob {
     }
     std::fs::write(folder.join("views.toml"), text).unwrap();
     let mut start = icosphere(1.0, 4);
-    (start.positions.iter_mut()).for_each(|p| *p = [22.0 * p[0] + 8.0, 30.0 * p[1], 10.0 * p[2]]);
+    (start.positions.iter_mut()).for_each(|p| *p = DVec3::new(22.0 * p[0] + 8.0, 30.0 * p[1], 10.0 * p[2]));
     write(folder, "start.ply", &start);
     ShellFitJob {
         mesh: folder.join("start.ply"),

@@ -1,5 +1,6 @@
 //! Shape that a limit on the model excludes is a part of σ.
 
+use planish_core::DVec3;
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish_exchange::{PosedScan, ScanSet, Unit};
@@ -21,7 +22,7 @@ fn waves(seed: u64) -> ScanSet {
     let points = (0..20_000).map(|_| {
         let (x, y) = (10.0 * rng.random::<f64>(), 10.0 * rng.random::<f64>());
         let noise: f64 = StandardNormal.sample(&mut rng);
-        [x, y, height(x, y) + SIGMA * noise]
+        DVec3::new(x, y, height(x, y) + SIGMA * noise)
     });
     ScanSet {
         unit: Some(Unit::Millimetre),
@@ -51,7 +52,7 @@ fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
         let cell = posterior.leaf(leaf).unwrap();
         for local in [[0.5, 0.5], [0.2, 0.7], [0.8, 0.3]] {
             let jet = surface.leaf_jet(leaf, local[0], local[1]);
-            let [x, y, z] = jet.point;
+            let DVec3 { x, y, z } = jet.point;
             if ![x, y].iter().all(|c| (0.2..9.8).contains(c)) {
                 continue;
             }

@@ -19,10 +19,10 @@ const PICTURE: &[u8] = b"\x89PNG a picture that nobody looks into";
 fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
     let ball = icosphere(10.0, 3);
     let mut text = String::from("mtllib ball.mtl\nusemtl skin\n");
-    for [x, y, z] in &ball.positions {
+    for DVec3 { x, y, z } in &ball.positions {
         writeln!(text, "v {x:?} {y:?} {z:?}").unwrap();
     }
-    for [x, y, z] in &ball.positions {
+    for DVec3 { x, y, z } in &ball.positions {
         let u = y.atan2(*x) / std::f64::consts::TAU + 0.5;
         writeln!(text, "vt {u:?} {:?}", 0.05 * z + 0.5).unwrap();
     }
@@ -39,7 +39,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
     std::fs::write(folder.join("ball.mtl"), "newmtl skin\nmap_Kd ball.png\n").unwrap();
     std::fs::write(folder.join("ball.png"), PICTURE).unwrap();
     let mut points = String::new();
-    for [x, y, z] in icosphere(10.0, 4).positions {
+    for DVec3 { x, y, z } in icosphere(10.0, 4).positions {
         writeln!(points, "{:?} {y:?} {z:?}", 1.05 * x).unwrap();
     }
     std::fs::write(folder.join("points.xyz"), points).unwrap();
@@ -66,7 +66,7 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
 
 /// How far places are from the longer ball, at most, along its radius.
 fn off(points: &[DVec3]) -> f64 {
-    (points.iter().map(|[x, y, z]| (DVec3::new(x / 1.05, *y, *z).length() - 10.0).abs())).fold(0.0, f64::max)
+    (points.iter().map(|DVec3 { x, y, z }| (DVec3::new(x / 1.05, *y, *z).length() - 10.0).abs())).fold(0.0, f64::max)
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn loose_parts_of_what_is_rigid_need_no_readings() {
     let mut text = std::fs::read_to_string(&job.mesh).unwrap();
     let first = icosphere(10.0, 3).positions.len() as u32 + 1;
     let eye = icosphere(0.5, 1);
-    for [x, y, z] in &eye.positions {
+    for DVec3 { x, y, z } in &eye.positions {
         writeln!(text, "v {x:?} {y:?} {:?}", z + 5.0).unwrap();
     }
     writeln!(text, "o cap").unwrap();

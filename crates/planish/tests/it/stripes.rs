@@ -15,13 +15,13 @@ fn looking(from: DVec3) -> Pinhole {
     let z = (-from).try_normalize().unwrap();
     let x = DVec3::Y.cross(z).try_normalize().unwrap();
     let r = [x, z.cross(x), z];
-    Pinhole { k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], DVec3::Z], r, t: r.map(|row| -row.dot(from)) }
+    Pinhole { k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], DVec3::Z.to_array()], r, t: DVec3::from(r.map(|row| -row.dot(from))) }
 }
 
 fn rig() -> GridCamera {
     GridCamera {
-        camera: looking([0.0, 0.0, -400.0]),
-        projector: looking([170.0, -20.0, -360.0]),
+        camera: looking(DVec3::new(0.0, 0.0, -400.0)),
+        projector: looking(DVec3::new(170.0, -20.0, -360.0)),
         pattern: StripePattern {
             directions_rad: [35.0_f64.to_radians(), 125.0_f64.to_radians()],
             spacing: 18.0,
@@ -61,7 +61,7 @@ fn read(shape: &Shape, texture: f64, sigma: f64, seed: u64) -> GridReadings {
     let rig = rig();
     let light = Light::Stripes { projector: rig.projector, pattern: rig.pattern, sigma_px: 1.8 };
     let stripes = take(&shape.hit, &light, texture, sigma, seed);
-    let plain = take(&shape.hit, &Light::Lamp([0.0, -150.0, -400.0]), texture, sigma, seed + 1000);
+    let plain = take(&shape.hit, &Light::Lamp(DVec3::new(0.0, -150.0, -400.0)), texture, sigma, seed + 1000);
     read_grid(&stripes, Some(&plain), &rig, &GridOptions::default()).unwrap()
 }
 
@@ -148,7 +148,7 @@ fn tube(o: DVec3, d: DVec3) -> Option<(DVec3, DVec3)> {
 
 /// z = (x² − y²)/160, within 45 of the middle.
 fn saddle_gradient(p: DVec3) -> DVec3 {
-    [-p[0] / 80.0, p[1] / 80.0, 1.0]
+    DVec3::new(-p[0] / 80.0, p[1] / 80.0, 1.0)
 }
 
 fn saddle_height(p: DVec3) -> f64 {

@@ -41,7 +41,7 @@ fn village(place: DVec3) -> ScanSet {
             } else {
                 0.0
             };
-            [x + place[0], y + place[1], meadow(x, y) + above + noise + place[2]]
+            DVec3::new(x + place[0], y + place[1], meadow(x, y) + above + noise + place[2])
         })
         .collect();
     ScanSet { unit: Some(Unit::Metre), ..common::probed(points, None, None) }
@@ -76,7 +76,7 @@ fn the_meadow_under_houses_and_trees_is_found() {
     assert_eq!(fit.report.shape, Shape::Sheet.name());
     assert!(fit.report.rejected["above_ground"] > 4000, "{:?}", fit.report.rejected);
     let places = (0..400).map(|k| [5.0 + 4.5 * f64::from(k % 20), 5.0 + 4.5 * f64::from(k / 20)]);
-    let off = heights_off(&fit, places.map(|[x, y]| [x, y, meadow(x, y)]));
+    let off = heights_off(&fit, places.map(|[x, y]| DVec3::new(x, y, meadow(x, y))));
     assert!(off.len() > 340 && rms(&off) < 1.5 * SIGMA, "{} {}", off.len(), rms(&off));
     let sigma = fit.report.sensors[0].sigma_estimated;
     assert!((sigma / SIGMA - 1.0).abs() < 0.3, "{sigma}");
@@ -84,7 +84,7 @@ fn the_meadow_under_houses_and_trees_is_found() {
 
 #[test]
 fn ground_on_a_map_is_the_ground_at_the_origin() {
-    let (near, place) = (ground(&village(DVec3::ZERO)), [524_288.0, 4_194_304.0, 512.0]);
+    let (near, place) = (ground(&village(DVec3::ZERO)), DVec3::new(524_288.0, 4_194_304.0, 512.0));
     let far = ground(&village(place));
     assert_eq!(near.report.coefficients, far.report.coefficients);
     let points = near.model.surface.vertices().iter().zip(far.model.surface.vertices());
@@ -183,7 +183,7 @@ fn ten_million_points_are_told_apart() {
         .map(|_| {
             let (x, y): (f64, f64) = (rng.random_range(0.0..3000.0), rng.random_range(0.0..3000.0));
             let tree = if rng.random_bool(0.3) { rng.random_range(0.0..15.0) } else { 0.0 };
-            [x, y, meadow(x, y) + tree]
+            DVec3::new(x, y, meadow(x, y) + tree)
         })
         .collect();
     let start = std::time::Instant::now();

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const SIZE: [usize; 2] = [400, 300];
 const FOCAL: f64 = 400.0;
 /// A ball of 50, and a ball of 12 that stands before it as seen from +x.
-const SMALL: (DVec3, f64) = ([75.0, 0.0, 10.0], 12.0);
+const SMALL: (DVec3, f64) = (DVec3::new(75.0, 0.0, 10.0), 12.0);
 /// The view with the picture of another object.
 const ODD: usize = 3;
 const HELD_OUT: usize = 5;
@@ -24,9 +24,9 @@ const HELD_OUT: usize = 5;
 /// The colour at a place of the large ball; the small one is blue.
 fn colour(p: DVec3) -> DVec3 {
     if (p - SMALL.0).length() < SMALL.1 + 1.0 {
-        return [20.0, 30.0, 220.0];
+        return DVec3::new(20.0, 30.0, 220.0);
     }
-    [128.0 + 90.0 * (p[0] / 20.0).sin(), 110.0 + 80.0 * (p[1] / 25.0).cos(), 60.0 + 0.8 * p[2]]
+    DVec3::new(128.0 + 90.0 * (p[0] / 20.0).sin(), 110.0 + 80.0 * (p[1] / 25.0).cos(), 60.0 + 0.8 * p[2])
 }
 
 /// Where a ray first meets one of the balls.
@@ -75,7 +75,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
             let along = forward + x / FOCAL * right + y / FOCAL * r[1];
             let seen = match hit(eye, along.try_normalize().unwrap()) {
                 Some(_) if view as usize == ODD => [0.0, 255.0, 0.0],
-                Some(place) => colour(place),
+                Some(place) => colour(place).to_array(),
                 None => [255.0, 255.0, 255.0],
             };
             pixels.extend(seen.map(|v| v.round() as u8));
@@ -108,7 +108,7 @@ fn run(job: &ShellTextureJob, outputs: &[PathBuf], place: ColourPlace) -> ShellT
 
 fn colours_of(mesh: &PolygonMesh) -> Vec<DVec3> {
     let [r, g, b] = ["red", "green", "blue"].map(|name| mesh.column(name).unwrap());
-    (0..r.len()).map(|v| [r[v], g[v], b[v]]).collect()
+    (0..r.len()).map(|v| DVec3::new(r[v], g[v], b[v])).collect()
 }
 
 fn largest(a: DVec3, b: DVec3) -> f64 {
@@ -197,7 +197,7 @@ fn a_texture_on_an_atlas_shows_the_thing() {
         let (column, row) =
             ((u * picture.columns as f64) as usize, ((1.0 - v) * picture.rows as f64) as usize);
         let pixel = &picture.values[3 * (row * picture.columns + column)..][..3];
-        worst = worst.max(largest([0, 1, 2].map(|c| f64::from(pixel[c])), colour(at)));
+        worst = worst.max(largest(DVec3::from_array([0, 1, 2].map(|c| f64::from(pixel[c]))), colour(at)));
     }
     println!("largest difference at the middle of a triangle {worst}");
     assert!(worst < 10.0, "{worst}");

@@ -114,7 +114,7 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
     let up = DVec3::Z;
     let scan = Scan {
         name: "bent.csv".to_owned(),
-        points: (0..40).map(|k| [f64::from(k % 8), f64::from(k / 8), 0.0]).collect(),
+        points: (0..40).map(|k| DVec3::new(f64::from(k % 8), f64::from(k / 8), 0.0)).collect(),
         normals: Some(vec![up; 40]),
         sigma_normal_deg: Some(vec![1.0; 40]),
         curvatures: Some(

@@ -128,14 +128,14 @@ fn deviations_are_red_outside_and_blue_inside() {
 fn points_are_drawn_and_edges_stay_sharp() {
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.xyz");
-    let text: String = icosphere(1.0, 4).positions.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let text: String = icosphere(1.0, 4).positions.iter().map(|DVec3 { x, y, z }| format!("{x} {y} {z}\n")).collect();
     std::fs::write(&points, text).unwrap();
     let (report, picture) = seen(&points, None, "20,10", None).unwrap();
     assert_eq!(report.color, "height");
     assert!(report.covered > 0.15, "{}", report.covered);
     assert!(covered(&picture, 105).len() > 60);
     // A cube that has each corner once: its faces are of one brightness each, up to their edges.
-    let cube = parallelepiped([0.5; 3], [DVec3::X, DVec3::Y, DVec3::Z]);
+    let cube = parallelepiped(DVec3::splat(0.5), [DVec3::X, DVec3::Y, DVec3::Z]);
     let path = write(folder.path(), "cube.stl", &cube, &[]);
     let (_, picture) = seen(&path, None, "top", Some(ColourBy::Plain)).unwrap();
     let columns = covered(&picture, 100);

@@ -281,7 +281,7 @@ impl Equations {
 /// with the sign of their direction.
 pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: bool) -> f64 {
     let mut largest = if stated { 1.0 } else { 0.0_f64 };
-    for cells in CELLS.to_array() {
+    for cells in CELLS {
         let edge = size / cells;
         // An ordered map: with a hash map, the order of the sums would vary between runs.
         let mut sums: BTreeMap<([usize; 2], [i64; 3]), (f64, f64)> = BTreeMap::new();

@@ -46,7 +46,7 @@ pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {
             turned_deg: length(&change[..3]).to_degrees(),
             moved: length(&change[3..]),
             r: camera.pinhole.r,
-            t: camera.pinhole.t,
+            t: camera.pinhole.t.to_array(),
             sigma_rotation_deg: std::array::from_fn(|k| covariance[(k, k)].sqrt().to_degrees()),
             sigma_translation: std::array::from_fn(|k| covariance[(3 + k, 3 + k)].sqrt()),
         });
