@@ -4,10 +4,10 @@
 
 #![allow(clippy::print_stdout, reason = "the program prints its result")]
 
-use planish_core::DVec3;
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish::{Result, Unit, saved};
+use planish_core::DVec3;
 use planish_exchange::{PosedScan, ScanSet};
 use planish_sense::{Noise, Scan, Sensor, SensorKind};
 use rand::{RngExt, SeedableRng};
@@ -35,7 +35,9 @@ fn main() -> Result<()> {
         let points = (0..4000)
             .map(|_| {
                 let (x, y) = (80.0 * random.random::<f64>(), 60.0 * random.random::<f64>());
-                DVec3::from_array([x, y, height(x, y)].map(|coordinate| coordinate + error.sample(&mut random)))
+                DVec3::from_array(
+                    [x, y, height(x, y)].map(|coordinate| coordinate + error.sample(&mut random)),
+                )
             })
             .collect();
         set.scans.push(PosedScan {

@@ -4,10 +4,10 @@
 
 #![allow(clippy::print_stdout, reason = "the program prints its result")]
 
-use planish_core::DVec3;
 use planish::merge::{MergeOptions, NamedPatch, PatchSet, merge, write_merged};
 use planish::progress::Silent;
 use planish::{Result, Unit};
+use planish_core::DVec3;
 use planish_mesh::{MergePatch, grid_sheet};
 use planish_sense::Pose;
 use rand::SeedableRng;

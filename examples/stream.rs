@@ -4,6 +4,7 @@
 
 #![allow(clippy::print_stdout, reason = "the program prints its result")]
 
+use planish_core::DVec3;
 use planish::Result;
 use planish::stream::{Reading, StreamOptions, SurfaceStream};
 use rand::{RngExt, SeedableRng};

@@ -15,8 +15,7 @@ use planish::fit::{FitOptions, FitReport, RefineBy};
 use planish::fit_files::{FitJob, FitJobReport};
 use planish::output::WrittenFile;
 use planish::progress::Progress;
-use planish::{Result, SymmetryKind, Unit};
-use planish_core::DVec3;
+use planish::{DVec3, Result, SymmetryKind, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -138,7 +137,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
 /// A symmetry as a value of `--symmetry`.
 fn symmetry_name(choice: &SymmetryChoice) -> String {
     // The inverse of `values::symmetry`.
-    let towards = |d: &Option<DVec3>| d.map_or(String::new(), |[x, y, z]| format!(":{x},{y},{z}"));
+    let towards = |d: &Option<DVec3>| d.map_or(String::new(), |d| format!(":{},{},{}", d.x, d.y, d.z));
     match choice {
         SymmetryChoice::Auto => "auto".to_owned(),
         SymmetryChoice::Of(SymmetryKind::Mirror { towards: d }) => format!("mirror{}", towards(d)),

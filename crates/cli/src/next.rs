@@ -7,7 +7,7 @@ use crate::summary::{self, Summary};
 pub use args::NextArgs;
 use planish::next::{NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective};
 use planish::progress::Progress;
-use planish::{Finding, Job, Result};
+use planish::{DVec3, Finding, Job, Result};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,7 @@ fn options(args: &NextArgs) -> NextOptions {
     NextOptions {
         // `--views` excludes `--count`, so the maximum of either kind has one place in the library.
         count: args.views.unwrap_or(args.count),
-        region: args.region,
+        region: args.region.map(|corners| corners.map(DVec3::from)),
         measured_only: args.measured_only,
         objective: if args.mean { Objective::Mean } else { Objective::Worst },
         against_random: args.against_random,

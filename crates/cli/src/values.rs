@@ -5,7 +5,6 @@
 
 use planish::Length;
 use planish::Unit;
-use planish_core::DVec3;
 
 /// Largest number of threads that is accepted; larger numbers are typing errors.
 const MAX_THREADS: usize = 1024;
@@ -122,7 +121,7 @@ pub fn disparities(text: &str) -> Result<[i32; 2], String> {
 }
 
 /// Two opposite corners of a box, returned as its minimum and maximum corner.
-pub fn corners(text: &str) -> Result<[DVec3; 2], String> {
+pub fn corners(text: &str) -> Result<[[f64; 3]; 2], String> {
     // `numbers` would ask for six numbers without saying that they are two corners.
     let numbers: Option<Vec<f64>> =
         (text.split(',')).map(|part| part.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();

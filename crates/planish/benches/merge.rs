@@ -44,7 +44,7 @@ fn write_patch(folder: &Path, name: &str, begin: f64, side: usize, random: &mut 
             // A quarter of a step apart, so that vertices do not lie on one another.
             let [x, y] =
                 [begin + step * (k % side) as f64, (step * (k / side) as f64) + 0.25 * step * begin.signum()];
-            [x, y, 4.0 * (0.11 * x).sin() * (0.09 * y).cos() + SIGMA * noise]
+            DVec3::new(x, y, 4.0 * (0.11 * x).sin() * (0.09 * y).cos() + SIGMA * noise)
         })
         .collect();
     let triangles: Vec<[u32; 3]> = (0..(side - 1) * (side - 1))

@@ -7,9 +7,8 @@
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
-use planish_core::DVec3;
-use planish::Shape;
 use planish::stream::{Reading, StreamOptions, SurfaceStream};
+use planish::{DVec3, Shape};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -110,7 +110,9 @@ pub mod solid;
 pub mod view;
 
 pub use job::Job;
-pub use planish_core::{Error, ErrorKind, Finding, FindingCode, FindingLevel, Length, Result, Setting, Unit};
+pub use planish_core::{
+    DVec3, Error, ErrorKind, Finding, FindingCode, FindingLevel, Length, Result, Setting, Unit,
+};
 pub use planish_core::{finding, progress};
 pub use planish_exchange::write_as_set;
 /// Settings of the sensors' front ends.

@@ -4,7 +4,6 @@
 
 use super::truth::positive;
 use planish_contour::planar::{ContourKind, ContourReading, ContourTarget, SensorOptions, ranges};
-use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
@@ -29,7 +28,7 @@ pub struct ReadingsOptions {
     /// Share of readings that are outliers.
     pub outlier_share: f64,
     /// Velocity of the object, `[vx, vy, ω]` in lengths and radians per second.
-    pub velocity: DVec3,
+    pub velocity: [f64; 3],
     /// Seed of every error.
     pub seed: u64,
     /// Unit of every length.
@@ -80,7 +79,6 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
 ///
 /// # Examples
 /// ```
-/// use planish_core::DVec3;
 /// use planish_contour::planar::ContourKind;
 /// use planish_exchange::Unit;
 /// use planish_simulate::{ReadingsOptions, write_readings_scene};
@@ -92,7 +90,7 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
 ///     sweep: 1,
 ///     noise: 1.0,
 ///     outlier_share: 0.0,
-///     velocity: DVec3::ZERO,
+///     velocity: [0.0; 3],
 ///     seed: 1,
 ///     unit: Unit::Millimetre,
 /// };
@@ -115,7 +113,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     }
     let sensor = SensorOptions {
         outlier_share: options.outlier_share,
-        velocity: options.velocity.to_array(),
+        velocity: options.velocity,
         ..default_sensor(options.noise, options.sweep, millimetre)
     };
     // The sensor moves around this point. The vertices of the L lie around the origin; the parameters of all
@@ -129,7 +127,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     write_table(&paths[0], &made.noisy)?;
     write_table(&paths[1], &made.exact)?;
     let parameters = parameters_json(&options.kind, &theta);
-    let [vx, vy, turn] = options.velocity.to_array();
+    let [vx, vy, turn] = options.velocity;
     let truth = json!({
         "kind": options.kind.to_string(),
         "parameters": parameters,
@@ -153,7 +151,7 @@ pub(super) fn default_sensor(noise: f64, sweep: usize, millimetre: f64) -> Senso
         sigma_range_share: 0.01 * noise,
         sweep: sweep.max(1),
         outlier_share: 0.0,
-        velocity: DVec3::ZERO.to_array(),
+        velocity: [0.0; 3],
         rate_hz: 100.0,
     }
 }

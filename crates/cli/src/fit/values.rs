@@ -1,9 +1,8 @@
 //! Parsers of option values of `planish fit`.
 
 use crate::values::within;
-use planish::SymmetryKind;
 use planish::complete::SymmetryChoice;
-use planish_core::DVec3;
+use planish::{DVec3, SymmetryKind};
 
 /// Largest subdivision depth that is accepted. At depth 7 a cell is 1/128 of a base cell, smaller than the
 /// spacing of readings in practice.
@@ -47,13 +46,10 @@ fn direction(text: &str) -> Result<DVec3, String> {
     }
     let numbers: Vec<f64> =
         (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
-    let all: DVec3 = numbers.try_into().map_err(|_| needed())?;
+    let all: [f64; 3] = numbers.try_into().map_err(|_| needed())?;
     // The length is free, because only the direction counts; zero has none.
-    if all.iter().all(|c: &f64| c.is_finite()) && all.iter().any(|c| *c != 0.0) {
-        Ok(all)
-    } else {
-        Err(needed())
-    }
+    let direction = DVec3::from(all);
+    if direction.is_finite() && direction != DVec3::ZERO { Ok(direction) } else { Err(needed()) }
 }
 
 /// The share of held-out readings.

@@ -2,9 +2,8 @@
 
 use crate::lines::{Align, Lines, sensor_cells};
 use crate::numbers::{count, counted, percent, significant};
-use planish::Unit;
 use planish::info::{BoxInfo, Contents, FileInfo, MeshInfo, ModelInfo, ScanInfo, ScanListInfo};
-use planish_core::DVec3;
+use planish::{DVec3, Unit};
 use std::path::Path;
 
 /// Formats lengths and boxes in the unit of the file.
@@ -25,7 +24,7 @@ impl Lengths {
             return String::new();
         };
         let size = [0, 1, 2].map(|d| significant(max[d] - min[d], 4)).join(" × ");
-        let corner = |p: &DVec3| p.map(|c| significant(c, 4)).join(", ");
+        let corner = |p: &DVec3| p.to_array().map(|c| significant(c, 4)).join(", ");
         // A file without a unit leaves two blanks in its place.
         format!("{size} {} from ({}) to ({})", self.name(), corner(min), corner(max)).replace("  ", " ")
     }
@@ -144,7 +143,7 @@ fn list_text(lines: &mut Lines, list: &ScanListInfo, lengths: &Lengths) {
                 s.sensor.clone(),
                 count(s.scan.points),
                 grid(&s.scan),
-                s.translation.map(|c| significant(c, 4)).join(", "),
+                s.translation.to_array().map(|c| significant(c, 4)).join(", "),
                 s.sigma_translation.map_or("exact".to_owned(), |s| lengths.length(s)),
             ]
         })

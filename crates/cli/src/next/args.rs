@@ -4,7 +4,6 @@ use crate::common::{CommonArgs, ReportArgs, short_help};
 use crate::values::{corners, count, length, positive_count};
 use clap::{Args, ValueHint};
 use planish::Length;
-use planish_core::DVec3;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -78,7 +77,7 @@ pub struct NextArgs {
     // The first coordinate may be negative and then looks like an option, hence `allow_hyphen_values`.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true,
           hide_short_help = true, help_heading = "Criterion")]
-    pub region: Option<[DVec3; 2]>,
+    pub region: Option<[[f64; 3]; 2]>,
     /// Consider only parts that are already measured
     #[arg(long, hide_short_help = true, help_heading = "Criterion")]
     pub measured_only: bool,

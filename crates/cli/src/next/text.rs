@@ -41,9 +41,9 @@ pub fn points_text(report: &NextJobReport) -> String {
     let rows: Vec<Vec<String>> = (1..)
         .zip(&next.points)
         .map(|(k, p): (usize, _)| {
-            let normal = p.normal.map(|c| format!("{c:.2}")).join(" ");
+            let normal = p.normal.to_array().map(|c| format!("{c:.2}")).join(" ");
             let mut row = vec![k.to_string()];
-            row.extend(p.position.map(number));
+            row.extend(p.position.to_array().map(number));
             row.extend([normal, significant(p.sigma_before, 3), significant(p.sigma_after, 3)]);
             row
         })
@@ -93,7 +93,7 @@ pub fn views_text(report: &NextViewsJobReport) -> String {
         .zip(&next.views)
         .map(|(k, v): (usize, _)| {
             let mut row = vec![k.to_string()];
-            row.extend(v.translation.map(|x| significant(x, 5)));
+            row.extend(v.translation.to_array().map(|x| significant(x, 5)));
             // Four decimals of a unit quaternion are about 0.01°, enough to recognise a pose; the files have
             // all digits.
             row.extend([
@@ -130,7 +130,7 @@ pub fn views_text(report: &NextViewsJobReport) -> String {
             "{} of the area is visible from no pose; σ there is up to {}, at {}.",
             percent(next.unseen),
             significant(place.sigma, 3),
-            place.position.map(|x| significant(x, 4)).join(" ")
+            place.position.to_array().map(|x| significant(x, 4)).join(" ")
         ));
     }
     lines.into_text()

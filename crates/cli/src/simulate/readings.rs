@@ -11,7 +11,6 @@ use planish::Finding;
 use planish::finding::with_warnings;
 use planish::simulate::{ReadingsOptions, ReadingsSummary, write_readings_scene};
 use planish::{Error, Result, Unit};
-use planish_core::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -56,14 +55,14 @@ pub struct ReadingsArgs {
     outliers: f64,
     /// Velocity of the object, in lengths and degrees per second, at 100 readings per second
     #[arg(long, value_name = "VX,VY,DEG", value_parser = velocity, allow_hyphen_values = true)]
-    velocity: Option<DVec3>,
+    velocity: Option<[f64; 3]>,
     /// Common options.
     #[command(flatten)]
     common: CommonArgs,
 }
 
 // The example in the message is a valid value of the option.
-fn velocity(text: &str) -> Result<DVec3, String> {
+fn velocity(text: &str) -> Result<[f64; 3], String> {
     numbers(text, "10,-5,20")
 }
 
@@ -112,7 +111,7 @@ fn work(args: &ReadingsArgs) -> Result<Summary<ReadingsBody>> {
         noise: args.noise,
         outlier_share: args.outliers,
         // Users state degrees; the scene computes in radians.
-        velocity: args.velocity.map_or(DVec3::ZERO, |[x, y, deg]| [x, y, deg.to_radians()]),
+        velocity: args.velocity.map_or([0.0; 3], |[x, y, deg]| [x, y, deg.to_radians()]),
         seed: args.common.seed,
         unit,
     };

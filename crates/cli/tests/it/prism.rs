@@ -1,12 +1,11 @@
 //! The prism of the paper from readings to STEP: contours, constraints, graphs, and a solid with σ.
 
 use crate::support::planish;
-use planish_core::DVec3;
 use serde_json::Value;
 use std::path::Path;
 
 /// Width, depth and height of the prism that `simulate scene views` makes.
-const SIZE: DVec3 = DVec3::new(80.0, 100.0, 60.0);
+const SIZE: [f64; 3] = [80.0, 100.0, 60.0];
 
 /// Readings of the prism's views, and their contours.
 fn contours(folder: &Path, seed: u64) {

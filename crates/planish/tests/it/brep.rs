@@ -21,7 +21,9 @@ fn base(shape: Shape, size: f64) -> BaseShape {
     let axis = DVec3::new(0.0, 0.6, 0.8);
     let centre = DVec3::new(size, -0.5 * size, 0.2 * size);
     match shape {
-        Shape::Sheet => BaseShape::plane(DVec3::from(centre), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [size, 0.7 * size]),
+        Shape::Sheet => {
+            BaseShape::plane(DVec3::from(centre), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [size, 0.7 * size])
+        }
         Shape::Tube => BaseShape::cylinder(DVec3::from(centre), DVec3::from(axis), 0.5 * size, size),
         Shape::Ball => BaseShape::sphere(DVec3::from(centre), size, DVec3::from(axis)),
         Shape::Torus => BaseShape::torus(centre, axis, size, 0.4 * size),
@@ -37,7 +39,7 @@ fn bumpy(shape: Shape, size: f64, grid: [usize; 2], rounds: usize) -> Surface {
         let vertices = surface
             .vertices()
             .iter()
-            .map(|p| *p + bump * std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+            .map(|p| *p + bump * DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0))));
         let vertices = vertices.collect();
         surface = surface.with_vertices(vertices).unwrap();
         if round < rounds {

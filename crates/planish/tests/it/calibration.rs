@@ -3,9 +3,9 @@
 //!
 //! The small sizes run with every test; `just nightly` runs the two hundred draws of each (`--ignored`).
 
-use planish_core::DVec3;
+use planish_core::{DVec3, vector3::coordinates};
+use planish_estimate::ChiSquareBand;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor, SelectedInverse};
-use planish_estimate::{ChiSquareBand, vector3::sub};
 use planish_spline::{BaseShape, CellCovariance, Hierarchy, Shape, Surface, SurfaceSystem, leaf_weights};
 use rand::RngExt;
 use rand::SeedableRng;
@@ -63,7 +63,11 @@ fn observe(system: &SurfaceSystem, truth: &Surface, count: usize, draw: &mut Dra
     system
         .accumulate(|leaf, cell| {
             for (local, z) in &readings[leaf] {
-                cell.add_vector(&leaf_weights(local[0], local[1]), DVec3::from(*z), &[w, 0.0, 0.0, w, 0.0, w]);
+                cell.add_vector(
+                    &leaf_weights(local[0], local[1]),
+                    DVec3::from(*z),
+                    &[w, 0.0, 0.0, w, 0.0, w],
+                );
             }
             !readings[leaf].is_empty()
         })
@@ -128,7 +132,7 @@ fn posterior_honesty(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
         *value *= 3.0;
     }
     prior.add_diagonal(5.0);
-    let mean: Vec<f64> = base.vertices().iter().flatten().copied().collect();
+    let mean: Vec<f64> = coordinates(base.vertices()).to_vec();
     let mut eta = vec![0.0; mean.len()];
     prior.multiply(&mean, &mut eta).unwrap();
     prior.vector_mut().copy_from_slice(&eta);
@@ -146,7 +150,7 @@ fn posterior_honesty(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
         total.add_scaled(&prior, 1.0).unwrap();
         let (factor, estimate) = solve(&system, &total);
         let deviation: Vec<f64> =
-            estimate.vertices().iter().flatten().zip(&truth).map(|(a, b)| a - b).collect();
+            coordinates(estimate.vertices()).iter().zip(&truth).map(|(a, b)| a - b).collect();
         nees += total.quadratic_form(&deviation).unwrap() / unknowns as f64;
         let (e, b) = error_and_bound(&system, &factor, &estimate, &truth_surface);
         error += e;

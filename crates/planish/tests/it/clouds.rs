@@ -48,7 +48,11 @@ fn error(fit: &Fit) -> f64 {
         .map(|_| {
             let [x, y] = [0, 1].map(|_| rng.random_range(0.05..0.95));
             let p = DVec3::new(x, y, height(x, y));
-            let foot = surface.project(DVec3::from(p), search.nearest(DVec3::from(p), DVec3::ZERO), &ProjectionOptions::default());
+            let foot = surface.project(
+                DVec3::from(p),
+                search.nearest(DVec3::from(p), DVec3::ZERO),
+                &ProjectionOptions::default(),
+            );
             foot.height * foot.height + foot.slip * foot.slip
         })
         .sum();
@@ -64,7 +68,8 @@ fn dust_changes_little() {
         [("one far point", 1, 100.0), ("dust all about", 250, 2.0), ("dust far about", 250, 20.0)]
     {
         let mut points = sheet(5000, 1);
-        points.extend((0..count).map(|_| DVec3::from_array([0; 3].map(|_| rng.random_range(-extent..extent)))));
+        points
+            .extend((0..count).map(|_| DVec3::from_array([0; 3].map(|_| rng.random_range(-extent..extent)))));
         let found = error(&run(&set_of(points, None)));
         println!("{what}: {found:.6} instead of {clean:.6}");
         assert!(found < 1.3 * clean, "{what}: {found} instead of {clean}");
@@ -142,7 +147,7 @@ fn no_more_coefficients_than_allowed() {
 /// A map's coordinates: seven digits before the point must not cost the last ones behind it.
 #[test]
 fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
-    let far = [6.5e5, 4.25e6, -1024.0];
+    let far = DVec3::new(6.5e5, 4.25e6, -1024.0);
     let moved = |points: &[DVec3]| -> Vec<DVec3> {
         let moved = points.iter().map(|p| p + far);
         moved.collect()
@@ -178,7 +183,9 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
 fn a_sheet_of_points_without_sides_faces_up() {
     let options = FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() };
     for turned in [false, true] {
-        let points = sheet(3000, 8).into_iter().map(|DVec3 { x, y, z }| if turned { [x, -y, -z] } else { DVec3::new(x, y, z).to_array() });
+        let points = sheet(3000, 8)
+            .into_iter()
+            .map(|DVec3 { x, y, z }| if turned { DVec3::new(x, -y, -z) } else { DVec3::from(DVec3::new(x, y, z).to_array()) });
         let fit = fit(&set_of(points.collect(), Some(SIGMA)), &options, &Silent).unwrap();
         let [u, v] = fit.model.surface.space().extent().map(|e| 0.5 * e);
         assert!(fit.model.surface.normal(u, v).unwrap()[2] > 0.5);

@@ -84,7 +84,7 @@ fn scene(kind: ContourKind, velocity: DVec3, noise: f64, folder: &Path) -> PathB
         sweep: 1,
         noise,
         outlier_share: 0.0,
-        velocity,
+        velocity: velocity.to_array(),
         seed: 3,
         unit: Unit::Millimetre,
     };
@@ -185,7 +185,9 @@ fn readings_in_space_are_a_cylinder() {
         SpaceSensor { standoff: 150.0, sigma_position: 0.5, sigma_angle_rad: 0.01, sigma_range_share: 0.004 };
     let mut text = String::from("x,y,z,azimuth_deg,elevation_deg,range,sigma_range\n");
     for ray in rays(&solid, 300, &sensor, 4).noisy {
-        if let RayTarget::Range { origin: DVec3 { x, y, z }, direction_rad: [a, e], range, sigma } = ray.target {
+        if let RayTarget::Range { origin: DVec3 { x, y, z }, direction_rad: [a, e], range, sigma } =
+            ray.target
+        {
             let (a, e) = (a.to_degrees(), e.to_degrees());
             writeln!(text, "{x},{y},{z},{a},{e},{range},{}", sigma[5]).unwrap();
         }

@@ -177,7 +177,7 @@ fn threads_do_not_change_a_bit_of_the_model() {
     let bits = [1, 2, 3, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let model = pool.install(|| run(&scene.set, Shape::Ball)).model;
-        let vertices = model.surface.vertices().as_flattened().iter();
+        let vertices = planish_core::vector3::coordinates(model.surface.vertices()).iter();
         let data = &model.known.information().unwrap().data;
         vertices.chain(data.values()).map(|x| x.to_bits()).collect::<Vec<u64>>()
     });

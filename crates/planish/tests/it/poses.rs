@@ -116,7 +116,7 @@ fn sphere(rng: &mut ChaCha8Rng, radius: f64, sigma: f64) -> ScanSet {
             let n = n.map(|c| c / length);
             if side * n[2] > -0.3 {
                 let noise = normals3(rng, sigma);
-                points.push(std::array::from_fn(|k| radius * n[k] + noise[k]));
+                points.push(radius * n + noise);
                 normals.push(n);
             }
         }
@@ -156,13 +156,13 @@ fn biased_plane(rng: &mut ChaCha8Rng, sigma: f64, bias: f64) -> ScanSet {
     let mut set = common::probed(Vec::new(), None, Some(sigma));
     let template = set.scans.pop().unwrap();
     for s in 0..6 {
-        let [offset, ..] = normals3(rng, bias);
+        let offset = normals3(rng, bias).x;
         let mut posed = template.clone();
         posed.scan.name = format!("pass-{s}");
         posed.scan.points = (0..300)
             .map(|_| {
                 let [x, y] = [(); 2].map(|()| 40.0 * rng.random::<f64>());
-                [x, y, offset + normals3(rng, sigma)[0]]
+                DVec3::new(x, y, offset + normals3(rng, sigma).x)
             })
             .collect();
         set.scans.push(posed);

@@ -93,7 +93,7 @@ fn real_readings_overrule_a_symmetry() {
     // The other side was pressed in by 2 mm, and a probe has touched it there.
     let foot = scene.truth.foot(DVec3::new(-60.0, 0.0, -5.0)).unwrap();
     let (middle, n) = (foot.point.position, foot.point.normal);
-    let (e1, e2) = planish_estimate::vector3::tangents(n);
+    let (e1, e2) = planish_core::vector3::tangents(n);
     let pressed: Vec<DVec3> = (0..121)
         .map(|k| {
             let [x, y] = [k % 11, k / 11].map(|c| 1.4 * (f64::from(c) - 5.0));
@@ -142,7 +142,8 @@ fn with_gap(
 #[test]
 fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
     type Surface = fn(f64, f64) -> (DVec3, DVec3);
-    let table: Surface = |x, y| (DVec3::new(x, y, 0.1 * x), DVec3::new(-0.1, 0.0, 1.0).try_normalize().unwrap());
+    let table: Surface =
+        |x, y| (DVec3::new(x, y, 0.1 * x), DVec3::new(-0.1, 0.0, 1.0).try_normalize().unwrap());
     let dome: Surface = |x, y| {
         let n = DVec3::new(x / 20.0, y / 20.0, (1.0 - (x * x + y * y) / 400.0).sqrt());
         (DVec3::from(n.map(|c| 20.0 * c)), n)
@@ -230,7 +231,8 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         for pose in &motion.poses[1..] {
             let turn = (truth.rate_deg_per_s * pose.time_s).to_radians() * truth.axis;
             let true_pose = Pose::from_twist(turn, truth.axis_point.cross(turn));
-            let found = Pose::from_quaternion_xyzw(pose.quaternion_xyzw, DVec3::from(pose.translation)).unwrap();
+            let found =
+                Pose::from_quaternion_xyzw(pose.quaternion_xyzw, DVec3::from(pose.translation)).unwrap();
             let (off, _) = found.inverse().after(&true_pose).twist();
             let squares: f64 =
                 (0..3).map(|k| (off[k].to_degrees() / pose.sigma_rotation_deg[k]).powi(2)).sum();

@@ -75,11 +75,11 @@ impl Truth {
         let base = fit.model.surface.space().base();
         let corner = |u: f64, v: f64| fit.model.surface.jet(u * base[0] as f64, v * base[1] as f64).point;
         let [a, b, c] = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
-        let half = |p: DVec3, q: DVec3| [0, 1, 2].map(|d| if d < 2 { 0.5 * (q[d] - p[d]) } else { 0.0 });
+        let half = |p: DVec3, q: DVec3| 0.5 * (q - p) * DVec3::new(1.0, 1.0, 0.0);
         let (du, dv) = (half(a, b), half(a, c));
-        let (lu, lv) = (du.length_squared().sqrt(), dv.length_squared().sqrt());
+        let (lu, lv) = (du.length(), dv.length());
         let centre = DVec3::new(a[0] + du[0] + dv[0], a[1] + du[1] + dv[1], 0.0);
-        let plane = BaseShape::plane(centre, [DVec3::from(du.map(|x| x / lu)), DVec3::from(dv.map(|x| x / lv))], [lu, lv]);
+        let plane = BaseShape::plane(centre, [du / lu, dv / lv], [lu, lv]);
         Self::over(&plane.surface(base).unwrap(), seed)
     }
 
@@ -165,7 +165,8 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
                 point = point.map(|c| c + mix.misstated[0] * SIGMA * draw(&mut rng));
             }
             if sensor == 3 {
-                let (noise, covariance) = stereo_noise(point, DVec3::from_array([(); 3].map(|()| draw(&mut rng))));
+                let (noise, covariance) =
+                    stereo_noise(point, DVec3::from_array([(); 3].map(|()| draw(&mut rng))));
                 point = DVec3::from_array(std::array::from_fn(|k| point[k] + noise[k]));
                 covariances.push(covariance);
             }
@@ -308,8 +309,13 @@ fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
 
 #[test]
 fn a_misstated_sigma_of_any_quantity_is_found_out() {
-    let mix =
-        Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: DVec3::new(1.0, 3.0, 0.4) };
+    let mix = Mix {
+        positions: 2_000,
+        normals: 2_000,
+        curvatures: 2_000,
+        stereo: 0,
+        misstated: DVec3::new(1.0, 3.0, 0.4),
+    };
     let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;
     for (sensor, (quantity, sigma)) in report.sensors.iter().zip([
         ("position", SIGMA),

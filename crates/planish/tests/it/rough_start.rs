@@ -47,7 +47,7 @@ fn scene(folder: &Path) -> ShellFitJob {
     for view in 0..VIEWS {
         let around = std::f64::consts::TAU * view as f64 / VIEWS as f64;
         let up = if view % 2 == 0 { 1.0_f64 } else { -0.5 };
-        let out = [up.cos() * around.cos(), up.cos() * around.sin(), up.sin()];
+        let out = DVec3::new(up.cos() * around.cos(), up.cos() * around.sin(), up.sin());
         let eye = 190.0 * out;
         let z = -out;
         let x = z.cross(DVec3::Z).try_normalize().unwrap();
@@ -57,7 +57,8 @@ fn scene(folder: &Path) -> ShellFitJob {
             .map(|k| {
                 let [u, v] = [k % SIZE[0], k / SIZE[0]].map(|x| x as f64);
                 let within = [(u - middle[0]) / FOCAL, (v - middle[1]) / FOCAL, 1.0];
-                let along: DVec3 = DVec3::from_array(std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum()));
+                let along: DVec3 =
+                    DVec3::from_array(std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum()));
                 255 * u8::from(is_hit(eye, along.try_normalize().unwrap()))
             })
             .collect();

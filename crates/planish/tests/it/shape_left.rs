@@ -1,8 +1,8 @@
 //! Shape that a limit on the model excludes is a part of σ.
 
-use planish_core::DVec3;
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
+use planish_core::DVec3;
 use planish_exchange::{PosedScan, ScanSet, Unit};
 use planish_sense::{Noise, Scan, Sensor};
 use planish_spline::{Shape, leaf_weights};

@@ -66,7 +66,8 @@ fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
 
 /// How far places are from the longer ball, at most, along its radius.
 fn off(points: &[DVec3]) -> f64 {
-    (points.iter().map(|DVec3 { x, y, z }| (DVec3::new(x / 1.05, *y, *z).length() - 10.0).abs())).fold(0.0, f64::max)
+    (points.iter().map(|DVec3 { x, y, z }| (DVec3::new(x / 1.05, *y, *z).length() - 10.0).abs()))
+        .fold(0.0, f64::max)
 }
 
 #[test]

@@ -14,8 +14,12 @@ const SIZE: [usize; 2] = [480, 400];
 fn looking(from: DVec3) -> Pinhole {
     let z = (-from).try_normalize().unwrap();
     let x = DVec3::Y.cross(z).try_normalize().unwrap();
-    let r = [x, z.cross(x), z];
-    Pinhole { k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], DVec3::Z.to_array()], r, t: DVec3::from(r.map(|row| -row.dot(from))) }
+    let rows = [x, z.cross(x), z];
+    Pinhole {
+        k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], [0.0, 0.0, 1.0]],
+        r: rows.map(DVec3::to_array),
+        t: rows.map(|row| -row.dot(from)).into(),
+    }
 }
 
 fn rig() -> GridCamera {
@@ -142,7 +146,7 @@ fn tube(o: DVec3, d: DVec3) -> Option<(DVec3, DVec3)> {
     let root = b * b - a * c;
     (root > 0.0).then(|| {
         let p = o + (-b - root.sqrt()) / a * d;
-        (p, [p[0] / 40.0, 0.0, p[2] / 40.0])
+        (p, DVec3::new(p[0] / 40.0, 0.0, p[2] / 40.0))
     })
 }
 

@@ -130,7 +130,7 @@ fn the_reference_samples_are_told_apart() {
         }
         let set = read(&path);
         let truth = read(&folder.join(format!("samp{sample}-utm-ground.pcd")));
-        let bits = |p: &DVec3| p.map(f64::to_bits);
+        let bits = |p: &DVec3| p.to_array().map(f64::to_bits);
         let bare: HashSet<[u64; 3]> = truth.scans[0].scan.points.iter().map(bits).collect();
         let points = &set.scans[0].scan.points;
         let truly: Vec<bool> = points.iter().map(|p| bare.contains(&bits(p))).collect();

@@ -112,7 +112,7 @@ fn colours_of(mesh: &PolygonMesh) -> Vec<DVec3> {
 }
 
 fn largest(a: DVec3, b: DVec3) -> f64 {
-    (a - b).into_iter().fold(0.0, |m, x| f64::max(m, x.abs()))
+    (a - b).abs().max_element()
 }
 
 #[test]

@@ -128,7 +128,8 @@ fn deviations_are_red_outside_and_blue_inside() {
 fn points_are_drawn_and_edges_stay_sharp() {
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.xyz");
-    let text: String = icosphere(1.0, 4).positions.iter().map(|DVec3 { x, y, z }| format!("{x} {y} {z}\n")).collect();
+    let text: String =
+        icosphere(1.0, 4).positions.iter().map(|DVec3 { x, y, z }| format!("{x} {y} {z}\n")).collect();
     std::fs::write(&points, text).unwrap();
     let (report, picture) = seen(&points, None, "20,10", None).unwrap();
     assert_eq!(report.color, "height");
