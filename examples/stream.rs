@@ -4,9 +4,9 @@
 
 #![allow(clippy::print_stdout, reason = "the program prints its result")]
 
-use planish_core::DVec3;
 use planish::Result;
 use planish::stream::{Reading, StreamOptions, SurfaceStream};
+use planish_core::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 

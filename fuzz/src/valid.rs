@@ -16,13 +16,12 @@ pub use scans::*;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use planish_core::DVec3;
 use planish_estimate::{Error, Result};
 use std::io::{Cursor, Write as _};
 use std::path::Path;
 
 /// Points of a wavy surface over the unit square, `side` in each direction.
-fn points(side: u32) -> Vec<DVec3> {
+fn points(side: u32) -> Vec<[f64; 3]> {
     let height = |x: f64, y: f64| 0.1 * (7.0 * x * x + 3.0 * y).sin();
     (0..side * side)
         .map(|k| [k % side, k / side].map(|c| f64::from(c) / f64::from(side - 1)))

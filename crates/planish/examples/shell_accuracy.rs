@@ -171,10 +171,7 @@ fn one(
         controls.points.iter().flat_map(|p| {
             let p = *p - center;
             let of = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-            let own: DVec3 = DVec3::from_array(std::array::from_fn(|k| {
-                of(&affine, k) + 0.015 * size * of(&wave, k).sin()
-            }));
-            own
+            [0, 1, 2].map(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin())
         }),
     );
     let by = displacements(&deformation, &q);

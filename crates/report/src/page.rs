@@ -276,7 +276,11 @@ mod tests {
     fn outliers_are_packed_but_do_not_determine_the_view() {
         let scene = Scene {
             surfaces: vec![SurfaceShown {
-                positions: vec![DVec3::new(1e6, 0.0, 0.0), DVec3::new(1e6 + 2.0, 0.0, 0.0), [1e6, 4.0, 0.0]],
+                positions: vec![
+                    DVec3::new(1e6, 0.0, 0.0),
+                    DVec3::new(1e6 + 2.0, 0.0, 0.0),
+                    DVec3::new(1e6, 4.0, 0.0),
+                ],
                 triangles: vec![[0, 1, 2]],
                 ..SurfaceShown::default()
             }],

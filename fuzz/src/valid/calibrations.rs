@@ -1,6 +1,5 @@
 //! Valid calibrations, views, poses and lights (TOML).
 
-use planish_core::DVec3;
 use planish_estimate::Result;
 
 /// Calibrations of a depth camera.

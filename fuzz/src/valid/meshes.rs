@@ -5,7 +5,7 @@ use flate2::read::GzDecoder;
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
 use planish::saved::save;
-use planish_core::DVec3;
+use planish_core::{DVec3, vector3::from_arrays};
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{PosedMesh, write_posed};
 use planish_exchange::mesh::{Column, MeshColumns};
@@ -19,7 +19,7 @@ pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
     let points = points(3);
     let normals = vec![DVec3::Z; 9];
     let mesh = MeshColumns {
-        points: &points,
+        points: from_arrays(&points),
         normals: Some(&normals),
         columns: vec![
             ("sigma", Column::F64(&[0.1; 9])),
@@ -41,7 +41,7 @@ fn square(name: &str) -> Result<Vec<u8>> {
     let points = points(3);
     let normals = vec![DVec3::Z; 9];
     let mesh = MeshColumns {
-        points: &points,
+        points: from_arrays(&points),
         normals: Some(&normals),
         columns: vec![("sigma", Column::F64(&[0.1; 9]))],
         triangles: &[[0, 1, 3], [1, 4, 3], [1, 2, 4], [4, 2, 5], [3, 4, 6], [4, 7, 6], [4, 5, 7], [5, 8, 7]],
@@ -133,7 +133,7 @@ pub fn models() -> Result<Vec<Vec<u8>>> {
 fn model(shape: planish::Shape) -> Result<Vec<u8>> {
     let folder = tempfile::tempdir().map_err(|e| Error::io("no folder").with_source(e))?;
     let (scan, model) = (folder.path().join("a.ply"), folder.path().join("a.planish"));
-    let round = |[u, v, _]: DVec3| {
+    let round = |[u, v, _]: [f64; 3]| {
         let (longitude, z) = (std::f64::consts::TAU * u, 2.0 * v - 1.0);
         // Equal steps of z spread points evenly over a sphere (Archimedes).
         let radius = (1.0 - z * z).max(0.0).sqrt();
@@ -143,7 +143,11 @@ fn model(shape: planish::Shape) -> Result<Vec<u8>> {
         planish::Shape::Sheet => points(6),
         _ => points(9).into_iter().map(round).collect(),
     };
-    write_scan(&scan, &Scan { points, ..Scan::default() }, Some(Unit::Millimetre))?;
+    write_scan(
+        &scan,
+        &Scan { points: from_arrays(&points).to_vec(), ..Scan::default() },
+        Some(Unit::Millimetre),
+    )?;
     // Few coefficients: in a small file, much of the damage hits the header, which the reader checks.
     let options = FitOptions { shape: Some(shape), max_coefficients: 64, ..FitOptions::default() };
     // No provenance: it would contain the name of the temporary folder.

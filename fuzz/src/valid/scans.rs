@@ -2,7 +2,7 @@
 
 use super::{points, written};
 use las::point::{Classification, Format};
-use planish_core::SymmetricMatrix3;
+use planish_core::{DVec3, SymmetricMatrix3, vector3::from_arrays};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_exchange::ply::write_scan;
@@ -13,11 +13,11 @@ use std::path::Path;
 
 /// Scans with σ, covariances, normals and grids, in all three encodings.
 pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
-    let points = points(4);
+    let points = from_arrays(&points(4)).to_vec();
     let count = points.len();
     let full = Scan {
         covariance: Some(vec![SymmetricMatrix3::from_array([0.4, 0.1, 0.0, 0.5, 0.0, 0.6]); count]),
-        normals: Some(vec![[0.0, 0.6, 0.8]; count]),
+        normals: Some(vec![DVec3::new(0.0, 0.6, 0.8); count]),
         sigma_normal_deg: Some(vec![2.0; count]),
         grid: Some(RangeGrid {
             columns: 4,

@@ -17,7 +17,7 @@ fn looking(from: DVec3) -> Pinhole {
     let rows = [x, z.cross(x), z];
     Pinhole {
         k: [[1500.0, 0.0, 239.5], [0.0, 1500.0, 199.5], [0.0, 0.0, 1.0]],
-        r: rows.map(DVec3::to_array),
+        r: rows.map(|row| row.to_array()),
         t: rows.map(|row| -row.dot(from)).into(),
     }
 }
