@@ -144,8 +144,10 @@ impl Delaunay {
     pub fn insert(&mut self, at: DVec3) -> Result<u32> {
         if !self.holds(at) {
             return Err(Error::input(format!(
-                "{at:?} is not inside the box of the triangulation, from {:?} to {:?}",
-                self.points[0], self.points[7]
+                "{:?} is not inside the box of the triangulation, from {:?} to {:?}",
+                at.to_array(),
+                self.points[0].to_array(),
+                self.points[7].to_array()
             )));
         }
         // Successive points are often neighbours, so the walk from the last one is short.

@@ -235,7 +235,7 @@ fn camera(angle: f64, height: f64) -> Result<Camera> {
     let focal = 0.75 * SIZE[1] as f64 * DISTANCE_MM / (2.0 * HALF);
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
-        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z.to_array()],
+        [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
         (-(r * Vector3::from(from))).into(),
     )

@@ -19,7 +19,7 @@ fn camera(at: DVec3, along: DVec3) -> Pinhole {
     let x = DVec3::Y.cross(z).try_normalize().unwrap();
     let y = z.cross(x);
     let world_from_camera = Pose { rotation: from_columns([x, y, z]), translation: at };
-    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], DVec3::Z.to_array()], &world_from_camera)
+    Pinhole::new([[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], [0.0, 0.0, 1.0]], &world_from_camera)
 }
 
 fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {

@@ -383,7 +383,7 @@ impl Stage {
 
     /// A camera at a pose whose principal point has the column `cx`.
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
-        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], DVec3::Z.to_array()], pose)
+        Pinhole::new([[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], [0.0, 0.0, 1.0]], pose)
     }
 
     fn baseline(&self) -> f64 {
@@ -494,7 +494,11 @@ impl Stage {
                     "sigma_px = 0.01\n\n[camera]\nK = {k}\n\n[projector]\nK = {k}\nR = {:?}\nt = \
                      {:?}\n\n[stripes]\ndirections_deg = {STRIPES_DEG:?}\nspacing = {:?}\norigin = \
                      {:?}\nrange = {:?}\n",
-                    projector.rotation, projector.translation, pattern.spacing, pattern.origin, pattern.range
+                    projector.rotation,
+                    projector.translation.to_array(),
+                    pattern.spacing,
+                    pattern.origin,
+                    pattern.range
                 )
             }
         };
@@ -522,7 +526,7 @@ impl Stage {
                 "\n[[scan]]\nsensor = \"{name}\"\nfile = \"{name}-{}.ply\"\npose = {{ translation = {:?}, \
                  quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
                 view + 1,
-                pose.translation,
+                pose.translation.to_array(),
                 pose.quaternion_xyzw()
             );
         }

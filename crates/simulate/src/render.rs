@@ -267,7 +267,7 @@ mod tests {
     use planish_mesh::{grid_sheet, icosphere};
 
     const CAMERA: Pinhole = Pinhole {
-        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], DVec3::Z.to_array()],
+        k: [[100.0, 0.0, 20.0], [0.0, 100.0, 20.0], [0.0, 0.0, 1.0]],
         r: planish_core::matrix3::IDENTITY,
         t: DVec3::new(0.0, 0.0, 50.0),
     };

@@ -246,7 +246,7 @@ fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let focal = 0.8 * SIZE[1] as f64 * DISTANCE;
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
-        [[focal, 0.0, cx], [0.0, focal, cy], DVec3::Z.to_array()],
+        [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
         [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
         t.into(),
     )

@@ -80,9 +80,10 @@ pub struct Brep {
 
 fn finite(points: &[DVec3]) -> Result<()> {
     match points.iter().position(|p| !p.is_finite()) {
-        Some(at) => {
-            Err(Error::input(format!("expected finite coordinates, found {:?} at point {at}", points[at])))
-        }
+        Some(at) => Err(Error::input(format!(
+            "expected finite coordinates, found {:?} at point {at}",
+            points[at].to_array()
+        ))),
         None => Ok(()),
     }
 }

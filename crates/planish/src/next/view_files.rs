@@ -119,7 +119,7 @@ fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -
             "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, \
              quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
             k + 1,
-            view.translation,
+            view.translation.to_array(),
             view.quaternion_xyzw
         );
     }

@@ -209,7 +209,7 @@ fn job_text(set: &ScanSet) -> String {
         let _ = writeln!(
             text,
             "pose = {{ translation = {:?}, quaternion_xyzw = {:?} }}",
-            pose.translation,
+            pose.translation.to_array(),
             pose.quaternion_xyzw()
         );
         if let Some(time) = posed.scan.time_s {
@@ -217,8 +217,8 @@ fn job_text(set: &ScanSet) -> String {
         }
         let _ = match posed.scan.viewing {
             Viewing::Unknown => Ok(()),
-            Viewing::Direction(d) => writeln!(text, "direction = {d:?}"),
-            Viewing::Origin(p) => writeln!(text, "viewpoint = {p:?}"),
+            Viewing::Direction(d) => writeln!(text, "direction = {:?}", d.to_array()),
+            Viewing::Origin(p) => writeln!(text, "viewpoint = {:?}", p.to_array()),
         };
     }
     text

@@ -48,7 +48,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
             // Before the pose is applied, because the message names a number of the file.
             posed.scan.points.iter().position(|p| p.to_array().iter().any(|c| c.abs() > MAX_LENGTH))
         {
-            let point = posed.scan.points[at];
+            let point = posed.scan.points[at].to_array();
             return Err(wrong(
                 posed,
                 at,
