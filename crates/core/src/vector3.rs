@@ -100,7 +100,7 @@ mod tests {
             assert_eq!(bits(s * u), by_component(&|k| s * a[k]));
             assert_eq!(bits(u / s), by_component(&|k| a[k] / s));
             assert_eq!(bits(u + s * v), by_component(&|k| a[k] + s * b[k]));
-            assert_eq!(bits(-u), by_component(&|k| -1.0 * a[k]));
+            assert_eq!(bits(-u), by_component(&|k| -a[k]));
             assert_eq!(bits(0.5 * (u + v)), by_component(&|k| 0.5 * (a[k] + b[k])));
             let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
             assert_eq!(bits(u.cross(v)), cross.map(f64::to_bits));

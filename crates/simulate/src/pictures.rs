@@ -555,7 +555,7 @@ impl Stage {
 /// Pose of a camera on a ring around the vertical axis that looks at `middle`: x right, y down, z forward.
 fn pose_on_ring(middle: DVec3, far: f64, up: DVec3, turn: f64, elevation_deg: f64) -> Result<Pose> {
     let across = DVec3::new(up[1], up[2], up[0]);
-    let third = up.cross(DVec3::from(across));
+    let third = up.cross(across);
     let (sin, cos) = elevation_deg.to_radians().sin_cos();
     // A cyclic shift of a coordinate axis is perpendicular to it, so `across`, `third` and `level` have
     // unit length.

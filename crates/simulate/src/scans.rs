@@ -349,7 +349,7 @@ fn view_pose(
             let ring = (1.0 - z * z).sqrt();
             // The golden angle spreads any number of views.
             let angle = 2.399_963_229_728_653 * view as f64;
-            DVec3::from([ring * angle.cos(), ring * angle.sin(), z])
+            DVec3::new(ring * angle.cos(), ring * angle.sin(), z)
         }
     };
     let [x, y, roll] = [0; 3].map(|_| rng.random::<f64>() - 0.5);

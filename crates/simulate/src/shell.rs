@@ -241,7 +241,7 @@ fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
     let right = forward.cross(&Vector3::z()).normalize();
     let down = forward.cross(&right);
     let r = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
-    let t = -(r * Vector3::from(center - DVec3::ZERO));
+    let t = -(r * Vector3::from(center));
     // The diagonal of the box fills 80 % of the height of the image.
     let focal = 0.8 * SIZE[1] as f64 * DISTANCE;
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));

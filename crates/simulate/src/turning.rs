@@ -122,7 +122,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
     let turn = turning.rate_deg_per_s.to_radians() * axis;
     // A rotation about an axis through a is p ↦ a + R(p − a), whose twist is (ω, −ω × a).
-    let slide = DVec3::ZERO - turn.cross(axis_point);
+    let slide = -turn.cross(axis_point);
     let each = turning.readings.div_ceil(turning.views);
     for view in 0..turning.views {
         progress.check("scanning", view as f64 / turning.views as f64)?;

@@ -342,10 +342,7 @@ fn rectangle_around(
     // points.
     let (u, v) = smallest_box(points, u, normal.cross(u));
     let (lo, hi) = bounds(points, [u, v]);
-    let centre = mean
-        + (0.5 * (lo[0] + hi[0]) - mean.dot(u)) * u
-        + (0.5 * (lo[1] + hi[1]) - mean.dot(v)) * v
-        + DVec3::ZERO;
+    let centre = mean + (0.5 * (lo[0] + hi[0]) - mean.dot(u)) * u + (0.5 * (lo[1] + hi[1]) - mean.dot(v)) * v;
     // A margin of 0.5 % keeps the outermost points inside.
     BaseShape::plane(centre, [u, v], [0, 1].map(|d| (0.505 * (hi[d] - lo[d])).max(1e-9 * spread)))
 }

@@ -94,7 +94,7 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
     let place = DVec3::new(row.required("x")?, row.required("y")?, row.required("z")?);
     if !is_range {
         return Ok(RayTarget::Point {
-            position: DVec3::from(place),
+            position: place,
             sigma: row.sigma("sigma", defaults.point, Some(Setting::SigmaPoint))?,
         });
     }

@@ -237,7 +237,7 @@ fn de_boor(
             let (from, to) = (knots[span - degree + i], knots[span + 1 + i - r]);
             // Repeated knots would give 0/0.
             let a = if to > from { (t - from) / (to - from) } else { 0.0 };
-            d[i] = DVec3::from_array(std::array::from_fn(|c| (1.0 - a) * d[i - 1][c] + a * d[i][c]));
+            d[i] = (1.0 - a) * d[i - 1] + a * d[i];
         }
     }
     let [x, y, w] = d[degree].to_array();

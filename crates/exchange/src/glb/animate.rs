@@ -101,9 +101,8 @@ impl Animation {
         if !(seconds > 0.0 && seconds.is_finite()) {
             return Err(Error::input(format!("expected a positive time per frame, found {seconds} s")));
         }
-        let centre = BoundingBox::from_points(&last.points).map_or(DVec3::ZERO, |b| {
-            DVec3::from_array(std::array::from_fn(|k| b.min[k] + 0.5 * (b.max[k] - b.min[k])))
-        });
+        let centre =
+            BoundingBox::from_points(&last.points).map_or(DVec3::ZERO, |b| b.min + 0.5 * (b.max - b.min));
         let mut columns: Vec<Column> = vec![
             last.points.iter().map(|p| (*p - centre).to_array().map(|c| c as f32)).collect(),
             last.normals.iter().map(|n| n.to_array().map(|c| c as f32)).collect(),

@@ -174,9 +174,9 @@ fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
 fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
     let single = |p: &[f64; 3]| p.map(|x| x as f32);
     // The middle of the bounds, unlike the mean, minimises the largest coordinate and so its rounding.
-    let low = mesh.points.iter().fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
-    let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
-    let center: DVec3 = DVec3::from_array([0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k])));
+    let low = mesh.points.iter().fold(DVec3::MAX, |m, p| m.min(*p));
+    let high = mesh.points.iter().fold(DVec3::MIN, |m, p| m.max(*p));
+    let center = low + 0.5 * (high - low);
     let mut chunk = Chunk::default();
     // Relative to the middle, single precision resolves the size of the mesh, not its distance from the
     // origin.

@@ -68,7 +68,7 @@ fn spline_point(knots: &[f64], poles: &[DVec3], t: f64) -> DVec3 {
         for k in (r..=3).rev() {
             let (low, high) = (knots[span - 3 + k], knots[span + 1 + k - r]);
             let w = (t - low) / (high - low);
-            d[k] = DVec3::from_array(std::array::from_fn(|c| (1.0 - w) * d[k - 1][c] + w * d[k][c]));
+            d[k] = (1.0 - w) * d[k - 1] + w * d[k];
         }
     }
     d[3]

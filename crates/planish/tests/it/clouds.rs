@@ -185,7 +185,7 @@ fn a_sheet_of_points_without_sides_faces_up() {
     for turned in [false, true] {
         let points = sheet(3000, 8)
             .into_iter()
-            .map(|DVec3 { x, y, z }| if turned { DVec3::new(x, -y, -z) } else { DVec3::from([x, y, z]) });
+            .map(|DVec3 { x, y, z }| if turned { DVec3::new(x, -y, -z) } else { DVec3::new(x, y, z) });
         let fit = fit(&set_of(points.collect(), Some(SIGMA)), &options, &Silent).unwrap();
         let [u, v] = fit.model.surface.space().extent().map(|e| 0.5 * e);
         assert!(fit.model.surface.normal(u, v).unwrap()[2] > 0.5);

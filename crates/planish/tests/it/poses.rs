@@ -49,7 +49,7 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
                 Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), DVec3::ZERO);
             let t = normals3(&mut rng, sigma_translation);
             posed.scan.world_from_scanner = Pose {
-                translation: DVec3::from_array(std::array::from_fn(|k| truth.translation[k] + t[k])),
+                translation: truth.translation + t,
                 ..turn.after(&Pose { translation: DVec3::ZERO, ..truth })
             };
             (posed.sigma_translation, posed.sigma_rotation_deg) =
@@ -63,7 +63,7 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
 fn squared_error(report: &ScanPoseReport, truth: &Pose) -> f64 {
     let found = Pose::from_quaternion_xyzw(report.quaternion_xyzw, DVec3::from(report.translation)).unwrap();
     let turn = found.after(&truth.inverse()).rotation_vector();
-    let t: DVec3 = DVec3::from_array(std::array::from_fn(|k| found.translation[k] - truth.translation[k]));
+    let t = found.translation - truth.translation;
     let e = DVector::from_column_slice(&[t[0], t[1], t[2], turn[0], turn[1], turn[2]]);
     let covariance = DMatrix::from_fn(6, 6, |a, b| report.covariance.unwrap()[a][b]);
     e.dot(&covariance.lu().solve(&e).unwrap())

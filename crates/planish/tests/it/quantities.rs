@@ -98,17 +98,17 @@ struct Mix {
     normals: usize,
     curvatures: usize,
     stereo: usize,
-    misstated: DVec3,
+    misstated: [f64; 3],
 }
 
-const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: DVec3::splat(1.0) };
+const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: [1.0; 3] };
 
 /// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length,
 /// each match off by σ = 0.05 pixels: along the ray `z² / (f b)` of that, across it `z / f`. And its
 /// covariance.
 fn stereo_noise(point: DVec3, normal_draws: DVec3) -> (DVec3, SymmetricMatrix3) {
-    let seen_from = [0.5 * SIZE, 0.5 * SIZE, 60.0];
-    let away: DVec3 = DVec3::from_array(std::array::from_fn(|k| point[k] - seen_from[k]));
+    let seen_from = DVec3::new(0.5 * SIZE, 0.5 * SIZE, 60.0);
+    let away = point - seen_from;
     let (ray, z) = (away.try_normalize().unwrap(), -away[2]);
     let (along, across) = (z * z / (1000.0 * 20.0) * 0.05, z / 1000.0 * 0.05);
     let (e1, e2) = tangents(ray);
@@ -167,7 +167,7 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
             if sensor == 3 {
                 let (noise, covariance) =
                     stereo_noise(point, DVec3::from_array([(); 3].map(|()| draw(&mut rng))));
-                point = DVec3::from_array(std::array::from_fn(|k| point[k] + noise[k]));
+                point += noise;
                 covariances.push(covariance);
             }
             scan.points.push(point);

@@ -102,7 +102,7 @@ impl Judged {
                 // The three components of the second fundamental form in its own frame, the mixed one with √2
                 // of its σ off the diagonal.
                 let of = |d: DVec3| side * (shape.curvature)(o.point, d);
-                let both = (c.d1 + 1.0 * d2).try_normalize().unwrap();
+                let both = (c.d1 + d2).try_normalize().unwrap();
                 let (a, b) = (of(c.d1), of(d2));
                 let mixed = of(both) - 0.5 * (a + b);
                 self.curvature.extend(

@@ -137,7 +137,7 @@ fn homogeneous(poles: &[DVec3], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>
         .map(|(k, p)| {
             let w = weights.map_or(1.0, |w| w[k]);
             // With weights of zero or below, the denominator may vanish.
-            if !(w > 0.0 && w.is_finite()) || !p.is_finite() {
+            if !(w > 0.0 && w.is_finite() && p.is_finite()) {
                 return Err(Error::input(format!(
                     "control point {k}: needed finite coordinates and a weight > 0, found {:?} and {w}",
                     p.to_array()

@@ -116,7 +116,7 @@ fn axes(frame: &Wireframe) -> Vec<DVec3> {
             match found.iter_mut().find(|f| unit(**f).cross(d).length() < PARALLEL * d.length()) {
                 // The sum of the edges weights each direction by its length: errors of the ends turn a long
                 // edge less.
-                Some(known) => *known = *known + known.dot(d).signum() * d,
+                Some(known) => *known += known.dot(d).signum() * d,
                 None => found.push(d),
             }
         }

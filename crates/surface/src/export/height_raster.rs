@@ -403,11 +403,8 @@ mod tests {
             let x = grid.corner[0] + (0.5 + (at % grid.columns) as f64) * grid.cell;
             let y = grid.corner[1] - (0.5 + (at / grid.columns) as f64) * grid.cell;
             let p = DVec3::new(x, y, f64::from(*height));
-            let foot = (model.surface).project(
-                DVec3::from(p),
-                search.nearest(p, DVec3::ZERO),
-                &ProjectionOptions::default(),
-            );
+            let foot =
+                (model.surface).project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
             assert!(foot.height.abs() < 1e-6 && foot.slip < 1e-5, "{p:?}");
             let along =
                 Posterior::sigma_along(&posterior.leaf(foot.leaf as usize).unwrap(), foot.local, foot.normal);

@@ -268,9 +268,8 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
             let undetermined =
                 || Error::undetermined("the readings' parameters lie on one line: they determine no surface");
             let [origin, along_u, along_v] = sums.affine().ok_or_else(undetermined)?.map;
-            Box::new(move |u, v| {
-                DVec3::from_array(std::array::from_fn(|d| origin[d] + u * along_u[d] + v * along_v[d]))
-            })
+            let [origin, along_u, along_v] = [origin, along_u, along_v].map(DVec3::from);
+            Box::new(move |u, v| origin + u * along_u + v * along_v)
         }
         Shape::Tube => {
             let radius = nu / TAU;

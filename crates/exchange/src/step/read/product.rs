@@ -30,7 +30,7 @@ impl Motion {
     }
 
     pub(super) fn apply(&self, p: DVec3) -> DVec3 {
-        self.turn(p) + 1.0 * self.shift
+        self.turn(p) + self.shift
     }
 
     /// Composition that applies `first` first.
@@ -384,5 +384,5 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
         _ => 1.0,
     };
     let origin_id = entity.reference(at)?;
-    Ok(Motion { columns: [x, y, z].map(|c| size * c), shift: geometry.point(origin_id)? - DVec3::ZERO })
+    Ok(Motion { columns: [x, y, z].map(|c| size * c), shift: geometry.point(origin_id)? })
 }

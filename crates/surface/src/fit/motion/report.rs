@@ -152,8 +152,8 @@ impl RigidTracker<'_> {
     /// The report of the motion.
     pub(crate) fn report(&self, set: &ScanSet) -> Result<MotionReport> {
         let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
-        let turn = DVec3::from_array([0, 1, 2].map(|k| self.twist[k]));
-        let velocity = DVec3::from_array([3, 4, 5].map(|k| self.twist[k]));
+        let turn = DVec3::from_slice(&self.twist.as_slice()[..3]);
+        let velocity = DVec3::from_slice(&self.twist.as_slice()[3..]);
         // σ of the length of a vector is its σ along the vector.
         let length = |first: usize, v: DVec3| {
             let size = v.length();
