@@ -314,7 +314,7 @@ fn a_misstated_sigma_of_any_quantity_is_found_out() {
         normals: 2_000,
         curvatures: 2_000,
         stereo: 0,
-        misstated: DVec3::new(1.0, 3.0, 0.4),
+        misstated: [1.0, 3.0, 0.4],
     };
     let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;
     for (sensor, (quantity, sigma)) in report.sensors.iter().zip([
