@@ -63,7 +63,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
     let all = args.kind.contains(&KindChoice::Auto);
     if !shapes.is_empty() && shapes.len() < args.kind.len() {
         return Err(Error::input(
-            "--kind mixes shapes in space with contours in the plane: needed kinds of one sort",
+            "--kind mixes shapes in space with contours in the plane: expected kinds of one sort",
         ));
     }
     Ok(ContourJob {

@@ -86,8 +86,8 @@ mod tests {
 
     #[test]
     fn options_follow_the_message() {
-        assert_eq!(with_options("needed a sheet", &[]), "needed a sheet");
-        assert_eq!(with_options("needed a sheet", &[Setting::Shape]), "needed a sheet (option --shape)");
+        assert_eq!(with_options("expected a sheet", &[]), "expected a sheet");
+        assert_eq!(with_options("expected a sheet", &[Setting::Shape]), "expected a sheet (option --shape)");
         assert_eq!(
             with_options("omit one", &[Setting::Motion, Setting::Filter]),
             "omit one (options --motion, --filter)"

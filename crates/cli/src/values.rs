@@ -12,10 +12,10 @@ const MAX_THREADS: usize = 1024;
 /// A finite number for which `good` is true; `needed` describes it.
 pub fn within(text: &str, needed: &str, good: impl Fn(f64) -> bool) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Err(_) => Err("needed a number".to_owned()),
+        Err(_) => Err("expected a number".to_owned()),
         // Rust parses `inf` and `NaN` as numbers, but no option has a use for them.
         Ok(value) if value.is_finite() && good(value) => Ok(value),
-        Ok(_) => Err(format!("needed {needed}")),
+        Ok(_) => Err(format!("expected {needed}")),
     }
 }
 
@@ -58,7 +58,7 @@ pub fn length(text: &str) -> Result<Length, String> {
 
 /// A whole number of at least 0.
 pub fn count(text: &str) -> Result<usize, String> {
-    text.parse().map_err(|_| "needed a whole number that is not below 0".to_owned())
+    text.parse().map_err(|_| "expected a whole number that is not below 0".to_owned())
 }
 
 /// A whole number of at least 1.
@@ -66,7 +66,7 @@ pub fn positive_count(text: &str) -> Result<usize, String> {
     match count(text) {
         // The message of `count` would allow 0, so both failures get the same message here.
         Ok(n @ 1..) => Ok(n),
-        _ => Err("needed a whole number above 0".to_owned()),
+        _ => Err("expected a whole number above 0".to_owned()),
     }
 }
 
@@ -74,21 +74,21 @@ pub fn positive_count(text: &str) -> Result<usize, String> {
 pub fn pixel_step(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(n @ 1..=1024) => Ok(n),
-        _ => Err("needed a whole number from 1 to 1024".to_owned()),
+        _ => Err("expected a whole number from 1 to 1024".to_owned()),
     }
 }
 
 /// A seed of random numbers.
 // The message states the range because `u64` rejects both negative and larger numbers.
 pub fn seed(text: &str) -> Result<u64, String> {
-    text.parse().map_err(|_| format!("needed a whole number from 0 to {}", u64::MAX))
+    text.parse().map_err(|_| format!("expected a whole number from 0 to {}", u64::MAX))
 }
 
 /// A number of threads.
 pub fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(threads @ 1..=MAX_THREADS) => Ok(threads),
-        _ => Err(format!("needed a whole number from 1 to {MAX_THREADS}")),
+        _ => Err(format!("expected a whole number from 1 to {MAX_THREADS}")),
     }
 }
 
@@ -100,14 +100,14 @@ pub fn grid(text: &str) -> Result<[usize; 2], String> {
     let parts: Vec<Option<usize>> = text.split(['x', 'X', '×']).map(cells).collect();
     match parts[..] {
         [Some(u), Some(v)] => Ok([u, v]),
-        _ => Err("needed cells along u and v, each from 1 to 16384, as in 61x61".to_owned()),
+        _ => Err("expected cells along u and v, each from 1 to 16384, as in 61x61".to_owned()),
     }
 }
 
 /// Columns and rows of an image, as in `640x480`.
 pub fn pixels(text: &str) -> Result<[usize; 2], String> {
     grid(text).map_err(|_| {
-        "needed a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned()
+        "expected a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned()
     })
 }
 
@@ -116,7 +116,7 @@ pub fn disparities(text: &str) -> Result<[i32; 2], String> {
     let ends: Vec<Option<i32>> = text.split("..").map(|end| end.trim().parse().ok()).collect();
     match ends[..] {
         [Some(first), Some(last)] if first < last => Ok([first, last]),
-        _ => Err("needed the minimum and the maximum disparity, as in 0..127".to_owned()),
+        _ => Err("expected the minimum and the maximum disparity, as in 0..127".to_owned()),
     }
 }
 
@@ -127,7 +127,7 @@ pub fn corners(text: &str) -> Result<[[f64; 3]; 2], String> {
         (text.split(',')).map(|part| part.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
     match numbers.as_deref() {
         Some(&[a, b, c, d, e, f]) => Ok([[a.min(d), b.min(e), c.min(f)], [a.max(d), b.max(e), c.max(f)]]),
-        _ => Err("needed six numbers: two opposite corners, as in 0,0,0,10,10,5".to_owned()),
+        _ => Err("expected six numbers: two opposite corners, as in 0,0,0,10,10,5".to_owned()),
     }
 }
 
@@ -137,5 +137,5 @@ pub fn numbers<const N: usize>(text: &str, example: &str) -> Result<[f64; N], St
         text.split(',').map(|w| w.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     found
         .and_then(|v| <[f64; N]>::try_from(v).ok())
-        .ok_or_else(|| format!("needed {N} numbers, as in {example}"))
+        .ok_or_else(|| format!("expected {N} numbers, as in {example}"))
 }

@@ -144,7 +144,7 @@ impl Error {
     /// # Examples
     /// ```
     /// use planish_core::{Error, Setting};
-    /// let error = Error::input("needed a sheet, found a ball").with_setting(Setting::Shape);
+    /// let error = Error::input("expected a sheet, found a ball").with_setting(Setting::Shape);
     /// assert_eq!(error.settings(), [Setting::Shape]);
     /// ```
     #[must_use]

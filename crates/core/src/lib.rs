@@ -7,7 +7,7 @@
 //! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
-//! | [`DVec3`], [`Vec3`] | points, normals and directions in double and single precision, from the crate `glam` |
+//! | [`DVec3`], [`Vec3`] | points, normals and directions, in double and single precision (crate `glam`) |
 //! | [`vector3`], [`matrix3`] | what `DVec3` lacks, and arithmetic of 3 × 3 matrices |
 //! | [`SymmetricMatrix3`] | covariances and curvature tensors |
 //! | [`Pose`] | rigid motions between two frames |

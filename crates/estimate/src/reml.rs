@@ -48,7 +48,7 @@ pub struct SmoothnessEvaluation {
     pub residual: f64,
     /// `x̂ᵀ K x̂`.
     pub roughness: f64,
-    /// `tr((Λ + w K)⁻¹ K)`; needed only by the Fellner–Schall update.
+    /// `tr((Λ + w K)⁻¹ K)`; expected only by the Fellner–Schall update.
     pub trace: Option<f64>,
 }
 

@@ -102,7 +102,7 @@ pub fn isosurface(
     let levels = ((extent / cell).max(1.0).log2().ceil() as u32).max(1);
     if levels >= BITS {
         return Err(Error::unsupported(format!(
-            "cells of {cell} are too small for a box {extent} long: needed at most a million along a side"
+            "cells of {cell} are too small for a box {extent} long: expected at most a million along a side"
         )));
     }
     let grid = Grid { low: bounds.min, cell };

@@ -33,7 +33,7 @@ fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |k: usize| arguments.get(k).and_then(|word| word.parse::<usize>().ok());
     let (Some(points), Some(controls)) = (number(0), number(1)) else {
-        return Err(Error::input("needed POINTS CONTROLS MESH..."));
+        return Err(Error::input("expected POINTS CONTROLS MESH..."));
     };
     println!(
         "| mesh | facets | metaballs | open / non-manifold edges | start, σ | shell, σ | true places, σ | \

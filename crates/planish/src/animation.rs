@@ -118,7 +118,7 @@ pub fn write_forming(
 ) -> Result<AnimationReport> {
     let Some(last) = forming.snapshots.last().filter(|_| forming.snapshots.len() > 1) else {
         return Err(Error::input(
-            "an animation needed a fit with at least two snapshots, and readings for them",
+            "an animation: expected a fit with at least two snapshots, and readings for them",
         ));
     };
     let frames = frames(&last.surface, forming, unit, progress)?;

@@ -120,7 +120,7 @@ impl Job for FitJob {
         if let Some(folder) = &self.states {
             if self.task.fit_options().is_none_or(|options| options.strategy != Strategy::Bending) {
                 return Err(Error::input(format!(
-                    "{}: states are those of a sheet that bends: needed a motion that bends",
+                    "{}: states are those of a sheet that bends: expected a motion that bends",
                     folder.display()
                 ))
                 .with_setting(Setting::Motion));
@@ -267,7 +267,7 @@ fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<F
         // An error before the fit, because a missing animation would be noticed only after it.
         let Some(snapshots) = options.strategy.snapshots_mut() else {
             return Err(Error::unsupported(
-                "an animation shows readings in their order: needed a strategy other than known parameters \
+                "an animation shows readings in their order: expected a strategy other than known parameters \
                  and bending, which use all readings of a time together",
             ));
         };
@@ -427,7 +427,7 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
             findings.push(Finding::new(
                 FindingCode::CurvaturesUnused,
                 format!(
-                    "{}: k1 k2 are not used, because their σ is unknown; needed the column `sigma_k`, \
+                    "{}: k1 k2 are not used, because their σ is unknown; expected the column `sigma_k`, \
                  or `sigma_k` of the sensor in a job",
                     posed.scan.name
                 ),
@@ -511,22 +511,22 @@ fn check_settings(job: &FitJob) -> Result<()> {
     ] {
         // Negated, so that NaN is refused as well.
         if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(Error::input(format!("needed a {name} > 0, found {value}")));
+            return Err(Error::input(format!("expected a {name} > 0, found {value}")));
         }
     }
     // A gate below 1 σ would reject a third of correct readings and bias σ towards zero.
     if !(gate.is_finite() && gate >= 1.0) {
-        return Err(Error::input(format!("needed a gate of at least 1 σ (4 is usual), found {gate}")));
+        return Err(Error::input(format!("expected a gate of at least 1 σ (4 is usual), found {gate}")));
     }
     if max_coefficients < LEAST_COEFFICIENTS {
         return Err(Error::input(format!(
-            "needed at least {LEAST_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
+            "expected at least {LEAST_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
         )));
     }
     // With a larger share, too few readings would be left to fit.
     if !(0.0..0.9).contains(&held_out_share) {
         return Err(Error::input(format!(
-            "needed a held-out share from 0 to below 0.9, found {held_out_share}"
+            "expected a held-out share from 0 to below 0.9, found {held_out_share}"
         )));
     }
     Ok(())

@@ -218,7 +218,7 @@ pub fn next_points(
 ) -> Result<NextReport> {
     let sigma = options.sigma.or_else(|| best_sigma(model)).ok_or_else(|| {
         Error::input(
-            "needed the σ of the readings to come: the model knows of no sensor that measures positions",
+            "expected the σ of the readings to come: the model knows of no sensor that measures positions",
         )
     })?;
     check_lengths(&[("σ", Some(sigma)), ("goal", options.goal)])?;
@@ -310,7 +310,7 @@ fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
     let wrong = |value: &Option<f64>| value.is_some_and(|v| !(1e-100..1e100).contains(&v));
     match lengths.iter().find(|(_, value)| wrong(value)) {
         Some((name, value)) => Err(Error::input(format!(
-            "needed a {name} > 0, between 1e-100 and 1e100, found {}",
+            "expected a {name} > 0, between 1e-100 and 1e100, found {}",
             value.unwrap_or(f64::NAN)
         ))),
         None => Ok(()),

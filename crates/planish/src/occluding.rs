@@ -331,7 +331,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     let measured = !view.contours.is_empty();
     // A view without contours would interrupt the sequence silently.
     if !measured && outline.is_empty() {
-        return Err(Error::input("needed a mask, or contours with ordered points, found none"));
+        return Err(Error::input("expected a mask, or contours with ordered points, found none"));
     }
     let (contours, sigma_px, apart_px) = match measured {
         // Neighbouring places of a smoothed border share their noise. Denser sampling would count it several

@@ -191,7 +191,7 @@ pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
 
 /// The error for an output whose extension names no format of the job; `needed` lists those that do.
 pub(crate) fn unsupported_extension(path: &Path, needed: &str) -> Error {
-    Error::unsupported(format!("{}: cannot write this format: needed {needed}", path.display()))
+    Error::unsupported(format!("{}: cannot write this format: expected {needed}", path.display()))
 }
 
 /// Refuses to write two outputs to one file.
@@ -199,7 +199,7 @@ fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
     // Real paths, so that links and `./` do not hide that two names are one file.
     if others.iter().any(|other| real_path(other) == real_path(path)) {
         return Err(Error::input(format!(
-            "{}: named twice as an output: needed a name for each",
+            "{}: named twice as an output: expected a name for each",
             path.display()
         )));
     }
@@ -213,7 +213,7 @@ fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
 pub fn refuse_input_as_output(path: &Path, inputs: &[PathBuf]) -> Result<()> {
     match inputs.iter().find(|input| real_path(input) == real_path(path)) {
         Some(input) => Err(Error::input(format!(
-            "{}: is also the input {}: needed another name for the output, so that the input is kept",
+            "{}: is also the input {}: expected another name for the output, so that the input is kept",
             path.display(),
             input.display()
         ))),
@@ -401,7 +401,7 @@ mod tests {
             format: OutputFormat::from_path(Path::new(name)).unwrap(),
         });
         assert!(stl_findings(&mesh(100.0), &outputs).is_empty());
-        let [warning] = &stl_findings(&mesh(4e6), &outputs)[..] else { panic!("needed one warning") };
+        let [warning] = &stl_findings(&mesh(4e6), &outputs)[..] else { panic!("expected one warning") };
         assert!(
             warning.text.starts_with("a.stl: ") && warning.text.contains("m: .ply, .obj and .glb do not"),
             "{warning}"

@@ -32,7 +32,7 @@ impl ReportOutput {
     pub fn file(&self) -> Result<PathBuf> {
         if !matches!(extension(&self.path).as_str(), "html" | "htm") {
             return Err(Error::unsupported(format!(
-                "{}: a report is one page of HTML: needed a name that ends in .html",
+                "{}: a report is one page of HTML: expected a name that ends in .html",
                 self.path.display()
             )));
         }

@@ -362,7 +362,7 @@ fn check_formats(job: &SenseJob) -> Result<()> {
                     ".ply (points)"
                 };
                 return Err(Error::unsupported(format!(
-                    "{}: cannot write this format: needed {wanted}, found `{other}`",
+                    "{}: cannot write this format: expected {wanted}, found `{other}`",
                     path.display()
                 )));
             }

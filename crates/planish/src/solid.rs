@@ -400,7 +400,7 @@ fn counts(solid: &Solid) -> FaceCounts {
 fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "needed drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be \
+            "expected drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be \
              left out), or one file with all of them, found {}",
             job.views.len()
         )));
@@ -410,7 +410,7 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         if kinds.len() != job.views.len() || repeated.is_some() {
             let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
             return Err(Error::input(format!(
-                "needed one name for each of the {} views, each once, found {}",
+                "expected one name for each of the {} views, each once, found {}",
                 job.views.len(),
                 names.join(",")
             )));
@@ -420,7 +420,7 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         && is_contours(job)
     {
         return Err(Error::input(format!(
-            "{}: is no contour (.json), as other views are: needed all views of one sort, for an exact \
+            "{}: is no contour (.json), as other views are: expected all views of one sort, for an exact \
              drawing has no σ to match by",
             drawn.display()
         )));
@@ -449,7 +449,7 @@ fn check_settings(job: &SolidJob) -> Result<()> {
     if let Some(tolerance) = job.mesh_tolerance
         && !(tolerance > 0.0 && tolerance.is_finite())
     {
-        return Err(Error::input(format!("needed a mesh tolerance > 0, found {tolerance}")));
+        return Err(Error::input(format!("expected a mesh tolerance > 0, found {tolerance}")));
     }
     for output in &job.outputs {
         // Dimensions with σ exist only for contours, so `.json` is refused for drawings.

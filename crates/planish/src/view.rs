@@ -171,7 +171,7 @@ fn draw_picture(
     // Checked before reading: a typing error in the size must not exhaust the memory.
     if columns.saturating_mul(rows) > MAX_PIXELS || columns == 0 || rows == 0 {
         return Err(Error::input(format!(
-            "needed a picture of 1 to {} million pixels, found {columns} × {rows}",
+            "expected a picture of 1 to {} million pixels, found {columns} × {rows}",
             MAX_PIXELS / 1_000_000
         )));
     }
@@ -326,7 +326,7 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
             if has_surface || content.normals.is_some() {
                 Ok(None)
             } else {
-                Err(Error::input("needed points with normals to colour by, found none"))
+                Err(Error::input("expected points with normals to colour by, found none"))
             }
         }
         Some(ColourBy::Field(key)) => match find(key) {

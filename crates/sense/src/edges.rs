@@ -77,7 +77,7 @@ const NEAR: f64 = 6.0;
 pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint>> {
     let s = options.smoothing_px;
     if !(s >= 0.5 && s.is_finite()) {
-        return Err(Error::input(format!("needed a smoothing of half a pixel or more, found {s}")));
+        return Err(Error::input(format!("expected a smoothing of half a pixel or more, found {s}")));
     }
     // Within the radius of the kernel, repeated border pixels would bend edges.
     let border = (4.0 * s).ceil() as usize + 2;

@@ -106,7 +106,7 @@ pub fn classify_ground(points: &[DVec3], options: &GroundOptions) -> Result<Vec<
         [("width of the widest object", widest), ("cell", options.cell), ("slope", slope), ("height", height)]
     {
         if !(value.is_finite() && value > 0.0) {
-            return Err(Error::input(format!("ground: needed a {name} > 0, found {value}")));
+            return Err(Error::input(format!("ground: expected a {name} > 0, found {value}")));
         }
     }
     if points.is_empty() {

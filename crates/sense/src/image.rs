@@ -31,7 +31,7 @@ impl Image {
     pub fn try_new(columns: usize, rows: usize, values: Vec<f32>) -> Result<Self> {
         if values.is_empty() || columns.checked_mul(rows) != Some(values.len()) {
             return Err(Error::input(format!(
-                "needed {columns} × {rows} pixels, found {} values",
+                "expected {columns} × {rows} pixels, found {} values",
                 values.len()
             )));
         }

@@ -240,7 +240,8 @@ const SURROUNDED: f64 = 1.0;
 /// ```
 /// use planish_core::DVec3;
 /// use planish_sense::cloud_geometry;
-/// let points: Vec<DVec3> = (0..100).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10), 0.0)).collect();
+/// let point = |i: u32| DVec3::new(f64::from(i % 10), f64::from(i / 10), 0.0);
+/// let points: Vec<DVec3> = (0..100).map(point).collect();
 /// let found = cloud_geometry(&points, 8)?;
 /// assert!(found.normals.iter().all(|n| n[2].abs() > 0.999) && !found.isolated.contains(&true));
 /// # Ok::<(), planish_estimate::Error>(())

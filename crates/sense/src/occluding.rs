@@ -337,7 +337,7 @@ fn checked(views: &[ContourView], options: &OccludingOptions) -> Result<()> {
     for view in views {
         if !(view.sigma_px > 0.0 && view.sigma_px.is_finite()) {
             return Err(Error::input(format!(
-                "view `{}`: needed a σ of its contours above 0 pixels, found {}",
+                "view `{}`: expected a σ of its contours above 0 pixels, found {}",
                 view.name, view.sigma_px
             )));
         }

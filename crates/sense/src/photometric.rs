@@ -312,7 +312,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<DVec3>> {
     let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
     if inside.len() < 100 {
         return Err(Error::undetermined(format!(
-            "needed a ball of 100 pixels or more, found {}",
+            "expected a ball of 100 pixels or more, found {}",
             inside.len()
         )));
     }
@@ -331,7 +331,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<DVec3>> {
     let light = |(number, image): (usize, &Image)| {
         if (image.columns, image.rows) != (mask.columns, mask.rows) {
             return Err(Error::input(format!(
-                "image {number} of the ball: needed {} × {} pixels like its mask, found {} × {}",
+                "image {number} of the ball: expected {} × {} pixels like its mask, found {} × {}",
                 mask.columns, mask.rows, image.columns, image.rows
             )));
         }
@@ -366,7 +366,7 @@ pub fn normals_from_colours(
 ) -> Result<NormalMap> {
     if values.len() != 3 * columns * rows {
         return Err(Error::input(format!(
-            "needed the three colours of {columns} × {rows} pixels, found {} values",
+            "expected the three colours of {columns} × {rows} pixels, found {} values",
             values.len()
         )));
     }
@@ -434,11 +434,11 @@ fn check(
     options: &PhotometricOptions,
 ) -> Result<()> {
     if images.len() < 3 {
-        return Err(Error::input(format!("needed three images or more, found {}", images.len())));
+        return Err(Error::input(format!("expected three images or more, found {}", images.len())));
     }
     if images.len() != lights.len() {
         return Err(Error::input(format!(
-            "needed one image per light, found {} and {}",
+            "expected one image per light, found {} and {}",
             images.len(),
             lights.len()
         )));
@@ -446,7 +446,7 @@ fn check(
     let first = (images[0].columns, images[0].rows);
     if let Some(other) = images.iter().chain(mask).find(|i| (i.columns, i.rows) != first) {
         return Err(Error::input(format!(
-            "needed images of one size, found {} × {} and {} × {} pixels",
+            "expected images of one size, found {} × {} and {} × {} pixels",
             first.0, first.1, other.columns, other.rows
         )));
     }
@@ -454,7 +454,7 @@ fn check(
         (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
     if let Some((first, second)) = repeated {
         return Err(Error::input(format!(
-            "images {} and {} are the same, pixel by pixel: needed a different image for each light",
+            "images {} and {} are the same, pixel by pixel: expected a different image for each light",
             first + 1,
             second + 1
         )));
@@ -470,7 +470,8 @@ fn check(
     match inverse(&m).is_some() {
         true => Ok(()),
         false => {
-            Err(Error::undetermined("the lights lie in one plane with the object: needed three that do not"))
+            let text = "the lights lie in one plane with the object: expected three that do not";
+            Err(Error::undetermined(text))
         }
     }
 }

@@ -120,7 +120,7 @@ impl Rectification {
         let baseline = centres[1] - centres[0];
         let x = baseline
             .try_normalize()
-            .ok_or_else(|| Error::input("needed two cameras at different positions, found both at one"))?;
+            .ok_or_else(|| Error::input("expected two cameras at different positions, found both at one"))?;
         for (camera, (size, which)) in rig.cameras.iter().zip(sizes.iter().zip(["first", "second"])) {
             refuse_epipole(camera, *size, x, which)?;
         }
@@ -131,7 +131,7 @@ impl Rectification {
         let across = ahead.cross(x).try_normalize().filter(|_| axes[0].dot(axes[1]) > 0.0);
         let y = across.ok_or_else(|| {
             Error::input(
-                "needed two cameras that view the same object, found \
+                "expected two cameras that view the same object, found \
             axes more than 90° apart or along the baseline",
             )
         })?;
@@ -205,7 +205,7 @@ impl Rectification {
         if [taken.columns, taken.rows] != self.sizes[which] {
             let [columns, rows] = self.sizes[which];
             return Err(Error::input(format!(
-                "needed an image of {columns} × {rows} pixels, found {} × {}",
+                "expected an image of {columns} × {rows} pixels, found {} × {}",
                 taken.columns, taken.rows
             )));
         }
@@ -264,7 +264,7 @@ fn refuse_epipole(camera: &LensCamera, [columns, rows]: [usize; 2], along: DVec3
             if inside(u, columns) && inside(v, rows) {
                 return Err(Error::input(format!(
                     "the epipole lies inside the image of the {which} camera, at ({u:.0}, {v:.0}): \
-                    needed cameras that do not look along the line between them"
+                    expected cameras that do not look along the line between them"
                 )));
             }
         }
@@ -288,7 +288,7 @@ fn outline(
             let pixel = [0, 1].map(|d| ends[d] * place[d] - 0.5);
             let direction = camera.direction(pixel).ok_or_else(|| {
                 Error::input(format!(
-                    "the distortion cannot be inverted at the pixel ({:.0}, {:.0}): needed one that grows \
+                    "the distortion cannot be inverted at the pixel ({:.0}, {:.0}): expected one that grows \
                     along every ray of the image, found {:?}",
                     pixel[0], pixel[1], camera.distortion
                 ))
@@ -297,7 +297,7 @@ fn outline(
             // About 87° from the rectified axis.
             if z <= 0.05 * direction.length() {
                 return Err(Error::input(
-                    "needed cameras with similar directions: rectified, the border of an image would lie \
+                    "expected cameras with similar directions: rectified, the border of an image would lie \
                     at infinity",
                 ));
             }

@@ -248,33 +248,33 @@ fn contrast(image: &Image) -> f32 {
 fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     if (left.columns, left.rows) != (right.columns, right.rows) {
         return Err(Error::input(format!(
-            "needed two images of one size, found {} × {} and {} × {} pixels",
+            "expected two images of one size, found {} × {} and {} × {} pixels",
             left.columns, left.rows, right.columns, right.rows
         )));
     }
     if left.columns < 16 || left.rows < 16 {
         return Err(Error::input(format!(
-            "needed images of at least 16 × 16 pixels, found {} × {}",
+            "expected images of at least 16 × 16 pixels, found {} × {}",
             left.columns, left.rows
         )));
     }
     if !(4..=4096).contains(&options.disparities) {
         return Err(Error::input(format!(
-            "needed a search range of 4 to 4096 disparities, found {}",
+            "expected a search range of 4 to 4096 disparities, found {}",
             options.disparities
         )));
     }
     if !(1..=1000).contains(&options.small_step) || !(options.small_step..=4000).contains(&options.large_step)
     {
         return Err(Error::input(format!(
-            "needed penalties 1 ≤ P1 ≤ 1000 and P1 ≤ P2 ≤ 4000, found {} and {}",
+            "expected penalties 1 ≤ P1 ≤ 1000 and P1 ≤ P2 ≤ 4000, found {} and {}",
             options.small_step, options.large_step
         )));
     }
     let reach = options.least_disparity.unsigned_abs() as usize;
     if reach >= left.columns {
         return Err(Error::input(format!(
-            "needed a minimum disparity below the images' width of {}, found {}",
+            "expected a minimum disparity below the images' width of {}, found {}",
             left.columns, options.least_disparity
         )));
     }
@@ -290,7 +290,7 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     }
     if let Some(k) = left.values.iter().chain(&right.values).position(|v| !v.is_finite()) {
         return Err(Error::input(format!(
-            "needed finite brightness, found none at pixel {}",
+            "expected finite brightness, found none at pixel {}",
             k % left.values.len()
         )));
     }

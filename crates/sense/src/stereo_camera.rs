@@ -101,7 +101,7 @@ impl StereoCamera {
     pub fn scan(&self, map: &DisparityMap, choice: &StereoPoints, name: &str) -> Result<Scan> {
         let step = choice.step;
         if step == 0 {
-            return Err(Error::input("needed a step of 1 pixel or more, found 0"));
+            return Err(Error::input("expected a step of 1 pixel or more, found 0"));
         }
         let (mut points, mut covariances) = (Vec::new(), Vec::new());
         let (columns, rows) = (map.columns.div_ceil(step), map.rows.div_ceil(step));

@@ -271,7 +271,7 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Str
     // Relative to the trace: the matrix has the unit of the weights.
     let determined = determinant > 1e-9 * size.powi(3);
     if !determined {
-        return Err(Error::undetermined("needed neighbours in three directions for the curvature"));
+        return Err(Error::undetermined("expected neighbours in three directions for the curvature"));
     }
     let inverse = [m[1].cross(m[2]), m[2].cross(m[0]), m[0].cross(m[1])].map(|c| 1.0 / determinant * c);
     let [a, b, d] = inverse.map(|row| row.dot(r));

@@ -68,7 +68,7 @@ impl ViewSensor {
         } else {
             return Ok(());
         };
-        Err(Error::input(format!("needed {complaint}")))
+        Err(Error::input(format!("expected {complaint}")))
     }
 
     /// The same sensor in a unit of which `factor` make one old unit.

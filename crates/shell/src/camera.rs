@@ -61,7 +61,7 @@ impl Camera {
         let triangle = k[(1, 0)] == 0.0 && k[(2, 0)] == 0.0 && k[(2, 1)] == 0.0 && k[(2, 2)] == 1.0;
         if !(finite && triangle && k[(0, 0)] > 0.0 && k[(1, 1)] > 0.0) {
             return Err(Error::input(format!(
-                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K \
+                "expected K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K \
                 = {}",
                 rows(&k)
             )));
@@ -69,7 +69,8 @@ impl Camera {
         let off = (r * r.transpose() - Matrix3::identity()).amax();
         if off > 1e-3 || r.determinant() < 0.0 {
             return Err(Error::input(format!(
-                "needed a rotation in R, with rows of length one at right angles and determinant 1, found {}",
+                "expected a rotation in R, with rows of length one at right angles and determinant 1, \
+                 found {}",
                 rows(&r)
             )));
         }
@@ -99,7 +100,7 @@ impl Camera {
                 || !last.iter().all(|x| x.is_finite())
             {
                 return Err(Error::input(format!(
-                    "needed a projection matrix whose left 3 × 3 part has an inverse, found {p:?}"
+                    "expected a projection matrix whose left 3 × 3 part has an inverse, found {p:?}"
                 )));
             }
         }

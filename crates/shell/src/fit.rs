@@ -307,7 +307,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let parameters = deformation.parameters();
     if parameters == 0 || parameters > MAX_PARAMETERS {
         return Err(Error::unsupported(format!(
-            "{parameters} parameters: needed between 1 and {MAX_PARAMETERS}, three for each control point"
+            "{parameters} parameters: expected between 1 and {MAX_PARAMETERS}, three for each control point"
         )));
     }
     let sizes = [

@@ -71,13 +71,13 @@ impl BendingOptions {
     fn as_scans(&self) -> Result<ScanSceneOptions> {
         if self.states < 2 {
             return Err(Error::input(format!(
-                "needed at least two states of a sheet that bends, found {}",
+                "expected at least two states of a sheet that bends, found {}",
                 self.states
             )));
         }
         if !(0.0..=0.2).contains(&self.stretch) {
             return Err(Error::input(format!(
-                "needed a stretch from 0 to 0.2, a share of the length, found {}",
+                "expected a stretch from 0 to 0.2, a share of the length, found {}",
                 self.stretch
             )));
         }

@@ -136,7 +136,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     positive("σ of the contour points", options.sigma_px)?;
     if options.views < 3 {
         return Err(Error::input(format!(
-            "needed at least three views of each motion, found {}",
+            "expected at least three views of each motion, found {}",
             options.views
         )));
     }

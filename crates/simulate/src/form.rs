@@ -151,7 +151,7 @@ impl ClosedForm {
     /// ```
     pub fn random(shape: Shape, size: f64, seed: u64) -> Result<Self> {
         if !(size > 0.0 && size.is_finite()) {
-            return Err(Error::input(format!("needed a size > 0, found {size}")));
+            return Err(Error::input(format!("expected a size > 0, found {size}")));
         }
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         // Every property draws from one sequence, so the order of the draws is part of the surface: a new

@@ -291,26 +291,26 @@ fn sanity_check(options: &PictureSceneOptions) -> Result<()> {
     let [columns, rows] = options.size;
     if !(1..=360).contains(&options.views) || columns.min(rows) < 64 || columns.max(rows) > 8192 {
         return Err(Error::input(format!(
-            "needed 1 to 360 views of 64 to 8192 pixels along each side, found {} views of {columns} × \
+            "expected 1 to 360 views of 64 to 8192 pixels along each side, found {} views of {columns} × \
              {rows}",
             options.views
         )));
     }
     if !(0.0..1.0).contains(&options.texture) || !(0.0..=64.0).contains(&options.sigma_brightness) {
         return Err(Error::input(format!(
-            "needed a texture from 0 to below 1 and a noise from 0 to 64, found {} and {}",
+            "expected a texture from 0 to below 1 and a noise from 0 to 64, found {} and {}",
             options.texture, options.sigma_brightness
         )));
     }
     if options.subdivide > 5 || options.up > 2 {
         return Err(Error::input(format!(
-            "needed at most 5 subdivisions and the axis 0, 1 or 2, found {} and {}",
+            "expected at most 5 subdivisions and the axis 0, 1 or 2, found {} and {}",
             options.subdivide, options.up
         )));
     }
     if !(6.0..=200.0).contains(&options.stripe_spacing) {
         return Err(Error::input(format!(
-            "needed stripes 6 to 200 pixels apart, found {}",
+            "expected stripes 6 to 200 pixels apart, found {}",
             options.stripe_spacing
         )));
     }

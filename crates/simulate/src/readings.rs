@@ -64,7 +64,7 @@ fn true_parameters(kind: &ContourKind) -> Result<Vec<f64>> {
         }
         _ => {
             return Err(Error::unsupported(format!(
-                "needed a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or \
+                "expected a circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N or \
                  polygon-6, found {kind}"
             )));
         }

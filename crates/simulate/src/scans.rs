@@ -117,12 +117,12 @@ impl ScanSceneOptions {
     /// Rejects options out of range.
     pub(super) fn sanity_check(&self) -> Result<()> {
         if self.readings == 0 || (self.views == 0 && !self.old_scanner) {
-            return Err(Error::input("needed at least one view and one reading, found none"));
+            return Err(Error::input("expected at least one view and one reading, found none"));
         }
         if self.readings > 100_000_000 || self.views > 1000 {
             let found = format!("{} readings from {} views", self.readings, self.views);
             return Err(Error::input(format!(
-                "needed at most 100 million readings from 1000 views, found {found}"
+                "expected at most 100 million readings from 1000 views, found {found}"
             )));
         }
         positive("misstated", self.misstated)?;
@@ -132,7 +132,7 @@ impl ScanSceneOptions {
                 let size = self.size();
                 let unit = self.unit;
                 return Err(Error::input(format!(
-                    "needed sigma of at most a tenth of the object's {size} {unit}, found {sigma}"
+                    "expected sigma of at most a tenth of the object's {size} {unit}, found {sigma}"
                 )));
             }
         }

@@ -99,7 +99,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     positive("noise", options.noise)?;
     if !(0.0..1.0).contains(&options.outliers) {
         return Err(Error::input(format!(
-            "needed a share of outliers from 0 to below 1, found {}",
+            "expected a share of outliers from 0 to below 1, found {}",
             options.outliers
         )));
     }

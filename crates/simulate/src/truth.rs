@@ -566,5 +566,5 @@ pub(super) fn positive(name: &str, value: f64) -> Result<f64> {
     if value > 0.0 && value.is_finite() {
         return Ok(value);
     }
-    Err(Error::input(format!("needed {name} > 0, found {value}")))
+    Err(Error::input(format!("expected {name} > 0, found {value}")))
 }

@@ -53,7 +53,7 @@ impl TurningOptions {
         positive("rate", self.rate_deg_per_s)?;
         if self.views < 2 {
             return Err(Error::input(format!(
-                "needed at least two views of a turning object, found {}",
+                "expected at least two views of a turning object, found {}",
                 self.views
             )));
         }

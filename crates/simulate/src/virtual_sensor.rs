@@ -146,18 +146,21 @@ impl VirtualScanner {
         if self.grid[0].checked_mul(self.grid[1]).is_none_or(|cells| cells == 0 || cells >= u32::MAX as usize)
         {
             return Err(Error::input(format!(
-                "needed a grid of 1 to {} cells, found {:?}",
+                "expected a grid of 1 to {} cells, found {:?}",
                 u32::MAX - 1,
                 self.grid
             )));
         }
         // Written with a negation, so that NaN is rejected, too.
         if !(self.unevenness >= 0.0 && self.unevenness.is_finite()) {
-            return Err(Error::input(format!("needed unevenness of at least 0, found {}", self.unevenness)));
+            return Err(Error::input(format!(
+                "expected unevenness of at least 0, found {}",
+                self.unevenness
+            )));
         }
         if !(0.0..1.0).contains(&self.outlier_share) {
             return Err(Error::input(format!(
-                "needed an outlier share in [0, 1), found {}",
+                "expected an outlier share in [0, 1), found {}",
                 self.outlier_share
             )));
         }

@@ -145,12 +145,12 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
 /// cannot be filled.
 pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
-        return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
+        return Err(Error::input(format!("expected a chord tolerance > 0, found {tolerance}")));
     }
     let needed = triangles_needed(solid, tolerance);
     if needed > MAX_TRIANGLES {
         return Err(Error::input(format!(
-            "a mesh with a chord error of {tolerance:e} needs about {needed:.1e} triangles: needed at most \
+            "a mesh with a chord error of {tolerance:e} needs about {needed:.1e} triangles: expected at most \
              {MAX_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
             // Printed with two digits: rounding down could give a tolerance that is rejected again.
             1.06 * min_tolerance(solid)
@@ -212,7 +212,7 @@ fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<Triangle
     match (volume - exact.volume).abs() <= allowed {
         true => Ok(mesh),
         false => Err(Error::unsupported(format!(
-            "the mesh has the volume {volume}, and the solid {}: needed a difference below {allowed}",
+            "the mesh has the volume {volume}, and the solid {}: expected a difference below {allowed}",
             exact.volume
         ))),
     }

@@ -493,12 +493,12 @@ fn solution(
 fn check(drawing: &Drawing) -> Result<()> {
     if drawing.views.len() < 2 {
         return Err(Error::input(format!(
-            "needed two or three views, found {}: one view leaves the third dimension open",
+            "expected two or three views, found {}: one view leaves the third dimension open",
             drawing.views.len()
         )));
     }
     match drawing.views.iter().find(|v| v.curves.is_empty()) {
-        Some(view) => Err(Error::input(format!("the {} view: needed lines, found none", view.kind.name()))),
+        Some(view) => Err(Error::input(format!("the {} view: expected lines, found none", view.kind.name()))),
         None => Ok(()),
     }
 }

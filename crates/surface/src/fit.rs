@@ -297,8 +297,8 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
     }
     if matches!(model.known, Knowledge::Free { .. }) {
         return Err(Error::unsupported(
-            "the model is a state of a sheet that bends, and later scans are of other states: needed one fit \
-             of all scans together",
+            "the model is a state of a sheet that bends, and later scans are of other states: expected one \
+             fit of all scans together",
         )
         .with_setting(Setting::Motion));
     }
@@ -310,8 +310,8 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
             Filter::Patch => "patch",
         };
         return Err(Error::input(format!(
-            "the model was made by the {} filter and is updated by it: needed no filter, or that one, found \
-             {}",
+            "the model was made by the {} filter and is updated by it: expected no filter, or that one, \
+             found {}",
             name(own),
             name(asked)
         ))

@@ -287,8 +287,8 @@ fn add_information(
     let pattern = information.pattern();
     if information.block_size() != 3 || information.columns() != 1 || pattern.nodes() != nodes {
         return Err(Error::input(format!(
-            "`{name}`: needed blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} over \
-             {}",
+            "`{name}`: expected blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} \
+             over {}",
             information.block_size(),
             information.columns(),
             pattern.nodes()
@@ -327,12 +327,12 @@ impl Tensors {
             .0
             // Taken out instead of borrowed, so that large tensors are not held twice.
             .remove(name)
-            .ok_or_else(|| Error::input(format!("needed the tensor `{name}`, found none")))?;
+            .ok_or_else(|| Error::input(format!("expected the tensor `{name}`, found none")))?;
         match shape.split_first() {
             Some((&rows, rest)) if rest == trailing => Ok((rows, data)),
             _ => {
                 let rest: String = trailing.iter().map(|n| format!(", {n}")).collect();
-                Err(Error::input(format!("tensor `{name}`: needed the shape [n{rest}], found {shape:?}")))
+                Err(Error::input(format!("tensor `{name}`: expected the shape [n{rest}], found {shape:?}")))
             }
         }
     }
@@ -346,7 +346,7 @@ impl Tensors {
         let of_cells = self.f64(UNRESOLVED_SHAPE, &[])?;
         if of_cells.len() != order.len() || of_cells.iter().any(|&square| square < 0.0) {
             return Err(Error::input(format!(
-                "tensor `{UNRESOLVED_SHAPE}`: needed a mean square ≥ 0 for each of {} cells",
+                "tensor `{UNRESOLVED_SHAPE}`: expected a mean square ≥ 0 for each of {} cells",
                 order.len()
             )));
         }
@@ -366,21 +366,21 @@ impl Tensors {
                 }
                 None => Ok(values),
             },
-            _ => Err(Error::input(format!("tensor `{name}`: needed numbers of the type F64"))),
+            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type F64"))),
         }
     }
 
     fn u32(&mut self, name: &str, trailing: &[usize]) -> Result<Vec<u32>> {
         match self.take(name, trailing)?.1 {
             TensorData::U32(values) => Ok(values),
-            _ => Err(Error::input(format!("tensor `{name}`: needed numbers of the type U32"))),
+            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U32"))),
         }
     }
 
     fn u8(&mut self, name: &str) -> Result<Vec<u8>> {
         match self.take(name, &[])?.1 {
             TensorData::U8(values) => Ok(values),
-            _ => Err(Error::input(format!("tensor `{name}`: needed numbers of the type U8"))),
+            _ => Err(Error::input(format!("tensor `{name}`: expected numbers of the type U8"))),
         }
     }
 
@@ -394,7 +394,7 @@ impl Tensors {
         let coupling = self.f64(SHARED_COUPLING, &[width])?;
         if coupling.len() != nodes * width {
             return Err(Error::input(format!(
-                "tensor `{SHARED_COUPLING}`: needed {nodes} rows, found {}",
+                "tensor `{SHARED_COUPLING}`: expected {nodes} rows, found {}",
                 coupling.len() / width.max(1)
             )));
         }
@@ -419,7 +419,7 @@ impl Tensors {
 fn fill(name: &str, to: &mut [f64], from: &[f64]) -> Result<()> {
     if to.len() != from.len() {
         return Err(Error::input(format!(
-            "tensor `{name}`: needed {} numbers, found {}",
+            "tensor `{name}`: expected {} numbers, found {}",
             to.len(),
             from.len()
         )));
@@ -433,11 +433,11 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         .map_err(|e| Error::input("the metadata lacks something or has another form").with_source(e))?;
     let unit: Unit = metadata.unit.parse()?;
     let shape = Shape::from_name(&metadata.shape).ok_or_else(|| {
-        Error::input(format!("shape: needed sheet, tube, ball or torus, found `{}`", metadata.shape))
+        Error::input(format!("shape: expected sheet, tube, ball or torus, found `{}`", metadata.shape))
     })?;
     if !(metadata.smoothness_weight.is_finite() && metadata.smoothness_weight >= 0.0) {
         return Err(Error::input(format!(
-            "needed smoothness_weight ≥ 0, found {}",
+            "expected smoothness_weight ≥ 0, found {}",
             metadata.smoothness_weight
         )));
     }
@@ -448,7 +448,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         if knots.len() != cells.saturating_add(1)
             || knots.iter().enumerate().any(|(k, &knot)| knot != k as f64)
         {
-            return Err(Error::input(format!("tensor `{name}`: needed the knots 0, 1, …, {cells}")));
+            return Err(Error::input(format!("tensor `{name}`: expected the knots 0, 1, …, {cells}")));
         }
     }
     // Another program may write the cells in any order; columns by cell are sorted with `order`.
@@ -456,7 +456,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     let marks = tensors.u8("observed")?;
     if marks.len() != order.len() || marks.iter().any(|&m| Observed::from_mark(m).is_none()) {
         return Err(Error::input(format!(
-            "tensor `observed`: needed 0, 1 or 2 for each of {} cells",
+            "tensor `observed`: expected 0, 1 or 2 for each of {} cells",
             order.len()
         )));
     }
@@ -473,7 +473,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     let numbers = tensors.f64("poses", &[7])?;
     if numbers.len() != 7 * metadata.poses.len() {
         return Err(Error::input(format!(
-            "tensor `poses`: needed the {} poses that the metadata names, found {}",
+            "tensor `poses`: expected the {} poses that the metadata names, found {}",
             metadata.poses.len(),
             numbers.len() / 7
         )));
@@ -533,7 +533,7 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     let mut cells = Vec::with_capacity(numbers.len() / 3);
     for &[level, i, j] in numbers.as_chunks::<3>().0 {
         let level = u8::try_from(level).ok().filter(|&l| usize::from(l) <= MAX_LEVEL).ok_or_else(|| {
-            Error::input(format!("tensor `cells`: needed levels up to {MAX_LEVEL}, found {level}"))
+            Error::input(format!("tensor `cells`: expected levels up to {MAX_LEVEL}, found {level}"))
         })?;
         cells.push(Cell { level, i, j });
     }

@@ -333,7 +333,7 @@ impl SurfaceStream {
         let model = saved.model;
         let Some(filter) = model.known.filter() else {
             return Err(Error::unsupported(format!(
-                "{}: the model is one of the global filter: needed one of the patch filter or of a stream",
+                "{}: the model is one of the global filter: expected one of the patch filter or of a stream",
                 path.display()
             ))
             .with_setting(Setting::Filter));

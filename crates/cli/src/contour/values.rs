@@ -33,7 +33,7 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     }
     ContourKind::from_name(text, MAX_CORNERS).map(KindChoice::Plane).ok_or_else(|| {
         format!(
-            "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, \
+            "expected auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, \
              regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, \
              sphere, cylinder, box"
         )

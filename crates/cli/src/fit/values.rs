@@ -10,7 +10,7 @@ const MAX_DEPTH: u8 = 7;
 
 /// `auto`, `rotation:ORDER[:DIRECTION]` or `mirror[:DIRECTION]`; a direction is an axis or three numbers.
 pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
-    const NEEDED: &str = "needed auto, rotation:full, rotation:N (N from 2) or mirror, optionally with a \
+    const NEEDED: &str = "expected auto, rotation:full, rotation:N (N from 2) or mirror, optionally with a \
                           direction after it (rotation:full:z, mirror:0,1,0.2)";
     let mut parts = text.split(':');
     let kind = parts.next().unwrap_or_default();
@@ -37,7 +37,7 @@ pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
 
 /// `x`, `y`, `z`, or three numbers separated by commas.
 fn direction(text: &str) -> Result<DVec3, String> {
-    let needed = || format!("needed a direction: x, y, z or three numbers like 0,0.1,1; found {text:?}");
+    let needed = || format!("expected a direction: x, y, z or three numbers like 0,0.1,1; found {text:?}");
     match text {
         "x" => return Ok(DVec3::X),
         "y" => return Ok(DVec3::Y),
@@ -68,7 +68,7 @@ pub fn gate(text: &str) -> Result<f64, String> {
 pub fn depth(text: &str) -> Result<u8, String> {
     match text.parse() {
         Ok(depth) if depth <= MAX_DEPTH => Ok(depth),
-        _ => Err(format!("needed a whole number of levels from 0 to {MAX_DEPTH}")),
+        _ => Err(format!("expected a whole number of levels from 0 to {MAX_DEPTH}")),
     }
 }
 
@@ -77,6 +77,6 @@ pub fn max_coefficients(text: &str) -> Result<usize, String> {
     let min = planish::fit_files::LEAST_COEFFICIENTS;
     match text.parse() {
         Ok(n) if n >= min => Ok(n),
-        _ => Err(format!("needed a whole number of at least {min}")),
+        _ => Err(format!("expected a whole number of at least {min}")),
     }
 }

@@ -57,7 +57,7 @@ pub fn kind(args: &PhotometricArgs) -> Result<SenseKind> {
         }),
         (None, Some(sigma_deg), [image]) => Ok(SenseKind::NormalMap { image: image.clone(), sigma_deg }),
         (None, Some(_), images) => Err(Error::input(format!(
-            "needed one normal map with --normal-map, found {} images",
+            "expected one normal map with --normal-map, found {} images",
             images.len()
         ))),
         _ => Err(Error::input("needed --calib with the lights, or --normal-map with the σ of a normal map")),

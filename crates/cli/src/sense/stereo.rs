@@ -106,7 +106,7 @@ pub fn kind(args: &StereoArgs) -> Result<SenseKind> {
     // The difference of two i32 can overflow i32.
     let disparities = usize::try_from(i64::from(last) - i64::from(first) + 1);
     let disparities = disparities
-        .map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
+        .map_err(|_| Error::input(format!("expected disparities from low to high, found {first}..{last}")))?;
     Ok(SenseKind::Stereo {
         left: args.left.clone(),
         right: args.right.clone(),

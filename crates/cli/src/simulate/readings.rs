@@ -101,7 +101,7 @@ pub fn run(args: &ReadingsArgs) -> u8 {
 fn work(args: &ReadingsArgs) -> Result<Summary<ReadingsBody>> {
     // The parser is that of `contour`, which also accepts kinds that are no single shape in the plane.
     let KindChoice::Plane(kind) = args.shape.clone() else {
-        return Err(Error::input("needed one shape in the plane for --shape, such as ellipse"));
+        return Err(Error::input("expected one shape in the plane for --shape, such as ellipse"));
     };
     let unit = args.common.unit.map_or(Unit::Millimetre, Unit::from);
     let options = ReadingsOptions {

@@ -153,7 +153,7 @@ fn parse_error_prints_an_object() {
     let folder = tempfile::tempdir().expect("a folder");
     for (line, command, words) in [
         ("fit --json", "fit", "required arguments were not provided: <SCAN>..."),
-        ("fit a.xyz --json --gate 0", "fit", "needed at least 1 σ"),
+        ("fit a.xyz --json --gate 0", "fit", "expected at least 1 σ"),
         ("frobnicate --json", "", "unrecognized subcommand 'frobnicate'"),
         ("simulate scene scans --json", "simulate scene scans", "--out <DIR>"),
     ] {

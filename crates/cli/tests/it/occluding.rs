@@ -55,7 +55,7 @@ fn insufficient_views_are_refused() {
     write(&(0..3).map(view).collect::<String>());
     let result = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
     assert!(
-        result.stderr.contains("view `v0`") && result.stderr.contains("needed a mask"),
+        result.stderr.contains("view `v0`") && result.stderr.contains("expected a mask"),
         "{}",
         result.stderr
     );

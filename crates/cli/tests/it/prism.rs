@@ -127,13 +127,13 @@ fn inconsistent_views_are_reported() {
         (&["front.json"][..], "found 1"),
         (
             &["front.json", "top.json", "scaled.json"],
-            "needed views of one object, at one scale, in one frame",
+            "expected views of one object, at one scale, in one frame",
         ),
         (&["front.json", "top.json", "inches.json"], "inches.json: is in in"),
         (&["front.json", "broken.json"], "broken.json: expected contours as"),
         (&["front.json", "a.dxf"], "a.dxf: is no contour"),
         (&["front.json", "side.json"], "the front view ends at x"),
-        (&["front.json", "side.json", "--as", "front"], "needed one name for each of the 2 views"),
+        (&["front.json", "side.json", "--as", "front"], "expected one name for each of the 2 views"),
         (&["front.json", "side.json", "--as", "side,side"], "each once, found side,side"),
         (
             &["front.json", "side.json", "--as", "front,side", "--graphs", "g.png"],

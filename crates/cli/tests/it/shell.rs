@@ -165,7 +165,8 @@ fn sequence_is_fitted_frame_by_frame() {
     assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
     std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
     let result = planish(folder.path(), &args);
-    assert!(result.code == 2 && result.stderr.contains("needed views.toml or points.*"), "{}", result.stderr);
+    let found = result.stderr.contains("expected views.toml or points.*");
+    assert!(result.code == 2 && found, "{}", result.stderr);
     let args =
         ["shell", "fit", "frames/a/mesh.obj", "--sequence", "frames", "--points", "frames/a/points.ply"];
     assert_eq!(planish(folder.path(), &args).code, 2);
@@ -254,7 +255,7 @@ fn implausible_inputs_are_reported() {
         planish(at, &args)
     };
     for (mesh, words) in
-        [("bent/metres.obj", "needed one unit"), ("bent/far.obj", "bring both into one frame")]
+        [("bent/metres.obj", "expected one unit"), ("bent/far.obj", "bring both into one frame")]
     {
         let result = fit(mesh, &[]);
         assert!(result.code == 1 && result.stderr.contains(words), "{mesh}: {}", result.stderr);

@@ -262,7 +262,7 @@ impl<'a> Row<'a> {
             None => match setting {
                 None => Ok(0.0),
                 Some(setting) => Err(Error::input(format!(
-                    "line {}: σ of the readings is unknown: needed a column `{name}`, or a default",
+                    "line {}: σ of the readings is unknown: expected a column `{name}`, or a default",
                     self.number
                 ))
                 .with_setting(setting)),

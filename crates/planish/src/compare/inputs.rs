@@ -49,7 +49,7 @@ impl ComparedMesh {
         let sigma = file.column("sigma").map(<[f64]>::to_vec);
         if let Some(at) = sigma.iter().flatten().position(|s| !(s.is_finite() && *s >= 0.0)) {
             return Err(Error::input(format!(
-                "{}: vertex {at}: needed sigma ≥ 0, found {}",
+                "{}: vertex {at}: expected sigma ≥ 0, found {}",
                 path.display(),
                 sigma.unwrap_or_default()[at]
             )));
@@ -79,14 +79,14 @@ impl Compared {
                 let file = read_mesh(path)?;
                 if file.triangles.is_empty() {
                     return Err(Error::input(format!(
-                        "{}: needed a model with a surface, found points only: give them as the reference",
+                        "{}: expected a model with a surface, found points only: give them as the reference",
                         path.display()
                     )));
                 }
                 ComparedMesh::from_file(file, path).map(Self::Mesh)
             }
             _ => Err(Error::unsupported(format!(
-                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), \
+                "{}: expected a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), \
                  found {}",
                 path.display(),
                 planish_exchange::describe_extension(path)
@@ -116,7 +116,7 @@ impl Reference {
         }
         let file = read_mesh(path)?;
         if file.points.is_empty() {
-            return Err(Error::input(format!("{}: needed points, found none", path.display())));
+            return Err(Error::input(format!("{}: expected points, found none", path.display())));
         }
         let made = Self {
             covariance: covariances(&file).map_err(|e| e.in_context(path.display()))?,
@@ -188,7 +188,7 @@ impl Reference {
 fn covariances(file: &PolygonMesh) -> Result<Option<Vec<SymmetricMatrix3>>> {
     if let Some(sigma) = file.column("sigma") {
         if let Some(at) = sigma.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
-            return Err(Error::input(format!("vertex {at}: needed sigma ≥ 0, found {}", sigma[at])));
+            return Err(Error::input(format!("vertex {at}: expected sigma ≥ 0, found {}", sigma[at])));
         }
         // σ is along the normal. Isotropic noise has the same σ there, and only that direction is used.
         return Ok(Some(sigma.iter().map(|&s| SymmetricMatrix3::isotropic(s * s)).collect()));
@@ -203,7 +203,7 @@ fn covariances(file: &PolygonMesh) -> Result<Option<Vec<SymmetricMatrix3>>> {
     let possible = |c: &SymmetricMatrix3| c.is_finite() && c.xx >= 0.0 && c.yy >= 0.0 && c.zz >= 0.0;
     if let Some(at) = all.iter().position(|c| !possible(c)) {
         return Err(Error::input(format!(
-            "vertex {at}: needed a covariance cxx cxy cxz cyy cyz czz, found {}",
+            "vertex {at}: expected a covariance cxx cxy cxz cyy cyz czz, found {}",
             all[at].to_array().map(|v| v.to_string()).join(" ")
         )));
     }

@@ -253,9 +253,9 @@ fn columns_that_cannot_be_are_refused_by_vertex() {
         path
     };
     for (columns, values, words) in [
-        ("x y z sigma", "0 0 0 -1", "vertex 0: needed sigma ≥ 0, found -1"),
-        ("x y z cxx cxy cxz cyy cyz czz", "0 0 0 1 0 0 -1 0 1", "vertex 0: needed a covariance"),
-        ("x y z cxx cxy cxz cyy cyz czz", "0 0 0 1 0 0 nan 0 1", "vertex 0: needed a covariance"),
+        ("x y z sigma", "0 0 0 -1", "vertex 0: expected sigma ≥ 0, found -1"),
+        ("x y z cxx cxy cxz cyy cyz czz", "0 0 0 1 0 0 -1 0 1", "vertex 0: expected a covariance"),
+        ("x y z cxx cxy cxz cyy cyz czz", "0 0 0 1 0 0 nan 0 1", "vertex 0: expected a covariance"),
     ] {
         let e = Reference::read(&write("a.ply", columns, values)).unwrap_err();
         assert!(e.kind() == ErrorKind::Input && e.to_string().contains(words), "{e}");

@@ -120,7 +120,7 @@ pub fn read_patches(
         // Only the last path can be the bound.
         if at == paths.len() && read.len() != first + 1 {
             return Err(Error::input(format!(
-                "{}: needed one surface as the bound of the object, found {}",
+                "{}: expected one surface as the bound of the object, found {}",
                 path.display(),
                 read.len() - first
             )));
@@ -231,7 +231,7 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
     // better.
     let Some(grid) = &scan.grid else {
         return Err(Error::input(format!(
-            "{name}: needed a surface (a saved model, a mesh with faces, or a scan in rows and columns), \
+            "{name}: expected a surface (a saved model, a mesh with faces, or a scan in rows and columns), \
              found {} loose points: fit them first with `planish fit`",
             scan.points.len()
         )));

@@ -153,7 +153,7 @@ pub(super) fn photometric(
         // Checked here, where the name of the file is known.
         if (picture.columns, picture.rows) != first {
             return Err(Error::input(format!(
-                "{}: needed {} × {} pixels like {}, found {} × {}",
+                "{}: expected {} × {} pixels like {}, found {} × {}",
                 file.display(),
                 first.0,
                 first.1,
@@ -222,7 +222,7 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
 pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     if !(sigma_deg > 0.0 && sigma_deg < MAX_SIGMA_DEG) {
         return Err(Error::input(format!(
-            "needed a σ of the normals above 0 and below {MAX_SIGMA_DEG} degrees, found {sigma_deg}"
+            "expected a σ of the normals above 0 and below {MAX_SIGMA_DEG} degrees, found {sigma_deg}"
         )));
     }
     let picture = read_picture(image)?;

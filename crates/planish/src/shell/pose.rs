@@ -142,7 +142,7 @@ pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
         let mut names: Vec<&str> = mesh.parts.iter().map(|part| part.name.as_str()).collect();
         names.dedup();
         return Err(Error::input(format!(
-            "no group, object or material of the mesh is named `{part}`, and no file: needed {}",
+            "no group, object or material of the mesh is named `{part}`, and no file: expected {}",
             match names.is_empty() {
                 true => "a file of vertex indices, as the mesh has no parts".to_owned(),
                 false => format!("one of {}, or a file of vertex indices", names.join(", ")),
@@ -253,7 +253,7 @@ fn rigid_parts(
 /// mesh's `size` of some control.
 fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVector<f64>, usize)> {
     if entries.is_empty() {
-        return Err(Error::input("it moves nothing: needed `move`"));
+        return Err(Error::input("it moves nothing: expected `move`"));
     }
     let mut by = vec![DVec3::ZERO; controls.len()];
     for entry in entries {
@@ -265,7 +265,7 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
             PoseTarget::Control(index) if index < controls.len() => vec![index],
             PoseTarget::Control(index) => {
                 return Err(Error::input(format!(
-                    "needed a control from 0 to {}, found {index}",
+                    "expected a control from 0 to {}, found {index}",
                     controls.len().saturating_sub(1)
                 )));
             }

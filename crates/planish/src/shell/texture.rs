@@ -307,7 +307,7 @@ fn read(
     // An error, because otherwise every colour would be a fill.
     if !pictured.iter().any(|view| !view.held_out) {
         return Err(Error::input(format!(
-            "{}: needed a view with `image = \"...\"` that is not held out, found none of {count}",
+            "{}: expected a view with `image = \"...\"` that is not held out, found none of {count}",
             job.views.display()
         )));
     }
@@ -382,8 +382,8 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let seen = blended.iter().flatten().count();
     if seen == 0 {
         return Err(Error::undetermined(format!(
-            "{}: no view sees any of the {} vertices: needed cameras that look at the mesh, in its unit and \
-             frame",
+            "{}: no view sees any of the {} vertices: expected cameras that look at the mesh, in its unit \
+             and frame",
             job.views.display(),
             mesh.positions.len()
         )));
@@ -440,7 +440,7 @@ fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<Colour
         && (mask.columns, mask.rows) != (picture.columns, picture.rows)
     {
         return Err(Error::input(format!(
-            "view `{}`: its picture {} has {} × {} pixels, and its mask {} × {}: needed the same",
+            "view `{}`: its picture {} has {} × {} pixels, and its mask {} × {}: expected the same",
             view.name,
             path.display(),
             picture.columns,

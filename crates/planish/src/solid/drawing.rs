@@ -35,7 +35,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawi
         let mut found = read_file(path)?;
         if found.curves.is_empty() {
             return Err(Error::input(format!(
-                "{name}: needed lines, arcs or circles of {}, found none{}",
+                "{name}: expected lines, arcs or circles of {}, found none{}",
                 match job.views.len() {
                     1 => "two or three views".to_owned(),
                     _ => format!("the {} view", kind.name()),
@@ -50,7 +50,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawi
             && a != b
         {
             return Err(Error::input(format!(
-                "{name}: is in {b}, and a view before it in {a}: needed one unit"
+                "{name}: is in {b}, and a view before it in {a}: expected one unit"
             )));
         }
         unit = unit.or(found.unit);
@@ -88,7 +88,7 @@ fn check_size(drawing: &Drawing, unit: Unit, job: &SolidJob) -> Result<()> {
         return Ok(());
     }
     Err(Error::input(format!(
-        "{}: what is drawn is {size:e} {unit} across: needed 0.001 mm to 1e9 mm, because readers of STEP \
+        "{}: what is drawn is {size:e} {unit} across: expected 0.001 mm to 1e9 mm, because readers of STEP \
          have fixed accuracies; check the unit ($INSUNITS of a DXF) and the scale",
         job.views.first().map(|v| v.display().to_string()).unwrap_or_default()
     ))
@@ -261,7 +261,7 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
                     false => String::new(),
                 };
                 return Err(Error::input(format!(
-                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}{scale}: needed views of \
+                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}{scale}: expected views of \
                      one scale in one frame",
                     paths[index.min(paths.len() - 1)].display(),
                     ends[end],

@@ -45,7 +45,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
             if off > rounding(drawing) && off <= NEAR_MISS_RATIO * drawing.size() {
                 let text = format!(
                     "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
-                     times as long: needed one scale; a tolerance of {:.1e} makes them equal",
+                     times as long: expected one scale; a tolerance of {:.1e} makes them equal",
                     file(paths, index),
                     view.kind.name(),
                     ["x", "y", "z"][axis],
@@ -153,7 +153,7 @@ mod tests {
         assert_eq!(
             message.iter().map(|finding| finding.text.as_str()).collect::<Vec<_>>(),
             ["top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, \
-                 1.001000 times as long: needed one scale; a tolerance of 4.4e-2 makes them equal"]
+                 1.001000 times as long: expected one scale; a tolerance of 4.4e-2 makes them equal"]
         );
         let fits = Drawing {
             views: vec![

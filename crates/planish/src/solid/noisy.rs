@@ -84,7 +84,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
             && known != own
         {
             return Err(Error::input(format!(
-                "{}: is in {own}, and {} in {known}: needed one unit",
+                "{}: is in {own}, and {} in {known}: expected one unit",
                 path.display(),
                 other.display()
             )));

@@ -55,7 +55,7 @@ pub(super) fn prepare<'a>(
 /// Error for a tolerance that needs too many triangles. States one that works.
 fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     Error::input(format!(
-        "a mesh with a chord error of {tolerance:e} has about {:.1e} triangles: needed at most \
+        "a mesh with a chord error of {tolerance:e} has about {:.1e} triangles: expected at most \
          {MAX_TRIANGLES:.0e}, as with a chord error of {:.1e}; a .step file is exact",
         triangles_needed(solid, tolerance),
         // Rounded up, so that it works.

@@ -38,7 +38,7 @@ impl FromStr for Up {
         };
         match ["x", "y", "z"].iter().position(|axis| *axis == name) {
             Some(axis) => Ok(Self { axis, sign }),
-            None => Err(format!("needed an axis: x, y, z, -x, -y or -z; found {text:?}")),
+            None => Err(format!("expected an axis: x, y, z, -x, -y or -z; found {text:?}")),
         }
     }
 }
@@ -77,7 +77,7 @@ impl FromStr for CameraAngles {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        const NEEDED: &str = "needed AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or \
+        const NEEDED: &str = "expected AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or \
             30,20,1.5), or front, back, left, right, \
                               top, bottom or iso";
         let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self { azimuth_deg, elevation_deg, zoom: 1.0 };
@@ -109,13 +109,13 @@ impl FromStr for CameraAngles {
         }
         // `contains` also refuses NaN, which a comparison with `>` would accept.
         if !(-MAX_TURN_DEG..=MAX_TURN_DEG).contains(&found.azimuth_deg) {
-            return Err(format!("needed an azimuth from -3600 to 3600 degrees; found {text:?}"));
+            return Err(format!("expected an azimuth from -3600 to 3600 degrees; found {text:?}"));
         }
         if !(-90.0..=90.0).contains(&found.elevation_deg) {
-            return Err(format!("needed an elevation from -90 to 90 degrees; found {text:?}"));
+            return Err(format!("expected an elevation from -90 to 90 degrees; found {text:?}"));
         }
         if !(0.01..=1000.0).contains(&found.zoom) {
-            return Err(format!("needed a zoom from 0.01 to 1000; found {text:?}"));
+            return Err(format!("expected a zoom from 0.01 to 1000; found {text:?}"));
         }
         Ok(found)
     }

@@ -119,7 +119,7 @@ impl ViewedContent {
         // An error, because a picture without the requested deviations would look complete.
         if viewed.reference.is_some() {
             return Err(Error::unsupported(format!(
-                "{}: needed a model with a surface, found points only: deviations are those of a surface \
+                "{}: expected a model with a surface, found points only: deviations are those of a surface \
                  from a reference",
                 path.display()
             )));
@@ -129,7 +129,7 @@ impl ViewedContent {
         let name = unit.map_or("", Unit::name);
         let all = Reference::from_scans(&set);
         if all.points.is_empty() {
-            return Err(Error::input(format!("{}: needed points, found none", path.display())));
+            return Err(Error::input(format!("{}: expected points, found none", path.display())));
         }
         let step = all.points.len().div_ceil(max_points);
         // Every nth point: deterministic, and even along the path of a scanner.

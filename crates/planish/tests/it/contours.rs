@@ -342,7 +342,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         (
             "no_sigma_range.csv",
             "x,y,heading_deg,range\n0,0,0,1\n",
-            "needed a column `sigma_range`, or a default",
+            "expected a column `sigma_range`, or a default",
         ),
         ("two.csv", "x,y,sigma\n1,2,0.1\n2,2,0.1\n", "2 readings cannot determine the 3"),
         (

@@ -264,7 +264,7 @@ fn a_moving_thing_needs_times() {
     let options =
         FitOptions { strategy: Strategy::Moving(GlobalOptions::default()), ..FitOptions::default() };
     let error = fit(&scene.set, &options, &Silent).err().unwrap();
-    assert!(error.to_string().contains("laser-2.ply: needed the time"), "{error}");
+    assert!(error.to_string().contains("laser-2.ply: expected the time"), "{error}");
 }
 
 fn bend() -> FitOptions {
@@ -381,7 +381,7 @@ fn what_cannot_bend_is_refused() {
     let mut half_timed = scene.set.clone();
     half_timed.scans[1].scan.time_s = None;
     let message = refused(&half_timed, &bend());
-    assert!(message.contains("laser-2.ply: needed the time"), "{message}");
+    assert!(message.contains("laser-2.ply: expected the time"), "{message}");
     let ball = FitOptions { shape: Some(Shape::Ball), ..bend() };
     let message = refused(&scene.set, &ball);
     assert!(

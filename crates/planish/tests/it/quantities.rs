@@ -309,13 +309,8 @@ fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
 
 #[test]
 fn a_misstated_sigma_of_any_quantity_is_found_out() {
-    let mix = Mix {
-        positions: 2_000,
-        normals: 2_000,
-        curvatures: 2_000,
-        stereo: 0,
-        misstated: [1.0, 3.0, 0.4],
-    };
+    let mix =
+        Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: [1.0, 3.0, 0.4] };
     let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;
     for (sensor, (quantity, sigma)) in report.sensors.iter().zip([
         ("position", SIGMA),

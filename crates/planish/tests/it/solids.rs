@@ -196,7 +196,7 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
         triangles = made;
     }
     let e = job(-1.0).run(&Silent).unwrap_err();
-    assert!(e.to_string().contains("needed a mesh tolerance > 0"), "{e}");
+    assert!(e.to_string().contains("expected a mesh tolerance > 0"), "{e}");
 }
 
 #[test]

@@ -227,7 +227,7 @@ fn what_cannot_be_coloured_is_refused_by_name() {
         ShellTextureJob { views, ..job.clone() }
     };
     assert!(
-        refused(&with("held_out = false", "held_out = true")).contains("w.toml: needed a view with `image")
+        refused(&with("held_out = false", "held_out = true")).contains("w.toml: expected a view with `image")
     );
     // From the other side of the world.
     assert!(refused(&with("t = [", "t = [1e6, 1e6, 1e6] #")).contains("no view sees any of the"));

@@ -168,7 +168,7 @@ fn invalid_input_is_rejected() {
         GroundOptions { slope: f64::NAN, ..good },
         GroundOptions { height: -1.0, ..good },
     ] {
-        assert!(classify_ground(&points, &options).unwrap_err().to_string().contains("needed a"));
+        assert!(classify_ground(&points, &options).unwrap_err().to_string().contains("expected a"));
     }
     assert!(classify_ground(&[], &good).unwrap().is_empty());
     assert_eq!(classify_ground(&[DVec3::new(1.0, 2.0, 3.0)], &good).unwrap(), [Ground::Bare]);

@@ -127,7 +127,7 @@ pub fn read_grid(
     let divided = plain.map(|plain| divide(image, plain)).transpose()?;
     let image = divided.as_ref().unwrap_or(image);
     let lines = EpipolarLines::new(&grid.camera, &grid.projector)
-        .ok_or_else(|| Error::input("needed matrices K that have an inverse"))?;
+        .ok_or_else(|| Error::input("expected matrices K that have an inverse"))?;
     let ridges = Ridges::new(image, options.scale_px);
     let crossings = Crossings::new(image, &ridges);
     let net = pieces(&crossings, &ridges);
@@ -136,8 +136,8 @@ pub fn read_grid(
     let identified: usize = indexed.iter().map(Vec::len).sum();
     if identified == 0 {
         return Err(Error::undetermined(format!(
-            "{} crossings of stripes were found, but their stripes could not be identified: needed connected \
-            pieces of {MIN_KNOTS} crossings or more that agree with the calibration",
+            "{} crossings of stripes were found, but their stripes could not be identified: expected \
+            connected pieces of {MIN_KNOTS} crossings or more that agree with the calibration",
             crossings.found.len()
         )));
     }
@@ -198,7 +198,9 @@ pub fn read_grid(
 fn check(value: f64, name: &str, low: f64, high: f64) -> Result<()> {
     match value >= low && value <= high {
         true => Ok(()),
-        false => Err(Error::input(format!("needed a {name} from {low:e} to {high} pixels, found {value:e}"))),
+        false => {
+            Err(Error::input(format!("expected a {name} from {low:e} to {high} pixels, found {value:e}")))
+        }
     }
 }
 
@@ -207,7 +209,7 @@ fn check(value: f64, name: &str, low: f64, high: f64) -> Result<()> {
 fn divide(image: &Image, plain: &Image) -> Result<Image> {
     if (image.columns, image.rows) != (plain.columns, plain.rows) {
         return Err(Error::input(format!(
-            "needed a plain image of the same {} × {} pixels, found {} × {}",
+            "expected a plain image of the same {} × {} pixels, found {} × {}",
             image.columns, image.rows, plain.columns, plain.rows
         )));
     }

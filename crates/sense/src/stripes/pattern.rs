@@ -43,19 +43,19 @@ impl StripePattern {
         let crossing = (b - a).sin().abs().asin().to_degrees();
         if crossing.is_nan() || crossing < 10.0 {
             return Err(Error::input(format!(
-                "needed two sets of stripes that cross at 10° or more, found {crossing:.1}°"
+                "expected two sets of stripes that cross at 10° or more, found {crossing:.1}°"
             )));
         }
         if !(self.spacing > 0.0 && self.spacing.is_finite() && self.origin.iter().all(|c| c.is_finite())) {
             return Err(Error::input(format!(
-                "needed a spacing of stripes above 0 and a finite origin, found {} and {:?}",
+                "expected a spacing of stripes above 0 and a finite origin, found {} and {:?}",
                 self.spacing, self.origin
             )));
         }
         match self.range.iter().find(|[first, last]| last <= first) {
-            Some([first, last]) => {
-                Err(Error::input(format!("needed two stripes of each set or more, found {first} to {last}")))
-            }
+            Some([first, last]) => Err(Error::input(format!(
+                "expected two stripes of each set or more, found {first} to {last}"
+            ))),
             None => Ok(()),
         }
     }

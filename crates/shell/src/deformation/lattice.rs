@@ -56,8 +56,8 @@ impl Lattice {
         let count = points.iter().fold(1_usize, |product, n| product.saturating_mul(*n));
         if points.iter().any(|n| *n < minimum) || count > 100_000 {
             return Err(Error::input(format!(
-                "a lattice of {points:?} points: needed at min_extent {minimum} along each axis, and at most \
-                100000 in all"
+                "a lattice of {points:?} points: expected at least {minimum} along each axis, and at most \
+                 100000 in all"
             )));
         }
         let bounds = BoundingBox::from_points(vertices)

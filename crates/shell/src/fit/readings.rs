@@ -141,7 +141,7 @@ impl ShellReadings<'_> {
             if let Some(noise) = view.pose.filter(|n| !(good(n.sigma_rotation) && good(n.sigma_translation)))
             {
                 return Err(Error::input(format!(
-                    "view {v}: needed positive σ of an uncertain pose, found {noise:?}"
+                    "view {v}: expected positive σ of an uncertain pose, found {noise:?}"
                 )));
             }
             if (view.inside.iter().chain(&view.outside).flatten()).any(|x| !x.is_finite()) {
@@ -156,7 +156,7 @@ impl ShellReadings<'_> {
             });
             if let Some(bad) = bad {
                 return Err(Error::input(format!(
-                    "track {i}: needed a view below {}, a finite pixel and a positive σ, found {bad:?}",
+                    "track {i}: expected a view below {}, a finite pixel and a positive σ, found {bad:?}",
                     self.views.len()
                 )));
             }

@@ -26,7 +26,7 @@ impl Solid {
     /// [`Input`](planish_estimate::ErrorKind::Input), naming the edge or face that does not fit.
     pub fn check(&self, tolerance: f64) -> Result<()> {
         if self.faces.is_empty() {
-            return Err(Error::input("needed at least one face, found none"));
+            return Err(Error::input("expected at least one face, found none"));
         }
         let mut used = vec![[0_u32; 2]; self.edges.len()];
         for (index, face) in self.faces.iter().enumerate() {
@@ -48,7 +48,7 @@ impl Solid {
         // both uses in one face.
         if let Some(edge) = used.iter().position(|u| *u != [1, 1]) {
             return Err(Error::input(format!(
-                "edge {edge}: needed one use in each direction, found {} backward and {} forward",
+                "edge {edge}: expected one use in each direction, found {} backward and {} forward",
                 used[edge][0], used[edge][1]
             )));
         }

@@ -312,8 +312,8 @@ pub(super) fn different_objects(ends: &[End], alone: &Constrained, views: &[Nois
     };
     let chi_square = worst.chi_square(alone);
     Error::input(format!(
-        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one object, at one scale, \
-         in one frame",
+        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; expected views of one object, at one \
+         scale, in one frame",
         describe(&worst.a),
         describe(&worst.b),
         chi_square_tail(chi_square, 1)

@@ -43,7 +43,7 @@ fn outline(kind: &ContourKind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
     }
     if matches!(kind, ContourKind::Ellipse | ContourKind::Line) {
         return Err(Error::unsupported(
-            "needed circles, or outlines of lines and arcs: only these are views of planes and cylinders",
+            "expected circles, or outlines of lines and arcs: only these are views of planes and cylinders",
         ));
     }
     let Some(outline) = kind.outline(theta) else {

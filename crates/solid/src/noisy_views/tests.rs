@@ -142,7 +142,7 @@ fn a_cylinder_is_seen_as_a_circle_and_two_rectangles() {
 fn inconsistent_views_are_rejected_by_name() {
     let message = |views: &[NoisyView]| match_views(views, &MatchOptions::default()).unwrap_err().to_string();
     let views = prism(0.05, 1);
-    assert!(message(&views[..1]).contains("needed two or three views"));
+    assert!(message(&views[..1]).contains("expected two or three views"));
     assert!(message(&[views[0].clone(), views[0].clone()]).contains("two front views"));
     // The top view at a scale of 1.1.
     let mut random = ChaCha8Rng::seed_from_u64(2);

@@ -221,7 +221,7 @@ impl ParametricShape {
     fn check(&self, fineness: &Fineness) -> Result<()> {
         if !(fineness.chord > 0.0 && fineness.chord.is_finite() && fineness.longest > 0.0) {
             return Err(Error::input(format!(
-                "needed a chord error and a longest side > 0, found {} and {}",
+                "expected a chord error and a longest side > 0, found {} and {}",
                 fineness.chord, fineness.longest
             )));
         }

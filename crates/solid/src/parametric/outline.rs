@@ -90,7 +90,7 @@ impl<'a> Outliner<'a> {
             around.push((!around[0].0, pole));
         } else if n != 2 {
             return Err(Error::unsupported(format!(
-                "{n} loops run around the surface: needed none, one or two"
+                "{n} loops run around the surface: expected none, one or two"
             )));
         }
         let pair = self.upright(k, around)?;
@@ -138,7 +138,7 @@ impl<'a> Outliner<'a> {
                 }
                 Ok([on, back])
             }
-            _ => Err(Error::unsupported("needed two loops around the surface")),
+            _ => Err(Error::unsupported("expected two loops around the surface")),
         }
     }
 

@@ -38,20 +38,20 @@ struct Knots {
 impl Knots {
     fn try_new(degree: usize, at: Vec<f64>, n: usize) -> Result<Self> {
         if !(1..=MAX_DEGREE).contains(&degree) {
-            return Err(Error::input(format!("needed a degree from 1 to {MAX_DEGREE}, found {degree}")));
+            return Err(Error::input(format!("expected a degree from 1 to {MAX_DEGREE}, found {degree}")));
         }
         if n <= degree || at.len() != n + degree + 1 {
             return Err(Error::input(format!(
-                "needed more than {degree} control points and {degree} + 1 knots more than these, found {n} \
-                 and {}",
+                "expected more than {degree} control points and {degree} + 1 knots more than these, found \
+                 {n} and {}",
                 at.len()
             )));
         }
         if at.iter().any(|k| !k.is_finite()) || at.windows(2).any(|k| k[0] > k[1]) {
-            return Err(Error::input("needed finite ascending knots"));
+            return Err(Error::input("expected finite ascending knots"));
         }
         if at[degree] >= at[n] {
-            return Err(Error::input("needed knots that enclose a range, found equal ones"));
+            return Err(Error::input("expected knots that enclose a range, found equal ones"));
         }
         Ok(Self { degree, at, n })
     }
@@ -126,7 +126,7 @@ impl Knots {
 fn homogeneous(poles: &[DVec3], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>> {
     if weights.is_some_and(|w| w.len() != poles.len()) {
         return Err(Error::input(format!(
-            "needed a weight for each of {} control points, found {}",
+            "expected a weight for each of {} control points, found {}",
             poles.len(),
             weights.map_or(0, <[f64]>::len)
         )));
@@ -139,7 +139,7 @@ fn homogeneous(poles: &[DVec3], weights: Option<&[f64]>) -> Result<Vec<[f64; 4]>
             // With weights of zero or below, the denominator may vanish.
             if !(w > 0.0 && w.is_finite() && p.is_finite()) {
                 return Err(Error::input(format!(
-                    "control point {k}: needed finite coordinates and a weight > 0, found {:?} and {w}",
+                    "control point {k}: expected finite coordinates and a weight > 0, found {:?} and {w}",
                     p.to_array()
                 )));
             }

@@ -76,7 +76,7 @@ fn drawn_line_without_an_edge_is_reported() {
     let solid = solved(&drawing);
     let stray = level(5.0, [0.0, 40.0], LineStyle::Hidden, "LINE 7F (line 12)");
     drawing.views[0].curves.push(stray);
-    let [named] = &compared(&solid, &drawing)[..] else { panic!("needed one difference") };
+    let [named] = &compared(&solid, &drawing)[..] else { panic!("expected one difference") };
     assert_eq!((named.view, named.entity.as_deref()), (ViewKind::Front, Some("LINE 7F (line 12)")));
     assert_eq!(named.why, "a hidden line is drawn, but the solid has no line there");
 }

@@ -195,7 +195,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
             std::iter::once(joined).chain(others.map(|(_, l)| l)).collect()
         }
         n => {
-            return Err(Error::unsupported(format!("{n} loops run around the axis: needed none or two")));
+            return Err(Error::unsupported(format!("{n} loops run around the axis: expected none or two")));
         }
     };
     let periods = [usize::from(is_swapped), usize::from(!is_swapped)].map(|k| has_period[k].then_some(TAU));

@@ -42,7 +42,7 @@ impl<'a> Cells<'a> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
             return Err(Error::unsupported(format!(
-                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MAX_BOXES}; lines \
+                "the drawing's lines make a grid of {} x {} x {} boxes: expected at most {MAX_BOXES}; lines \
                  that end or turn at fewer places make fewer boxes",
                 n[0], n[1], n[2]
             )));
@@ -62,7 +62,7 @@ impl<'a> Cells<'a> {
                     total += 1_usize << cuts.min(24);
                     if total > MAX_ATOMS {
                         return Err(Error::unsupported(format!(
-                            "the drawing cuts space into more than {MAX_ATOMS} parts: needed a simpler \
+                            "the drawing cuts space into more than {MAX_ATOMS} parts: expected a simpler \
                              drawing"
                         )));
                     }

@@ -35,7 +35,8 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
     let size = drawing.size();
     if !(tolerance > 0.0 && tolerance <= 0.01 * size) {
         return Err(Error::input(format!(
-            "needed a tolerance above 0 and at most a hundredth of the drawing ({:.3e}), found {tolerance:e}",
+            "expected a tolerance above 0 and at most a hundredth of the drawing ({:.3e}), found \
+             {tolerance:e}",
             0.01 * size
         )));
     }
@@ -67,7 +68,7 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
                     // A line that had no length before is harmless and stays.
                     if a == b && ends[0] != ends[1] {
                         return Err(Error::input(format!(
-                            "{} is not longer than the tolerance {tolerance:e}: needed a smaller one, or a \
+                            "{} is not longer than the tolerance {tolerance:e}: expected a smaller one, or a \
                              drawing without it",
                             drawn.entity
                         )));

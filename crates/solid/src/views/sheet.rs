@@ -76,7 +76,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
     let front = match (projection, n) {
         (_, 0 | 1) => {
             return Err(Error::input(format!(
-                "needed two or three separate views, found {n}: is each view in its own file?"
+                "expected two or three separate views, found {n}: is each view in its own file?"
             )));
         }
         // Of two views, the convention tells which one is the front view: stacked views are front and top,
@@ -110,7 +110,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
             return Err(Error::input(format!(
                 "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that is \
                  neither at the place of the top view nor at that of a side view in the {} convention: \
-                 needed views of one scale, aligned with the front view",
+                 expected views of one scale, aligned with the front view",
                 match projection {
                     Projection::FirstAngle => "first-angle",
                     Projection::ThirdAngle => "third-angle",

@@ -232,5 +232,5 @@ fn one_view_is_not_enough() {
     let mut drawing = box_with_hole();
     drawing.views.truncate(1);
     let e = solve(&drawing).unwrap_err();
-    assert!(e.to_string().contains("needed two or three views, found 1"), "{e}");
+    assert!(e.to_string().contains("expected two or three views, found 1"), "{e}");
 }

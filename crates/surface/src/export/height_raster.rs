@@ -95,11 +95,11 @@ pub fn dem_from_model(
 fn check_input(model: &SurfaceModel, cell: Option<f64>) -> Result<()> {
     let shape = model.surface.space().shape();
     if shape != Shape::Sheet {
-        return Err(Error::input(format!("a raster of heights: needed a sheet, found a {}", shape.name()))
+        return Err(Error::input(format!("a raster of heights: expected a sheet, found a {}", shape.name()))
             .with_setting(Setting::Shape));
     }
     if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
-        return Err(Error::input(format!("needed a cell size > 0, found {cell}")));
+        return Err(Error::input(format!("expected a cell size > 0, found {cell}")));
     }
     Ok(())
 }
@@ -120,7 +120,7 @@ impl Layout {
         let [columns, rows] = [0, 1].map(|d| ((extent.high[d] / cell).ceil() - first[d]).max(1.0));
         if columns * rows > MAX_CELLS {
             return Err(Error::input(format!(
-                "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of \
+                "a raster of heights: expected at most {MAX_CELLS:e} cells, found {columns} × {rows} of \
                  {cell}; choose a larger cell size"
             ))
             .with_setting(Setting::CellSize));
@@ -179,7 +179,7 @@ fn without_overhangs(mut places: Vec<Place>, map: &AffineMap) -> Result<Vec<Plac
     // which is a finding.
     if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
-            "a raster of heights: needed a sheet with one height over every place, found one that stands \
+            "a raster of heights: expected a sheet with one height over every place, found one that stands \
              upright or leans over in {overhangs} of {found} cells; z must be up"
         )));
     }
@@ -440,7 +440,7 @@ mod tests {
         let refused = |model: &SurfaceModel, cell| {
             dem_from_model(model, &model.posterior().unwrap(), cell, None).unwrap_err().to_string()
         };
-        assert!(refused(&small_model(Shape::Ball), None).contains("needed a sheet, found a ball"));
+        assert!(refused(&small_model(Shape::Ball), None).contains("expected a sheet, found a ball"));
         let flat = refined_surface(Shape::Sheet);
         let upright = flat.vertices().iter().map(|p| DVec3::new(p[0], p[2], p[1])).collect();
         let upright = model_of(flat.with_vertices(upright).unwrap(), |_| true);

@@ -68,7 +68,7 @@ pub(super) fn fit_known_parameters(
     let many = cells[0].saturating_mul(cells[1]);
     if many > MAX_CELLS {
         return Err(Error::input(format!(
-            "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found \
+            "expected at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found \
              {} × {} = {many}",
             cells[0], cells[1]
         )));
@@ -250,7 +250,7 @@ impl Solved {
         if !readings.stated.iter().all(|stated| *stated) {
             let [nu, nv] = system.space().base();
             return Err(Error::undetermined(format!(
-                "{} readings on {nu} × {nv} cells do not tell noise from shape: needed their σ (the column \
+                "{} readings on {nu} × {nv} cells do not tell noise from shape: expected their σ (the column \
                  sigma, or a sensor's), more of them, or fewer cells",
                 self.count()
             )));

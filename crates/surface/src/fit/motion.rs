@@ -130,8 +130,8 @@ fn curves_away(fitted: &Fit) -> bool {
 pub(crate) fn scans_in_time(set: &ScanSet) -> Result<Vec<usize>> {
     if let Some(untimed) = set.scans.iter().find(|posed| posed.scan.time_s.is_none()) {
         return Err(Error::input(
-            "needed the time of every scan of a moving object, found none: add `time = 1.5` (seconds) to its \
-             [[scan]]",
+            "expected the time of every scan of a moving object, found none: add `time = 1.5` (seconds) to \
+             its [[scan]]",
         )
         .at(&untimed.scan.name));
     }
@@ -140,8 +140,9 @@ pub(crate) fn scans_in_time(set: &ScanSet) -> Result<Vec<usize>> {
     order.sort_by(|&a, &b| time(a).total_cmp(&time(b)));
     match (order.first(), order.last()) {
         (Some(&first), Some(&last)) if time(last) > time(first) => Ok(order),
-        _ => {
-            Err(Error::input(format!("needed scans of at least two times, found {} of one", set.scans.len())))
-        }
+        _ => Err(Error::input(format!(
+            "expected scans of at least two times, found {} of one",
+            set.scans.len()
+        ))),
     }
 }

@@ -276,7 +276,7 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
 pub(super) fn refuse_align(align: bool) -> Result<()> {
     if align {
         return Err(Error::unsupported(
-            "the patch filter takes poses as they are stated: needed the global filter to align scans",
+            "the patch filter takes poses as they are stated: expected the global filter to align scans",
         ));
     }
     Ok(())

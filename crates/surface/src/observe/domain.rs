@@ -38,7 +38,7 @@ const FAR_DISTANCE: f64 = 1e6;
 ///     ..ScanSet::default()
 /// };
 /// let error = check_domain(&set, "job.toml").unwrap_err();
-/// assert!(error.to_string().starts_with("a.ply: point 2: needed coordinates within"));
+/// assert!(error.to_string().starts_with("a.ply: point 2: expected coordinates within"));
 /// ```
 pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     let mut corners = Vec::new();
@@ -52,7 +52,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
             return Err(wrong(
                 posed,
                 at,
-                format!("needed coordinates within ±{MAX_LENGTH:e}, found {point:?}"),
+                format!("expected coordinates within ±{MAX_LENGTH:e}, found {point:?}"),
             ));
         }
         let pose = &posed.scan.world_from_scanner;
@@ -70,7 +70,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
     }
     if size < 1.0 / MAX_LENGTH {
         return Err(Error::input(format!(
-            "{inputs}: needed a cloud larger than {:e}, found {size:e}",
+            "{inputs}: expected a cloud larger than {:e}, found {size:e}",
             1.0 / MAX_LENGTH
         )));
     }
@@ -140,7 +140,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
     let out_of_range = |sigma: f64| !(size / SIGMA_RANGE..=size * SIGMA_RANGE).contains(&sigma);
     let message = |sigma: f64| {
         format!(
-            "σ = {sigma:e} beside a cloud of size {size:.3e}: needed at most a factor of {SIGMA_RANGE:e} \
+            "σ = {sigma:e} beside a cloud of size {size:.3e}: expected at most a factor of {SIGMA_RANGE:e} \
              between them; is its unit right?"
         )
     };
@@ -198,7 +198,7 @@ mod tests {
     fn numbers_out_of_range_are_rejected_with_their_place() {
         type Change = fn(&mut Scan, &mut Sensor);
         let cases: [(Change, &str); 6] = [
-            (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
+            (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: expected coordinates"),
             (|scan, _| scan.points[1] = DVec3::new(1e-80, 0.0, 0.0), "larger than"),
             (|scan, _| scan.sigma = Some(vec![0.1, 1e-13]), "a.ply: point 1: σ = 1e-13"),
             (

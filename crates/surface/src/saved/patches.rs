@@ -49,7 +49,8 @@ fn columns(layout: StateLayout) -> Option<usize> {
 
 fn unsaved() -> Error {
     Error::unsupported(
-        "a patch filter in the full layout is not saved: needed heights, positions or readings along normals",
+        "a patch filter in the full layout is not saved: expected heights, positions or readings along \
+         normals",
     )
 }
 
@@ -113,7 +114,7 @@ impl Notes {
             .find(|layout| name(*layout) == self.layout)
             .ok_or_else(|| {
                 Error::input(format!(
-                    "patch_filter: needed the layout height, isotropic or normal, found `{}`",
+                    "patch_filter: expected the layout height, isotropic or normal, found `{}`",
                     self.layout
                 ))
             })?;
@@ -134,7 +135,7 @@ impl Notes {
         ] {
             if found != count {
                 return Err(Error::input(format!(
-                    "tensor `{name}`: needed one for each of {count} patches, found {found}"
+                    "tensor `{name}`: expected one for each of {count} patches, found {found}"
                 )));
             }
         }

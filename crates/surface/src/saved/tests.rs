@@ -68,7 +68,7 @@ fn every_kind_of_damage_is_reported() {
     for name in to_file(&small_model(Shape::Ball), &[]).unwrap().tensors.into_keys() {
         assert!(complaint(|file| drop(file.tensors.remove(&name))).contains(&name), "{name}");
     }
-    for (name, words) in [("unit", "expected `mm`"), ("shape", "needed sheet")] {
+    for (name, words) in [("unit", "expected `mm`"), ("shape", "expected sheet")] {
         assert!(complaint(|file| file.metadata[name] = json!("other")).contains(words));
     }
     assert!(complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u"));
@@ -97,7 +97,7 @@ fn every_kind_of_damage_is_reported() {
             let tensor = file.tensors.get_mut("vertices").unwrap();
             tensor.shape = vec![tensor.shape[0] * 3];
         })
-        .contains("needed the shape [n, 3]")
+        .contains("expected the shape [n, 3]")
     );
 }
 

@@ -136,14 +136,14 @@ pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
         // An error, because a misnamed file would otherwise leave a frame without readings unnoticed.
         if frame.silhouettes.is_none() && frame.points.is_empty() {
             return Err(Error::input(format!(
-                "{}: needed views.toml or points.* in the folder of a frame",
+                "{}: expected views.toml or points.* in the folder of a frame",
                 path.display()
             )));
         }
         frames.push(frame);
     }
     match frames.is_empty() {
-        true => Err(Error::input(format!("{}: needed a folder for each frame", folder.display()))),
+        true => Err(Error::input(format!("{}: expected a folder for each frame", folder.display()))),
         false => Ok(frames),
     }
 }
@@ -164,7 +164,7 @@ impl Units {
             // No conversion here: mesh, cameras and points are parts of one scene, and different units
             // usually mean a mistake.
             (Some((before, file)), Some(unit)) if *before != unit => Err(Error::input(format!(
-                "{} is in {unit} and {} in {before}: needed one unit",
+                "{} is in {unit} and {} in {before}: expected one unit",
                 path.display(),
                 file.display()
             ))),
@@ -294,7 +294,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             // Modes move vertices by their number. With other vertices, the result would be meaningless.
             if modes.mean().len() != mesh.positions.len() {
                 return Err(Error::input(format!(
-                    "{} has {} vertices, and the family {}: needed the same vertices in all",
+                    "{} has {} vertices, and the family {}: expected the same vertices in all",
                     job.mesh.display(),
                     mesh.positions.len(),
                     modes.mean().len()

@@ -57,7 +57,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     // An error: a wrong unit is far more likely than an object that differs so much from its mesh.
     if reach > MAX_SIZE_RATIO * size || reach < MIN_SIZE_RATIO * size {
         return Err(Error::undetermined(format!(
-            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit, \
+            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: expected one unit, \
              or a mesh of the object's size"
         ))
         .with_setting(Setting::Unit));

@@ -67,7 +67,7 @@ pub(super) fn paint(
     if size < least || size > LARGEST_TEXTURE {
         return Err(Error::input(format!(
             "a texture of {count} triangles takes {least} pixels along a side or more, and \
-             {LARGEST_TEXTURE} are the most, found {size}: needed another size, a coarser mesh, or colours \
+             {LARGEST_TEXTURE} are the most, found {size}: expected another size, a coarser mesh, or colours \
              of vertices"
         )));
     }

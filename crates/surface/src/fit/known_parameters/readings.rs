@@ -159,7 +159,7 @@ impl<'a> Readings<'a> {
         let total: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
         if total < MIN_READINGS {
             return Err(Error::undetermined(format!(
-                "needed at least {MIN_READINGS} readings, found {total} in all"
+                "expected at least {MIN_READINGS} readings, found {total} in all"
             )));
         }
         let mut stated = vec![true; set.sensors.len()];
@@ -168,11 +168,11 @@ impl<'a> Readings<'a> {
         for posed in &set.scans {
             let name = &posed.scan.name;
             if posed.scan.parameters.is_none() {
-                let e = "needed the columns u v (the parameters of each reading, in [0, 1]), found none";
+                let e = "expected the columns u v (the parameters of each reading, in [0, 1]), found none";
                 return Err(located(Error::input(e), name));
             }
             if posed.scan.covariance.is_some() {
-                let e = "needed one σ for each reading (the column sigma) with known parameters, found \
+                let e = "expected one σ for each reading (the column sigma) with known parameters, found \
                     covariances cxx … czz";
                 return Err(located(Error::unsupported(e), name));
             }
@@ -182,7 +182,7 @@ impl<'a> Readings<'a> {
                     Some(Noise::Isotropic { .. }) => {}
                     Some(Noise::Ray { .. }) => {
                         let e = Error::unsupported(format!(
-                            "needed one σ for all directions with known parameters, found sigma_along and \
+                            "expected one σ for all directions with known parameters, found sigma_along and \
                              sigma_across of the sensor \"{}\"",
                             set.sensors[posed.sensor].name
                         ));
@@ -200,7 +200,7 @@ impl<'a> Readings<'a> {
                 && let Some(k) = all.iter().position(|p| !inside(p))
             {
                 let e = Error::input(format!(
-                    "needed u and v in [0, 1], found ({}, {}) (point {k})",
+                    "expected u and v in [0, 1], found ({}, {}) (point {k})",
                     all[k][0], all[k][1]
                 ));
                 return Err(located(e, &posed.scan.name));

@@ -236,7 +236,7 @@ fn unsupported_input_with_known_parameters_is_refused() {
     let mut few = good();
     few.points.truncate(5);
     for (scan, kind, words) in [
-        (without, ErrorKind::Input, "needed the columns u v"),
+        (without, ErrorKind::Input, "expected the columns u v"),
         (outside, ErrorKind::Input, "found (0.5, 1.5) (point 7)"),
         (unknown, ErrorKind::Input, "found (NaN, 0.5) (point 3)"),
         (slanted, ErrorKind::Unsupported, "found covariances"),

@@ -40,7 +40,7 @@ impl Directions {
     fn check(self, scan: &Scan, sensor: &Sensor) -> Result<()> {
         let needed = |columns: &str| {
             Error::input(format!(
-                "needed the columns {columns} of the sensor \"{}\" of the kind \"{}\", found none",
+                "expected the columns {columns} of the sensor \"{}\" of the kind \"{}\", found none",
                 sensor.name,
                 sensor.kind.name()
             ))

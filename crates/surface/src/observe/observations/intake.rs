@@ -75,7 +75,7 @@ impl Observations {
         let found: usize = scans.iter().map(|s| s.points.len()).sum();
         if found < MIN_POINTS {
             return Err(Error::undetermined(format!(
-                "needed at least {MIN_POINTS} points that are not on one line, found {found} in all"
+                "expected at least {MIN_POINTS} points that are not on one line, found {found} in all"
             )));
         }
         let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
