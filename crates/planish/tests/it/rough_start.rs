@@ -51,20 +51,19 @@ fn scene(folder: &Path) -> ShellFitJob {
         let eye = 190.0 * out;
         let z = -out;
         let x = z.cross(DVec3::Z).try_normalize().unwrap();
-        let r = [x, z.cross(x), z];
+        let r = [x, z.cross(x), z].map(|row| row.to_array());
         let middle = SIZE.map(|n| 0.5 * (n - 1) as f64);
         let pixels: Vec<u8> = (0..SIZE[0] * SIZE[1])
             .map(|k| {
                 let [u, v] = [k % SIZE[0], k / SIZE[0]].map(|x| x as f64);
                 let within = [(u - middle[0]) / FOCAL, (v - middle[1]) / FOCAL, 1.0];
-                let along: DVec3 =
-                    DVec3::from_array(std::array::from_fn(|i| (0..3).map(|k| within[k] * r[k][i]).sum()));
+                let along: DVec3 = (0..3).map(|k| within[k] * DVec3::from(r[k])).sum();
                 255 * u8::from(is_hit(eye, along.try_normalize().unwrap()))
             })
             .collect();
         write_grey_png(&folder.join(format!("m{view}.png")), SIZE[0], SIZE[1], &pixels).unwrap();
         let held_out = [5, 12].contains(&view);
-        let t = r.map(|row| -row.dot(eye));
+        let t = r.map(|row| -DVec3::from(row).dot(eye));
         writeln!(
             text,
             "[[view]]\nname = \"v{view}\"\nmask = \"m{view}.png\"\nheld_out = {held_out}\nK = [[{FOCAL:?}, \
