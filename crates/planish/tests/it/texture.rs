@@ -82,6 +82,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
         }
         write_colour_png(&folder.join(format!("v{view}.png")), SIZE, &pixels).unwrap();
         let t = r.map(|row| -row.dot(eye));
+        let r = r.map(|row| row.to_array());
         writeln!(
             text,
             "[[view]]\nimage = \"v{view}.png\"\nheld_out = {}\nK = [[{FOCAL:?}, 0, {cx}], [0, {FOCAL:?}, \
