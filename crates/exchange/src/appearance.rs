@@ -89,6 +89,7 @@ impl TexturedMesh {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_exchange::textured::TexturedMesh;
     /// let square = TexturedMesh {
     ///     points: vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y],

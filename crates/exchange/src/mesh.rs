@@ -76,6 +76,7 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.stl");

@@ -11,6 +11,7 @@ use planish_sense::Scan;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::mesh::PolygonMesh;
 /// let mesh = PolygonMesh {
 ///     points: vec![DVec3::ZERO],

@@ -52,13 +52,14 @@ pub(crate) const MAX_COLUMNS: u64 = 16;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::npy::read_npy;
 /// use planish_exchange::raster::write_raster;
 /// # let folder = tempfile::tempdir()?;
 /// // An array (1, 2, 3): one row of two points.
 /// let path = folder.path().join("points.npy");
 /// write_raster(&path, 2, 1, &[&[1.0, 4.0], &[2.0, 5.0], &[3.0, 6.0]])?;
-/// assert_eq!(read_npy(&path)?.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// assert_eq!(read_npy(&path)?.points, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_npy(path: &Path) -> Result<Scan> {

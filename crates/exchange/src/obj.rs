@@ -53,6 +53,7 @@ const NONE: u32 = u32::MAX;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("cloud.obj");
 /// std::fs::write(&path, "v 1 2 3\nvn 0 0 1\nv 4 5 6\nvn 0 1 0\n")?;
@@ -87,11 +88,12 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::mesh::MeshColumns;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.obj");
 /// planish_exchange::obj::write_mesh(&path, &MeshColumns {
-///     points: &[DVec3::ZERO, DVec3::X, [0.0, 0.5, 0.0]],
+///     points: &[DVec3::ZERO, DVec3::X, 0.5 * DVec3::Y],
 ///     triangles: &[[0, 1, 2]],
 ///     ..MeshColumns::default()
 /// })?;

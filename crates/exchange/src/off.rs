@@ -44,10 +44,12 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("cloud.off");
 /// std::fs::write(&path, "OFF\n2 0 0\n1 2 3\n4 5 6\n")?;
-/// assert_eq!(planish_exchange::off::read_scan(&path)?.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// let scan = planish_exchange::off::read_scan(&path)?;
+/// assert_eq!(scan.points, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {

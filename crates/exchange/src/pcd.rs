@@ -85,12 +85,13 @@ impl Header {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("cloud.pcd");
 /// std::fs::write(&path, "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\n\
 ///     POINTS 2\nDATA ascii\n1 2 3\n4 5 6\n")?;
 /// let scan = planish_exchange::pcd::read_pcd(&path)?;
-/// assert_eq!(scan.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// assert_eq!(scan.points, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_pcd(path: &Path) -> Result<Scan> {

@@ -283,12 +283,13 @@ fn read_by_extension(path: &Path) -> Result<Read> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::{Unit, read_inputs};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("probe.csv");
 /// std::fs::write(&path, "x,y,z,sigma\n1,2,3,0.05\n4,5,6,0.05\n")?;
 /// let set = read_inputs(&[&path], Some(Unit::Millimetre))?;
-/// assert_eq!(set.scans[0].scan.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// assert_eq!(set.scans[0].scan.points, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
 /// assert_eq!((set.unit, set.sensors[0].name.as_str()), (Some(Unit::Millimetre), "scanner"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

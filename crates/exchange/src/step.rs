@@ -77,6 +77,7 @@ impl Default for StepOptions {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 /// use planish_exchange::step::{StepOptions, write_step};
 /// # let folder = tempfile::tempdir()?;

@@ -88,8 +88,9 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// // Coordinates of 1000 mm are rounded by at most 0.06 µm.
-/// let error = planish_exchange::stl::rounding(&[[1000.0, 0.0, 0.0]]);
+/// let error = planish_exchange::stl::rounding(&[1000.0 * DVec3::X]);
 /// assert!(error > 5e-5 && error < 6e-5);
 /// ```
 #[must_use]

@@ -33,11 +33,12 @@ use crate::source::{Source, next_word, parse_number, read_file, shown};
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("points.csv");
 /// std::fs::write(&path, "x;y;z;sigma\n1;2;3;0.1\n4;5;6;0.2\n")?;
 /// let scan = planish_exchange::xyz::read_points(&path)?;
-/// assert_eq!(scan.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// assert_eq!(scan.points, [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
 /// assert_eq!(scan.sigma, Some(vec![0.1, 0.2]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -59,6 +59,7 @@ pub struct SheetBump {
 /// ```text
 /// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,
 /// ```
+/// use planish_core::DVec3;
 ///
 /// where `e` and `f` are the material's x and y axes, rotated by the angle of the bend. `s` is the arc length
 /// of the catenary, whose curvature is `κ/(1 + κ²s²)`. The first fundamental form `E, F, G` is therefore that
@@ -145,10 +146,11 @@ impl ClosedForm {
     /// assert_eq!(form, ClosedForm::random(Shape::Tube, 100.0, 3)?);
     /// // The section is closed: u = 0 and u = 1 are the same point.
     /// let [a, b] = [0.0, 1.0].map(|u| form.jet(u, 0.5).point);
-    /// assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9));
+    /// assert!(a.distance(b) < 1e-9);
     /// # Ok(())
     /// # }
     /// ```
+    /// use planish_core::DVec3;
     pub fn random(shape: Shape, size: f64, seed: u64) -> Result<Self> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(Error::input(format!("expected a size > 0, found {size}")));

@@ -44,11 +44,12 @@ type Column = Vec<[f32; 3]>;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::glb::{MeshFrame, write_animation};
 /// # let folder = tempfile::tempdir()?;
 /// let frame = |height: f64| MeshFrame {
 ///     name: format!("z = {height}"),
-///     points: vec![[0.0, 0.0, height], DVec3::X, DVec3::Y],
+///     points: vec![height * DVec3::Z, DVec3::X, DVec3::Y],
 ///     normals: vec![DVec3::Z; 3],
 ///     colours: vec![[0.5; 3]; 3],
 /// };

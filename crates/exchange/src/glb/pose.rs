@@ -72,6 +72,7 @@ pub struct PosedMesh<'a> {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::glb::{PosedMesh, read_mesh, write_posed};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sheet.glb");

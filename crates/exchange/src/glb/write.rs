@@ -34,13 +34,14 @@ const GREY: DVec3 = DVec3::new(0.3, 0.3, 0.3);
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::Unit;
 /// use planish_exchange::glb::{read_mesh, write_mesh};
 /// use planish_exchange::mesh::MeshColumns;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("sheet.glb");
 /// write_mesh(&path, &MeshColumns {
-///     points: &[DVec3::ZERO, [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0]],
+///     points: &[DVec3::ZERO, 1000.0 * DVec3::X, 1000.0 * DVec3::Y],
 ///     triangles: &[[0, 1, 2]],
 ///     unit: Some(Unit::Millimetre),
 ///     ..MeshColumns::default()

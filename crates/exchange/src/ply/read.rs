@@ -30,12 +30,13 @@ use crate::source::{Source, read_file};
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("scan.ply");
 /// std::fs::write(&path, "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
 ///     property float z\nproperty float sigma\nend_header\n1 2 3 0.5\n")?;
 /// let scan = planish_exchange::ply::read_scan(&path)?;
-/// assert_eq!((scan.points, scan.sigma), (vec![[1.0, 2.0, 3.0]], Some(vec![0.5])));
+/// assert_eq!((scan.points, scan.sigma), (vec![DVec3::new(1.0, 2.0, 3.0)], Some(vec![0.5])));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
@@ -93,6 +94,7 @@ impl PlyContents {
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::ply::{MeshColumns, read_contents, write_points};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("points.ply");

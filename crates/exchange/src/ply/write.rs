@@ -22,6 +22,7 @@ use crate::mesh_data::{Column, MeshColumns};
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::ply::{Column, MeshColumns, read_mesh, write_mesh};
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.ply");

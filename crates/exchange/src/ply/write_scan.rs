@@ -27,11 +27,12 @@ use crate::atomic::write_atomically;
 ///
 /// # Examples
 /// ```
+/// use planish_core::DVec3;
 /// use planish_exchange::ply::{read_scan, write_scan};
 /// use planish_sense::Scan;
 /// # let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("one.ply");
-/// let scan = Scan { points: vec![[0.1, 0.2, 0.3]], sigma: Some(vec![0.05]), ..Scan::default() };
+/// let scan = Scan { points: vec![DVec3::new(0.1, 0.2, 0.3)], sigma: Some(vec![0.05]), ..Scan::default() };
 /// write_scan(&path, &scan, None)?;
 /// assert_eq!(read_scan(&path)?.sigma, Some(vec![0.05]));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -31,7 +31,7 @@ pub enum LatticeBasis {
 /// let vertices = [DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0)];
 /// let lattice = Lattice::new(&vertices, [2, 2, 2], LatticeBasis::Bernstein)?;
 /// let q = DVector::from_element(lattice.parameters(), 0.5);
-/// assert!(displacements(&lattice, &q).iter().flatten().all(|d| (d - 0.5).abs() < 1e-12));
+/// assert!(displacements(&lattice, &q).iter().all(|d| d.distance(DVec3::splat(0.5)) < 1e-12));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone)]

@@ -363,6 +363,7 @@ impl PatchFilter {
     ///
     /// # Examples
     /// ```
+    /// use planish_core::DVec3;
     /// use planish_spline::{
     ///     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout,
     ///     SubdivisionCriteria, SurfaceReading, parameter_plane,
@@ -375,7 +376,7 @@ impl PatchFilter {
     /// // Waves that one patch cannot follow, read with σ = 0.001.
     /// for k in 0..400 {
     ///     let parameters = [0.2 * f64::from(k % 20), 0.2 * f64::from(k / 20)];
-    ///     let point = [parameters[0], parameters[1], 0.1 * (6.0 * parameters[0]).sin()];
+    ///     let point = DVec3::new(parameters[0], parameters[1], 0.1 * (6.0 * parameters[0]).sin());
     ///     filter.observe(&SurfaceReading::Position { parameters, point, variance: 1e-6 })?;
     /// }
     /// assert_eq!(filter.refine(&SubdivisionCriteria::default())?.len(), 1);
