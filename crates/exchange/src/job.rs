@@ -148,7 +148,6 @@ struct PoseTable {
 /// assert_eq!((job.sensors[0].name.as_str(), job.scans.len()), ("probe", 1));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-/// use planish_core::DVec3;
 pub fn read_job(path: &Path) -> Result<JobFile> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;

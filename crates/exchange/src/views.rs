@@ -142,7 +142,6 @@ struct View {
 /// assert_eq!((view.name.as_str(), view.sigma_px), ("front", 0.5));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-/// use planish_core::DVec3;
 pub fn read_views(path: &Path) -> Result<Views> {
     let read = || parse(&read_text(path)?, path.parent().unwrap_or(Path::new("")));
     read().map_err(|e| e.in_context(path.display()))

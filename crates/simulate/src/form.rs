@@ -59,7 +59,6 @@ pub struct SheetBump {
 /// ```text
 /// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,
 /// ```
-/// use planish_core::DVec3;
 ///
 /// where `e` and `f` are the material's x and y axes, rotated by the angle of the bend. `s` is the arc length
 /// of the catenary, whose curvature is `κ/(1 + κ²s²)`. The first fundamental form `E, F, G` is therefore that
@@ -150,7 +149,6 @@ impl ClosedForm {
     /// # Ok(())
     /// # }
     /// ```
-    /// use planish_core::DVec3;
     pub fn random(shape: Shape, size: f64, seed: u64) -> Result<Self> {
         if !(size > 0.0 && size.is_finite()) {
             return Err(Error::input(format!("expected a size > 0, found {size}")));

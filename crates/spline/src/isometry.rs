@@ -87,7 +87,6 @@ impl Metric {
     /// assert!(changes[0].largest[2] < 1e-9); // δG/G
     /// # Ok::<(), planish_spline::Error>(())
     /// ```
-    /// use planish_core::DVec3;
     pub fn changes(&self, surface: &Surface) -> Result<Vec<MetricChange>> {
         let now = self.matching(surface)?;
         let leaf_change = |(then, now): (&[[f64; 3]; POINTS], &[[f64; 3]; POINTS])| {

@@ -32,7 +32,6 @@ use planish_estimate::{Error, Result};
 /// assert!(alpha.row_iter().all(|row| (row.sum() - 1.0).abs() < 1e-12)); // partition of unity
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
-/// use planish_core::DVec3;
 pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<f64>> {
     if fine.shape() != coarse.shape() || fine.base() != coarse.base() {
         return Err(Error::input("refinement needs the same shape and base grid"));
@@ -93,7 +92,6 @@ pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<
 /// assert!((&projection * &detail * projection.transpose()).amax() < 1e-12);
 /// # Ok::<(), planish_spline::Error>(())
 /// ```
-/// use planish_core::DVec3;
 pub fn detail_covariance(
     alpha: &DMatrix<f64>,
     prior_fine: &DMatrix<f64>,

@@ -104,7 +104,6 @@ struct Stripes {
 /// assert_eq!((grid.sigma_px, grid.pattern.spacing), (0.02, 20.0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-/// use planish_core::DVec3;
 pub fn read_grid_calibration(path: &Path) -> Result<GridCalibration> {
     let read = || parse(&read_text(path)?);
     read().map_err(|e| e.in_context(path.display()))

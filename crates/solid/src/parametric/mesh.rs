@@ -151,8 +151,7 @@ impl ParametricShape {
     /// let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
     /// let edge = |k: usize| {
     ///     let (a, b) = (vertices[k], vertices[(k + 1) % 4]);
-    ///     let along = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-    ///     let curve = ParametricCurve::Line { origin: a, along };
+    ///     let curve = ParametricCurve::Line { origin: a, along: b - a };
     ///     ParametricEdge { curve, ends: [k, (k + 1) % 4], is_forward: true }
     /// };
     /// let (normal, x) = (DVec3::Z, DVec3::X);
