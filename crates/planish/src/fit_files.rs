@@ -229,7 +229,8 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     report.findings.extend(judged);
     if let Some(output) = &job.report {
         let verb = if job.task.model().is_some() { "Updated" } else { "Fitted" };
-        let page = fit_page(&fitted, &report, &Job::inputs(job)?, job.mesh_tolerance, verb)?;
+        let named = Job::inputs(job)?;
+        let page = fit_page(&fitted, &report, &named, job.mesh_tolerance, job.task.gate(), verb)?;
         output.write(page, &files_read(job, &set))?;
     }
     progress.advance("done", 1.0);

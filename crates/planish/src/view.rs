@@ -218,7 +218,7 @@ pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Prog
     };
     if !content.findings.is_empty() {
         let blocks = content.findings.iter().map(|f| Block::Text(f.text.clone())).collect();
-        page.sections.push(Section::new("What to know", blocks));
+        page.sections.push(Section::new("Findings", blocks));
     }
     page.scene = Some(content.scene);
     page.sections.push(output.provenance(&content.inputs)?);

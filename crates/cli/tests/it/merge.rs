@@ -278,7 +278,7 @@ fn patches_with_rounded_coordinates_are_aligned() {
     let found = result.json();
     let page = std::fs::read_to_string(folder.path().join("page.html")).expect("a page");
     let open = found["poses"][1]["undetermined"].as_array().map_or(0, Vec::len);
-    assert!(page.contains("How patches were moved") && page.contains(&format!("{open} of 6")));
+    assert!(page.contains("<h2>Alignment") && page.contains(&format!("{open} of 6")));
     assert_eq!((&found["parts"], &found["nonmanifold_edges"]), (&1.into(), &0.into()));
     let moved = found["poses"][1]["moved"].as_f64().expect("a length");
     assert!(moved < 1e-6, "{moved}");
