@@ -89,8 +89,8 @@ impl AnimationOutput {
                 Ok(Self::Pictures(path.to_path_buf()))
             }
             other => Err(Error::unsupported(format!(
-                "{}: an animation is a .glb file or a folder of pictures (a name without extension), found \
-                 .{other}",
+                "{}: expected a .glb file or a folder of images (a name without extension) for an \
+                 animation, found .{other}",
                 path.display()
             ))),
         }
@@ -117,9 +117,7 @@ pub fn write_forming(
     progress: &dyn Progress,
 ) -> Result<AnimationReport> {
     let Some(last) = forming.snapshots.last().filter(|_| forming.snapshots.len() > 1) else {
-        return Err(Error::input(
-            "an animation: expected a fit with at least two snapshots, and readings for them",
-        ));
+        return Err(Error::input("expected at least two snapshots for an animation, and readings in them"));
     };
     let frames = frames(&last.surface, forming, unit, progress)?;
     let file = match output {

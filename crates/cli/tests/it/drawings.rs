@@ -135,7 +135,7 @@ fn given_lengths_accept_units_and_impossible_ones_are_reported() {
     let empty = given("P1P2 is 0 long");
     assert_eq!(empty.code, 2, "{}", empty.stderr);
     assert!(
-        empty.stderr.contains("`P1P2 is 0 long` cannot hold of these contours at all"),
+        empty.stderr.contains("`P1P2 is 0 long` cannot be satisfied by these contours"),
         "{}",
         empty.stderr
     );

@@ -44,7 +44,7 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
     assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
-    assert!(result.stderr.contains("it was reversed"), "{}", result.stderr);
+    assert!(result.stderr.contains("was reversed"), "{}", result.stderr);
     let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
     assert_eq!((&read["manifold"], &read["components"]), (&true.into(), &1.into()), "{read:#}");
     let area = read["area"].as_f64().expect("a number");
@@ -153,8 +153,8 @@ fn inputs_that_cannot_be_merged_are_rejected() {
     for (line, code, words) in [
         ("merge a.obj -o w.ply", 2, "two patches"),
         ("merge a.obj far.obj -o w.ply", 1, "overlap"),
-        ("merge a.obj points.xyz -o w.ply", 2, "loose points"),
-        ("merge a.obj far.obj -o w.tif", 2, "a mesh or a spline"),
+        ("merge a.obj points.xyz -o w.ply", 2, "unconnected points"),
+        ("merge a.obj far.obj -o w.tif", 2, "cannot write this format"),
         ("merge a.obj far.obj -o a.obj", 2, "a.obj"),
         ("merge a.obj none.obj", 3, "none.obj"),
         ("merge a.obj empty.obj -o w.ply", 2, "empty.obj: the file is empty"),
@@ -197,7 +197,7 @@ fn patches_of_different_objects_give_a_warning() {
     sheet("slanted.obj", 0.3);
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     let result = run("merge flat.obj slanted.obj -o whole.ply --unit mm");
-    assert!(result.stderr.contains("flat.obj: other patches near it differ by σ = "), "{}", result.stderr);
+    assert!(result.stderr.contains("flat.obj: patches near it differ by "), "{}", result.stderr);
     let result = run("merge flat.obj slanted.obj -o whole.ply --unit mm --epsilon 0.2");
     assert!(!result.stderr.contains("differ by"), "{}", result.stderr);
     sheet("near.obj", 0.001);

@@ -137,7 +137,7 @@ fn inconsistent_views_are_reported() {
         (&["front.json", "side.json", "--as", "side,side"], "each once, found side,side"),
         (
             &["front.json", "side.json", "--as", "front,side", "--graphs", "g.png"],
-            "g.png: graphs are written as .json or .dot",
+            "g.png: cannot write this format: expected .json or .dot",
         ),
         (
             &["front.json", "side.json", "--as", "front,side", "-o", "p.iges"],

@@ -355,7 +355,7 @@ impl Solved {
         let n = self.coordinates() * self.count().max(1) as f64;
         let space = model.surface.space();
         let (rejected, total) = readings.rejected();
-        let mut findings = common_findings(&model.sensors, observed_share, 0.0, &rejected, total);
+        let mut findings = common_findings(&model.sensors, model.unit, observed_share, 0.0, &rejected, total);
         if has_uncertain_pose(readings.set) {
             findings.push(Finding::new(
                 FindingCode::PoseSigmaUnused,

@@ -6,7 +6,8 @@ use crate::fit::patch::{PatchFilterOutcome, unused_biases};
 use crate::fit::rejected_readings;
 use crate::model::{SensorReport, SigmaSummary};
 use crate::observe::{Quantity, RejectionCause};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::numbers::significant;
+use planish_core::{Finding, FindingCode, Setting, SmallUnit, Unit};
 use std::collections::BTreeMap;
 
 /// Smallest plausible ratio of the surface's median σ to σ of the mean of all positions.
@@ -34,6 +35,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     let Finishing { set, observations, options, filtered, .. } = *fit;
     let mut findings = common_findings(
         found.sensors,
+        set.unit.unwrap_or(Unit::Millimetre),
         found.observed_share,
         found.inferred_share,
         found.rejected,
@@ -98,9 +100,22 @@ fn min_sigma(sensors: &[SensorReport]) -> f64 {
     if information > 0.0 { 1.0 / information.sqrt() } else { 0.0 }
 }
 
+/// σ of a sensor with the unit of its quantity.
+fn sigma_text(sensor: &SensorReport, sigma: f64, unit: Unit) -> String {
+    if sensor.quantity == Quantity::Normal.name() {
+        format!("{}°", significant(sigma, 3))
+    } else if sensor.quantity == Quantity::Curvature.name() {
+        format!("{} 1/{unit}", significant(sigma, 3))
+    } else {
+        // One unit for the stated and the estimated σ, so that they can be compared.
+        SmallUnit::for_length(unit.name(), sensor.sigma_estimated).text(sigma)
+    }
+}
+
 /// Findings that every kind of fit has; `total` counts readings before any rejection.
 pub(in crate::fit) fn common_findings(
     sensors: &[SensorReport],
+    unit: Unit,
     observed: f64,
     inferred: f64,
     rejected: &BTreeMap<String, usize>,
@@ -108,11 +123,13 @@ pub(in crate::fit) fn common_findings(
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     for sensor in sensors {
+        let sigma = |value| sigma_text(sensor, value, unit);
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
             let text = format!(
-                "sensor {:?} states σ = {stated:.3e}, but its residuals indicate {:.3e}: the estimate is \
-                 used",
-                sensor.name, sensor.sigma_estimated
+                "sensor {:?} states σ = {}, but its residuals indicate {}: the estimate is used",
+                sensor.name,
+                sigma(stated),
+                sigma(sensor.sigma_estimated)
             );
             findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
         }
