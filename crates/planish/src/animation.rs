@@ -222,7 +222,12 @@ struct FramePainter {
 
 impl FramePainter {
     fn new(first: &[DVec3], points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self> {
-        let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let bounds = BoundingBox::from_points(points).ok_or_else(|| {
+            Error::input(
+                "expected a scene with an \
+            extent, found nothing to draw",
+            )
+        })?;
         let (mut facing, mut area) = (DVec3::ZERO, 0.0);
         for t in triangles {
             let [a, b, c] = t.map(|k| points[k as usize]);
@@ -237,7 +242,7 @@ impl FramePainter {
             }
             None => CAMERA_DIRECTION.try_normalize(),
         };
-        let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
+        let from = towards.ok_or_else(|| Error::input("expected a camera with a direction"))?;
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
         let at = bounds.center() + 4.0 * bounds.diagonal() * from;
         let forward = -from;

@@ -71,7 +71,7 @@ fn too_fine_mesh_tolerance_suggests_a_larger_one() {
     };
     let refused = mesh("1e-9");
     assert_eq!(refused.code, 2, "{}", refused.stderr);
-    assert!(refused.stderr.contains("a mesh with a chord error of 1e-9 has about"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("for a chord error of 1e-9"), "{}", refused.stderr);
     assert!(refused.stderr.contains("(option --mesh-tolerance)"), "{}", refused.stderr);
     assert!(!folder.path().join("dome.ply").exists());
     mesh("1e-3").ok();

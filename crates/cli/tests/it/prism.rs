@@ -141,9 +141,12 @@ fn inconsistent_views_are_reported() {
         ),
         (
             &["front.json", "side.json", "--as", "front,side", "-o", "p.iges"],
-            "p.iges: solids are written as .step",
+            "p.iges: cannot write this format: expected .step",
         ),
-        (&["a.dxf", "a.dxf", "--graphs", "g.dot"], "graphs are made of contours"),
+        (
+            &["a.dxf", "a.dxf", "--graphs", "g.dot"],
+            "expected contours with their covariance (.json) for graphs",
+        ),
     ] {
         let result = planish(at, &[&["solid"], args].concat());
         assert!(

@@ -52,7 +52,7 @@ fn page_is_written_on_request() {
 fn unsupported_options_and_formats_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     for (args, words) in [
-        (&["-o", "a.jpg"][..], "a picture (.png) or as a page (.html)"),
+        (&["-o", "a.jpg"][..], "expected .png (an image) or .html (a page)"),
         (&["-o", "a.png", "--color", "sigma"], "--color"),
         (&["-o", "a.png", "--camera", "0,100"], "-90 to 90"),
         (&["--color", "plain"], "--output"),
