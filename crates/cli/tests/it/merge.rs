@@ -160,7 +160,7 @@ fn inputs_that_cannot_be_merged_are_rejected() {
         ("merge a.obj empty.obj -o w.ply", 2, "empty.obj: the file is empty"),
         ("merge a.obj nan.obj -o w.ply", 2, "nan.obj: line 2"),
         ("merge a.obj line.obj -o w.ply", 1, "overlap"),
-        ("merge a.obj zero.ply -o w.ply", 2, "zero.ply: vertex 1 has σ = 0"),
+        ("merge a.obj zero.ply -o w.ply", 2, "zero.ply: vertex 1: expected σ > 0, found 0"),
         ("merge a.obj part.step -o w.ply", 2, "part.step: line 1: the file ends before `END-ISO-10303-21;`"),
         ("merge a.obj part.iges -o w.ply", 2, "found IGES, which is not supported: convert it to STEP"),
         ("merge a.obj --align -o w.ply", 2, "two patches"),

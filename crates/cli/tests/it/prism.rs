@@ -131,7 +131,7 @@ fn inconsistent_views_are_reported() {
         ),
         (&["front.json", "top.json", "inches.json"], "inches.json: is in in"),
         (&["front.json", "broken.json"], "broken.json: expected contours as"),
-        (&["front.json", "a.dxf"], "a.dxf: is no contour"),
+        (&["front.json", "a.dxf"], "a.dxf: expected a contour"),
         (&["front.json", "side.json"], "the front view ends at x"),
         (&["front.json", "side.json", "--as", "front"], "expected one name for each of the 2 views"),
         (&["front.json", "side.json", "--as", "side,side"], "each once, found side,side"),

@@ -151,7 +151,7 @@ mod tests {
         };
         let far = [DVec3::splat(1e8), DVec3::new(1e8 + 40.0, 1e8, 1e8)];
         let message = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
-        assert!(message.starts_with("part.stl: STL holds 32-bit numbers"), "{message}");
+        assert!(message.starts_with("part.stl: expected coordinates that STL represents"), "{message}");
         refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();
         refuse_coarse_numbers(&job("part.stl"), &[DVec3::splat(40.0)], 0.02).unwrap();
     }

@@ -43,25 +43,25 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     );
     // Sensors of earlier sessions are not among `sensors`, but further batches are.
     if fit.added.is_none() && found.sigma.median < MIN_SIGMA_RATIO * min_sigma(found.sensors) {
-        let text = "σ of the surface is less than all readings together could make it: the surface is \
-             folded, and its figures are not valid; state another shape, or give normals";
+        let text = "σ of the surface is smaller than all readings together allow: the surface is folded \
+            and the result is not valid; specify another shape, or add normals";
         findings.push(Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape));
     }
     if found.too_shallow {
         findings.push(
             Finding::new(
                 FindingCode::DepthLimit,
-                "the maximum depth was reached before the residuals were down to noise: σ includes the \
-             unresolved shape, but so does σ of sensors if it is estimated; raise the maximum depth for \
-             more detail",
+                "the maximum depth was reached before only noise remained in the residuals: σ includes the \
+                 unresolved shape, but so does the estimated σ of sensors; raise the maximum depth for \
+                 more detail",
             )
             .with_setting(Setting::MaxDepth),
         );
     }
     if found.reached_limit {
         let text = format!(
-            "the limit of {} coefficients was reached before the residuals were down to noise: raise it \
-             for more detail",
+            "the limit of {} coefficients was reached before only noise remained in the residuals: raise \
+             it for more detail",
             options.max_coefficients
         );
         findings
@@ -70,8 +70,8 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     let lacking = observations.channels.iter().zip(&found.noise.lacks_redundancy);
     for (channel, _) in lacking.filter(|(_, lacks_redundancy)| **lacks_redundancy) {
         let text = format!(
-            "the readings of sensor \"{}\" state no σ and are too few to estimate it: σ is taken from their \
-             distances to the earlier model, and is too small if that model includes them; state their σ",
+            "sensor \"{}\" has no stated σ and too few readings to estimate it: σ is taken from their \
+             distances to the earlier model, and is too small if that model includes them; specify σ",
             set.sensors[channel.sensor].name
         );
         findings.push(Finding::new(FindingCode::SigmaNotEstimable, text));
@@ -80,7 +80,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     if filtered.is_some() && has_uncertain_pose(set) {
         findings.push(Finding::new(
             FindingCode::PoseSigmaUnused,
-            "the patch filter takes poses as exact: their σ was not used",
+            "the patch filter treats poses as exact: their σ was not used",
         ));
     }
     if filtered.is_some() {
@@ -136,7 +136,7 @@ pub(in crate::fit) fn common_findings(
     }
     if observed < 0.5 {
         let completed = if inferred > 0.0 {
-            format!(", {:.0} % was completed by what was measured elsewhere", 100.0 * inferred)
+            format!(", {:.0} % was completed from measurements elsewhere", 100.0 * inferred)
         } else {
             String::new()
         };
@@ -148,16 +148,15 @@ pub(in crate::fit) fn common_findings(
     }
     let not_finite = rejected.get(RejectionCause::NotFinite.name()).copied().unwrap_or(0);
     if not_finite > 0 {
-        let text = format!(
-            "{not_finite} of {total} points have coordinates that are not finite numbers: they were ignored"
-        );
+        let text =
+            format!("{not_finite} of {total} points have coordinates that are not finite: they were ignored");
         findings.push(Finding::new(FindingCode::PointsNotFinite, text));
     }
     let turned = rejected.get(RejectionCause::NormalMismatch.name()).copied().unwrap_or(0);
     if turned * 50 > total {
         let text = format!(
-            "{turned} of {total} readings face another way than the surface near them: it misses folds or \
-             thin parts there, or their normals are wrong; σ does not include that"
+            "the normals of {turned} of {total} readings disagree with the surface near them: it lacks \
+             folds or thin parts there, or the normals are wrong; σ does not include this"
         );
         findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }
