@@ -50,7 +50,7 @@ fn open_mesh_has_a_closed_shell_and_no_offset() {
         &["shell", "mesh", "a.obj", "--surface", "offset", "--offset", "1", "-o", "o.ply"],
     );
     assert!(
-        result.code == 1 && result.stderr.contains("a.obj") && result.stderr.contains("open edges"),
+        result.code == 1 && result.stderr.contains("a.obj") && result.stderr.contains("boundary edges"),
         "{}",
         result.stderr
     );

@@ -152,10 +152,9 @@ mod tests {
         let message = nearly_equal_extents(&scaled, &paths);
         assert_eq!(
             message.iter().map(|finding| finding.text.as_str()).collect::<Vec<_>>(),
-            [
-                "top.dxf: expected one scale, found an extent of the top view of 40.040000 along x, and of the \
-                 front view (front.dxf) of 40.000000 (ratio 1.001000); a tolerance of 4.4e-2 makes them equal"
-            ]
+            ["top.dxf: expected one scale, found an extent of the top view of 40.040000 along x, and of \
+                 the front view (front.dxf) of 40.000000 (ratio 1.001000); a tolerance of 4.4e-2 makes \
+                 them equal"]
         );
         let fits = Drawing {
             views: vec![
