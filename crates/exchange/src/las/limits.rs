@@ -60,7 +60,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
             })?;
         if start.saturating_add(EXTENDED_HEADER_BYTES).saturating_add(size) > length {
             return Err(Error::input(format!(
-                "byte {start}: an extended record promises {size} bytes, but the file has {length}: it is \
+                "byte {start}: an extended record declares {size} bytes, but the file has {length}: it is \
                  cut off or damaged"
             )));
         }
