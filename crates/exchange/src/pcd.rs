@@ -192,20 +192,20 @@ impl HeaderEntries {
             (Some(width), height, points) => {
                 let area = u64::checked_mul(width, height).ok_or_else(|| {
                     Error::input(format!(
-                        "the header promises {width} × {height} points, which no file can hold: correct \
+                        "the header declares {width} × {height} points, which no file can hold: correct \
                          `WIDTH` or `HEIGHT`"
                     ))
                 })?;
                 if let Some(points) = points.filter(|&points| points != area) {
                     return Err(Error::input(format!(
-                        "the header promises {points} points, but `WIDTH` × `HEIGHT` is {area}"
+                        "the header declares {points} points, but `WIDTH` × `HEIGHT` is {area}"
                     )));
                 }
                 Ok((width, height, area))
             }
             (None, 0..=1, Some(points)) => Ok((points, 1, points)),
             (None, _, Some(_)) => {
-                Err(Error::input("expected `WIDTH` in the header beside `HEIGHT`, found none"))
+                Err(Error::input("expected `WIDTH` in the header with `HEIGHT`, found none"))
             }
             (None, _, None) => Err(Error::input("expected `POINTS` or `WIDTH` in the header, found neither")),
         }
@@ -283,7 +283,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
 
 fn cut_off(place: impl std::fmt::Display, header: &Header, found: u64) -> Error {
     Error::input(format!(
-        "{place}: the file ends here: it is cut off ({} points promised, {found} found)",
+        "{place}: the file ends here: it is cut off ({} points declared, {found} found)",
         header.points
     ))
 }
@@ -549,7 +549,7 @@ mod tests {
     fn conflicting_sizes_are_rejected() {
         let text = String::from_utf8(text()).unwrap();
         let height = text.replace("WIDTH 2", "WIDTH 3").replace("HEIGHT 2", "HEIGHT 9223372036854775807");
-        assert!(message(height.as_bytes()).contains("promises 3 × 9223372036854775807 points"));
+        assert!(message(height.as_bytes()).contains("declares 3 × 9223372036854775807 points"));
         assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("expected `WIDTH`"));
         let plain = text.replace("WIDTH 2\n", "").replace("HEIGHT 2\n", "");
         assert!(read(plain.as_bytes()).unwrap().grid.is_none());
@@ -558,7 +558,7 @@ mod tests {
     #[test]
     fn errors_name_line_or_byte() {
         let cut = binary();
-        assert!(message(&cut[..cut.len() - 1]).contains("promises 4 points"));
+        assert!(message(&cut[..cut.len() - 1]).contains("declares 4 points"));
         let text = String::from_utf8(text()).unwrap();
         assert!(message(text.replace("POINTS 4", "POINTS 5").as_bytes()).contains("`WIDTH` × `HEIGHT` is 4"));
         assert!(

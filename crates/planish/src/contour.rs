@@ -260,7 +260,7 @@ fn parts_of(
     if strays > 0 {
         let lie = if strays == 1 { "reading lies" } else { "readings lie" };
         let text = format!(
-            "{strays} {lie} apart from all others and is not used: increase the gap if they belong together"
+            "{strays} {lie} apart from all others and not used: increase the gap if they belong together"
         );
         findings.push(Finding::new(FindingCode::ReadingsIsolated, text).with_setting(Setting::Gap));
     }

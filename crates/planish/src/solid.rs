@@ -400,8 +400,8 @@ fn counts(solid: &Solid) -> FaceCounts {
 fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "expected drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be \
-             left out), or one file with all of them, found {}",
+            "expected drawings (.dxf, .svg) of the front, top and side view, in this order (the side view \
+             is optional), or one file with all of them, found {}",
             job.views.len()
         )));
     }

@@ -289,7 +289,7 @@ fn missing_parts_and_non_finite_values_are_reported() {
     let endless = Constraint::Distance { a: PointId(0), b: PointId(1), value: f64::INFINITY };
     assert!(message(endless).contains("P1P2 is inf long has no finite value"));
     let error = impose(&seen, &DMatrix::identity(7, 7), &[], 0.0).unwrap_err().to_string();
-    assert!(error.contains("8 × 8, not 7 × 7"), "{error}");
+    assert!(error.contains("8 × 8 entries, found 7 × 7"), "{error}");
 }
 
 #[test]

@@ -92,7 +92,8 @@ impl KalmanFilter {
         let (n, p) = (self.mean().len(), reading.noise());
         if reading.state() != n || n > MAX_STATE || p > MAX_NOISE {
             return Err(Error::input(format!(
-                "a reading of {} unknowns and {p} noise components does not match a state of {n}",
+                "expected a reading of {n} unknowns, as in the state, found one of {} with {p} noise \
+                 components",
                 reading.state()
             )));
         }
