@@ -430,7 +430,7 @@
       }
       if (sets) {
         const names = given.sets.sets[sets[k]].map((s) => given.sets.names[s]);
-        rows.push(["seen by", names.length ? names.join(", ") : "no scan"]);
+        rows.push(["scans", names.length ? names.join(", ") : "none"]);
         result.seen_by = names;
       }
       result.vertex = k;
