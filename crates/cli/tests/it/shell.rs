@@ -281,7 +281,7 @@ fn implausible_inputs_are_reported() {
     assert_ne!(larger, views);
     std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
     let result = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
-    assert!(result.stderr.contains("The optical axis meets the image at 1278, 958"), "{}", result.stderr);
+    assert!(result.stderr.contains("the optical axis meets the image at 1278, 958"), "{}", result.stderr);
     assert!(result.stderr.contains("view mask01: the mesh hardly overlaps its mask"), "{}", result.stderr);
     let odd = planish(
         at,

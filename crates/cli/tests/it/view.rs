@@ -63,7 +63,7 @@ fn unsupported_options_and_formats_are_rejected() {
         let result = planish(folder.path(), &args);
         assert_eq!(result.code, 2, "{args:?}: {}", result.stderr);
         let is_named = result.stderr.contains(words)
-            || words == "--color" && result.stderr.contains("no sigma to colour by");
+            || words == "--color" && result.stderr.contains("the field sigma to colour by");
         assert!(is_named, "{args:?}: {}", result.stderr);
     }
     assert!(names(folder.path()).is_empty());

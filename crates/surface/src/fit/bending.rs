@@ -372,9 +372,9 @@ fn reported(
 fn stretched_finding(state: &BendingState) -> Finding {
     let change = state.largest_change.iter().copied().fold(0.0, f64::max);
     let text = format!(
-        "{}: the sheet was stretched compared with the first scan: E, F or G changes by up to {:.1} %, \
-         residuals are {:.2} times their σ, and {} of {} readings are beyond the boundary; parts \
-         transferred from other times are not valid",
+        "{}: the sheet differs from that of the first scan by more than bending: E, F or G changes by up \
+         to {:.1} %, residuals are {:.2} times their σ, and {} of {} readings are beyond the boundary; \
+         parts transferred from other times are not valid",
         state.scans.join(", "),
         100.0 * change,
         state.misfit,

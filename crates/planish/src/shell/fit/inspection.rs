@@ -107,8 +107,8 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
         if share > MAX_FRAME_SHARE {
             let text = format!(
-                "view {name}: {} of the border of the mask belongs to the object: check that the mask is \
-                 not inverted; the object must be brighter than the threshold",
+                "view {name}: {} of the border of the mask image belongs to the object: check that the \
+                 mask is not inverted; the object must be brighter than the threshold",
                 percent(share)
             );
             findings.push(Finding::new(FindingCode::MaskInverted, text));
@@ -128,10 +128,10 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
                 FindingCode::MaskMismatch,
                 format!(
                     "view {name}: the mesh hardly overlaps its mask before the fit: check that the mask \
-                     belongs to this view, and that camera and mesh have the same unit and frame.{}",
+                     belongs to this view, and that camera and mesh have the same unit and frame{}",
                     match off_axis {
                         true => format!(
-                            " The optical axis meets the image at {:.0}, {:.0}, but the mask has {} × {} \
+                            "; the optical axis meets the image at {:.0}, {:.0}, but the mask has {} × {} \
                              pixels: K may belong to an image of another size",
                             middle[0], middle[1], mask.columns, mask.rows
                         ),
