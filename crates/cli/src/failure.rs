@@ -65,10 +65,9 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
             }
             _ => "`planish info FILE` and `planish view FILE` show the contents of a file".to_owned(),
         }),
-        ErrorKind::Unsupported => Some(format!(
-            "`planish {command} --help` lists the supported formats and \
-            options"
-        )),
+        ErrorKind::Unsupported => {
+            Some(format!("`planish {command} --help` lists the supported formats and options"))
+        }
         ErrorKind::Io => Some("check the path and its permissions".to_owned()),
         // The user pressed Ctrl-C and knows why.
         ErrorKind::Interrupted => None,

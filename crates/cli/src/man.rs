@@ -46,8 +46,7 @@ fn named(mut command: clap::Command, names: &[String]) -> Result<clap::Command> 
             let known: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
             match known.is_empty() {
                 true => Error::input(format!(
-                    "expected a command without subcommands after {}, found \
-                    `{name}`",
+                    "expected a command without subcommands after {}, found `{name}`",
                     command.get_name()
                 )),
                 false => Error::input(format!("expected one of {}, found `{name}`", known.join(", "))),

@@ -458,8 +458,7 @@ fn complement(n: usize, indices: &[usize]) -> Result<Vec<usize>> {
             Some(seen) if !*seen => *seen = true,
             Some(_) => {
                 return Err(Error::input(format!(
-                    "expected each component once, found component \
-                {index} twice"
+                    "expected each component once, found component {index} twice"
                 )));
             }
             None => {

@@ -88,10 +88,7 @@ impl ChiSquareBand {
         let tail = tail_of(confidence)?;
         let distribution =
             ChiSquared::new(degrees).ok().filter(|_| degrees.is_finite()).ok_or_else(|| {
-                Error::input(format!(
-                    "expected positive degrees of freedom for χ², found \
-                {degrees}"
-                ))
+                Error::input(format!("expected positive degrees of freedom for χ², found {degrees}"))
             })?;
         Ok(Self { lower: distribution.inverse_cdf(tail), upper: distribution.inverse_cdf(1.0 - tail) })
     }
@@ -349,8 +346,7 @@ pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     let power: f64 = centred.iter().map(|r| r * r).sum();
     if power <= 0.0 {
         return Err(Error::undetermined(
-            "expected different residuals for an autocorrelation, found all \
-            equal",
+            "expected different residuals for an autocorrelation, found all equal",
         ));
     }
     let sum: f64 = (1..=lags)

@@ -211,9 +211,6 @@ pub(crate) fn require_finite_number(what: &str, value: f64) -> Result<()> {
     if value.is_finite() {
         Ok(())
     } else {
-        Err(Error::input(format!(
-            "{what}: expected a finite number, \
-        found {value}"
-        )))
+        Err(Error::input(format!("{what}: expected a finite number, found {value}")))
     }
 }

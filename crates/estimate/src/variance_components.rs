@@ -134,8 +134,7 @@ impl VarianceComponents {
     pub fn merge(&mut self, other: &Self) -> Result<()> {
         if self.groups.len() != other.groups.len() {
             return Err(Error::input(
-                "expected variance components of the same groups to merge, found \
-                different ones",
+                "expected variance components of the same groups to merge, found different ones",
             ));
         }
         for (sums, more) in self.groups.iter_mut().zip(&other.groups) {

@@ -222,12 +222,8 @@ struct FramePainter {
 
 impl FramePainter {
     fn new(first: &[DVec3], points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self> {
-        let bounds = BoundingBox::from_points(points).ok_or_else(|| {
-            Error::input(
-                "expected a scene with an \
-            extent, found nothing to draw",
-            )
-        })?;
+        let bounds = BoundingBox::from_points(points)
+            .ok_or_else(|| Error::input("expected a scene with an extent, found nothing to draw"))?;
         let (mut facing, mut area) = (DVec3::ZERO, 0.0);
         for t in triangles {
             let [a, b, c] = t.map(|k| points[k as usize]);

@@ -177,8 +177,7 @@ pub fn check_graphs_name(path: &Path) -> Result<()> {
     match extension(path).as_str() {
         "json" | "dot" => Ok(()),
         _ => Err(Error::unsupported(format!(
-            "{}: cannot write this format: expected .json or .dot for \
-            graphs",
+            "{}: cannot write this format: expected .json or .dot for graphs",
             path.display()
         ))),
     }

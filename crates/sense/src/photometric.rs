@@ -343,8 +343,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<DVec3>> {
         let square = x * x + y * y;
         if !(maximum > 0.0 && square < 1.0) {
             return Err(Error::undetermined(format!(
-                "image {number} of the ball: expected a highlight, \
-                found none"
+                "image {number} of the ball: expected a highlight, found none"
             )));
         }
         let n = DVec3::new(x, y, -(1.0 - square).sqrt());

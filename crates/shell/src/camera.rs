@@ -119,12 +119,9 @@ impl Camera {
         // Negative for mirrored images, with x to the left or y upwards.
         k[(0, 0)] = first.dot(&r1);
         let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
-        let inverse = k.try_inverse().ok_or_else(|| {
-            Error::input(
-                "expected a projection matrix with \
-            intrinsics, found one without",
-            )
-        })?;
+        let inverse = k
+            .try_inverse()
+            .ok_or_else(|| Error::input("expected a projection matrix with intrinsics, found one without"))?;
         let t = (inverse * last).into();
         Ok(Self { pinhole: Pinhole { k: rows_of(&(k / k[(2, 2)])), r: rows_of(&r), t } })
     }

@@ -119,12 +119,8 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
         }
     };
     let around = 2.0 * cell + flow.map_or(0.0, |(_, farthest)| farthest);
-    let bounds = mesh.surface_bounds().ok_or_else(|| {
-        Error::input(
-            "expected a mesh with vertices, found \
-        none",
-        )
-    })?;
+    let bounds =
+        mesh.surface_bounds().ok_or_else(|| Error::input("expected a mesh with vertices, found none"))?;
     let around = bounds.grown(around);
     let made = isosurface(&around, cell, value, may_pass)?;
     let mut kept = large_parts(&made, min_part_volume_ratio);

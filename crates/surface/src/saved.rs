@@ -272,9 +272,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     // Reading refuses numbers that are not finite, so such a file must not be written.
     for (name, tensor) in &tensors {
         if tensor.as_f64().is_some_and(|values| !values.iter().all(|v| v.is_finite())) {
-            return Err(Error::input(format!(
-                "`{name}` of the model: expected finite numbers, found another"
-            )));
+            return Err(Error::input(format!("`{name}`: expected finite numbers, found another")));
         }
     }
     Ok(ModelFile { tensors, metadata })
@@ -512,9 +510,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         Some(notes) => {
             let filter = notes.filter(shape, metadata.base, &mut tensors)?;
             if filter.space().leaves() != space.leaves() {
-                return Err(Error::input(
-                    "expected patches that consist of cells of the model, found others",
-                ));
+                return Err(Error::input("expected patches of cells of the model, found others"));
             }
             Knowledge::Patches(Arc::new(filter))
         }
@@ -559,12 +555,9 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     let order = cells
         .iter()
         .map(|&cell| {
-            space.leaf_over(cell).ok_or_else(|| {
-                Error::input(format!(
-                    "expected a leaf of the hierarchy, \
-                found the cell {cell:?}"
-                ))
-            })
+            space
+                .leaf_over(cell)
+                .ok_or_else(|| Error::input(format!("expected a leaf, found the cell {cell:?}")))
         })
         .collect::<Result<_>>()?;
     Ok((Arc::new(space), order))

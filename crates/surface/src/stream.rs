@@ -114,10 +114,7 @@ impl Reading {
                 facing: normal,
                 value: ReadingValue::Curvature(
                     curvature_tensor(principal, direction, normal).ok_or_else(|| {
-                        Error::input(
-                            "expected a direction of curvature that differs from \
-                            the normal",
-                        )
+                        Error::input("expected a direction of curvature that differs from the normal")
                     })?,
                     sigma * sigma,
                 ),

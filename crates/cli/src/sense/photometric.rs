@@ -61,8 +61,7 @@ pub fn kind(args: &PhotometricArgs) -> Result<SenseKind> {
             images.len()
         ))),
         _ => Err(Error::input(
-            "expected --calib with the lights, or --normal-map with σ of a normal map, \
-            found neither",
+            "expected --calib with the lights, or --normal-map with σ of a normal map, found neither",
         )),
     }
 }

@@ -92,8 +92,7 @@ impl KalmanFilter {
         let (n, p) = (self.mean().len(), reading.noise());
         if reading.state() != n || n > MAX_STATE || p > MAX_NOISE {
             return Err(Error::input(format!(
-                "expected a reading of {n} unknowns, as in the state, found one of {} with {p} noise \
-                 components",
+                "expected a reading of {n} unknowns, found {} unknowns and {p} noise components",
                 reading.state()
             )));
         }

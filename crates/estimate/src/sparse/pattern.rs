@@ -42,8 +42,7 @@ impl BlockPattern {
     {
         if nodes > MAX_ENTRIES {
             return Err(Error::input(format!(
-                "expected at most {MAX_ENTRIES} nodes in a pattern, found \
-                {nodes}"
+                "expected at most {MAX_ENTRIES} nodes in a pattern, found {nodes}"
             )));
         }
         let mut element_start = vec![0_usize];

@@ -138,12 +138,8 @@ pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
 /// The axes of a camera that looks from this direction.
 pub(super) fn axes_from(from: DVec3, up: DVec3) -> Result<Axes> {
     let found = from.try_normalize().and_then(|from| Some((from, up.cross(from).try_normalize()?)));
-    let (from, right) = found.ok_or_else(|| {
-        Error::input(
-            "expected a camera that does not look along the \
-        up direction",
-        )
-    })?;
+    let (from, right) =
+        found.ok_or_else(|| Error::input("expected a camera that does not look along the up direction"))?;
     Ok([right, from.cross(right), from])
 }
 
@@ -172,12 +168,8 @@ pub(crate) struct Camera {
 impl Camera {
     /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
     pub(super) fn from_points(points: &[DVec3], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
-        let bounds = BoundingBox::from_points(points).ok_or_else(|| {
-            Error::input(
-                "expected an object with \
-            an extent, found nothing to draw",
-            )
-        })?;
+        let bounds = BoundingBox::from_points(points)
+            .ok_or_else(|| Error::input("expected an object with an extent, found nothing to draw"))?;
         // A single point has no size, but must not give NaN.
         let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
         let mut camera = Self {

@@ -191,8 +191,7 @@ pub fn read_grid(
     made.rejected = rejected;
     if made.readings.is_empty() {
         return Err(Error::undetermined(
-            "expected crossings of stripes that determine an orientation, found \
-            none",
+            "expected crossings of stripes that determine an orientation, found none",
         ));
     }
     Ok(made)

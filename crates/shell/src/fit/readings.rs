@@ -146,8 +146,7 @@ impl ShellReadings<'_> {
             }
             if (view.inside.iter().chain(&view.outside).flatten()).any(|x| !x.is_finite()) {
                 return Err(Error::input(format!(
-                    "view {v}: expected finite coordinates of the pixels \
-                    inside and outside"
+                    "view {v}: expected finite coordinates of the pixels inside and outside"
                 )));
             }
         }

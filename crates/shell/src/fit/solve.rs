@@ -198,12 +198,8 @@ impl<'a> Setup<'a> {
         oriented: bool,
         unknowns: usize,
     ) -> Result<Self> {
-        let bounds = mesh.surface_bounds().ok_or_else(|| {
-            Error::input(
-                "expected a mesh with vertices, \
-            found none",
-            )
-        })?;
+        let bounds =
+            mesh.surface_bounds().ok_or_else(|| Error::input("expected a mesh with vertices, found none"))?;
         let size = bounds.diagonal();
         // Coarse stages only move the mesh close, so a subset of the points is sufficient and saves most of
         // the time.

@@ -262,8 +262,7 @@ impl Finishing<'_> {
         let held_out = judge_held_out(&exact, observations, noise, at, options.gate)?;
         if !observed.contains(&Observed::Measured) {
             return Err(Error::undetermined(
-                "expected readings within the gate, found none: no part of the \
-                surface was measured",
+                "expected readings within the gate, found none: no part of the surface was measured",
             ));
         }
         // A user reads this σ as that of the real surface, so it includes the unresolved shape.

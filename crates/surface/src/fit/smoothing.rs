@@ -161,8 +161,7 @@ impl Smoothing {
     ) -> Result<Self> {
         if !(start > 0.0 && start.is_finite()) {
             return Err(Error::undetermined(
-                "expected readings that span an area, found all on one line or \
-                at one point",
+                "expected readings that span an area, found all on one line or at one point",
             ));
         }
         let measured = measured_coordinates(total);
@@ -229,12 +228,8 @@ impl Smoothing {
         if factored_at != Some(found.weight) {
             factorize(found.weight, &mut factor)?;
         }
-        let factor = factor.ok_or_else(|| {
-            Error::undetermined(
-                "the readings do not determine the weight of \
-            smoothness",
-            )
-        })?;
+        let factor = factor
+            .ok_or_else(|| Error::undetermined("the readings do not determine the weight of smoothness"))?;
         let mut solution = vector.to_vec();
         factor.solve_in_place(&mut solution)?;
         Ok(Self { found, energy, bounds, measured, factor, solution })

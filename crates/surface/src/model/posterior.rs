@@ -258,8 +258,7 @@ impl<'a> Posterior<'a> {
         by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
         let Some(&(max, _)) = by_area.last() else {
             return Err(Error::undetermined(
-                "expected measured parts of the surface, found none: σ cannot \
-                be summarised",
+                "expected measured parts of the surface, found none: σ cannot be summarised",
             ));
         };
         let total: f64 = by_area.iter().map(|(_, area)| area).sum();

@@ -148,10 +148,7 @@ impl Observations {
         let more = self.intake.copies.len().saturating_sub(MAX_LISTED_DUPLICATES);
         listed
             .chain((more > 0).then(|| {
-                format!(
-                    "{more} more pairs of scans have readings that are equal to \
-                the last digit"
-                )
+                format!("{more} more pairs of scans have readings that are equal to the last digit")
             }))
             .map(|text| Finding::new(FindingCode::DuplicateReadings, text))
             .collect()

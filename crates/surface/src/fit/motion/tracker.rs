@@ -109,8 +109,7 @@ impl<'a> RigidTracker<'a> {
             .collect();
         let bounds = BoundingBox::from_points(&points).ok_or_else(|| {
             Error::undetermined(
-                "the first scan determines no surface to which the others could be \
-                registered",
+                "the first scan determines no surface to which the others could be registered",
             )
         })?;
         let times: Vec<f64> = order.iter().map(|&k| set.scans[k].scan.time_s.unwrap_or_default()).collect();
