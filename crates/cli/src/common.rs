@@ -70,7 +70,7 @@ pub enum ProgressName {
 /// The option `--report`.
 #[derive(Debug, Clone, Args)]
 pub struct ReportArgs {
-    /// Write an HTML report: the result in 3D, its quality and what to do next
+    /// Write an HTML report: the result in 3D, its quality and the next steps
     #[arg(long, value_name = "FILE.html", help_heading = "Common options", value_hint = ValueHint::FilePath)]
     pub report: Option<PathBuf>,
 }

@@ -63,7 +63,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
     let all = args.kind.contains(&KindChoice::Auto);
     if !shapes.is_empty() && shapes.len() < args.kind.len() {
         return Err(Error::input(
-            "--kind mixes shapes in space with contours in the plane: expected kinds of one sort",
+            "expected kinds of one sort for --kind, found shapes in space and contours in the plane",
         ));
     }
     Ok(ContourJob {

@@ -34,7 +34,7 @@ fn text(error: &Error, command: &str) -> String {
     while let Some(inner) = cause {
         let words = inner.to_string();
         if !text.contains(&words) {
-            text.push_str(&format!("\n  because {words}"));
+            text.push_str(&format!("\n  cause: {words}"));
         }
         cause = inner.source();
     }
@@ -48,28 +48,31 @@ fn text(error: &Error, command: &str) -> String {
 fn hint(kind: ErrorKind, command: &str) -> Option<String> {
     match kind {
         ErrorKind::Undetermined => Some(match command {
-            "fit" => "give more readings, or from more sides; check that the scans share one frame and unit"
+            "fit" => "add readings, or readings from more sides; check that the scans have the same frame \
+                and unit"
                 .to_owned(),
             "solid" => {
-                "check the drawing at the named places; a missing view or line may resolve the ambiguity"
+                "check the drawing at the positions above; another view or line may resolve the ambiguity"
                     .to_owned()
             }
-            "contour" => "give readings from more sides, or name a simpler --kind".to_owned(),
+            "contour" => "add readings from more sides, or specify a simpler --kind".to_owned(),
             _ if command.starts_with("sense") => {
                 "check the order of the images, the mask and the calibration; the images may lack detail"
                     .to_owned()
             }
             "merge" | "compare" | "next" | "shell fit" | "shell texture" => {
-                "check that the files show the same object, in one frame and unit".to_owned()
+                "check that the files show the same object in the same frame and unit".to_owned()
             }
             _ => "`planish info FILE` and `planish view FILE` show the contents of a file".to_owned(),
         }),
-        ErrorKind::Unsupported => Some(format!("`planish {command} --help` lists what this version can do")),
-        ErrorKind::Io => Some("check the path, and that it may be read or written".to_owned()),
+        ErrorKind::Unsupported => {
+            Some(format!("`planish {command} --help` lists the supported formats and options"))
+        }
+        ErrorKind::Io => Some("check the path and its permissions".to_owned()),
         // The user pressed Ctrl-C and knows why.
         ErrorKind::Interrupted => None,
         _ => Some(format!(
-            "correct what is named above; `planish {command} --help` has options, units and examples"
+            "correct the input above; `planish {command} --help` explains options, units and formats"
         )),
     }
 }

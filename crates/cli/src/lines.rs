@@ -9,7 +9,7 @@ use planish::sense::SigmaSummary;
 pub fn sigma_quantiles(sigma: Option<SigmaSummary>, unit: &str) -> String {
     sigma.map_or(String::new(), |s| {
         format!(
-            "{} {unit} median, {} p95, {} max",
+            "median {} {unit}, 95 % below {}, largest {}",
             significant(s.median, 3),
             significant(s.p95, 3),
             significant(s.max, 3)

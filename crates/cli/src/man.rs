@@ -45,7 +45,10 @@ fn named(mut command: clap::Command, names: &[String]) -> Result<clap::Command> 
         command = command.find_subcommand(name).cloned().ok_or_else(|| {
             let known: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
             match known.is_empty() {
-                true => Error::input(format!("{} has no subcommands, found `{name}`", command.get_name())),
+                true => Error::input(format!(
+                    "expected a command without subcommands after {}, found `{name}`",
+                    command.get_name()
+                )),
                 false => Error::input(format!("expected one of {}, found `{name}`", known.join(", "))),
             }
         })?;

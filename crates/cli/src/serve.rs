@@ -38,10 +38,10 @@ impl Server {
         made.map_err(|e| {
             Error::io(match port {
                 Some(port) => format!(
-                    "port {port} of this computer could not be used: another program may use it; omit --port \
-                     to use a free port"
+                    "port {port} could not be opened: another program may use it; omit --port to use a \
+                     free port"
                 ),
-                None => "no port of this computer could be used".to_owned(),
+                None => "no free port could be opened".to_owned(),
             })
             .with_source(e)
         })
@@ -66,7 +66,7 @@ impl Server {
                 }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(PAUSE),
                 Err(e) if e.kind() == ErrorKind::Interrupted || e.kind() == ErrorKind::ConnectionAborted => {}
-                Err(e) => return Err(Error::io("the page can no longer be served").with_source(e)),
+                Err(e) => return Err(Error::io("the page could not be served any longer").with_source(e)),
             }
         }
         Ok(requests)
@@ -118,7 +118,7 @@ fn response<'a>(request: &str, page: &'a str, port: u16) -> (&'static str, &'a s
     // `Host`.
     let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
     if !host.is_some_and(|host| own.contains(&host)) {
-        return ("403 Forbidden", "This page is for this computer only.");
+        return ("403 Forbidden", "This page is available on this computer only.");
     }
     match (method, path.split('?').next()) {
         ("GET" | "HEAD", Some("/")) => ("200 OK", page),

@@ -267,7 +267,8 @@ fn set_threads(common: &CommonArgs) -> Result<()> {
     match common.threads {
         None => pool.build_global().map_err(|e| Error::input("threads could not be started").with_source(e)),
         Some(threads) => pool.num_threads(threads).build_global().map_err(|e| {
-            Error::input(format!("{threads} threads could not be started: ask for fewer")).with_source(e)
+            Error::input(format!("{threads} threads could not be started: use a smaller number"))
+                .with_source(e)
         }),
     }
 }

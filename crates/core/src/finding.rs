@@ -78,7 +78,7 @@ macro_rules! codes {
 codes! {
     // fit
     SensorSigmaMisstated = "sensor-sigma-misstated", Warning:
-        "The residuals of a sensor contradict its stated σ; the estimate is used.",
+        "The residuals of a sensor are inconsistent with its stated σ; the estimate is used.",
     SigmaNotEstimable = "sigma-not-estimable", Warning:
         "A sensor states no σ and has too few readings to estimate it.",
     SigmaTooSmall = "sigma-too-small", Warning:
@@ -99,7 +99,7 @@ codes! {
     MostlyUnmeasured = "mostly-unmeasured", Warning: "Less than half of the surface was measured.",
     ManyRejected = "many-rejected", Warning: "More than a tenth of the readings was rejected.",
     NormalsMismatch = "normals-mismatch", Warning:
-        "Many readings face another way than the surface near them.",
+        "The normals of many readings disagree with the surface near them.",
     PointsNotFinite = "points-not-finite", Warning:
         "Points have coordinates that are not finite; they are ignored.",
     PointsUnclassified = "points-unclassified", Warning:
@@ -151,7 +151,7 @@ codes! {
         "Fewer views than requested were planned, because more would not reduce σ.",
     AreaUnseen = "area-unseen", Warning: "None of the compared poses sees a part of the area.",
     // view, info
-    PictureEmpty = "picture-empty", Warning: "The picture shows nothing.",
+    PictureEmpty = "picture-empty", Warning: "The image is empty.",
     PointsThinned = "points-thinned", Warning: "Only some of the points are shown.",
     MeshDefects = "mesh-defects", Warning: "The mesh has edges, triangles or vertices with defects.",
     // merge
@@ -186,17 +186,18 @@ codes! {
     PartNotFitted = "part-not-fitted", Warning: "No contour could be fitted to a part of the readings.",
     KindAmbiguous = "kind-ambiguous", Warning: "Another kind explains the readings nearly as well.",
     ResidualsInconsistent = "residuals-inconsistent", Warning:
-        "Residuals of a contour contradict the stated σ.",
+        "Residuals of a contour are inconsistent with the stated σ.",
     BeyondGate = "beyond-gate", Warning: "Many readings of a contour are beyond the gate and are rejected.",
-    GivenInconsistent = "given-inconsistent", Warning: "Given constraints contradict the readings.",
-    ConstraintsConflict = "constraints-conflict", Error: "Given constraints contradict each other.",
+    GivenInconsistent = "given-inconsistent", Warning: "Given constraints are inconsistent with the \
+        readings.",
+    ConstraintsConflict = "constraints-conflict", Error: "Given constraints conflict.",
     ReadingsConsistent = "readings-consistent", Info: "The readings agree with the contour within their σ.",
     // solid
     EntitiesSkipped = "entities-skipped", Warning: "Entities of a drawing that draw no edges are skipped.",
     EntityWithoutLength = "entity-without-length", Warning:
         "An entity of a drawing has no length and is ignored.",
     DimensionMismatch = "dimension-mismatch", Warning: "A dimension of a drawing differs from what is drawn.",
-    LineRepeated = "line-repeated", Warning: "A line is drawn twice and counts once.",
+    LineRepeated = "line-repeated", Warning: "A line occurs twice in a drawing and counts once.",
     DrawingInexact = "drawing-inexact", Warning:
         "Ends or sizes of a drawing nearly agree, or an outline is open.",
     NoSolid = "no-solid", Error: "No solid explains all lines.",
@@ -204,7 +205,7 @@ codes! {
     SolidsAmbiguous = "solids-ambiguous", Warning: "Several solids have these views.",
     SearchIncomplete = "search-incomplete", Warning: "There may be more solids than were examined.",
     ViewsConsistent = "views-consistent", Info: "The views agree within their σ.",
-    ViewsInconsistent = "views-inconsistent", Warning: "The views agree less than their σ predicts.",
+    ViewsInconsistent = "views-inconsistent", Warning: "The views differ more than their σ predicts.",
     GraphNotWritten = "graph-not-written", Warning: "No composite graph could be written.",
     // sense
     FewMatches = "few-matches", Warning: "Few pixels of the stereo pair have a match.",
@@ -225,12 +226,12 @@ codes! {
     SigmaAssumed = "sigma-assumed", Warning: "Points state no σ; one was assumed.",
     MaskInverted = "mask-inverted", Warning: "A mask seems to be inverted.",
     MaskMismatch = "mask-mismatch", Warning: "The mesh hardly appears in a mask before the fit.",
-    MaskNotReached = "mask-not-reached", Warning: "The fitted mesh agrees badly with a mask.",
-    HeldOutView = "held-out-view", Info: "A view that was not used agrees with its mask.",
+    MaskNotReached = "mask-not-reached", Warning: "The fitted mesh and a mask overlap too little.",
+    HeldOutView = "held-out-view", Info: "The mesh overlaps the mask of a held-out view.",
     HeldOutViewMisfit = "held-out-view-misfit", Warning:
-        "A view that was not used agrees badly with its mask.",
+        "The mesh and the mask of a held-out view overlap too little.",
     ManyOutliers = "many-outliers", Warning: "More than a third of the readings are outliers.",
-    MeshFolded = "mesh-folded", Warning: "Edges of the mesh folded over.",
+    MeshFolded = "mesh-folded", Warning: "The mesh folded over at some edges.",
     MeshStretched = "mesh-stretched", Warning: "Edges of the mesh grew far more than others.",
     FacetLimit = "facet-limit", Warning: "The maximum number of facets is too small for spherical metaballs.",
     FacetsInconsistent = "facets-inconsistent", Warning:

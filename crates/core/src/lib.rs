@@ -7,6 +7,7 @@
 //! | [`Setting`] | settings that messages refer to; the command prints their options |
 //! | [`Progress`], [`ProgressPart`], [`Silent`] | progress of long work, and requests to stop it |
 //! | [`Unit`], [`Length`] | units of length, and lengths that a user states |
+//! | [`SmallUnit`], [`numbers`] | lengths and numbers in messages |
 //! | [`DVec3`], [`Vec3`] | points, normals and directions, in double and single precision (crate `glam`) |
 //! | [`vector3`], [`matrix3`] | what `DVec3` lacks, and arithmetic of 3 × 3 matrices |
 //! | [`SymmetricMatrix3`] | covariances and curvature tensors |
@@ -36,6 +37,7 @@
 pub mod error;
 pub mod finding;
 pub mod matrix3;
+pub mod numbers;
 pub mod progress;
 pub mod random;
 pub mod setting;
@@ -47,6 +49,7 @@ mod bounding_box;
 mod disjoint_sets;
 mod pinhole;
 mod pose;
+mod small_unit;
 mod symmetric_matrix3;
 mod unit;
 
@@ -59,5 +62,6 @@ pub use pinhole::Pinhole;
 pub use pose::Pose;
 pub use progress::{Progress, ProgressPart, SHOWING_STAGE, Silent, WRITING_STAGE};
 pub use setting::Setting;
+pub use small_unit::SmallUnit;
 pub use symmetric_matrix3::SymmetricMatrix3;
 pub use unit::{Length, Unit};

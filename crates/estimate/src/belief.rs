@@ -55,7 +55,7 @@ impl Information {
         require_vector("the reading", reading, design.nrows())?;
         require_covariance("the weight", weight, design.nrows())?;
         if !is_finite(design) {
-            return Err(Error::input("the design matrix holds a value that is not finite"));
+            return Err(Error::input("expected finite values in the design matrix, found another"));
         }
         // The triple product is symmetric only up to rounding. Factors read one triangle and sums use both,
         // so both must agree.
@@ -75,8 +75,8 @@ impl Information {
         require_covariance("the covariance", covariance, mean.len())?;
         let factor = ScaledCholesky::new(covariance).map_err(|null| {
             Error::input(format!(
-                "the covariance is singular: component {} is known exactly along one direction; \
-                 remove it from the state or give it a variance",
+                "the covariance is singular: component {} is known exactly along one direction; remove it \
+                 from the state, or specify a variance",
                 null.component()
             ))
         })?;
@@ -294,7 +294,7 @@ impl Belief {
         if !self.has_same_prior(other) {
             return Err(Error::input(
                 "beliefs with different priors cannot be merged, because their common part is unknown: \
-                 state one prior for both, or use covariance intersection",
+                 specify one prior for both, or use covariance intersection",
             ));
         }
         let mut merged = self.clone();
@@ -446,7 +446,7 @@ fn require_same_dimension(expected: usize, found: usize) -> Result<()> {
     if expected == found {
         Ok(())
     } else {
-        Err(Error::input(format!("information about {found} unknowns does not fit a state of {expected}")))
+        Err(Error::input(format!("expected information about {expected} unknowns, found {found}")))
     }
 }
 
@@ -456,9 +456,13 @@ fn complement(n: usize, indices: &[usize]) -> Result<Vec<usize>> {
     for &index in indices {
         match used.get_mut(index) {
             Some(seen) if !*seen => *seen = true,
-            Some(_) => return Err(Error::input(format!("component {index} is given twice"))),
+            Some(_) => {
+                return Err(Error::input(format!(
+                    "expected each component once, found component {index} twice"
+                )));
+            }
             None => {
-                return Err(Error::input(format!("component {index} is beyond a state of {n}")));
+                return Err(Error::input(format!("expected components below {n}, found {index}")));
             }
         }
     }
@@ -473,7 +477,7 @@ fn complement(n: usize, indices: &[usize]) -> Result<Vec<usize>> {
 fn pseudo_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>> {
     let scale = diagonal_scale(matrix);
     let eigen = eigen(scaled_by(matrix, &scale))
-        .ok_or_else(|| Error::input("the information holds a value that is not finite"))?;
+        .ok_or_else(|| Error::input("expected finite values in the information, found another"))?;
     let tolerance = rank_tolerance(matrix.nrows());
     let inverted = eigen.eigenvalues.map(|value| if value > tolerance { 1.0 / value } else { 0.0 });
     let vectors = &eigen.eigenvectors;

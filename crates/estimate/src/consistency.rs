@@ -86,10 +86,10 @@ impl ChiSquareBand {
     /// `Input` when the degrees are not positive, or when the confidence is not between 0 and 1.
     pub fn of_sum(degrees: f64, confidence: f64) -> Result<Self> {
         let tail = tail_of(confidence)?;
-        let distribution = ChiSquared::new(degrees)
-            .ok()
-            .filter(|_| degrees.is_finite())
-            .ok_or_else(|| Error::input(format!("χ² needs positive degrees of freedom, not {degrees}")))?;
+        let distribution =
+            ChiSquared::new(degrees).ok().filter(|_| degrees.is_finite()).ok_or_else(|| {
+                Error::input(format!("expected positive degrees of freedom for χ², found {degrees}"))
+            })?;
         Ok(Self { lower: distribution.inverse_cdf(tail), upper: distribution.inverse_cdf(1.0 - tail) })
     }
 
@@ -104,7 +104,7 @@ fn tail_of(confidence: f64) -> Result<f64> {
     if confidence > 0.0 && confidence < 1.0 {
         Ok(0.5 * (1.0 - confidence))
     } else {
-        Err(Error::input(format!("a confidence must lie between 0 and 1, not {confidence}")))
+        Err(Error::input(format!("expected a confidence between 0 and 1, found {confidence}")))
     }
 }
 
@@ -241,7 +241,7 @@ impl Coverage {
         require_finite_number("a standard deviation", sigma)?;
         require_finite_number("a weight", weight)?;
         if sigma < 0.0 || weight < 0.0 {
-            return Err(Error::input("a standard deviation and a weight must not be negative"));
+            return Err(Error::input("expected a standard deviation and a weight of at least 0"));
         }
         self.count += 1;
         self.weight += weight;
@@ -258,7 +258,9 @@ impl Coverage {
     /// `Input` when the intervals differ.
     pub fn merge(&mut self, other: &Self) -> Result<()> {
         if self.interval != other.interval {
-            return Err(Error::input("coverages of different intervals cannot be merged"));
+            return Err(Error::input(
+                "expected coverages of the same interval to merge, found different ones",
+            ));
         }
         self.count += other.count;
         self.inside += other.inside;
@@ -291,7 +293,7 @@ impl Coverage {
         // Kish's effective sample size; the binomial distribution needs an integer.
         let cases = (self.weight * self.weight / self.squared_weight).round();
         if cases.is_nan() || cases < 1.0 {
-            return Err(Error::undetermined("a coverage needs at least one case"));
+            return Err(Error::undetermined("expected at least one case for a coverage, found none"));
         }
         let binomial = Binomial::new(self.interval, cases as u64)
             .map_err(|cause| Error::input("a coverage band cannot be computed").with_source(cause))?;
@@ -329,7 +331,7 @@ pub struct Whiteness {
 pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     if lags == 0 || residuals.len() <= lags {
         return Err(Error::input(format!(
-            "the test of whiteness needs at least one lag and more residuals than lags, found {} \
+            "expected at least one lag and more residuals than lags for the test of whiteness, found {} \
              residuals and {lags} lags",
             residuals.len()
         )));
@@ -343,7 +345,9 @@ pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     let centred: Vec<f64> = residuals.iter().map(|r| r - mean).collect();
     let power: f64 = centred.iter().map(|r| r * r).sum();
     if power <= 0.0 {
-        return Err(Error::undetermined("residuals that are all equal have no autocorrelation"));
+        return Err(Error::undetermined(
+            "expected different residuals for an autocorrelation, found all equal",
+        ));
     }
     let sum: f64 = (1..=lags)
         .map(|lag| {

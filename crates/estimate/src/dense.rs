@@ -107,11 +107,11 @@ impl NullDirection {
     /// Converts to an error; `what` names the undetermined quantity, for example "the state".
     pub(crate) fn into_error(self, what: &str) -> Error {
         if !self.finite {
-            return Error::input(format!("{what} holds a value that is not finite"));
+            return Error::input(format!("expected finite values in {what}, found another"));
         }
         Error::undetermined(format!(
-            "{what} is undetermined: there is no information along {} of {} directions, and component {} is \
-             the largest of the weakest one; measure it or state a prior for it",
+            "{what} is undetermined: there is no information along {} of {} directions, and component {} \
+             is the largest of the weakest one; measure it, or specify a prior for it",
             self.count,
             self.direction.len(),
             self.component()
@@ -165,10 +165,10 @@ pub(crate) fn smallest_scaled_eigenvalue(matrix: &DMatrix<f64>, reference: &DMat
 pub(crate) fn require_covariance(what: &str, covariance: &DMatrix<f64>, n: usize) -> Result<()> {
     if covariance.shape() != (n, n) {
         let (rows, columns) = covariance.shape();
-        return Err(Error::input(format!("{what} must be {n} × {n}, not {rows} × {columns}")));
+        return Err(Error::input(format!("{what}: expected {n} × {n} entries, found {rows} × {columns}")));
     }
     if !is_finite(covariance) {
-        return Err(Error::input(format!("{what} holds a value that is not finite")));
+        return Err(Error::input(format!("expected finite values in {what}, found another")));
     }
     // Compare after scaling. A fixed tolerance on raw entries would depend on the units of the unknowns.
     let scaled = scaled_by(covariance, &diagonal_scale(covariance));
@@ -198,15 +198,19 @@ fn is_nonnegative_diagonal(matrix: &DMatrix<f64>) -> bool {
 /// Checks a vector's length and that it is finite.
 pub(crate) fn require_vector(what: &str, vector: &DVector<f64>, n: usize) -> Result<()> {
     if vector.len() != n {
-        return Err(Error::input(format!("{what} must have {n} components, not {}", vector.len())));
+        return Err(Error::input(format!("{what}: expected {n} components, found {}", vector.len())));
     }
     match vector.iter().position(|value| !value.is_finite()) {
-        Some(i) => Err(Error::input(format!("component {i} of {what} is not finite"))),
+        Some(i) => Err(Error::input(format!("component {i} of {what}: expected a finite number"))),
         None => Ok(()),
     }
 }
 
 /// Checks that a number is finite.
 pub(crate) fn require_finite_number(what: &str, value: f64) -> Result<()> {
-    if value.is_finite() { Ok(()) } else { Err(Error::input(format!("{what} must be finite, not {value}"))) }
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(Error::input(format!("{what}: expected a finite number, found {value}")))
+    }
 }

@@ -138,7 +138,7 @@ impl Linearization {
         if noise_covariance.shape() != (n, n) {
             let (rows, columns) = noise_covariance.shape();
             return Err(Error::input(format!(
-                "the noise covariance must be {n} × {n}, not {rows} × {columns}"
+                "expected a noise covariance of {n} × {n}, found {rows} × {columns}"
             )));
         }
         let covariance = &self.noise_jacobian * noise_covariance * self.noise_jacobian.transpose();
@@ -217,7 +217,7 @@ pub fn check_jacobians<E: MeasurementEquation + ?Sized>(
     step: f64,
 ) -> Result<f64> {
     if !(step > 0.0 && step.is_finite()) {
-        return Err(Error::input(format!("the step of a difference must be positive, not {step}")));
+        return Err(Error::input(format!("expected a step of a difference > 0, found {step}")));
     }
     let at = equation.linearized(x, v)?;
     let in_state =
@@ -292,7 +292,7 @@ impl Linear {
     pub fn new(design: DMatrix<f64>, reading: DVector<f64>) -> Result<Self> {
         require_vector("the reading", &reading, design.nrows())?;
         if !design.iter().all(|value| value.is_finite()) {
-            return Err(Error::input("the design matrix holds a value that is not finite"));
+            return Err(Error::input("expected finite values in the design matrix, found another"));
         }
         Ok(Self { design, reading })
     }

@@ -234,7 +234,7 @@ impl KalmanFilter {
         require_vector("the row", row, self.mean.len())?;
         if !(reading.is_finite() && variance >= 0.0 && variance.is_finite()) {
             return Err(Error::input(format!(
-                "a reading of {reading} with variance {variance} cannot be used"
+                "expected a finite reading and a variance of at least 0, found {reading} and {variance}"
             )));
         }
         let spread = &self.covariance * row;
@@ -375,13 +375,13 @@ impl KalmanFilter {
     fn require_columns(&self, what: &str, matrix: &DMatrix<f64>) -> Result<()> {
         if matrix.ncols() != self.mean.len() {
             return Err(Error::input(format!(
-                "{what} has {} columns for a state of {}",
+                "{what}: found {} columns, expected {}, the size of the state",
                 matrix.ncols(),
                 self.mean.len()
             )));
         }
         if !is_finite(matrix) {
-            return Err(Error::input(format!("{what} holds a value that is not finite")));
+            return Err(Error::input(format!("expected finite values in {what}, found another")));
         }
         Ok(())
     }

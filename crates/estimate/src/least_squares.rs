@@ -236,7 +236,7 @@ impl<'a, 'b> Batch<'a, 'b> {
             let dimensions = measurement.equation.dimensions();
             if dimensions.state != n {
                 return Err(Error::input(format!(
-                    "measurement {i} has {} unknowns, the start has {n}",
+                    "measurement {i}: expected {n} unknowns as in the start, found {}",
                     dimensions.state
                 )));
             }

@@ -57,15 +57,14 @@ impl SmoothnessModel {
         let null = self.unknowns.checked_sub(self.rank);
         if self.rank == 0 || null.is_none_or(|null| null >= self.equations) {
             return Err(Error::input(format!(
-                "a smoothness weight needs a prior of rank 1 or more and more equations than the prior \
-                 leaves free: \
-                 rank {}, {} unknowns, {} equations",
+                "expected a prior of rank 1 or more and more equations than unknowns without a prior, \
+                 found rank {}, {} unknowns and {} equations",
                 self.rank, self.unknowns, self.equations
             )));
         }
         match self.dispersion {
             Dispersion::Known(scale) if !(scale > 0.0 && scale.is_finite()) => {
-                Err(Error::input(format!("the scale of covariances must be positive, not {scale}")))
+                Err(Error::input(format!("expected a scale of covariances > 0, found {scale}")))
             }
             _ => Ok(()),
         }
@@ -287,7 +286,8 @@ pub fn maximize_restricted_likelihood(
         (behind, inner) = (inner, trial);
         step *= 2.0;
     }
-    let best = best.ok_or_else(|| Error::input("the search for a weight needs at least one solution"))?;
+    let best =
+        best.ok_or_else(|| Error::input("expected at least one solution for the search for a weight"))?;
     let termination = if converged { Termination::Converged } else { Termination::Limit };
     Ok(SmoothnessWeight { evaluations, termination, ..best })
 }

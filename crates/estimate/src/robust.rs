@@ -176,7 +176,7 @@ impl Loss {
     pub fn moments(&self, equations: usize) -> Result<LossMoments> {
         self.validate()?;
         if equations == 0 {
-            return Err(Error::input("a measurement needs at least one equation"));
+            return Err(Error::input("expected at least one equation of a measurement"));
         }
         let d = equations as f64;
         // The density of r is concentrated within a few units of √d; beyond √d + 12 it is below e⁻⁷².
@@ -298,7 +298,7 @@ impl TruncatedNormal {
     /// `Input` when `k` is not positive. Infinity means no gate.
     pub fn new(gate: f64) -> Result<Self> {
         if gate.is_nan() || gate <= 0.0 {
-            return Err(Error::input(format!("a gate must be positive, in standard deviations, not {gate}")));
+            return Err(Error::input(format!("expected a gate > 0 in standard deviations, found {gate}")));
         }
         let normal = Normal::standard();
         let share_kept = 1.0 - 2.0 * normal.sf(gate);
@@ -377,7 +377,7 @@ fn median_magnitude(residuals: impl Iterator<Item = f64>) -> Result<f64> {
 
 fn median(mut values: Vec<f64>) -> Result<f64> {
     if values.is_empty() {
-        return Err(Error::undetermined("a scale needs at least one residual"));
+        return Err(Error::undetermined("expected at least one residual for a scale"));
     }
     require_finite(&values)?;
     let half = values.len() / 2;
@@ -389,7 +389,7 @@ fn median(mut values: Vec<f64>) -> Result<f64> {
 
 fn require_finite(values: &[f64]) -> Result<()> {
     match values.iter().position(|value| !value.is_finite()) {
-        Some(i) => Err(Error::input(format!("residual {i} is not finite"))),
+        Some(i) => Err(Error::input(format!("residual {i}: expected a finite number"))),
         None => Ok(()),
     }
 }

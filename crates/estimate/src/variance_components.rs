@@ -114,13 +114,13 @@ impl VarianceComponents {
         require_finite_number("a squared residual", squares)?;
         require_finite_number("a leverage", leverages)?;
         if squares < 0.0 {
-            return Err(Error::input("a squared residual cannot be negative"));
+            return Err(Error::input("expected a squared residual of at least 0"));
         }
         let groups = self.groups.len();
         let sums = self
             .groups
             .get_mut(group)
-            .ok_or_else(|| Error::input(format!("there is no group {group} among {groups}")))?;
+            .ok_or_else(|| Error::input(format!("expected groups below {groups}, found {group}")))?;
         sums.count += count;
         sums.squares += squares;
         sums.leverage += leverages;
@@ -133,7 +133,9 @@ impl VarianceComponents {
     /// `Input` when the numbers of groups differ.
     pub fn merge(&mut self, other: &Self) -> Result<()> {
         if self.groups.len() != other.groups.len() {
-            return Err(Error::input("variance components of different groups cannot be merged"));
+            return Err(Error::input(
+                "expected variance components of the same groups to merge, found different ones",
+            ));
         }
         for (sums, more) in self.groups.iter_mut().zip(&other.groups) {
             sums.count += more.count;
@@ -149,17 +151,16 @@ impl VarianceComponents {
     /// `Input` when there is no such group; `Undetermined` when its redundancy is below 1e-6, because the
     /// unknowns fit its readings exactly.
     pub fn component(&self, group: usize) -> Result<VarianceComponent> {
-        let sums = self
-            .groups
-            .get(group)
-            .ok_or_else(|| Error::input(format!("there is no group {group} among {}", self.groups.len())))?;
+        let sums = self.groups.get(group).ok_or_else(|| {
+            Error::input(format!("expected groups below {}, found {group}", self.groups.len()))
+        })?;
         // Each reading fitted by the unknowns reduces its own residual. Dividing by the count alone would
         // make σ too small.
         let redundancy = sums.count as f64 - sums.leverage;
         if redundancy < 1e-6 {
             return Err(Error::undetermined(format!(
-                "the {} readings of group {group} have no redundancy, so σ cannot be estimated: add readings \
-                 or state σ",
+                "the {} readings of group {group} have no redundancy, so σ cannot be estimated: add \
+                 readings or specify σ",
                 sums.count
             )));
         }

@@ -225,7 +225,7 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
                     };
                     let Some(material) = current.clone().filter(|_| !name.is_empty()) else {
                         return Err(Error::input(format!(
-                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of a picture \
+                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of an image \
                              after it",
                             index + 1
                         )));

@@ -142,7 +142,7 @@ fn parse(text: &str) -> Result<Calibration> {
     // σ = 0 would give every reading infinite weight; it must not be taken for "unknown".
     if sigma == Some([0.0; 2]) {
         return Err(Error::input(
-            "expected sigma_a or sigma_b above 0, found 0 for both: leave them out to estimate σ",
+            "expected sigma_a or sigma_b above 0, found 0 for both: omit them to estimate σ",
         ));
     }
     Ok(Calibration {

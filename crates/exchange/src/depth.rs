@@ -169,7 +169,7 @@ pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Res
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
         Some(length) if pixels > length.saturating_mul(MAX_DEFLATE_RATIO) => Err(Error::input(format!(
-            "the header promises {columns} × {rows} pixels, which {length} bytes cannot hold: the file is \
+            "the header declares {columns} × {rows} pixels, which {length} bytes cannot hold: the file is \
              damaged"
         ))),
         _ => Ok(()),

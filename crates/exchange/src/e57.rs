@@ -104,7 +104,7 @@ fn scan_from(
         && needed > length
     {
         return Err(Error::input(format!(
-            "the header promises {} points, which take at least {needed} bytes, but the file has {length}: \
+            "the header declares {} points, which take at least {needed} bytes, but the file has {length}: \
              it is cut off or its header is wrong",
             cloud.records
         )));

@@ -334,7 +334,7 @@ mod tests {
             ("a.laz", &packed, 235, &u64::to_le_bytes(400)[..], "extended record"),
             ("a.laz", &packed, table + 4, &[0xff; 4], "a table of 4294967295 chunks"),
             ("a.laz", &packed, points, &[0xff; 8], "the table of the chunks"),
-            ("a.laz", &packed, points + 8 + 30 + 4, &[0xff; 4], "chunk 0 promises"),
+            ("a.laz", &packed, points + 8 + 30 + 4, &[0xff; 4], "chunk 0 declares"),
             ("a.laz", &packed, head + 54 + 36, &u16::to_le_bytes(31), "items of a point: expected"),
             ("a.laz", &packed, 105, &u16::to_le_bytes(65_000), "at most 4096 bytes"),
             ("a.laz", &packed, 247, &u64::to_le_bytes(1 << 40), "would fill the memory"),

@@ -228,7 +228,7 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let found = bytes.len().saturating_sub(header).saturating_sub(8);
     if found != promised {
         return Err(Error::input(format!(
-            "the header promises {promised} bytes of tensors, found {found}: the file is cut off or damaged"
+            "the header declares {promised} bytes of tensors, found {found}: the file is cut off or damaged"
         )));
     }
     let foreign = || {

@@ -193,20 +193,20 @@ impl HeaderEntries {
             (Some(width), height, points) => {
                 let area = u64::checked_mul(width, height).ok_or_else(|| {
                     Error::input(format!(
-                        "the header promises {width} × {height} points, which no file can hold: correct \
+                        "the header declares {width} × {height} points, which no file can hold: correct \
                          `WIDTH` or `HEIGHT`"
                     ))
                 })?;
                 if let Some(points) = points.filter(|&points| points != area) {
                     return Err(Error::input(format!(
-                        "the header promises {points} points, but `WIDTH` × `HEIGHT` is {area}"
+                        "the header declares {points} points, but `WIDTH` × `HEIGHT` is {area}"
                     )));
                 }
                 Ok((width, height, area))
             }
             (None, 0..=1, Some(points)) => Ok((points, 1, points)),
             (None, _, Some(_)) => {
-                Err(Error::input("expected `WIDTH` in the header beside `HEIGHT`, found none"))
+                Err(Error::input("expected `WIDTH` in the header with `HEIGHT`, found none"))
             }
             (None, _, None) => Err(Error::input("expected `POINTS` or `WIDTH` in the header, found neither")),
         }
@@ -284,7 +284,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
 
 fn cut_off(place: impl std::fmt::Display, header: &Header, found: u64) -> Error {
     Error::input(format!(
-        "{place}: the file ends here: it is cut off ({} points promised, {found} found)",
+        "{place}: the file ends here: it is cut off ({} points declared, {found} found)",
         header.points
     ))
 }

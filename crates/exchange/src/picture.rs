@@ -115,7 +115,8 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
             "pgm" | "ppm" | "pnm" => netpbm(&bytes()?)?,
             other => {
                 return Err(Error::unsupported(format!(
-                    "expected a picture (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension `{other}`"
+                    "expected an image (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension \
+                     `{other}`"
                 )));
             }
         };
@@ -213,7 +214,7 @@ pub fn colour_png(size: [usize; 2], values: &[u8]) -> Result<Vec<u8>> {
     };
     let mut bytes = Vec::new();
     encode_png(&mut bytes, [width, height], png::ColorType::Rgb, values)
-        .map_err(|e| Error::io("a picture could not be encoded").with_source(e))?;
+        .map_err(|e| Error::io("the image could not be encoded").with_source(e))?;
     Ok(bytes)
 }
 

@@ -140,7 +140,7 @@ impl PointColumns {
         ] {
             if let (Some(sigma), false) = (sigma, of) {
                 return Err(Error::input(format!(
-                    "expected the columns {} beside {sigma}, which is their σ, found none",
+                    "expected the columns {} with {sigma}, which is their σ, found none",
                     of_what.join(" ")
                 )));
             }

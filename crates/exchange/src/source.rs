@@ -246,7 +246,7 @@ impl<R: Read> Source<R> {
     pub(crate) fn check_promise(&self, count: u64, what: impl Display, needed: u64) -> Result<()> {
         match self.remaining() {
             Some(left) if left < needed => Err(Error::input(format!(
-                "the header promises {count} {what}, which take at least {needed} bytes, but only {left} \
+                "the header declares {count} {what}, which take at least {needed} bytes, but only {left} \
                  bytes follow: the file is cut off or its header is wrong"
             ))),
             _ => Ok(()),

@@ -193,7 +193,7 @@ impl Soup {
             let byte = source.offset();
             let Some(record) = source.bytes(RECORD)? else {
                 return Err(Error::input(format!(
-                    "byte {byte}: the file ends here: it is cut off ({count} triangles promised, {triangle} \
+                    "byte {byte}: the file ends here: it is cut off ({count} triangles declared, {triangle} \
                      found)"
                 )));
             };

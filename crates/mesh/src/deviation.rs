@@ -38,11 +38,14 @@ impl DeviationStatistics {
     pub fn from_signed(deviations: &[f64]) -> Result<Self> {
         if deviations.is_empty() {
             return Err(Error::undetermined(
-                "no deviations to summarise: the two models share nothing to compare",
+                "expected deviations to summarise, found none: the two models do not overlap",
             ));
         }
         if let Some(at) = deviations.iter().position(|d| !d.is_finite()) {
-            return Err(Error::input(format!("deviation {at} is not finite: {}", deviations[at])));
+            return Err(Error::input(format!(
+                "deviation {at}: expected a finite number, found {}",
+                deviations[at]
+            )));
         }
         let n = deviations.len();
         // Sorted sizes serve both quantiles and the maximum; the sums below keep the order of the input,

@@ -95,14 +95,14 @@ pub fn isosurface(
     let extent = bounds.longest_side();
     if !(cell > 0.0 && cell.is_finite() && extent >= 0.0 && extent.is_finite()) {
         return Err(Error::input(format!(
-            "an isosurface needs a box and cells of positive size, found a box {extent} long and cells of \
-             {cell}"
+            "expected a box and cells of positive size for an isosurface, found an extent of {extent} and \
+             cells of {cell}"
         )));
     }
     let levels = ((extent / cell).max(1.0).log2().ceil() as u32).max(1);
     if levels >= BITS {
         return Err(Error::unsupported(format!(
-            "cells of {cell} are too small for a box {extent} long: expected at most a million along a side"
+            "expected at most a million cells along a side, found cells of {cell} in a box of {extent}"
         )));
     }
     let grid = Grid { low: bounds.min, cell };
@@ -133,7 +133,8 @@ pub fn isosurface(
             .collect();
         if cubes.len() > MAX_CELLS {
             return Err(Error::unsupported(format!(
-                "cells of {cell} are too small: the surface passes through more than {MAX_CELLS} of them"
+                "expected at most {MAX_CELLS} cells at the surface, found more: use cells larger than \
+                 {cell}"
             )));
         }
     }

@@ -79,7 +79,8 @@ impl TriangleMesh {
     pub fn sanity_check(&self) -> Result<()> {
         if self.positions.len() > u32::MAX as usize || self.triangles.len() > (u32::MAX / 3) as usize {
             return Err(Error::input(format!(
-                "a mesh holds at most {} vertices and {} triangles, found {} and {}: cut it into parts",
+                "expected at most {} vertices and {} triangles in a mesh, found {} and {}: cut it into \
+                 parts",
                 u32::MAX,
                 u32::MAX / 3,
                 self.positions.len(),
@@ -88,13 +89,15 @@ impl TriangleMesh {
         }
         if let Some(at) = self.positions.iter().position(|p| !p.is_finite()) {
             let p = self.positions[at];
-            return Err(Error::input(format!("vertex {at} is not finite: ({}, {}, {})", p[0], p[1], p[2])));
+            return Err(Error::input(format!(
+                "vertex {at}: expected finite coordinates, found ({}, {}, {})",
+                p[0], p[1], p[2]
+            )));
         }
         let count = self.positions.len();
         if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
             return Err(Error::input(format!(
-                "triangle {at} refers to vertices {:?}, but the mesh has only {count} vertices (counted \
-                 from 0)",
+                "triangle {at}: expected vertices below {count} (counted from 0), found {:?}",
                 self.triangles[at]
             )));
         }

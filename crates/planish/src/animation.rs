@@ -89,8 +89,8 @@ impl AnimationOutput {
                 Ok(Self::Pictures(path.to_path_buf()))
             }
             other => Err(Error::unsupported(format!(
-                "{}: an animation is a .glb file or a folder of pictures (a name without extension), found \
-                 .{other}",
+                "{}: expected a .glb file or a folder of images (a name without extension) for an \
+                 animation, found .{other}",
                 path.display()
             ))),
         }
@@ -117,9 +117,7 @@ pub fn write_forming(
     progress: &dyn Progress,
 ) -> Result<AnimationReport> {
     let Some(last) = forming.snapshots.last().filter(|_| forming.snapshots.len() > 1) else {
-        return Err(Error::input(
-            "an animation: expected a fit with at least two snapshots, and readings for them",
-        ));
+        return Err(Error::input("expected at least two snapshots for an animation, and readings in them"));
     };
     let frames = frames(&last.surface, forming, unit, progress)?;
     let file = match output {
@@ -224,7 +222,8 @@ struct FramePainter {
 
 impl FramePainter {
     fn new(first: &[DVec3], points: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self> {
-        let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let bounds = BoundingBox::from_points(points)
+            .ok_or_else(|| Error::input("expected a scene with an extent, found nothing to draw"))?;
         let (mut facing, mut area) = (DVec3::ZERO, 0.0);
         for t in triangles {
             let [a, b, c] = t.map(|k| points[k as usize]);
@@ -239,7 +238,7 @@ impl FramePainter {
             }
             None => CAMERA_DIRECTION.try_normalize(),
         };
-        let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
+        let from = towards.ok_or_else(|| Error::input("expected a camera with a direction"))?;
         // From four sizes away the projection is nearly parallel, so that nothing is distorted.
         let at = bounds.center() + 4.0 * bounds.diagonal() * from;
         let forward = -from;

@@ -205,7 +205,7 @@ pub(crate) fn compared(
     if reference.triangles.is_empty() {
         report.findings.push(Finding::new(
             FindingCode::ReferenceWithoutFaces,
-            "the reference has no faces: nothing was measured from the model to it",
+            "the reference has no faces: deviations of the model from it were not computed",
         ));
     } else {
         let vertices = observed_vertices(model, options, &mut report.skipped)?;
@@ -227,8 +227,8 @@ pub(crate) fn compared(
     // An error, because empty figures would pass every check of a script.
     if report.forward.is_none() && report.backward.is_none() {
         return Err(Error::undetermined(
-            "the model and the reference share nothing to compare: no point of either lies beside an \
-             observed part of the other",
+            "expected a model and a reference that overlap, found no point of either near a compared part \
+             of the other",
         ));
     }
     progress.advance("done", 1.0);
@@ -325,8 +325,8 @@ fn summarise_backward(
     if 2 * against > pairs.len() {
         report.findings.push(Finding::new(
             FindingCode::ReferenceNormalsOpposed,
-            "most of the reference's normals point to the other side than the model's: signs are along those \
-             of the reference",
+            "most normals of the reference are opposite to those of the model: signs follow the normals of \
+             the reference",
         ));
     }
     report.backward = deviations(&signed)?;

@@ -111,7 +111,7 @@ impl Job for ContourJob {
         for output in &self.outputs {
             if !["json", "dxf", "svg"].contains(&extension(output).as_str()) {
                 return Err(Error::unsupported(format!(
-                    "{}: a contour is written as .json, .dxf or .svg",
+                    "{}: cannot write this format: expected .json, .dxf or .svg for a contour",
                     output.display()
                 )));
             }
@@ -126,7 +126,8 @@ impl Job for ContourJob {
         match self.shapes.is_empty() {
             true => find_contours(self, progress),
             false if self.constrain.is_asked_for() => Err(Error::unsupported(
-                "constraints, rounded lengths and graphs need contours in a plane, found shapes in space",
+                "expected contours in a plane for constraints, rounded lengths and graphs, found shapes in \
+                 space",
             )
             .with_setting(Setting::Constrain)
             .with_setting(Setting::Snap)
@@ -164,7 +165,7 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
             findings.push(
                 Finding::new(
                     FindingCode::LengthsInPixels,
-                    "lengths are in pixels: state the size of a pixel for another unit",
+                    "lengths are in pixels: specify the size of a pixel to get another unit",
                 )
                 .with_setting(Setting::PixelSize),
             );
@@ -259,7 +260,7 @@ fn parts_of(
     if strays > 0 {
         let lie = if strays == 1 { "reading lies" } else { "readings lie" };
         let text = format!(
-            "{strays} {lie} apart from all others and is not used: increase the gap if they belong together"
+            "{strays} {lie} apart from all others and not used: increase the gap if they belong together"
         );
         findings.push(Finding::new(FindingCode::ReadingsIsolated, text).with_setting(Setting::Gap));
     }
@@ -280,7 +281,7 @@ fn parts_of(
             // it is an error.
             Err(e) if count > 1 => findings.push(Finding::new(
                 FindingCode::PartNotFitted,
-                format!("a part of {} readings could not be fitted: {e}", members.len()),
+                format!("no contour could be fitted to a part of {} readings: {e}", members.len()),
             )),
             Err(e) => return Err(e),
         }
@@ -333,7 +334,7 @@ fn write(
 
 fn write_json(path: &Path, report: &ContourReport) -> Result<()> {
     let text = serde_json::to_string_pretty(report).map_err(|e| {
-        Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e)
+        Error::io(format!("{}: the contour could not be written as JSON", path.display())).with_source(e)
     })?;
     write_atomically(path, |out| writeln!(out, "{text}"))
 }

@@ -120,7 +120,8 @@ impl Job for FitJob {
         if let Some(folder) = &self.states {
             if self.task.fit_options().is_none_or(|options| options.strategy != Strategy::Bending) {
                 return Err(Error::input(format!(
-                    "{}: states are those of a sheet that bends: expected a motion that bends",
+                    "{}: expected the motion of a bending sheet for an output per state, found another \
+                     motion",
                     folder.display()
                 ))
                 .with_setting(Setting::Motion));
@@ -194,7 +195,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     report.findings.extend(in_far_places);
     if unit_of_maps {
         let text =
-            "no file states its unit of length: metres are assumed, as on maps; state the unit: m or ft";
+            "no file states its unit of length: metres are assumed, as on maps; specify the unit: m or ft";
         report.findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     report.findings.extend(unclassified(job, &set));
@@ -229,7 +230,8 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     report.findings.extend(judged);
     if let Some(output) = &job.report {
         let verb = if job.task.model().is_some() { "Updated" } else { "Fitted" };
-        let page = fit_page(&fitted, &report, &Job::inputs(job)?, job.mesh_tolerance, verb)?;
+        let named = Job::inputs(job)?;
+        let page = fit_page(&fitted, &report, &named, job.mesh_tolerance, job.task.gate(), verb)?;
         output.write(page, &files_read(job, &set))?;
     }
     progress.advance("done", 1.0);
@@ -267,8 +269,8 @@ fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<F
         // An error before the fit, because a missing animation would be noticed only after it.
         let Some(snapshots) = options.strategy.snapshots_mut() else {
             return Err(Error::unsupported(
-                "an animation shows readings in their order: expected a strategy other than known parameters \
-                 and bending, which use all readings of a time together",
+                "expected an animation of another fit: with known parameters or bending, all readings of a \
+                 time are used together and have no order",
             ));
         };
         *snapshots = Some(FRAMES);
@@ -281,7 +283,7 @@ fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
     let gave = |input: &InputFile| match (input.points, input.dropped_not_finite) {
         (0, _) => "sensors and scans".to_owned(),
         (n, 0) => format!("{n} points"),
-        (n, dropped) => format!("{n} points, {dropped} more not finite"),
+        (n, dropped) => format!("{n} points, {dropped} others are not finite"),
     };
     let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
     let model =
@@ -342,8 +344,8 @@ fn unsteady(report: &FitReport) -> Vec<Finding> {
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MAX_INNOVATION);
     off.map(|pose| {
         let text = format!(
-            "{}: at {} s the object is {:.0} σ from where a steady motion would have it: is the time of the \
-             scan right, and does the object turn steadily?",
+            "{}: at {} s the object is {:.0} σ from the position of a steady motion: check the time of the \
+             scan and whether the object turns steadily",
             pose.scan, pose.time_s, pose.innovation
         );
         Finding::new(FindingCode::MotionUnsteady, text)
@@ -359,7 +361,7 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
         None => "the surface".to_owned(),
     };
     Error::undetermined(format!(
-        "{}: every reading was rejected ({}): no reading measures {surface}",
+        "{}: every reading was rejected ({}); expected readings of {surface}",
         names(&job.inputs),
         causes.join(", ").replace('_', " ")
     ))
@@ -374,8 +376,8 @@ fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) ->
     }
     let unit = earlier.unit;
     Err(Error::undetermined(format!(
-        "{}: the readings lie {:.3e} {unit} (rms) from a model of {size:.3e} {unit}: do they share its \
-         frame and unit?",
+        "{}: the readings lie {:.3e} {unit} (rms) from a model of size {size:.3e} {unit}: check that both \
+         have the same frame and unit",
         names(&job.inputs),
         report.rms
     )))
@@ -413,7 +415,8 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
         findings.push(
             Finding::new(
                 FindingCode::UnitAssumed,
-                "no file states its unit of length: millimetres are assumed; state the unit: mm, m, in or ft",
+                "no file states its unit of length: millimetres are assumed; specify the unit (mm, m, in \
+                 or ft)",
             )
             .with_setting(Setting::Unit),
         );
@@ -446,8 +449,8 @@ fn input_findings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<Finding> {
             findings.push(Finding::new(
                 FindingCode::ScanAddedTwice,
                 format!(
-                    "{}: a scan of this name and size was added to the model before: if it is the same, its \
-                 readings count twice",
+                    "{}: a scan of this name and size was added to the model before; if it is the same \
+                     scan, its readings count twice",
                     input.path.display()
                 ),
             ));
@@ -463,12 +466,15 @@ fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
     if let Some(shape) = shape {
         // The shape that the filter would select contradicts the given one. Neither is silently overridden.
         if job.task.ground().is_some() {
-            return Err(Error::input(format!("the ground is a sheet: found the shape {}", shape.name()))
-                .with_setting(Setting::Shape));
+            return Err(Error::input(format!(
+                "expected the shape sheet for the ground, found {}",
+                shape.name()
+            ))
+            .with_setting(Setting::Shape));
         }
         if let Some(raster) = outputs.iter().find(|output| output.format == OutputFormat::Tiff) {
             return Err(Error::input(format!(
-                "{}: a raster of heights needs a sheet, found the shape {}",
+                "{}: expected the shape sheet for a raster of heights, found {}",
                 raster.path.display(),
                 shape.name()
             ))
@@ -487,8 +493,8 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<Finding> {
     // Only if the sheet was requested: a closed shape of lidar points is not terrain.
     let wanted = job.task.fit_options().is_some_and(is_sheet);
     if wanted && lidar && !classified {
-        let text = "the points of the lidar are not classified: buildings and trees are part of the sheet; \
-            the ground filter rejects them";
+        let text = "the lidar points have no classes: buildings and trees are part of the sheet; use the \
+            ground filter to reject them";
         vec![Finding::new(FindingCode::PointsUnclassified, text).with_setting(Setting::Ground)]
     } else {
         Vec::new()

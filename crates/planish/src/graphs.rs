@@ -176,7 +176,10 @@ struct Written<'a> {
 pub fn check_graphs_name(path: &Path) -> Result<()> {
     match extension(path).as_str() {
         "json" | "dot" => Ok(()),
-        _ => Err(Error::unsupported(format!("{}: graphs are written as .json or .dot", path.display()))),
+        _ => Err(Error::unsupported(format!(
+            "{}: cannot write this format: expected .json or .dot for graphs",
+            path.display()
+        ))),
     }
 }
 
@@ -205,7 +208,7 @@ pub fn write_graphs(path: &Path, views: &[GraphsOfView], composite: Option<&Comp
             }),
         });
         let mut text = serde_json::to_string_pretty(&Written { views, composite }).map_err(|e| {
-            Error::io(format!("{}: the graphs could not be put as JSON", path.display())).with_source(e)
+            Error::io(format!("{}: the graphs could not be written as JSON", path.display())).with_source(e)
         })?;
         text.push('\n');
         text

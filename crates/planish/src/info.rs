@@ -332,15 +332,18 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
             Some(Noise::Isotropic { sigma }) => (Some(sigma), Some(sigma)),
             Some(Noise::Ray { sigma_along, sigma_across }) => (Some(sigma_along), Some(sigma_across)),
         };
+        let scans: Vec<&Scan> =
+            set.scans.iter().filter(|s| s.sensor == index).map(|posed| &posed.scan).collect();
         SensorInfo {
             name: sensor.name.clone(),
             kind: sensor.kind.name().to_owned(),
             sigma_along,
             sigma_across,
-            sigma_of_points: (set.scans.iter().filter(|s| s.sensor == index))
-                // σ of the points overrides that of the sensor, but only if all scans state it.
-                .all(|s| s.scan.sigma.is_some() || s.scan.covariance.is_some()),
-            scans: set.scans.iter().filter(|s| s.sensor == index).count(),
+            // σ of the points overrides that of the sensor, but only if all scans state it. A sensor without
+            // scans has no points that could.
+            sigma_of_points: !scans.is_empty()
+                && scans.iter().all(|scan| scan.sigma.is_some() || scan.covariance.is_some()),
+            scans: scans.len(),
         }
     });
     ScanListInfo {

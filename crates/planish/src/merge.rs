@@ -129,8 +129,8 @@ impl Job for MergeJob {
         };
         if let Some(output) = plan_outputs(&self.outputs)?.iter().find(|output| !is_written(output.format)) {
             return Err(Error::unsupported(format!(
-                "{}: a merged surface is a mesh or a spline: needed .ply, .glb, .obj, .stl, .step or \
-                 .planish",
+                "{}: cannot write this format: expected .ply, .glb, .obj, .stl, .step or .planish for a \
+                 merged surface",
                 output.path.display()
             )));
         }
@@ -182,7 +182,7 @@ impl MergeJob {
 /// `Input` for fewer than two patches (copies count once) and for options that are not positive;
 /// `Undetermined` if no two patches overlap, or if a patch cannot be aligned; `Interrupted` on request.
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
-    progress.check("finding what patches share", 0.1)?;
+    progress.check("finding overlaps", 0.1)?;
     let bound = set.bound.clone();
     let inputs = set.inputs.clone();
     // Copies must go and orientations must agree before overlaps are searched, because overlaps pair only
@@ -253,7 +253,7 @@ fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> R
 fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
     let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
         0 => "the merged mesh does not intersect itself".to_owned(),
-        pairs => format!("the merged mesh intersects itself, too: {pairs} pairs of its triangles"),
+        pairs => format!("the merged mesh intersects itself as well, in {pairs} pairs of triangles"),
     };
     Ok(Finding::new(FindingCode::SelfCrossing, text))
 }

@@ -218,7 +218,8 @@ pub fn next_points(
 ) -> Result<NextReport> {
     let sigma = options.sigma.or_else(|| best_sigma(model)).ok_or_else(|| {
         Error::input(
-            "expected the σ of the readings to come: the model knows of no sensor that measures positions",
+            "expected σ of the planned readings, found none: the model has no sensor that measures \
+             positions",
         )
     })?;
     check_lengths(&[("σ", Some(sigma)), ("goal", options.goal)])?;
@@ -337,7 +338,7 @@ impl Prepared {
         let places = places(model, &directions, options);
         // Without this check, the figures of an empty region would be 0/0 and the goal would seem reached.
         if places.is_empty() {
-            return Err(Error::input("the region holds no part of the surface"));
+            return Err(Error::input("expected a region that contains a part of the surface, found none"));
         }
         Ok(Self { system, directions, information, places })
     }

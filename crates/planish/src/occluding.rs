@@ -194,7 +194,8 @@ impl Job for OccludingJob {
     fn outputs(&self) -> Result<Vec<PathBuf>> {
         if let Some(path) = self.outputs.iter().find(|path| extension(path) != "ply") {
             return Err(Error::unsupported(format!(
-                "{}: points of contours are written as .ply; patches have files of their own",
+                "{}: cannot write this format: expected .ply for points; patches have an option of their \
+                 own",
                 path.display()
             ))
             .with_setting(Setting::Patch));
@@ -203,7 +204,10 @@ impl Job for OccludingJob {
         if let Some(path) = &self.hull
             && !OutputFormat::from_path(path)?.is_mesh()
         {
-            return Err(Error::unsupported(format!("{}: a visual hull is a mesh", path.display())));
+            return Err(Error::unsupported(format!(
+                "{}: expected the format of a mesh for the visual hull",
+                path.display()
+            )));
         }
         Ok(self.outputs.iter().chain(&self.patches).chain(&self.hull).cloned().collect())
     }
@@ -234,7 +238,8 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         findings.push(
             Finding::new(
                 FindingCode::UnitAssumed,
-                "the views state no unit of length: add `unit` to them, or state the unit: mm, m, in or ft",
+                "expected a unit of length in the views, found none: add `unit` to them, or specify the \
+                 unit (mm, m, in or ft)",
             )
             .with_setting(Setting::Unit),
         );
@@ -273,7 +278,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         }
         (Some(path), None) => {
             return Err(Error::undetermined(format!(
-                "{}: a visual hull needs masks in at least two views that show the whole object",
+                "{}: expected masks of the whole object in at least two views for a visual hull",
                 path.display()
             )));
         }

@@ -81,9 +81,9 @@ impl OutputFormat {
                     other => format!("`{other}`"),
                 };
                 Err(Error::unsupported(format!(
-                    "{}: cannot write this format: needed .step or .stp (exact surface), .ply or \
-                     .glb (mesh with σ), .obj or \
-                     .stl (mesh), .tif (raster of heights) or .planish (saved model), found {found}",
+                    "{}: cannot write this format: expected .step or .stp (exact surface), .ply or .glb \
+                     (mesh with σ), .obj or .stl (mesh), .tif (raster of heights) or .planish (saved \
+                     model), found {found}",
                     path.display()
                 )))
             }
@@ -199,7 +199,7 @@ fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
     // Real paths, so that links and `./` do not hide that two names are one file.
     if others.iter().any(|other| real_path(other) == real_path(path)) {
         return Err(Error::input(format!(
-            "{}: named twice as an output: expected a name for each",
+            "{}: expected a different name for each output, found this one twice",
             path.display()
         )));
     }
@@ -279,8 +279,8 @@ fn stl_findings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<Finding> {
     files
         .map(|output| {
             let text = format!(
-                "{}: STL holds seven digits, so far from the origin it moves points by up to {rounding:.1e} \
-                 {}: .ply, .obj and .glb do not",
+                "{}: STL has seven digits, which moves points so far from the origin by up to \
+                 {rounding:.1e} {}; use .ply, .obj or .glb",
                 output.path.display(),
                 mesh.unit
             );
@@ -403,7 +403,7 @@ mod tests {
         assert!(stl_findings(&mesh(100.0), &outputs).is_empty());
         let [warning] = &stl_findings(&mesh(4e6), &outputs)[..] else { panic!("expected one warning") };
         assert!(
-            warning.text.starts_with("a.stl: ") && warning.text.contains("m: .ply, .obj and .glb do not"),
+            warning.text.starts_with("a.stl: ") && warning.text.contains("m; use .ply, .obj or .glb"),
             "{warning}"
         );
     }

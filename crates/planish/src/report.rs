@@ -32,7 +32,7 @@ impl ReportOutput {
     pub fn file(&self) -> Result<PathBuf> {
         if !matches!(extension(&self.path).as_str(), "html" | "htm") {
             return Err(Error::unsupported(format!(
-                "{}: a report is one page of HTML: expected a name that ends in .html",
+                "{}: expected a name that ends in .html, because a report is an HTML page",
                 self.path.display()
             )));
         }
@@ -44,7 +44,7 @@ impl ReportOutput {
         // Checksums are computed at the end of the job, from the files as they are then.
         page.sections.push(self.provenance(inputs)?);
         let html = page.html().map_err(|e| {
-            Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e)
+            Error::io(format!("{}: the report could not be rendered", self.path.display())).with_source(e)
         })?;
         self.write_text(&html)
     }
@@ -59,14 +59,14 @@ impl ReportOutput {
 
     /// The command, the version, the seed, and for every file that was read its contribution and a checksum.
     pub(crate) fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
-        let mut files = Table::new(["file", "what it gave", "SHA-256"]);
+        let mut files = Table::new(["file", "content", "SHA-256"]);
         for (path, gave) in inputs {
             files.row([file_name(path), gave.clone(), sha256_of(path)?], false);
         }
         let mut blocks = vec![
             Block::Lines(self.command.clone()),
             Block::Text(format!(
-                "Planish {}; seed {}. The same files and the same command give the same bytes.",
+                "Planish {}; seed {}. The same files and command give the same bytes.",
                 env!("CARGO_PKG_VERSION"),
                 self.seed
             )),
@@ -75,7 +75,7 @@ impl ReportOutput {
         if !inputs.is_empty() {
             blocks.push(Block::Table(files));
         }
-        Ok(Section::new("Where this comes from", blocks))
+        Ok(Section::new("Provenance", blocks))
     }
 }
 

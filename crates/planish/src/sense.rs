@@ -278,8 +278,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let mut findings = std::mem::take(&mut sensed.findings);
     // A normal map has no lengths, so it needs no unit.
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
-        let text = "the calibration states no unit of length: add `unit` to it, or state the unit: mm, m, in \
-            or ft";
+        let text = "expected a unit of length in the calibration, found none: add `unit` to it, or specify \
+            the unit (mm, m, in or ft)";
         findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
@@ -288,8 +288,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     // correct scan.
     if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
         let text = format!(
-            "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin \
-             of [stripes], and the projector, those of the picture?",
+            "only {} of {} crossings of stripes agree with the calibration: check spacing, directions and \
+             origin of [stripes], and the projector",
             sensed.observations,
             sensed.observations + lost
         );
@@ -347,8 +347,8 @@ fn check_formats(job: &SenseJob) -> Result<()> {
                 // Checked before matching, which takes most of the time.
                 if let SenseKind::Stereo { calibration: None, .. } = job.kind {
                     return Err(Error::input(format!(
-                        "{}: points need the calibration of the cameras: state it, or write disparities as \
-                         .tif",
+                        "{}: expected the calibration of the cameras for points, found none: specify it, \
+                         or write disparities as .tif",
                         path.display()
                     ))
                     .with_setting(Setting::Calibration));
@@ -380,7 +380,10 @@ fn write(path: &Path, sensed: &Sensed, unit: Option<Unit>) -> Result<SensedFile>
         }
         // Formats were checked before, so this is a result that lacks what its kind usually has.
         ("ply", None, _) | (_, _, None) => {
-            return Err(Error::input(format!("{}: there is nothing of that kind to write", path.display())));
+            return Err(Error::input(format!(
+                "{}: expected data for this output, found none",
+                path.display()
+            )));
         }
         (_, _, Some((columns, rows, bands))) => {
             let values: Vec<&[f32]> = bands.iter().map(|(_, band)| &band[..]).collect();

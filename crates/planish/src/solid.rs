@@ -226,7 +226,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     // Not an error: the solids that were found are correct, but there may be others.
     if !found.complete {
         let text = format!(
-            "there may be more solids than the {} that were examined: a further view or hidden lines would \
+            "only {} solids were examined, and there may be more: add a view or hidden lines to \
              distinguish them",
             found.solutions.len()
         );
@@ -326,16 +326,16 @@ fn judge(report: &SolidReport) -> Vec<Finding> {
     let mut found = Vec::new();
     match report.solutions.len() {
         0 => {
-            let text = "no solid explains all lines: those that none explains are listed";
+            let text = "no solid explains all lines: the unexplained lines are listed";
             found.push(Finding::new(FindingCode::NoSolid, text));
         }
         1 if report.complete => {
-            let text = "there is exactly one solid with these views, and it shows the lines of the drawing";
+            let text = "exactly one solid has these views, and its lines are those of the drawing";
             found.push(Finding::new(FindingCode::SolidUnique, text));
         }
         1 => {}
         n => {
-            let text = format!("{n} solids have these views: another view would distinguish them");
+            let text = format!("{n} solids have these views: add a view to distinguish them");
             found.push(Finding::new(FindingCode::SolidsAmbiguous, text));
         }
     }
@@ -343,7 +343,7 @@ fn judge(report: &SolidReport) -> Vec<Finding> {
     let disagree = report.findings.iter().any(|finding| finding.code == FindingCode::ViewsInconsistent);
     if let Some(geometry) = report.geometry.as_ref().filter(|_| !disagree) {
         let text = format!(
-            "the views agree with χ² {} and {} degrees of freedom (p {})",
+            "the views agree: χ² {} with {} degrees of freedom (p = {})",
             significant(geometry.chi_square, 3),
             geometry.degrees,
             significant(geometry.p_value, 2)
@@ -400,8 +400,8 @@ fn counts(solid: &Solid) -> FaceCounts {
 fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "expected drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be \
-             left out), or one file with all of them, found {}",
+            "expected drawings (.dxf, .svg) of the front, top and side view, in this order (the side view \
+             is optional), or one file with all of them, found {}",
             job.views.len()
         )));
     }
@@ -420,15 +420,15 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         && is_contours(job)
     {
         return Err(Error::input(format!(
-            "{}: is no contour (.json), as other views are: expected all views of one sort, for an exact \
-             drawing has no σ to match by",
+            "{}: expected a contour (.json) like the other views, found a drawing, which has no σ for the \
+             matching",
             drawn.display()
         )));
     }
     for graphs in &job.graphs {
         if !is_contours(job) {
             return Err(Error::input(format!(
-                "{}: graphs are made of contours with their covariance (.json), not of drawings",
+                "{}: expected contours with their covariance (.json) for graphs, found a drawing",
                 graphs.display()
             )));
         }
@@ -439,8 +439,8 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         && let Some(view) = job.views.first().filter(|_| is_contours(job))
     {
         return Err(Error::input(format!(
-            "{}: a tolerance joins coordinates of drawings, and this is a contour, whose covariance decides \
-             which coordinates are equal: omit the tolerance (contours have a significance level)",
+            "{}: expected a drawing for a tolerance, found a contour, for which the covariance decides \
+             which coordinates are equal: omit the tolerance, and use the significance level",
             view.display()
         ))
         .with_setting(Setting::Tolerance)
@@ -455,9 +455,10 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         // Dimensions with σ exist only for contours, so `.json` is refused for drawings.
         let may_be_json = is_contours(job) && extension(output) == "json";
         if !may_be_json && !writing::is_solid_file(output) {
-            let json = if is_contours(job) { ", what is known of their sizes as .json" } else { "" };
+            let json = if is_contours(job) { ", and their dimensions with σ as .json" } else { "" };
             return Err(Error::unsupported(format!(
-                "{}: solids are written as .step or .stp, and their meshes as .ply, .stl, .glb or .obj{json}",
+                "{}: cannot write this format: expected .step or .stp for solids, .ply, .stl, .glb or .obj \
+                 for their meshes{json}",
                 output.display()
             )));
         }

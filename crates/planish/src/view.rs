@@ -149,7 +149,7 @@ impl Job for PictureJob {
     fn outputs(&self) -> Result<Vec<PathBuf>> {
         if extension(&self.output) != "png" {
             return Err(Error::unsupported(format!(
-                "{}: a view is written as a picture (.png) or as a page (.html)",
+                "{}: cannot write this format: expected .png (an image) or .html (a page)",
                 self.output.display()
             )));
         }
@@ -171,7 +171,7 @@ fn draw_picture(
     // Checked before reading: a typing error in the size must not exhaust the memory.
     if columns.saturating_mul(rows) > MAX_PIXELS || columns == 0 || rows == 0 {
         return Err(Error::input(format!(
-            "expected a picture of 1 to {} million pixels, found {columns} × {rows}",
+            "expected an image of 1 to {} million pixels, found {columns} × {rows}",
             MAX_PIXELS / 1_000_000
         )));
     }
@@ -186,7 +186,7 @@ fn draw_picture(
     if drawn.covered <= 0.0 {
         findings.push(Finding::new(
             FindingCode::PictureEmpty,
-            "the picture is empty: the object has no size, or is seen from its edge",
+            "the image is empty: the object has no extent, or is seen edge-on",
         ));
     }
     Ok(PictureReport {
@@ -218,12 +218,12 @@ pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Prog
     };
     if !content.findings.is_empty() {
         let blocks = content.findings.iter().map(|f| Block::Text(f.text.clone())).collect();
-        page.sections.push(Section::new("What to know", blocks));
+        page.sections.push(Section::new("Findings", blocks));
     }
     page.scene = Some(content.scene);
     page.sections.push(output.provenance(&content.inputs)?);
     Ok(ViewedPage {
-        html: page.html().map_err(|e| Error::input("the page could not be made").with_source(e))?,
+        html: page.html().map_err(|e| Error::input("the page could not be rendered").with_source(e))?,
         what: content.headline,
         unit: content.unit,
         inputs: content.inputs.into_iter().map(|(path, _)| path).collect(),
@@ -283,7 +283,7 @@ fn drawn(content: &ViewedContent, options: &PictureOptions) -> Result<Drawn> {
     let mut canvas = Canvas::new(columns, rows, on_paper(&pixels, columns))?;
     let title = match field {
         Some(field) => with_unit(field),
-        None if by_normal => "normals: right is red, up green, towards the camera blue".to_owned(),
+        None if by_normal => "normals: red is right, green is up, blue is towards the camera".to_owned(),
         None => String::new(),
     };
     let legend = Legend { title, size: content.size(), scale };
@@ -334,11 +334,11 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
             None => {
                 // The usual reason: the user forgot the reference.
                 let needs_reference = key == "deviation";
-                let way_out = if needs_reference { ": that needs a reference" } else { "" };
+                let way_out = if needs_reference { "; specify a reference" } else { "" };
                 let mut known: Vec<String> = fields(content).map(|f| f.key.replace('_', "-")).collect();
                 known.push("plain".to_owned());
                 let error = Error::input(format!(
-                    "holds no {} to colour by{way_out}; it has {}",
+                    "expected the field {} to colour by, found {}{way_out}",
                     key.replace('_', " "),
                     known.join(", ")
                 ));

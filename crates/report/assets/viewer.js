@@ -92,6 +92,8 @@
     renderer = new THREE.WebGLRenderer({ antialias: !software, preserveDrawingBuffer: true, alpha: true });
   } catch {
     holder.querySelector(".nothing").hidden = false;
+    // The box shrinks to the text, and the caption would explain controls that do not exist.
+    holder.closest("figure").classList.add("unavailable");
     return;
   }
   const canvas = renderer.domElement;
@@ -330,7 +332,7 @@
       else if (shown) colourBy(shown);
     });
   }
-  if (marks.length) box(scene.marks_name || "where to measure next", true, (on) => marks.forEach(({ ball }) => (ball.visible = on)));
+  if (marks.length) box(scene.marks_name || "points", true, (on) => marks.forEach(({ ball }) => (ball.visible = on)));
   panel.append(boxes);
   // The cut.
   const axis = element("select", { "ariaLabel": "Cut across" });
@@ -428,7 +430,7 @@
       }
       if (sets) {
         const names = given.sets.sets[sets[k]].map((s) => given.sets.names[s]);
-        rows.push(["seen by", names.length ? names.join(", ") : "no scan"]);
+        rows.push(["scans", names.length ? names.join(", ") : "none"]);
         result.seen_by = names;
       }
       result.vertex = k;

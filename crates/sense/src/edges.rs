@@ -83,7 +83,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let border = (4.0 * s).ceil() as usize + 2;
     if image.columns <= 2 * border || image.rows <= 2 * border {
         return Err(Error::input(format!(
-            "an image of {} × {} pixels is too small for edges smoothed by {s}",
+            "expected a larger image for edges smoothed by {s}, found {} × {} pixels",
             image.columns, image.rows
         )));
     }
@@ -96,7 +96,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let threshold = minimum.max(options.least_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
-        return Err(Error::undetermined("no edge exceeds the noise of the image"));
+        return Err(Error::undetermined("expected edges above the noise of the image, found none"));
     }
     // The median over all edges, because a single parabola of three logarithms is noisy. The blur is assumed
     // to be the same everywhere.

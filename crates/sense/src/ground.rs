@@ -224,8 +224,8 @@ impl Frame {
         let [columns, rows] = [width, depth].map(|side| (side / cell).floor() + 1.0);
         if columns * rows > MAX_CELLS {
             return Err(Error::input(format!(
-                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MAX_CELLS:e} cells of \
-                {cell:.3e}: is the unit right?"
+                "ground: expected at most {MAX_CELLS:e} cells of {cell:.3e}, found more for an extent of \
+                 {width:.3e} × {depth:.3e}: check the unit"
             )));
         }
         Ok(Self {

@@ -314,7 +314,7 @@ pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
 fn tree(points: &[DVec3]) -> Result<ImmutableKdTree<f64, 3>> {
     if points.len() < 3 {
         return Err(Error::undetermined(format!(
-            "{} points have no normals: at least 3 are needed",
+            "expected at least 3 points for normals, found {}",
             points.len()
         )));
     }

@@ -303,8 +303,8 @@ pub fn occluding_contours(
     if joined.points.is_empty() {
         let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
-            "no point on the contours of {} views has a depth ({}): are the views in the order of the \
-            camera's motion, and does it move across the lines of sight?",
+            "expected points with a depth on the contours of {} views, found none ({}): check that the \
+             views are in the order of the camera's motion, and that it moves across the lines of sight",
             views.len(),
             causes.join(", ")
         )));
@@ -330,14 +330,14 @@ pub fn occluding_contours(
 fn checked(views: &[ContourView], options: &OccludingOptions) -> Result<()> {
     if views.len() < 3 {
         return Err(Error::input(format!(
-            "occluding contours need three views or more, found {}",
+            "expected at least three views for occluding contours, found {}",
             views.len()
         )));
     }
     for view in views {
         if !(view.sigma_px > 0.0 && view.sigma_px.is_finite()) {
             return Err(Error::input(format!(
-                "view `{}`: expected a σ of its contours above 0 pixels, found {}",
+                "view `{}`: expected σ of its contours above 0 pixels, found {}",
                 view.name, view.sigma_px
             )));
         }
@@ -350,7 +350,7 @@ fn checked(views: &[ContourView], options: &OccludingOptions) -> Result<()> {
     ];
     match positive.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
         Some((name, value)) => {
-            Err(Error::input(format!("the {name} of occluding contours is a number above 0, got {value}")))
+            Err(Error::input(format!("expected a {name} of occluding contours above 0, found {value}")))
         }
         None => Ok(()),
     }

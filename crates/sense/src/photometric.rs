@@ -146,8 +146,8 @@ pub fn photometric_normals(
     let found: Vec<_> = found.into_iter().map(Option::flatten).collect();
     if found.iter().all(Option::is_none) {
         return Err(Error::undetermined(
-            "no pixel has a normal: is the mask white where the object is, and are the lights in the \
-            order of the images?",
+            "expected pixels with a normal, found none: check that the mask is white at the object, and \
+             that the lights are in the order of the images",
         ));
     }
     Ok(NormalMap {
@@ -342,7 +342,9 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<DVec3>> {
         let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
         let square = x * x + y * y;
         if !(maximum > 0.0 && square < 1.0) {
-            return Err(Error::undetermined(format!("image {number} of the ball has no highlight")));
+            return Err(Error::undetermined(format!(
+                "image {number} of the ball: expected a highlight, found none"
+            )));
         }
         let n = DVec3::new(x, y, -(1.0 - square).sqrt());
         // v = (0, 0, −1).
@@ -401,7 +403,7 @@ impl NormalMap {
     pub fn scan(&self, pixel_size: f64, name: &str) -> Result<Scan> {
         let known: Vec<usize> = (0..self.normals.len()).filter(|k| self.normals[*k].is_some()).collect();
         if known.is_empty() {
-            return Err(Error::undetermined("no pixel has a normal"));
+            return Err(Error::undetermined("expected pixels with a normal, found none"));
         }
         let across = pixel_size * pixel_size / 12.0;
         // Depth is unknown: a σ of the size of the image keeps the covariance finite, and positions have no
@@ -461,8 +463,8 @@ fn check(
     }
     if lights.len() == 3 && options.sigma_brightness.is_none() {
         return Err(Error::undetermined(
-            "three lights leave no residual from which σ of brightness can be estimated: state \
-            sigma_brightness, or use more lights",
+            "expected sigma_brightness or more than three lights: with three, there are no residuals to \
+             estimate σ from",
         ));
     }
     let mut m = SymmetricMatrix3::ZERO;
@@ -470,7 +472,8 @@ fn check(
     match inverse(&m).is_some() {
         true => Ok(()),
         false => {
-            let text = "the lights lie in one plane with the object: expected three that do not";
+            let text = "expected three lights that are not in one plane with the object, found all in one \
+                plane";
             Err(Error::undetermined(text))
         }
     }

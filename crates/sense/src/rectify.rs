@@ -263,8 +263,8 @@ fn refuse_epipole(camera: &LensCamera, [columns, rows]: [usize; 2], along: DVec3
             let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);
             if inside(u, columns) && inside(v, rows) {
                 return Err(Error::input(format!(
-                    "the epipole lies inside the image of the {which} camera, at ({u:.0}, {v:.0}): \
-                    expected cameras that do not look along the line between them"
+                    "expected cameras that do not look along the line between them, found an epipole \
+                     inside the image of the {which} camera, at ({u:.0}, {v:.0})"
                 )));
             }
         }
@@ -288,8 +288,8 @@ fn outline(
             let pixel = [0, 1].map(|d| ends[d] * place[d] - 0.5);
             let direction = camera.direction(pixel).ok_or_else(|| {
                 Error::input(format!(
-                    "the distortion cannot be inverted at the pixel ({:.0}, {:.0}): expected one that grows \
-                    along every ray of the image, found {:?}",
+                    "the distortion cannot be inverted at the pixel ({:.0}, {:.0}): expected coefficients \
+                     for which it grows along every ray of the image, found {:?}",
                     pixel[0], pixel[1], camera.distortion
                 ))
             })?;
@@ -297,8 +297,8 @@ fn outline(
             // About 87° from the rectified axis.
             if z <= 0.05 * direction.length() {
                 return Err(Error::input(
-                    "expected cameras with similar directions: rectified, the border of an image would lie \
-                    at infinity",
+                    "expected cameras with similar directions, found ones for which the border of a \
+                     rectified image is at infinity",
                 ));
             }
             bounds.include([focal * x / z, focal * y / z]);

@@ -92,13 +92,13 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     for (name, value) in positive {
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::input(format!(
-                "the {name} of a silhouette is a positive number of pixels, got {value}"
+                "expected a {name} of a silhouette above 0 pixels, found {value}"
             )));
         }
     }
     if !(0.0..=1.0).contains(&options.least_share) {
         return Err(Error::input(format!(
-            "the minimum share of a part of a silhouette is from 0 to 1, found {}",
+            "expected a minimum share of a part of a silhouette from 0 to 1, found {}",
             options.least_share
         )));
     }
@@ -111,7 +111,8 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     let object_pixels = mask.iter().filter(|m| **m).count();
     if object_pixels == 0 || object_pixels == mask.len() {
         return Err(Error::undetermined(format!(
-            "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
+            "expected pixels of a mask on both sides of the threshold {threshold}, found values from {low} \
+             to {high}"
         )));
     }
     let minimum = (options.least_share * object_pixels as f64) as usize;
@@ -123,7 +124,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let border = thinned(crossings(&smooth, columns, rows), options.apart_px);
     if border.is_empty() {
-        return Err(Error::undetermined("a mask has no border within the image"));
+        return Err(Error::undetermined("expected the outline of a mask within the image, found none"));
     }
     let (inside, outside) = samples(&mask, columns, rows, options.samples);
     Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })

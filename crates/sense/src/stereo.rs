@@ -280,8 +280,8 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     }
     if left.values.len().saturating_mul(options.disparities) > MAX_CELLS {
         return Err(Error::unsupported(format!(
-            "{} × {} pixels with {} disparities take more than {} GB: search fewer, or make the images \
-            smaller",
+            "expected at most {3} GB of memory, found more for {0} × {1} pixels with {2} disparities: \
+             search fewer disparities, or reduce the images",
             left.columns,
             left.rows,
             options.disparities,

@@ -128,8 +128,8 @@ impl StereoCamera {
         }
         if points.is_empty() {
             return Err(Error::undetermined(format!(
-                "no pixel of {} has a point in front of the cameras: are left and right exchanged, or the \
-                disparities outside the search range?",
+                "expected points in front of the cameras, found none for {} pixels: check that left and \
+                 right are not exchanged, and that the disparities are within the search range",
                 cells.len()
             )));
         }

@@ -122,7 +122,7 @@ pub fn orientation(
 ) -> Result<Orientation> {
     let undetermined = || {
         Error::undetermined(format!(
-            "the junction at pixel {} {} does not determine an orientation",
+            "expected a junction that determines an orientation, found another at pixel {} {}",
             junction.image[0], junction.image[1]
         ))
     };

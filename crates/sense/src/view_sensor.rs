@@ -49,7 +49,7 @@ impl ViewSensor {
         // Saturating, so that absurd numbers from a file are reported instead of overflowing.
         let rays: usize = self.rays[0].saturating_mul(self.rays[1]);
         let complaint = if !spans {
-            format!("a field of view whose borders are apart, found {:?}", self.borders)
+            format!("a field of view with left < right and top < bottom, found {:?}", self.borders)
         } else if !(1..=1 << 28).contains(&rays) {
             format!("from 1 to 2^28 rays, found {} × {}", self.rays[0], self.rays[1])
         } else if !(near > 0.0 && far > near && far.is_finite()) {

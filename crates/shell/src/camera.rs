@@ -54,7 +54,7 @@ impl Camera {
         let (k, r) = (matrix(&k), matrix(&r));
         for (name, finite) in [("R", r.iter().all(|x| x.is_finite())), ("t", t.is_finite())] {
             if !finite {
-                return Err(Error::input(format!("{name} contains a number that is not finite")));
+                return Err(Error::input(format!("expected finite numbers in {name}, found another")));
             }
         }
         let finite = k.iter().all(|x| x.is_finite());
@@ -119,7 +119,9 @@ impl Camera {
         // Negative for mirrored images, with x to the left or y upwards.
         k[(0, 0)] = first.dot(&r1);
         let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
-        let inverse = k.try_inverse().ok_or_else(|| Error::input("a projection matrix has no intrinsics"))?;
+        let inverse = k
+            .try_inverse()
+            .ok_or_else(|| Error::input("expected a projection matrix with intrinsics, found one without"))?;
         let t = (inverse * last).into();
         Ok(Self { pinhole: Pinhole { k: rows_of(&(k / k[(2, 2)])), r: rows_of(&r), t } })
     }

@@ -180,7 +180,7 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
 /// As [`automatic_controls`].
 pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
     if count == 0 || mesh.triangles.is_empty() {
-        return Err(Error::input("controls need a mesh with faces and a count of at least one"));
+        return Err(Error::input("expected a mesh with faces and a count of at least one for the controls"));
     }
     let graph = EdgeGraph::new(mesh);
     let mut used = vec![false; mesh.positions.len()];

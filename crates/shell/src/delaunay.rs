@@ -85,7 +85,7 @@ impl Delaunay {
     pub fn new(bounds: &BoundingBox) -> Result<Self> {
         let [low, high] = [bounds.min, bounds.max];
         if (0..3).any(|k| !(low[k].is_finite() && high[k].is_finite() && low[k] < high[k])) {
-            return Err(Error::input("the box of a triangulation needs a volume"));
+            return Err(Error::input("expected a box with a volume for a triangulation"));
         }
         let points = bounds.corners().to_vec();
         // Six tetrahedra about the diagonal from corner 0 to corner 7, one for each order of the axes: H. W.
@@ -144,7 +144,7 @@ impl Delaunay {
     pub fn insert(&mut self, at: DVec3) -> Result<u32> {
         if !self.holds(at) {
             return Err(Error::input(format!(
-                "{:?} is not inside the box of the triangulation, from {:?} to {:?}",
+                "expected points inside the box of the triangulation, found {:?} outside of {:?} to {:?}",
                 at.to_array(),
                 self.points[0].to_array(),
                 self.points[7].to_array()

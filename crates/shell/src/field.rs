@@ -181,7 +181,7 @@ impl<'a> Shell<'a> {
     pub fn new(mesh: &'a TriangleMesh, options: &ShellOptions) -> Result<Self> {
         mesh.sanity_check()?;
         if mesh.triangles.is_empty() {
-            return Err(Error::undetermined("a mesh without triangles has no shell: give one with faces"));
+            return Err(Error::undetermined("expected a mesh with faces for a shell, found none"));
         }
         let positive = [
             ("sharpness", options.sharpness),
@@ -190,12 +190,12 @@ impl<'a> Shell<'a> {
         ];
         for (name, value) in positive {
             if !(value.is_finite() && value > 0.0) {
-                return Err(Error::input(format!("the {name} of a shell is a positive number, got {value}")));
+                return Err(Error::input(format!("expected a {name} of a shell above 0, found {value}")));
             }
         }
         if !options.thickness.is_finite() || options.thickness < 0.0 {
             return Err(Error::input(format!(
-                "the thickness of a shell is a length, got {}",
+                "expected a thickness of a shell of at least 0, found {}",
                 options.thickness
             )));
         }
@@ -215,7 +215,7 @@ impl<'a> Shell<'a> {
         };
         let total: f64 = facets.iter().map(|facet| facet.area).sum();
         if total.is_nan() || total <= 0.0 {
-            return Err(Error::undetermined("a shell needs facets with an area, and the mesh has none"));
+            return Err(Error::undetermined("expected facets with an area for a shell, found none"));
         }
         let tree = FacetTree::new(count, |t| match skeletons.get(t) {
             None => mesh.corners(t),

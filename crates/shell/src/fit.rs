@@ -287,9 +287,8 @@ impl ShellFit {
 
 fn undetermined() -> Error {
     Error::undetermined(
-        "neither the readings nor the smoothness determine some controls: add readings all over the object, \
-         or use \
-         fewer controls",
+        "the readings and the smoothness do not determine some controls: add readings all over the object, \
+         or use fewer controls",
     )
 }
 
@@ -299,7 +298,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     options.loss.validate()?;
     if deformation.vertices() != mesh.positions.len() {
         return Err(Error::input(format!(
-            "the deformation moves {} vertices, the mesh has {}",
+            "expected a deformation of as many vertices as the mesh has, found {} instead of {}",
             deformation.vertices(),
             mesh.positions.len()
         )));
@@ -307,7 +306,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let parameters = deformation.parameters();
     if parameters == 0 || parameters > MAX_PARAMETERS {
         return Err(Error::unsupported(format!(
-            "{parameters} parameters: expected between 1 and {MAX_PARAMETERS}, three for each control point"
+            "expected 1 to {MAX_PARAMETERS} parameters, three for each control point, found {parameters}"
         )));
     }
     let sizes = [
@@ -317,7 +316,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     for (name, matrix) in sizes {
         if let Some(k) = matrix.filter(|k| k.shape() != (parameters, parameters)) {
             return Err(Error::input(format!(
-                "{name} is {} × {}, and there are {parameters} parameters",
+                "{name}: expected {parameters} × {parameters} entries, found {} × {}",
                 k.nrows(),
                 k.ncols()
             )));
@@ -329,24 +328,21 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     ];
     for (name, vector) in lengths {
         if let Some(q) = vector.filter(|q| q.len() != parameters) {
-            return Err(Error::input(format!(
-                "{name} has {} parameters, and there are {parameters}",
-                q.len()
-            )));
+            return Err(Error::input(format!("{name}: expected {parameters} parameters, found {}", q.len())));
         }
     }
     if let Some(sigma) = options.start_sigma.filter(|sigma| !(sigma.is_finite() && *sigma > 0.0)) {
-        return Err(Error::input(format!("σ of the start is a positive length, got {sigma}")));
+        return Err(Error::input(format!("expected σ > 0 of the start, found {sigma}")));
     }
     let (first, finest) = options.softness;
     if !(first >= finest && finest > 0.0 && first.is_finite()) {
         return Err(Error::input(format!(
-            "the softness of a shell falls from one positive share of its size to another, got {first} \
-            and {finest}"
+            "expected a softness that falls from one positive share of the size to another, found {first} \
+             and {finest}"
         )));
     }
     if options.steps == 0 || options.iterations == 0 {
-        return Err(Error::input("a fit needs at least one step of sharpness and one iteration"));
+        return Err(Error::input("expected at least one step of sharpness and one iteration"));
     }
     Ok(())
 }

@@ -84,10 +84,10 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     let bounds = shell
         .mesh()
         .surface_bounds()
-        .ok_or_else(|| Error::undetermined("a mesh without vertices has no surface"))?;
+        .ok_or_else(|| Error::undetermined("expected a mesh with vertices, found none"))?;
     let cell = options.cell.unwrap_or(bounds.diagonal() / DEFAULT_CELLS);
     if !(cell.is_finite() && cell > 0.0) {
-        return Err(Error::input(format!("cells have a positive size, got {cell}")));
+        return Err(Error::input(format!("expected a cell size > 0, found {cell}")));
     }
     let winding = match options.level {
         IsoLevel::Shell => None,
@@ -95,8 +95,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             let open = welded(shell.mesh()).check().boundary_edges;
             if open > 0 {
                 return Err(Error::undetermined(format!(
-                    "the mesh has {open} open edges, so that it has no inside: mesh both sheets of its \
-                    shell, or close it"
+                    "expected a closed mesh, found {open} boundary edges: mesh both sheets of its shell, \
+                     or close it"
                 )));
             }
             Some(WindingNumbers::new(shell.mesh()))
@@ -108,7 +108,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
         IsoLevel::Shell | IsoLevel::Outer => shell.band(),
         IsoLevel::Offset(offset) if offset.is_finite() => [offset.abs() - shell.slack(), offset.abs()],
         IsoLevel::Offset(offset) => {
-            return Err(Error::input(format!("an offset is a length, got {offset}")));
+            return Err(Error::input(format!("expected a finite offset, found {offset}")));
         }
     };
     let value = |at: DVec3| match options.level {
@@ -134,9 +134,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     let mesh = isosurface(&bounds, cell, value, may_pass)?;
     if mesh.triangles.is_empty() {
         return Err(Error::undetermined(
-            "the surface is empty: a shell needs a thickness above ln(T)/k, an inner offset below half the \
-             thickness \
-             of the object, and cells smaller than either",
+            "the surface is empty: expected a thickness above ln(T)/k, an inner offset below half the \
+             thickness of the object, and cells smaller than either",
         ));
     }
     // A sample is enough for a root mean square.
@@ -230,7 +229,7 @@ mod tests {
         let shell = Shell::new(&sheet, &options).unwrap();
         let asked =
             |level| iso_surface(&shell, &IsoOptions { level, cell: Some(0.05) }).unwrap_err().to_string();
-        assert!(asked(IsoLevel::Offset(0.1)).contains("open edges"));
+        assert!(asked(IsoLevel::Offset(0.1)).contains("boundary edges"));
         let thin = ShellOptions { threshold: 1e9, ..options };
         let thin = Shell::new(&sheet, &thin).unwrap();
         let empty = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });

@@ -93,12 +93,15 @@ impl NaturalNeighbours {
     pub fn new(points: &[DVec3], also: &[DVec3]) -> Result<Self> {
         for (k, point) in points.iter().enumerate() {
             if !point.is_finite() {
-                return Err(Error::input(format!("control point {k} is not finite: {:?}", point.to_array())));
+                return Err(Error::input(format!(
+                    "control point {k}: expected finite coordinates, found {:?}",
+                    point.to_array()
+                )));
             }
         }
         let bounds = BoundingBox::around(points.iter().chain(also).copied())
             .filter(|_| !points.is_empty())
-            .ok_or_else(|| Error::input("natural neighbours need at least one point"))?;
+            .ok_or_else(|| Error::input("expected at least one point for natural neighbours"))?;
         let extent = bounds.longest_side();
         let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
         // The corners of the box are sites as well, so queries outside of the points' hull also have weights.
@@ -174,7 +177,7 @@ impl NaturalNeighbours {
     fn weigh(&self, at: DVec3, query: &mut Query, weights: &mut Vec<Weight>) -> Result<()> {
         if !self.delaunay.holds(at) {
             return Err(Error::input(format!(
-                "{:?} is outside of the box about the control points",
+                "expected a point inside the box around the control points, found {:?}",
                 at.to_array()
             )));
         }

@@ -84,7 +84,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     let open = mesh.welded().check().boundary_edges;
     if open > 0 {
         return Err(Error::undetermined(format!(
-            "the mesh has {open} open edges, so that it has no inside: close it before remeshing"
+            "expected a closed mesh, found {open} boundary edges: close it before remeshing"
         )));
     }
     let (search, winding) = (MeshSearch::try_new(mesh)?, WindingNumbers::new(mesh));
@@ -119,14 +119,15 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
         }
     };
     let around = 2.0 * cell + flow.map_or(0.0, |(_, farthest)| farthest);
-    let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let bounds =
+        mesh.surface_bounds().ok_or_else(|| Error::input("expected a mesh with vertices, found none"))?;
     let around = bounds.grown(around);
     let made = isosurface(&around, cell, value, may_pass)?;
     let mut kept = large_parts(&made, min_part_volume_ratio);
     if kept.triangles.is_empty() {
         return Err(Error::undetermined(
-            "nothing of the mesh is within the domain: it lies elsewhere, or the cells are larger than \
-            the part inside",
+            "expected a part of the mesh inside the domain, found none: it is elsewhere, or the cells are \
+             larger than this part",
         ));
     }
     let neighbours = vertex_neighbours(&kept);

@@ -338,7 +338,9 @@ impl Stage {
                 (mesh, name, read.unit.unwrap_or(options.unit))
             }
         };
-        let bounds = mesh.bounding_box().ok_or_else(|| Error::undetermined("the mesh has no vertices"))?;
+        let bounds = mesh
+            .bounding_box()
+            .ok_or_else(|| Error::undetermined("expected a mesh with vertices, found none"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
         // Relative to the diagonal: meshes of any size and unit fill the images alike.
         let far = DISTANCE * diagonal;

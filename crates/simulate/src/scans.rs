@@ -400,7 +400,10 @@ pub(super) fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> 
     pilot.sanity_check()?;
     let seen = pilot.count(truth);
     if seen == 0 {
-        return Err(Error::undetermined(format!("no ray of {} meets the surface", pilot.name)));
+        return Err(Error::undetermined(format!(
+            "expected rays of {} that meet the surface, found none",
+            pilot.name
+        )));
     }
     let cells = wanted as f64 * (pilot.grid[0] * pilot.grid[1]) as f64 / seen as f64;
     let (Optics::Parallel { half } | Optics::Central { tangents: half }) = pilot.optics;

@@ -116,8 +116,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
             (icosphere(radius, 4), options.unit)
         }
     };
-    let bounds =
-        BoundingBox::from_points(&rest.positions).ok_or_else(|| Error::input("the mesh has no vertices"))?;
+    let bounds = BoundingBox::from_points(&rest.positions)
+        .ok_or_else(|| Error::input("expected a mesh with vertices, found none"))?;
     let size = bounds.diagonal();
     // One sequence for everything, in this order: the skipped control, displacements, positions, errors.
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);

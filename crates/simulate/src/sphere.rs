@@ -161,7 +161,7 @@ pub const SPHERE_COLUMNS: [&str; 8] = [
 
 impl SphereOptions {
     fn validate(&self) -> Result<()> {
-        let invalid = |needed: &str| Err(Error::input(format!("the sphere experiment needs {needed}")));
+        let invalid = |needed: &str| Err(Error::input(format!("expected {needed}")));
         if self.sets == 0 {
             return invalid("at least one set of readings");
         }
@@ -176,7 +176,7 @@ impl SphereOptions {
             return invalid("orientation errors from 0 to 30 degrees");
         }
         if self.depth > 4 {
-            return invalid("a depth of at most 4");
+            return invalid("a subdivision depth of at most 4");
         }
         Ok(())
     }

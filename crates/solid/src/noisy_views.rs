@@ -180,14 +180,14 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
 fn check(views: &[NoisyView]) -> Result<()> {
     if !(2..=3).contains(&views.len()) {
         return Err(Error::input(format!(
-            "expected two or three views, found {}: one view leaves the third dimension open",
+            "expected two or three views, found {}: one view does not determine the third dimension",
             views.len()
         )));
     }
     for (i, view) in views.iter().enumerate() {
         if views[..i].iter().any(|other| other.kind == view.kind) {
             return Err(Error::input(format!(
-                "there are two {} views: expected one of each",
+                "expected one view of each kind, found two {} views",
                 view.kind.name()
             )));
         }

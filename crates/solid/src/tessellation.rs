@@ -150,8 +150,8 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     let needed = triangles_needed(solid, tolerance);
     if needed > MAX_TRIANGLES {
         return Err(Error::input(format!(
-            "a mesh with a chord error of {tolerance:e} needs about {needed:.1e} triangles: expected at most \
-             {MAX_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
+            "expected a mesh of at most {MAX_TRIANGLES:.0e} triangles, found about {needed:.1e} for a \
+             chord error of {tolerance:e}: use {:.1e} or more",
             // Printed with two digits: rounding down could give a tolerance that is rejected again.
             1.06 * min_tolerance(solid)
         )));
@@ -212,7 +212,7 @@ fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<Triangle
     match (volume - exact.volume).abs() <= allowed {
         true => Ok(mesh),
         false => Err(Error::unsupported(format!(
-            "the mesh has the volume {volume}, and the solid {}: expected a difference below {allowed}",
+            "expected volumes of mesh and solid that differ by less than {allowed}, found {volume} and {}",
             exact.volume
         ))),
     }

@@ -493,7 +493,7 @@ fn solution(
 fn check(drawing: &Drawing) -> Result<()> {
     if drawing.views.len() < 2 {
         return Err(Error::input(format!(
-            "expected two or three views, found {}: one view leaves the third dimension open",
+            "expected two or three views, found {}: one view does not determine the third dimension",
             drawing.views.len()
         )));
     }

@@ -193,7 +193,7 @@ pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> DVec3) -> Re
     let anchors = space.node_anchors();
     let target: Vec<DVec3> = anchors.iter().map(|a| f(a[0], a[1])).collect();
     if target.iter().any(|p| !p.is_finite()) {
-        return Err(Error::undetermined("the function to fit is not finite everywhere"));
+        return Err(Error::undetermined("expected a function with finite values"));
     }
     let mut surface = Surface::new(Arc::clone(space), target.clone())?;
     for _ in 0..80 {
@@ -251,23 +251,23 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> DVec3 {
 pub fn choose_base_shape(points: &[DVec3], normals: &[DVec3], wanted: Option<Shape>) -> Result<BaseShape> {
     if points.len() < 4 {
         return Err(Error::undetermined(format!(
-            "{} points do not determine a surface: at least 4 are needed",
+            "expected at least 4 points for a surface, found {}",
             points.len()
         )));
     }
     let (mean, axes, variances) = principal_axes(points);
     if variances[0] <= 0.0 {
-        return Err(Error::undetermined("all points coincide: they do not determine a surface"));
+        return Err(Error::undetermined("expected points that span an area, found all at one position"));
     }
     // A ratio of variances of 1e-12 is a ratio of lengths of 1e-6, far below the noise of any sensor.
     if variances[1] <= 1e-12 * variances[0] {
-        return Err(Error::undetermined("all points lie on one line: they do not determine a surface"));
+        return Err(Error::undetermined("expected points that span an area, found all on one line"));
     }
     let known: Vec<DVec3> = normals.iter().copied().filter(|n| n.length_squared() > 0.5).collect();
     let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
-            "all points lie in one plane: they determine a sheet but not a {}",
+            "expected points that are not in one plane for a {}: these determine only a sheet",
             shape.name()
         )));
     }

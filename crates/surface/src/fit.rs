@@ -290,15 +290,15 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
         && unit != model.unit
     {
         return Err(Error::input(format!(
-            "the scans' unit is {}, the model's is {}: convert one of them",
+            "expected scans and a model of the same unit, found {} and {}: convert one of them",
             unit.name(),
             model.unit.name()
         )));
     }
     if matches!(model.known, Knowledge::Free { .. }) {
         return Err(Error::unsupported(
-            "the model is a state of a sheet that bends, and later scans are of other states: expected one \
-             fit of all scans together",
+            "expected a model of a rigid object, found a state of a bending sheet, to which scans of other \
+             states cannot be added: fit all scans together",
         )
         .with_setting(Setting::Motion));
     }
@@ -310,8 +310,7 @@ fn check_update(model: &SurfaceModel, set: &ScanSet, options: &UpdateOptions) ->
             Filter::Patch => "patch",
         };
         return Err(Error::input(format!(
-            "the model was made by the {} filter and is updated by it: expected no filter, or that one, \
-             found {}",
+            "expected the {} filter of the model for an update, or none, found {}",
             name(own),
             name(asked)
         ))
@@ -335,9 +334,9 @@ fn converge(
     };
     if !(0..observations.len()).any(is_position) {
         return Err(Error::undetermined(
-            "no reading that is left measures a position: normals and curvatures leave open where the \
-             surface lies; add positions (a few touches will do), or say kind = \"range\" where the points \
-             of these sensors are measured, too",
+            "expected readings of positions after all rejections, found only normals or curvatures, which \
+             do not determine the position of the surface: add positions (a few touch points are enough), \
+             or specify kind = \"range\" if the points of these sensors are measured as well",
         ));
     }
     let surface = first_surface(observations, options, 1, progress)?;

@@ -192,7 +192,9 @@ impl SurfaceModel {
         directions: &[DVec3],
     ) -> Result<BlockInformation> {
         let Some(information) = self.known.information() else {
-            return Err(Error::unsupported("the patch filter has no information of the whole surface"));
+            return Err(Error::unsupported(
+                "the patch filter has no information matrix of the whole surface",
+            ));
         };
         let mut total = system.contract(&information.data, directions)?;
         total.add_scaled(&system.contract(&information.prior, directions)?, 1.0)?;

@@ -184,7 +184,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     let leaves = space.leaves();
     if model.observed.len() != leaves.len() {
         return Err(Error::input(format!(
-            "{} marks of what was observed, but {} leaves",
+            "expected one mark of `observed` per leaf, found {} marks and {} leaves",
             model.observed.len(),
             leaves.len()
         )));
@@ -196,7 +196,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         .iter()
         .flat_map(|p| [p.sigma_translation.unwrap_or(0.0), p.sigma_rotation_deg.unwrap_or(0.0)]);
     if !sigmas.chain(pose_sigmas).chain([model.smoothness_weight]).all(f64::is_finite) {
-        return Err(Error::input("a σ or weight of the model is not finite"));
+        return Err(Error::input("expected finite σ and weights in the model, found another value"));
     }
     let metadata = Metadata {
         unit: model.unit.name().to_owned(),
@@ -225,8 +225,8 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         moves_freely: matches!(model.known, Knowledge::Free { .. }),
         patch_filter: model.known.filter().map(Arc::as_ref).map(patches::Notes::from_filter),
     };
-    let metadata =
-        serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
+    let metadata = serde_json::to_value(metadata)
+        .map_err(|e| Error::input("expected JSON in the metadata").with_source(e))?;
     let knots = |d: usize| Tensor::f64_list((0..=space.base()[d]).map(|k| k as f64).collect());
     let cells = leaves.iter().flat_map(|c| [u32::from(c.level), c.i, c.j]).collect();
     let poses: Vec<f64> =
@@ -272,7 +272,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     // Reading refuses numbers that are not finite, so such a file must not be written.
     for (name, tensor) in &tensors {
         if tensor.as_f64().is_some_and(|values| !values.iter().all(|v| v.is_finite())) {
-            return Err(Error::input(format!("`{name}` of the model holds a number that is not finite")));
+            return Err(Error::input(format!("`{name}`: expected finite numbers, found another")));
         }
     }
     Ok(ModelFile { tensors, metadata })
@@ -406,7 +406,8 @@ impl Tensors {
         let found = (self.u32(&part("offsets"), &[])?, self.u32(&part("indices"), &[])?);
         if found != flat_pattern(pattern) {
             return Err(Error::input(format!(
-                "`{name}` couples other nodes than the cells do: the file was changed or is damaged"
+                "`{name}`: expected the couplings of the cells, found others: the file was changed or is \
+                 damaged"
             )));
         }
         let mut information = BlockInformation::zeros(Arc::clone(pattern), 3, 1)?;
@@ -430,7 +431,7 @@ fn fill(name: &str, to: &mut [f64], from: &[f64]) -> Result<()> {
 
 fn from_file(file: ModelFile) -> Result<SavedModel> {
     let metadata: Metadata = serde_json::from_value(file.metadata)
-        .map_err(|e| Error::input("the metadata lacks something or has another form").with_source(e))?;
+        .map_err(|e| Error::input("the metadata lacks a key or has another form").with_source(e))?;
     let unit: Unit = metadata.unit.parse()?;
     let shape = Shape::from_name(&metadata.shape).ok_or_else(|| {
         Error::input(format!("shape: expected sheet, tube, ball or torus, found `{}`", metadata.shape))
@@ -509,7 +510,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         Some(notes) => {
             let filter = notes.filter(shape, metadata.base, &mut tensors)?;
             if filter.space().leaves() != space.leaves() {
-                return Err(Error::input("the patches are not made of the cells"));
+                return Err(Error::input("expected patches of cells of the model, found others"));
             }
             Knowledge::Patches(Arc::new(filter))
         }
@@ -543,7 +544,8 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
     if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {
         return Err(Error::input(format!(
-            "a base grid of {} × {} cells does not fit {} leaves down to level {finest}",
+            "expected a base grid that fits the leaves, found {} × {} cells for {} leaves down to level \
+             {finest}",
             base[0],
             base[1],
             cells.len()
@@ -553,7 +555,9 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     let order = cells
         .iter()
         .map(|&cell| {
-            space.leaf_over(cell).ok_or_else(|| Error::input(format!("{cell:?} is no leaf of the hierarchy")))
+            space
+                .leaf_over(cell)
+                .ok_or_else(|| Error::input(format!("expected a leaf, found the cell {cell:?}")))
         })
         .collect::<Result<_>>()?;
     Ok((Arc::new(space), order))

@@ -113,8 +113,9 @@ impl Reading {
                 at,
                 facing: normal,
                 value: ReadingValue::Curvature(
-                    curvature_tensor(principal, direction, normal)
-                        .ok_or_else(|| Error::input("a curvature's direction is its normal, or none"))?,
+                    curvature_tensor(principal, direction, normal).ok_or_else(|| {
+                        Error::input("expected a direction of curvature that differs from the normal")
+                    })?,
                     sigma * sigma,
                 ),
             },
@@ -122,7 +123,7 @@ impl Reading {
         if made.at.is_finite() && made.facing.is_finite() {
             Ok(made)
         } else {
-            Err(Error::input("a reading's place or direction is not finite"))
+            Err(Error::input("expected a finite position and direction of a reading"))
         }
     }
 }
@@ -333,7 +334,7 @@ impl SurfaceStream {
         let model = saved.model;
         let Some(filter) = model.known.filter() else {
             return Err(Error::unsupported(format!(
-                "{}: the model is one of the global filter: expected one of the patch filter or of a stream",
+                "{}: expected a model of the patch filter or of a stream, found one of the global filter",
                 path.display()
             ))
             .with_setting(Setting::Filter));

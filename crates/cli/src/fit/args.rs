@@ -26,8 +26,8 @@ Inputs:
   depth images   .png .tif, with the camera's calibration in a .toml file of the same name
   lists of scans .conf (VRIP) or .toml (a job, which can also specify the sensors and their σ)
 
-If no σ is given, it is estimated from the data. A stated σ that the data contradict is reported and \
-replaced. All lengths are in the unit of the files.
+If no σ is given, it is estimated from the data. A stated σ that is inconsistent with the data is \
+reported and replaced. All lengths are in the unit of the files.
 
 Outputs:
   .step .stp   the exact surface, for CAD programs

@@ -53,8 +53,8 @@ fn strategy(args: &FitArgs, ground: Option<GroundWidth>) -> Result<Strategy> {
     // These refusals depend on the values of both options, which `conflicts_with` cannot express.
     if args.animate.is_some() && args.motion == Some(MotionName::Bend) {
         return Err(Error::unsupported(
-            "--animate shows readings in their order: expected a fit without --known-uv and --motion bend, \
-             which use all readings of a time together",
+            "--animate cannot be combined with --known-uv or --motion bend, which use all readings of a \
+             time together and have no order of readings",
         ));
     }
     // Inferred readings share their error, and the filter would average it away

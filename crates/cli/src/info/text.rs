@@ -19,6 +19,13 @@ impl Lengths {
         format!("{} {}", significant(value, 4), self.name()).trim_end().to_owned()
     }
 
+    /// An area or a volume: `power` is the exponent of the unit.
+    fn power(&self, value: f64, power: char) -> String {
+        // Without a unit, an exponent would look like one of the number.
+        self.0
+            .map_or_else(|| significant(value, 4), |unit| format!("{} {unit}{power}", significant(value, 4)))
+    }
+
     fn bounds(&self, found: &Option<BoxInfo>) -> String {
         let Some(BoxInfo { min, max }) = found else {
             return String::new();
@@ -179,9 +186,9 @@ fn mesh_text(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
                 counted(mesh.components, "part")
             ),
         ),
-        ("area", format!("{}²", lengths.length(mesh.area))),
+        ("area", lengths.power(mesh.area, '²')),
         // Only a closed and consistently oriented mesh has a volume.
-        ("volume", mesh.volume.map_or(String::new(), |v| format!("{}³", lengths.length(v)))),
+        ("volume", mesh.volume.map_or(String::new(), |v| lengths.power(v, '³'))),
         (
             "σ",
             mesh.sigma.map_or(String::new(), |s| {
@@ -216,7 +223,7 @@ fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
             ),
         ),
         ("box", lengths.bounds(&model.bounds)),
-        ("area", format!("{}²", lengths.length(model.area))),
+        ("area", lengths.power(model.area, '²')),
         ("measured", format!("{} of the area", percent(model.observed_area_fraction))),
         (
             "completed",

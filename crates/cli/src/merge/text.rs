@@ -77,7 +77,7 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
 fn facts(lines: &mut Lines, report: &MergeReport) {
     let unit = report.unit;
     let sigma = &report.sigma;
-    // Entry k counts the vertices with k edges; a vertex of a regular mesh has six.
+    // Entry k counts the seam vertices with k edges; a vertex of a regular mesh has six.
     let above_six = report.valence.iter().skip(7).sum::<usize>();
     lines.facts([
         (
@@ -103,7 +103,7 @@ fn facts(lines: &mut Lines, report: &MergeReport) {
         (
             "seams",
             format!(
-                "{} triangles, {} holes closed; {} of {} vertices have more than six edges",
+                "{} triangles, {} holes closed; {} of {} seam vertices have more than six edges",
                 count(report.stitched_triangles),
                 count(report.holes_closed),
                 count(above_six),

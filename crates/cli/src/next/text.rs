@@ -16,7 +16,7 @@ fn changes(lines: &mut Lines, worst: Change, mean: Change) {
 
 fn already_reached(worst: Change, mean: Change) -> String {
     let mut lines = Lines::default();
-    lines.line("The model already reaches the goal: no measurement is needed.");
+    lines.line("The model already reaches the goal: no further measurements are required.");
     lines.gap();
     changes(&mut lines, worst, mean);
     lines.into_text()

@@ -145,7 +145,7 @@ fn text(done: &OccludingReport) -> String {
             // There the hull is only a bound of the object.
             done.unseen_share.map_or(String::new(), |share| {
                 format!(
-                    "{} of the visual hull's surface has no contour nearby (concave, or between views)",
+                    "{} of the surface of the visual hull has no contour nearby (concave, or between views)",
                     percent(share)
                 )
             }),

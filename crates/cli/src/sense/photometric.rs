@@ -60,6 +60,8 @@ pub fn kind(args: &PhotometricArgs) -> Result<SenseKind> {
             "expected one normal map with --normal-map, found {} images",
             images.len()
         ))),
-        _ => Err(Error::input("needed --calib with the lights, or --normal-map with the σ of a normal map")),
+        _ => Err(Error::input(
+            "expected --calib with the lights, or --normal-map with σ of a normal map, found neither",
+        )),
     }
 }

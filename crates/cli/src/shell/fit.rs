@@ -156,7 +156,7 @@ pub fn run(args: &ShellFitArgs) -> u8 {
 fn work(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitReport>> {
     // clap has `required_if_eq` for the opposite direction only.
     if !args.family.is_empty() && args.deformation != DeformationName::Modes {
-        return Err(Error::input("--family needs --deformation modes"));
+        return Err(Error::input("expected --deformation modes with --family"));
     }
     let job = ShellFitJob {
         mesh: args.mesh.clone(),

@@ -82,7 +82,7 @@ fn unexplained(lines: &mut Lines, report: &SolidReport) {
         vec![u.view.to_owned(), entity, u.why.clone()]
     };
     let rows: Vec<Vec<String>> = report.unexplained.iter().take(LINES_SHOWN).map(cells).collect();
-    let columns = [("view", Align::Left), ("entity", Align::Left), ("why", Align::Left)];
+    let columns = [("view", Align::Left), ("entity", Align::Left), ("reason", Align::Left)];
     lines.table(&columns, &rows);
     if report.unexplained.len() > LINES_SHOWN {
         lines.line(format!("and {} more (--json lists all)", report.unexplained.len() - LINES_SHOWN));
@@ -172,5 +172,5 @@ fn geometry_text(lines: &mut Lines, geometry: &NoisyGeometry) {
             ]
         })
         .collect();
-    lines.table(&[("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
+    lines.table(&[("dimension", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
 }

@@ -131,19 +131,22 @@ fn inconsistent_views_are_reported() {
         ),
         (&["front.json", "top.json", "inches.json"], "inches.json: is in in"),
         (&["front.json", "broken.json"], "broken.json: expected contours as"),
-        (&["front.json", "a.dxf"], "a.dxf: is no contour"),
+        (&["front.json", "a.dxf"], "a.dxf: expected a contour"),
         (&["front.json", "side.json"], "the front view ends at x"),
         (&["front.json", "side.json", "--as", "front"], "expected one name for each of the 2 views"),
         (&["front.json", "side.json", "--as", "side,side"], "each once, found side,side"),
         (
             &["front.json", "side.json", "--as", "front,side", "--graphs", "g.png"],
-            "g.png: graphs are written as .json or .dot",
+            "g.png: cannot write this format: expected .json or .dot",
         ),
         (
             &["front.json", "side.json", "--as", "front,side", "-o", "p.iges"],
-            "p.iges: solids are written as .step",
+            "p.iges: cannot write this format: expected .step",
         ),
-        (&["a.dxf", "a.dxf", "--graphs", "g.dot"], "graphs are made of contours"),
+        (
+            &["a.dxf", "a.dxf", "--graphs", "g.dot"],
+            "expected contours with their covariance (.json) for graphs",
+        ),
     ] {
         let result = planish(at, &[&["solid"], args].concat());
         assert!(

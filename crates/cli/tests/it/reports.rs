@@ -48,7 +48,7 @@ fn planned_views_are_marked_on_the_model() {
     assert!(page.contains("fields of view") && page.contains("Views to take, in this order"));
     // Each line of sight goes from the surface to the sensor, so its ends and the sensor are collinear.
     let lines = scene["lines"].as_array().expect("lines");
-    assert!(lines.iter().any(|line| line["name"] == "towards the sensor" && line["hidden"] == false));
+    assert!(lines.iter().any(|line| line["name"] == "lines to the sensor" && line["hidden"] == false));
     let number = |value: &Value| value.as_f64().expect("a number");
     for (mark, view) in scene["marks"].as_array().expect("marks").iter().zip(views) {
         let off: Vec<f64> = (0..3)
@@ -110,8 +110,8 @@ fn report_shows_displacements_of_a_fitted_mesh() {
         .filter_map(|field| field["key"].as_str())
         .collect();
     assert_eq!(keys, ["sigma", "observed", "moved"]);
-    assert_eq!(scene["surfaces"][1]["name"], "mesh that was given");
-    assert!(page.contains("points that were read") && page.contains("<td>points</td>"));
+    assert_eq!(scene["surfaces"][1]["name"], "input mesh");
+    assert!(page.contains("input points") && page.contains("<td>points</td>"));
     let outputs = result["outputs"].as_array().expect("outputs");
     assert!(outputs.iter().any(|output| output == "a.html"));
 }

@@ -52,7 +52,7 @@ fn page_is_written_on_request() {
 fn unsupported_options_and_formats_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     for (args, words) in [
-        (&["-o", "a.jpg"][..], "a picture (.png) or as a page (.html)"),
+        (&["-o", "a.jpg"][..], "expected .png (an image) or .html (a page)"),
         (&["-o", "a.png", "--color", "sigma"], "--color"),
         (&["-o", "a.png", "--camera", "0,100"], "-90 to 90"),
         (&["--color", "plain"], "--output"),
@@ -63,7 +63,7 @@ fn unsupported_options_and_formats_are_rejected() {
         let result = planish(folder.path(), &args);
         assert_eq!(result.code, 2, "{args:?}: {}", result.stderr);
         let is_named = result.stderr.contains(words)
-            || words == "--color" && result.stderr.contains("no sigma to colour by");
+            || words == "--color" && result.stderr.contains("the field sigma to colour by");
         assert!(is_named, "{args:?}: {}", result.stderr);
     }
     assert!(names(folder.path()).is_empty());

@@ -107,8 +107,8 @@ pub fn diagnose(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Resu
     let finite = |x: &DVector<f64>| all.residuals_and_jacobian(x).1.iter().all(|slope| slope.is_finite());
     if !finite(&drawing.values()) {
         return Err(Error::undetermined(
-            "a constraint is undefined for this drawing: a bar has no length, or two points of a distance \
-             coincide",
+            "expected constraints that are defined for this drawing, found a bar without length, or a \
+             distance between coincident points",
         ));
     }
     // Conflicting constraints come out first: ranks do not show them, since the lengths 1, 1 and 5 of a

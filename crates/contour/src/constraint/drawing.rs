@@ -125,7 +125,7 @@ impl ParametricDrawing {
     pub fn add_polygon(&mut self, vertices: &[[f64; 2]]) -> Result<Vec<BarId>> {
         if vertices.len() < 3 {
             return Err(Error::input(format!(
-                "a polygon needs at least three vertices, found {}",
+                "expected at least three vertices of a polygon, found {}",
                 vertices.len()
             )));
         }
@@ -159,7 +159,7 @@ impl ParametricDrawing {
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);
         if !(length > 0.0 && length.is_finite()) {
             return Err(Error::input(format!(
-                "a bar from {} {a:?} to {} {b:?} has no direction: give it two different, finite ends",
+                "expected a bar with two different, finite ends, found one from {} {a:?} to {} {b:?}",
                 self.point_name(start),
                 self.point_name(end)
             )));
@@ -188,7 +188,7 @@ impl ParametricDrawing {
     /// `Input` if the radius is not positive and finite.
     pub fn circle(&mut self, centre: PointId, radius: f64) -> Result<CircleId> {
         if !(radius > 0.0 && radius.is_finite()) {
-            return Err(Error::input(format!("the radius of a circle must be positive, found {radius}")));
+            return Err(Error::input(format!("expected a radius > 0 of a circle, found {radius}")));
         }
         let number = self.circles.len() + 1;
         // The centre is a point of the drawing, which other parts may share; only the radius is a new

@@ -102,7 +102,7 @@ pub(super) fn impose_from(
     start: Start<'_>,
 ) -> Result<Imposed> {
     if !(sigma >= 0.0 && sigma.is_finite()) {
-        return Err(Error::input(format!("the σ of the constraints must not be negative, found {sigma}")));
+        return Err(Error::input(format!("expected σ of at least 0 of the constraints, found {sigma}")));
     }
     constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     // Only for its checks of the covariance: size, symmetry, finite values.
@@ -134,7 +134,7 @@ pub(super) fn impose_from(
     let left = all.residuals(&updated.mean);
     if sigma == 0.0 && !left.is_empty() && left.amax() > RESIDUAL_TOLERANCE {
         return Err(Error::undetermined(format!(
-            "the estimate does not converge to the constraints: {} is violated by {:.1e} of the extent of \
+            "the estimate does not converge to the constraints: the error of {} is {:.1e} of the extent of \
              the drawing",
             constraints[all.owners()[left.iamax()]].describe(drawing),
             left.amax()
@@ -283,5 +283,5 @@ fn contradiction(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Err
         satisfy(drawing, &chosen).holds
     });
     let names: Vec<String> = found.iter().map(|&i| constraints[i].describe(drawing)).collect();
-    Error::input(format!("these constraints cannot hold together: {}; remove one of them", names.join("; ")))
+    Error::input(format!("these constraints conflict: {}; remove one of them", names.join("; ")))
 }

@@ -53,7 +53,7 @@ impl Constraint {
             .find(|&(_, id, count)| id as usize >= count);
         match missing {
             Some((part, id, count)) => Err(Error::input(format!(
-                "a constraint refers to {part} {}, but the drawing has {count}",
+                "a constraint refers to {part} {}: expected a number of at most {count}",
                 id + 1
             ))),
             None if !value.is_finite() => {

@@ -206,7 +206,7 @@ pub fn constrain_among(
     candidates.iter().try_for_each(|candidate| candidate.constraint.require_parts(drawing))?;
     for (name, value) in [("level", options.level), ("chance", options.max_chance)] {
         if !(value > 0.0 && value < 1.0) {
-            return Err(Error::input(format!("the {name} must lie between 0 and 1, found {value}")));
+            return Err(Error::input(format!("expected a {name} between 0 and 1, found {value}")));
         }
     }
     let given = impose(drawing, covariance, &options.given, options.sigma)?;

@@ -137,7 +137,7 @@ pub fn snap(
     dimensions: &[Dimension],
 ) -> Result<(Constrained, Vec<Snap>)> {
     if !(grid > 0.0 && grid.is_finite()) {
-        return Err(Error::input(format!("the grid must be positive, found {grid}")));
+        return Err(Error::input(format!("expected a grid > 0, found {grid}")));
     }
     let search = &constrained.search;
     let mut state = Imposed {

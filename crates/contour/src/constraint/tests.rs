@@ -283,12 +283,13 @@ fn missing_parts_and_non_finite_values_are_reported() {
     let seen = rectangle(4.0, 3.0, 0.0);
     let message = |constraint: Constraint| diagnose(&seen, &[constraint]).unwrap_err().to_string();
     assert!(
-        message(Constraint::Horizontal { bar: BarId(4) }).contains("refers to bar 5, but the drawing has 4")
+        message(Constraint::Horizontal { bar: BarId(4) })
+            .contains("refers to bar 5: expected a number of at most 4")
     );
     let endless = Constraint::Distance { a: PointId(0), b: PointId(1), value: f64::INFINITY };
     assert!(message(endless).contains("P1P2 is inf long has no finite value"));
     let error = impose(&seen, &DMatrix::identity(7, 7), &[], 0.0).unwrap_err().to_string();
-    assert!(error.contains("8 × 8, not 7 × 7"), "{error}");
+    assert!(error.contains("8 × 8 entries, found 7 × 7"), "{error}");
 }
 
 #[test]

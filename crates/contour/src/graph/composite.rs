@@ -116,8 +116,8 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
     let candidates = agreeing(views, tolerance, gate)?;
     if candidates.is_empty() {
         return Err(Error::undetermined(
-            "no point of one view agrees with one of every other view in their shared coordinates: do the \
-             views show the same object, at one scale and in one coordinate system?",
+            "expected points that agree in the shared coordinates of all views, found none: check that the \
+             views show the same object, at one scale and in one coordinate system",
         ));
     }
     // Breadth-first search over vertices. A linear scan for neighbours suffices for the few dozen vertices of
@@ -193,26 +193,26 @@ impl Composite {
 fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
     if !(2..=3).contains(&views.len()) {
         return Err(Error::input(format!(
-            "a composite graph needs two or three views, found {}",
+            "expected two or three views for a composite graph, found {}",
             views.len()
         )));
     }
     if !(tolerance >= 0.0 && gate >= 0.0 && tolerance.is_finite() && gate.is_finite()) {
         return Err(Error::input(format!(
-            "tolerance and gate must not be negative, found {tolerance} and {gate}"
+            "expected a tolerance and a gate of at least 0, found {tolerance} and {gate}"
         )));
     }
     for (i, view) in views.iter().enumerate() {
         if view.axes[0] == view.axes[1] {
             return Err(Error::input(format!(
-                "the {} view shows the axis {:?} twice",
+                "the {} view: expected different axes, found {:?} twice",
                 view.name, view.axes[0]
             )));
         }
         let n = view.drawing.parameters();
         if let Some(covariance) = view.covariance.filter(|covariance| covariance.shape() != (n, n)) {
             return Err(Error::input(format!(
-                "the covariance of the {} view must be {n} × {n}, found {} × {}",
+                "the {} view: expected a covariance of {n} × {n}, found {} × {}",
                 view.name,
                 covariance.nrows(),
                 covariance.ncols()
@@ -222,7 +222,7 @@ fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
             views[..i].iter().find(|other| view.axes.iter().all(|axis| other.axes.contains(axis)))
         {
             return Err(Error::input(format!(
-                "the {} and the {} view show the same axes",
+                "the {} and the {} view: expected different axes, found the same",
                 other.name, view.name
             )));
         }
@@ -249,8 +249,8 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
             }
             if grown.len() > MAX_COMBINATIONS {
                 return Err(Error::undetermined(format!(
-                    "more than {MAX_COMBINATIONS} combinations of points agree: the tolerance is too wide \
-                     for these views"
+                    "expected at most {MAX_COMBINATIONS} combinations of points that agree, found more: \
+                     reduce the tolerance"
                 )));
             }
         }

@@ -405,8 +405,12 @@ fn views_of_different_objects_are_rejected() {
     let (xy, zy) = ([SpaceAxis::X, SpaceAxis::Y], [SpaceAxis::Z, SpaceAxis::Y]);
     let moved = side.with_values(&side.values().map(|v| v + 0.5)).unwrap();
     let error = |views: &[SketchView<'_>]| composite(views, 1e-9, 0.0).unwrap_err().to_string();
-    assert!(error(&[view("front", xy, &front), view("side", zy, &moved)]).contains("no point"));
-    assert!(error(&[view("front", xy, &front), view("rear", xy, &front)]).contains("same axes"));
+    assert!(
+        error(&[view("front", xy, &front), view("side", zy, &moved)]).contains("expected points that agree")
+    );
+    assert!(
+        error(&[view("front", xy, &front), view("rear", xy, &front)]).contains("expected different axes")
+    );
     assert!(error(&[view("front", xy, &front)]).contains("two or three views"));
 }
 

@@ -227,8 +227,8 @@ fn finish_near_best(
 
 /// Error if no kind could be fitted. The message concerns all kinds; that of the last one is only its source.
 fn none_fits(last: Option<Error>) -> Error {
-    let text =
-        "no kind of contour fits the readings: they may cover too little of it or belong to another shape";
+    let text = "no kind of contour fits the readings: they may cover too little of the contour, or show \
+                another shape";
     match last {
         Some(last) => Error::undetermined(text).with_source(last),
         None => Error::undetermined(text),
@@ -249,7 +249,7 @@ fn reject_coincident_readings(readings: &[ContourReading]) -> Result<()> {
     let extent = width.hypot(height);
     if readings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
-            "all {} readings lie closer together than their σ, so they show no outline",
+            "expected readings that are farther apart than their σ, found all {} closer together",
             readings.len()
         )));
     }

@@ -195,8 +195,7 @@ fn fit_within(
     }
     best.ok_or_else(|| {
         Error::undetermined(format!(
-            "the readings do not determine a {kind}: they may cover too little of it or belong to another \
-             shape"
+            "the readings do not determine a {kind}: they may cover too little of it, or show another shape"
         ))
     })
 }

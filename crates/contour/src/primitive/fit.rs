@@ -84,7 +84,7 @@ pub fn fit(shape: PrimitiveKind, rays: &[Ray], options: &ContourFitOptions) -> R
     }
     best.ok_or_else(|| {
         Error::undetermined(format!(
-            "the readings do not determine a {shape}: they may cover too little of it or belong to another \
+            "the readings do not determine a {shape}: they may cover too little of it, or show another \
              shape"
         ))
     })

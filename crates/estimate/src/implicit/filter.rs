@@ -92,7 +92,7 @@ impl KalmanFilter {
         let (n, p) = (self.mean().len(), reading.noise());
         if reading.state() != n || n > MAX_STATE || p > MAX_NOISE {
             return Err(Error::input(format!(
-                "a reading of {} unknowns and {p} noise components does not match a state of {n}",
+                "expected a reading of {n} unknowns, found {} unknowns and {p} noise components",
                 reading.state()
             )));
         }

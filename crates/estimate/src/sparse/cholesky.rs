@@ -328,7 +328,7 @@ struct Breakdown {
 impl Breakdown {
     fn explain(&self, symbolic: &SymbolicFactor, information: &BlockInformation) -> Error {
         if !information.values().iter().all(|value| value.is_finite()) {
-            return Error::input("the information has entries that are not finite");
+            return Error::input("expected finite entries of the information, found others");
         }
         let b = symbolic.block_size();
         let node = symbolic.old_from_new[self.unknown / b];

@@ -111,7 +111,7 @@ impl BlockInformation {
     /// `Input` when `block` is zero.
     pub fn zeros(pattern: Arc<BlockPattern>, block: usize, columns: usize) -> Result<Self> {
         if block == 0 {
-            return Err(Error::input("a block needs at least one unknown per node"));
+            return Err(Error::input("expected at least one unknown per node"));
         }
         // One allocation for all blocks: they are added and factorised in the order of memory.
         let values = vec![0.0; pattern.entries() * block * block];
@@ -486,7 +486,7 @@ pub(super) fn expect_length(what: &str, expected: usize, found: usize) -> Result
     if expected == found {
         Ok(())
     } else {
-        Err(Error::input(format!("{what} needs {expected} entries, found {found}")))
+        Err(Error::input(format!("{what}: expected {expected} entries, found {found}")))
     }
 }
 
@@ -497,6 +497,6 @@ pub(super) fn columns_of(what: &str, dimension: usize, length: usize) -> Result<
     } else if dimension > 0 && length.is_multiple_of(dimension) {
         Ok(length / dimension)
     } else {
-        Err(Error::input(format!("{what} needs a multiple of {dimension} entries, found {length}")))
+        Err(Error::input(format!("{what}: expected a multiple of {dimension} entries, found {length}")))
     }
 }

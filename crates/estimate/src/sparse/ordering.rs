@@ -106,14 +106,14 @@ impl NodeOrdering {
     pub fn nested_dissection(pattern: &BlockPattern, coordinates: &[[f64; 2]]) -> Result<Self> {
         if coordinates.len() != pattern.nodes() {
             return Err(Error::input(format!(
-                "nested dissection needs a point for each of {} nodes, found {}",
+                "expected a point for each of {} nodes for nested dissection, found {}",
                 pattern.nodes(),
                 coordinates.len()
             )));
         }
         if let Some(node) = coordinates.iter().position(|point| !point.iter().all(|value| value.is_finite()))
         {
-            return Err(Error::input(format!("the coordinates of node {node} are not finite")));
+            return Err(Error::input(format!("node {node}: expected finite coordinates")));
         }
         let mut dissection = Dissection {
             graph: Graph::renamed(pattern, |node| node),

@@ -41,7 +41,9 @@ impl BlockPattern {
         E: AsRef<[u32]>,
     {
         if nodes > MAX_ENTRIES {
-            return Err(Error::input(format!("a pattern holds at most {MAX_ENTRIES} nodes, found {nodes}")));
+            return Err(Error::input(format!(
+                "expected at most {MAX_ENTRIES} nodes in a pattern, found {nodes}"
+            )));
         }
         let mut element_start = vec![0_usize];
         let mut element_nodes: Vec<u32> = Vec::new();
@@ -57,7 +59,7 @@ impl BlockPattern {
                 && last as usize >= nodes
             {
                 return Err(Error::input(format!(
-                    "element {index} names node {last}, but there are {nodes} nodes"
+                    "element {index}: expected nodes below {nodes}, found {last}"
                 )));
             }
             for &node in &sorted {
@@ -104,7 +106,7 @@ impl BlockPattern {
             rows[begin..].sort_unstable();
             if rows.len() > MAX_ENTRIES {
                 return Err(Error::input(format!(
-                    "the pattern has more than {MAX_ENTRIES} entries: use fewer nodes"
+                    "expected at most {MAX_ENTRIES} entries of the pattern, found more: use fewer nodes"
                 )));
             }
             column_start.push(rows.len() as u32);
@@ -142,7 +144,7 @@ impl BlockPattern {
             rows.truncate(kept);
             if rows.len() > MAX_ENTRIES {
                 return Err(Error::input(format!(
-                    "the pattern has more than {MAX_ENTRIES} entries: use fewer nodes"
+                    "expected at most {MAX_ENTRIES} entries of the pattern, found more: use fewer nodes"
                 )));
             }
             column_start.push(rows.len() as u32);

@@ -58,7 +58,7 @@ pub fn stochastic_trace(
     let dimension = factor.symbolic().dimension();
     if matrix.dimension() != dimension || probes == 0 {
         return Err(Error::input(format!(
-            "a trace needs probes and a matrix of dimension {dimension}, found {probes} probes and \
+            "expected probes and a matrix of dimension {dimension} for a trace, found {probes} probes and \
              dimension {}",
             matrix.dimension()
         )));

@@ -28,7 +28,7 @@ pub(crate) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
     file.rewind().map_err(failed)?;
     match found {
         Some((tag, count)) => Err(Error::input(format!(
-            "the tag {tag} promises {count} values, but the file has {length} bytes: it is damaged or cut off"
+            "the tag {tag} declares {count} values, but the file has {length} bytes: it is damaged or cut off"
         ))),
         None => Ok(()),
     }

@@ -164,7 +164,7 @@ fn impossible_tags_and_sizes_are_rejected_before_memory_is_allocated() {
         let mut bomb = whole.clone();
         bomb[at + 4..at + 8].copy_from_slice(&8_000_000_u32.to_le_bytes());
         let e = read(&bomb).err().expect("a damaged tag");
-        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("promises 8000000 values"), "{e}");
+        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("declares 8000000 values"), "{e}");
     }
     let mut bomb = whole.clone();
     let rows = (0..tags).map(|k| first + 2 + 12 * k).find(|&at| whole[at..at + 2] == [1, 1]).unwrap();

@@ -134,7 +134,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
         None => Ok(None),
         Some([0x89, b'P', b'N', b'G', ..]) => Ok(Some("image/png")),
         Some([0xff, 0xd8, ..]) => Ok(Some("image/jpeg")),
-        Some(_) => Err(Error::input("expected a picture in PNG or JPEG, found another format: convert it")),
+        Some(_) => Err(Error::input("expected an image in PNG or JPEG, found another format: convert it")),
     }
 }
 

@@ -60,7 +60,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
             })?;
         if start.saturating_add(EXTENDED_HEADER_BYTES).saturating_add(size) > length {
             return Err(Error::input(format!(
-                "byte {start}: an extended record promises {size} bytes, but the file has {length}: it is \
+                "byte {start}: an extended record declares {size} bytes, but the file has {length}: it is \
                  cut off or damaged"
             )));
         }
@@ -79,14 +79,14 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     if !compressed {
         return match offset.saturating_add(points) > length {
             true => Err(Error::input(format!(
-                "the header promises {promised} points of {record} bytes, but the file has {length} bytes: \
+                "the header declares {promised} points of {record} bytes, but the file has {length} bytes: \
                  it is cut off or its header is wrong"
             ))),
             false => Ok(()),
         };
     }
     check_expansion(length, points)
-        .map_err(|e| e.in_context(format_args!("the header promises {promised} points of {record} bytes")))?;
+        .map_err(|e| e.in_context(format_args!("the header declares {promised} points of {record} bytes")))?;
     if record > MAX_RECORD_BYTES {
         return Err(Error::input(format!(
             "expected point records of at most {MAX_RECORD_BYTES} bytes, found {record}"
@@ -217,7 +217,7 @@ impl Chunks<'_> {
         }
         match points < self.promised {
             true => Err(self.damaged(format_args!(
-                "the header promises {} points, the chunks hold {points}",
+                "the header declares {} points, the chunks hold {points}",
                 self.promised
             ))),
             false => Ok(()),
@@ -240,7 +240,7 @@ impl Chunks<'_> {
         }
         match byte + size > self.length {
             true => Err(self.damaged(format_args!(
-                "byte {byte}: chunk {chunk} promises {size} bytes, but the file has {}",
+                "byte {byte}: chunk {chunk} declares {size} bytes, but the file has {}",
                 self.length
             ))),
             false => Ok(byte + size),

@@ -32,7 +32,7 @@ impl<R: Read + Seek> Sequential<R> {
     /// Starts reading after the header; `one_chunk` means that the file has no table of chunks.
     pub(super) fn new(mut file: R, description: &LazVlr, one_chunk: bool) -> laz::Result<Self> {
         let chunks = match one_chunk {
-            // The caller reads as many records as the header promises, so the chunk needs no end.
+            // The caller reads as many records as the header declares, so the chunk needs no end.
             true => vec![u64::MAX],
             false => {
                 let table = ChunkTable::read_from(&mut file, description)?;

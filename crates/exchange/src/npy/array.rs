@@ -149,7 +149,7 @@ impl<R: Read> Array<R> {
         let byte = self.source.offset();
         let Some(bytes) = self.source.bytes(width * size)? else {
             return Err(Error::input(format!(
-                "byte {byte}: the file ends here: it is cut off ({} records promised, {number} found)",
+                "byte {byte}: the file ends here: it is cut off ({} records declared, {number} found)",
                 self.records()
             )));
         };

@@ -137,9 +137,9 @@ fn organised_arrays_give_a_grid() {
 fn invalid_headers_are_reported() {
     let numbers = doubles(&[1.0; 6]);
     for (bytes, words) in [
-        (file("'<f8'", false, "(1000000000, 3)", &numbers), "promises 3000000000 elements"),
-        (file("'<f8'", true, "(1000000000, 3)", &numbers), "promises 3000000000 elements"),
-        (file("'<f8'", false, "(18446744073709551615, 3)", &numbers), "promises"),
+        (file("'<f8'", false, "(1000000000, 3)", &numbers), "declares 3000000000 elements"),
+        (file("'<f8'", true, "(1000000000, 3)", &numbers), "declares 3000000000 elements"),
+        (file("'<f8'", false, "(18446744073709551615, 3)", &numbers), "declares"),
         (file("'<f8'", false, "(99999999999999999999, 3)", &numbers), "a smaller number"),
         (file("'<f8'", false, "(3, 2)", &numbers), "found a shape (3, 2)"),
         (file("'<f8'", false, "(6,)", &numbers), "expected an array (n, 3)"),

@@ -101,7 +101,7 @@ fn the_default_viewpoint_of_an_unorganised_cloud_is_unknown() {
 fn conflicting_sizes_are_rejected() {
     let text = String::from_utf8(text()).unwrap();
     let height = text.replace("WIDTH 2", "WIDTH 3").replace("HEIGHT 2", "HEIGHT 9223372036854775807");
-    assert!(message(height.as_bytes()).contains("promises 3 × 9223372036854775807 points"));
+    assert!(message(height.as_bytes()).contains("declares 3 × 9223372036854775807 points"));
     assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("expected `WIDTH`"));
     let plain = text.replace("WIDTH 2\n", "").replace("HEIGHT 2\n", "");
     assert!(read(plain.as_bytes()).unwrap().grid.is_none());
@@ -110,7 +110,7 @@ fn conflicting_sizes_are_rejected() {
 #[test]
 fn errors_name_line_or_byte() {
     let cut = binary();
-    assert!(message(&cut[..cut.len() - 1]).contains("promises 4 points"));
+    assert!(message(&cut[..cut.len() - 1]).contains("declares 4 points"));
     let text = String::from_utf8(text()).unwrap();
     assert!(message(text.replace("POINTS 4", "POINTS 5").as_bytes()).contains("`WIDTH` × `HEIGHT` is 4"));
     assert!(

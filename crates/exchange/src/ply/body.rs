@@ -47,7 +47,7 @@ pub(crate) struct Row<'a> {
 fn cut_off(place: Place, promised: u64) -> Error {
     let Place { element, row, .. } = place;
     Error::input(format!(
-        "{place}: the file ends here: it is cut off ({promised} records of `{element}` promised, {row} found)"
+        "{place}: the file ends here: it is cut off ({promised} records of `{element}` declared, {row} found)"
     ))
 }
 

@@ -168,7 +168,7 @@ fn the_error_of_a_truncated_file_states_place_and_counts() {
     let bytes = ascii(&format!("element vertex 3\n{XYZ}"), "1.25 2.25 3.25\n1.25 2.25 3.25\n");
     let message = scan_message(&bytes);
     assert!(
-        message.contains("line 10 (vertex 2)") && message.contains("3 records of `vertex` promised, 2 found"),
+        message.contains("line 10 (vertex 2)") && message.contains("3 records of `vertex` declared, 2 found"),
         "{message}"
     );
     let message = scan_message(b"ply\nformat ascii 1.0\n");

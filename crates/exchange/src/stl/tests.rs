@@ -117,7 +117,7 @@ fn errors_name_line_or_byte() {
     assert!(message(b"ply\n").contains("not an STL file"));
     let mut bomb = binary();
     bomb[HEADER..HEADER + 4].copy_from_slice(&4_000_000_000_u32.to_le_bytes());
-    assert!(message(&bomb).contains("promises 4000000000 triangles"));
+    assert!(message(&bomb).contains("declares 4000000000 triangles"));
     assert!(mesh_from(&mut Source::new(&bomb[..], None)).is_err(), "also with unknown length, as from gzip");
     let far = [DVec3::new(1e300, 0.0, 0.0); 3];
     let mesh = MeshColumns { points: &far, triangles: &[[0, 1, 2]], ..MeshColumns::default() };

@@ -216,18 +216,18 @@ fn check(patches: &[MergePatch], options: &OverlapOptions) -> Result<()> {
     for (at, patch) in patches.iter().enumerate() {
         patch.mesh.sanity_check().map_err(|e| Error::input(format!("patch {at}: {e}")))?;
         if patch.mesh.triangles.is_empty() {
-            return Err(Error::input(format!("patch {at} has no triangles")));
+            return Err(Error::input(format!("patch {at}: expected triangles, found none")));
         }
         if !patch.sigma.is_empty() && patch.sigma.len() != patch.mesh.positions.len() {
             return Err(Error::input(format!(
-                "patch {at} has {} vertices and {} values of sigma",
+                "patch {at}: expected one sigma per vertex, found {} vertices and {} values",
                 patch.mesh.positions.len(),
                 patch.sigma.len()
             )));
         }
         if let Some(v) = patch.sigma.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
             return Err(Error::input(format!(
-                "patch {at}, vertex {v}: sigma must be positive and finite, found {}",
+                "patch {at}, vertex {v}: expected sigma > 0 and finite, found {}",
                 patch.sigma[v]
             )));
         }
@@ -236,7 +236,7 @@ fn check(patches: &[MergePatch], options: &OverlapOptions) -> Result<()> {
         [("epsilon", options.epsilon, f64::MAX), ("theta", options.theta_rad, std::f64::consts::FRAC_PI_2)]
     {
         if value.is_some_and(|x| !(x > 0.0 && x <= largest)) {
-            return Err(Error::input(format!("{name} must be positive (theta at most 90 degrees)")));
+            return Err(Error::input(format!("expected {name} > 0 (theta at most 90 degrees)")));
         }
     }
     Ok(())

@@ -119,7 +119,7 @@ fn errors_name_the_invalid_patch() {
     let mut sigma = vec![0.1; patch(vec![]).mesh.positions.len()];
     sigma[3] = f64::NAN;
     assert!(message(&[patch(sigma), patch(vec![])]).contains("vertex 3"));
-    assert!(message(&[patch(vec![]), MergePatch::default()]).contains("no triangles"));
+    assert!(message(&[patch(vec![]), MergePatch::default()]).contains("expected triangles"));
 }
 
 /// An unstated σ is estimated from the differences, whether the other patch states its own or not.

@@ -19,7 +19,7 @@ const MIN_USABLE_COVERAGE: f64 = 0.7;
 pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
     let mut found = Vec::new();
     if let Some(share) = report.coverage95 {
-        let text = format!("{} of the reference's points lie within 1.96 σ", percent(share));
+        let text = format!("{} of the reference points lie within 1.96 σ", percent(share));
         found.push(if share < CONSISTENT_COVERAGE[0] {
             let code = if share < MIN_USABLE_COVERAGE {
                 FindingCode::CoverageVeryLow
@@ -28,14 +28,14 @@ pub(super) fn judge(report: &ComparisonReport) -> Vec<Finding> {
             };
             Finding::new(code, format!("σ is too small: only {text} (expected: 95 %)"))
         } else if share > CONSISTENT_COVERAGE[1] {
-            Finding::new(FindingCode::CoverageHigh, format!("σ is rather large: {text} (expected: 95 %)"))
+            Finding::new(FindingCode::CoverageHigh, format!("σ is too large: {text} (expected: 95 %)"))
         } else {
             Finding::new(FindingCode::CoverageConsistent, format!("σ is consistent: {text} (expected: 95 %)"))
         });
     } else {
         found.push(Finding::new(
             FindingCode::ModelWithoutSigma,
-            "the model states no σ: its uncertainty cannot be checked",
+            "the model has no σ: its uncertainty cannot be checked",
         ));
     }
     // Backward first: it exists for clouds, too, and its feet on a spline are exact.

@@ -38,24 +38,24 @@ pub(crate) fn compare_page(
             unit.text(d.rms),
             format!("95 % below {}", unit.text(d.p95)),
         ));
-        figures.push(Figure::new("mean", unit.text(d.mean), "0 where there is no bias"));
+        figures.push(Figure::new("mean", unit.text(d.mean), "0 without bias"));
         figures.push(Figure::new("largest", unit.text(d.max), format!("of {} points", count(d.n))));
     }
     if let Some(share) = report.coverage95 {
-        figures.push(Figure::new("within 1.96 σ", percent(share), "95 % where σ is true"));
+        figures.push(Figure::new("within 1.96 σ", percent(share), "95 % if σ is correct"));
     }
     Ok(Page {
         job: "compare".to_owned(),
         title: names[0].clone(),
         headline: format!(
-            "Its deviations from {}, positive on the side that the normals of {} point to.",
+            "Deviations from {}; positive on the side that the normals of {} point to.",
             names[1], names[1]
         ),
         findings: report.findings.clone(),
         figures,
         scene: Some(scene),
         drawings: Vec::new(),
-        sections: vec![how_far(report, unit), whether_true(&normalised, report), left_out(report)],
+        sections: vec![deviations(report, unit), consistency(&normalised, report), skipped_points(report)],
     })
 }
 
@@ -172,14 +172,14 @@ fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
     if shown.normalised.iter().any(|v| v.is_finite()) {
         fields.push(numbers(
             "normalised",
-            "deviation over its σ",
+            "normalised deviation",
             "",
             FieldKind::Signed(Some(4.0)),
             some(&shown.normalised),
         ));
     }
     Cloud {
-        name: "points of the reference".to_owned(),
+        name: "reference points".to_owned(),
         positions: shown.points.iter().copied().step_by(step).collect(),
         fields,
         hidden: true,
@@ -187,7 +187,7 @@ fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
     }
 }
 
-fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
+fn deviations(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
     let rms = unit.head("rms");
     let mut table = Table::new(["", &rms, "mean", "median |d|", "95 % |d|", "largest |d|", "points"]);
     for (name, found) in [("model to reference", &report.forward), ("reference to model", &report.backward)] {
@@ -195,14 +195,14 @@ fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
         let [a, b, c, e, f] = [d.rms, d.mean, d.p50, d.p95, d.max].map(|v| unit.number(v, 3));
         table.row([name.to_owned(), a, b, c, e, f, count(d.n)], false);
     }
-    Section::new("How far they lie apart", vec![Block::Table(table)])
+    Section::new("Deviations", vec![Block::Table(table)])
 }
 
-fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
+fn consistency(normalised: &[f64], report: &ComparisonReport) -> Section {
     // The plot is empty if no deviation has a σ.
     let svg = plot::normalised_residuals(normalised);
     let blocks = if svg.is_empty() {
-        vec![Block::Text("The model states no σ.".to_owned())]
+        vec![Block::Text("The model has no σ.".to_owned())]
     } else {
         let mean_square = {
             // Points without σ are marked by NaN.
@@ -212,27 +212,27 @@ fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
         vec![
             Block::Drawing {
                 svg,
-                caption: "Deviations of the reference's points over their σ (bars), and the normal \
-                    distribution that they have where σ is true (line)."
+                caption: "Normalised deviations of the reference points (bars) and the normal \
+                    distribution, which they follow if σ is correct (line)."
                     .to_owned(),
             },
             Block::Text(format!(
-                "Deviations are {} times their σ (rms); {} of them lie within 1.96 σ.",
+                "Normalised rms of the deviations: {}; {} of them lie within 1.96 σ.",
                 significant(mean_square.sqrt(), 3),
                 percent(report.coverage95.unwrap_or(f64::NAN))
             )),
         ]
     };
-    Section::new("Whether σ is true", blocks)
+    Section::new("Consistency of σ", blocks)
 }
 
-fn left_out(report: &ComparisonReport) -> Section {
+fn skipped_points(report: &ComparisonReport) -> Section {
     let skipped = report.skipped;
     let causes = [
-        (skipped.model_not_observed, "points of the model that were not measured, or are of another part"),
-        (skipped.model_beyond_border, "points of the model beyond a border of the reference"),
-        (skipped.reference_not_observed, "points of the reference that face such a part of the model"),
-        (skipped.reference_beyond_border, "points of the reference beyond a border of the model"),
+        (skipped.model_not_observed, "points of the model that were not measured or belong to another part"),
+        (skipped.model_beyond_border, "points of the model beyond a boundary of the reference"),
+        (skipped.reference_not_observed, "points of the reference nearest to such a part of the model"),
+        (skipped.reference_beyond_border, "points of the reference beyond a boundary of the model"),
     ];
     let lines: Vec<Block> = (causes.into_iter())
         // Causes that did not occur are not listed.
@@ -241,6 +241,6 @@ fn left_out(report: &ComparisonReport) -> Section {
         .collect();
     Section::new(
         "Points that were not compared",
-        if lines.is_empty() { vec![Block::Text("Nothing.".to_owned())] } else { lines },
+        if lines.is_empty() { vec![Block::Text("None.".to_owned())] } else { lines },
     )
 }

@@ -60,7 +60,7 @@ fn signs_follow_the_references_normals_then_the_models() {
     let turned = Reference { normals: Some(inward), ..points(small.positions.clone()) };
     let report = compared(&model, turned);
     assert!(report.backward.unwrap().mean < -0.09);
-    assert!(report.findings.iter().any(|f| f.text.contains("other side")), "{:?}", report.findings);
+    assert!(report.findings.iter().any(|f| f.text.contains("opposite")), "{:?}", report.findings);
     let report = compared(&model, points(small.positions));
     assert!(report.backward.unwrap().mean > 0.09);
     assert!(report.forward.is_none());
@@ -239,7 +239,7 @@ fn two_things_apart_share_nothing_to_compare() {
     let e = compare(&model, points(vec![DVec3::new(50.0, 0.0, 0.0)]), &CompareOptions::default(), &Silent)
         .unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Undetermined);
-    assert!(e.to_string().contains("share nothing"), "{e}");
+    assert!(e.to_string().contains("reference that overlap"), "{e}");
 }
 
 #[test]

@@ -282,14 +282,14 @@ fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constrai
         .map(|conflict| {
             let others: Vec<String> = conflict.with.iter().map(|&i| words(i)).collect();
             if others.is_empty() {
-                return format!("`{}` cannot hold of these contours at all", words(conflict.constraint));
+                return format!("`{}` cannot be satisfied by these contours", words(conflict.constraint));
             }
-            format!("`{}` cannot hold together with {}", words(conflict.constraint), quoted(&others))
+            format!("`{}` conflicts with {}", words(conflict.constraint), quoted(&others))
         })
         .collect();
     let advice = match found.conflicting.iter().all(|conflict| conflict.with.is_empty()) {
-        true => "leave it out, or give another size",
-        false => "leave one of each set out",
+        true => "omit it, or specify another size",
+        false => "omit one of each set",
     };
     Err(Error::input(format!("{}: {advice}", sets.join("; "))))
 }

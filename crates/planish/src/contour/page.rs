@@ -31,7 +31,7 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
         drawings: vec![Block::Drawing {
             svg: svg.to_owned(),
             caption:
-                "The contours (lines) on the readings (dots; open red ones were rejected), with sizes ± σ."
+                "Contours (lines) and readings (dots; open red dots were rejected), with dimensions ± σ."
                     .to_owned(),
         }],
         sections,
@@ -70,7 +70,7 @@ pub(crate) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
             Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit))
         })
         .collect();
-    figures.push(Figure::new("reduced χ²", significant(main.reduced_chi_square, 3), "1 where σ is true"));
+    figures.push(Figure::new("reduced χ²", significant(main.reduced_chi_square, 3), "1 if σ is correct"));
     figures
 }
 
@@ -119,7 +119,7 @@ pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
         significant(part.reduced_chi_square, 3)
     );
     if let (Some(margin), Some(next)) = (part.bic_margin, part.alternatives.first()) {
-        text += &format!(" The next kind, {}, is worse by {} in BIC.", next.kind, significant(margin, 3));
+        text += &format!(" Next best: {} (BIC larger by {}).", next.kind, significant(margin, 3));
     }
     if let Some(hole) = part.hole_of {
         text += &format!(" It is a hole of contour {}.", hole + 1);
@@ -130,7 +130,7 @@ pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
 fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {
     let mut sections = Vec::new();
     if !found.constraints.is_empty() {
-        let mut table = Table::new(["constraint", "from"]);
+        let mut table = Table::new(["constraint", "source"]);
         for constraint in &found.constraints {
             table.row([constraint.text.clone(), constraint.from.to_owned()], false);
         }
@@ -139,7 +139,7 @@ fn constrained_sections(found: &ConstrainedReport, unit: &str) -> Vec<Section> {
             vec![
                 Block::Table(table),
                 Block::Text(format!(
-                    "Together: χ² {} with {} degrees of freedom, p {}.",
+                    "All constraints: χ² {} with {} degrees of freedom, p = {}.",
                     significant(found.chi_square, 3),
                     found.degrees,
                     significant(found.p_value, 2)

@@ -176,15 +176,14 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
         findings.push(Finding::new(
             FindingCode::ResidualsInconsistent,
             format!(
-                "{name}: residuals are {:.2} times what the stated σ predicts: check σ, or the kind",
+                "{name}: residuals are {:.2} times the stated σ: check σ or the kind",
                 part.reduced_chi_square.sqrt()
             ),
         ));
     }
     if part.rejected as f64 > MAX_SKIPPED_SHARE * part.readings as f64 {
         let text = format!(
-            "{name}: {} of its readings lie beyond the gate and were rejected: the kind may be wrong; state \
-             another, or check σ",
+            "{name}: {} of its readings are beyond the gate and were rejected: the kind or σ may be wrong",
             part.rejected
         );
         findings.push(Finding::new(FindingCode::BeyondGate, text).with_setting(Setting::Kind));
@@ -196,11 +195,11 @@ pub(super) fn part_findings(part: &PartReport, index: usize) -> Vec<Finding> {
 pub(super) fn judge(report: &ContourReport) -> Vec<Finding> {
     let conflicting = report.constrained.as_ref().is_some_and(|found| !found.conflicting.is_empty());
     if conflicting {
-        let text = "some of the given constraints conflict with each other";
+        let text = "some of the given constraints conflict";
         vec![Finding::new(FindingCode::ConstraintsConflict, text)]
     } else if report.findings.is_empty() {
         // Only without any finding. Otherwise this sentence would contradict it.
-        let text = "the readings agree with the result, within their σ";
+        let text = "the readings agree with the contours within their σ";
         vec![Finding::new(FindingCode::ReadingsConsistent, text)]
     } else {
         Vec::new()

@@ -52,7 +52,7 @@ pub(crate) fn shape_page(
                 fields: vec![
                     numbers(
                         "distance",
-                        "distance over its σ",
+                        "normalised distance",
                         "",
                         FieldKind::Signed(Some(4.0)),
                         fit.distances.clone(),

@@ -21,7 +21,7 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
     // Drawings are planar. The check is here, because planar contours accept them.
     if let Some(output) = job.outputs.iter().find(|output| extension(output) != "json") {
         return Err(Error::unsupported(format!(
-            "{}: a shape in space is written as .json",
+            "{}: cannot write this format: expected .json for a shape in space",
             output.display()
         )));
     }

@@ -28,7 +28,7 @@ pub(super) fn judge(fit: &Fit, report: &FitReport) -> Vec<Finding> {
     let mut found: Vec<Finding> = scans.iter().filter_map(|scan| misfit(scan, share, unit)).collect();
     found.extend(held_out(report));
     if report.termination == FitTermination::Converged {
-        let text = "the fit converged: only noise is left in the residuals";
+        let text = "the fit converged: only noise remains in the residuals";
         found.push(Finding::new(FindingCode::Converged, text));
     }
     found
@@ -73,16 +73,16 @@ pub(super) fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>)
     let name = &scan.name;
     if share > MAX_REJECTED && share > 3.0 * share_of_all {
         let text = format!(
-            "scan {name} does not fit the others: {} of its readings were rejected, {} of all; its pose or σ \
-             may be wrong, or those of the scans around it; or the object moved",
+            "scan {name} does not fit the others: {} of its readings were rejected, {} of all readings; \
+             its pose or σ may be wrong, or those of neighbouring scans, or the object moved",
             percent(share),
             percent(share_of_all)
         );
         Some(Finding::new(FindingCode::ScanMisfit, text))
     } else if scan.mean.abs() > MAX_MEAN_SIGMAS * sigma {
         let text = format!(
-            "scan {name} lies {} off the others on average ({} σ of a reading): its pose may be wrong; \
-             aligning the scans estimates it",
+            "scan {name} has a mean deviation of {} from the others ({} σ of a reading): its pose may be \
+             wrong; align the scans to estimate it",
             unit.text(scan.mean),
             significant(scan.mean.abs() / sigma, 2)
         );

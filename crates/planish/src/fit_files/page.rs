@@ -19,12 +19,13 @@ use std::path::PathBuf;
 const NEXT_POINTS: usize = 5;
 
 /// The page of a fit. `named` are the files that the command names; `report` holds the findings of the whole
-/// job.
+/// job; readings beyond `gate` σ were rejected.
 pub(crate) fn fit_page(
     fit: &Fit,
     report: &FitReport,
     named: &[PathBuf],
     mesh_tolerance: Option<f64>,
+    gate: f64,
     verb: &str,
 ) -> Result<Page> {
     let model_unit = fit.model.unit.name();
@@ -37,19 +38,19 @@ pub(crate) fn fit_page(
     let next = what_next(fit)?;
     if let Some(next) = &next {
         scene.marks = next_marks(&next.points, unit);
-        "where to measure next".clone_into(&mut scene.marks_name);
+        "next measurements".clone_into(&mut scene.marks_name);
     }
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
-    let mut sections = vec![went_in(report, scans, unit), how_good(fit, report, unit)];
+    let mut sections = vec![inputs(report, scans, unit), quality(fit, report, gate, unit)];
     // Findings come first on the page; the sections give their evidence in the order of the work.
-    sections.extend(concluded(report));
-    sections.push(to_do(report, next.as_ref(), model_unit, unit));
+    sections.extend(completed_parts(report));
+    sections.push(next_steps(report, next.as_ref(), model_unit, unit));
     sections.push(Section::new(
-        "What is shown",
+        "About the 3D view",
         vec![Block::Text(format!(
-            "The triangles lie within {} of the surface; their vertices carry its exact position and σ. A \
-             click reads the nearest of them. \
-             Of the readings at most 20 000 are drawn, evenly chosen.",
+            "The triangles lie within {} of the surface; their vertices have its exact position and σ. \
+             Click a point to see the values of the nearest vertex. At most 20 000 readings are drawn, \
+             evenly sampled.",
             length(tolerance)
         ))],
     ));
@@ -73,7 +74,7 @@ pub(crate) fn fit_page(
             Figure::new(
                 "residuals, rms",
                 length(report.rms),
-                format!("{} of their σ", significant(report.rms_normalised, 3)),
+                format!("normalised rms {}", significant(report.rms_normalised, 3)),
             ),
             Figure::new("reduced χ²", significant(report.reduced_chi_square, 3), "1 if all σ are correct"),
             Figure::new(
@@ -101,7 +102,7 @@ fn false_sigma(sensor: &SensorReport) -> Option<f64> {
     sensor.sigma_stated.filter(|_| sensor.sigma_used_is_estimated)
 }
 
-fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
+fn inputs(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let share = share_rejected(scans);
     if !scans.is_empty() {
@@ -141,11 +142,11 @@ fn why(cause: &str) -> String {
     match cause {
         // Keys of the summary, in words. A new key is shown as it is.
         "depth_edge" => "at depth edges".to_owned(),
-        "grazing" => "seen at a grazing angle".to_owned(),
+        "grazing" => "at a grazing angle".to_owned(),
         "isolated" => "far from all others".to_owned(),
-        "normal_mismatch" => "facing another way than the surface".to_owned(),
+        "normal_mismatch" => "with normals that disagree with the surface".to_owned(),
         "outlier" => "outliers".to_owned(),
-        "beyond_border" => "beyond the border".to_owned(),
+        "beyond_border" => "beyond the boundary".to_owned(),
         "class" => "of other classes".to_owned(),
         "above_ground" => "above the ground".to_owned(),
         "not_finite" => "that are not finite numbers".to_owned(),
@@ -153,7 +154,7 @@ fn why(cause: &str) -> String {
     }
 }
 
-fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
+fn quality(fit: &Fit, report: &FitReport, gate: f64, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let positions: Vec<&SensorReport> = report.sensors.iter().filter(|s| s.quantity == "position").collect();
     // Without a stated σ there is nothing to compare.
@@ -167,11 +168,11 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
             svg: plot::stated_and_found(&rows, unit.name),
             caption:
                 "Each sensor's σ along the normal, as stated and as estimated from its residuals. A line \
-                to the right is a σ that is too small."
+                 that extends to the right marks a stated σ that is too small."
                     .to_owned(),
         });
     }
-    let mut table = Table::new(["sensor", "readings", "σ stated", "σ found", "rms", "used"]);
+    let mut table = Table::new(["sensor", "readings", "σ stated", "σ estimated", "rms", "used"]);
     for sensor in &report.sensors {
         let (name, factor) = match sensor.quantity.as_str() {
             // Angles and curvatures are not lengths, so the unit of the page does not apply to them.
@@ -187,7 +188,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
                 sensor.sigma_stated.map_or("–".to_owned(), cell),
                 cell(sensor.sigma_estimated),
                 cell(sensor.rms),
-                if sensor.sigma_used_is_estimated { "found" } else { "stated" }.to_owned(),
+                if sensor.sigma_used_is_estimated { "estimated" } else { "stated" }.to_owned(),
             ],
             false_sigma(sensor).is_some(),
         );
@@ -196,9 +197,10 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     if let Some(readings) = fit.readings.as_ref().filter(|r| !r.normalised.is_empty()) {
         blocks.push(Block::Drawing {
             svg: plot::normalised_residuals(&readings.normalised),
-            caption: "Residuals of the readings over their σ (bars), and the normal distribution (line). \
-                Readings beyond ±4 were rejected."
-                .to_owned(),
+            caption: format!(
+                "Normalised residuals of the readings (bars), and the normal distribution (line). Readings \
+                 beyond ±{gate} were rejected."
+            ),
         });
     }
     // Poses that were used as stated have no motion to show.
@@ -206,7 +208,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     if !moved.is_empty() {
         let by = unit.head("moved");
         let sigma = unit.head("σ");
-        let mut table = Table::new(["pose", &by, "turned / °", &sigma, "σ / °"]);
+        let mut table = Table::new(["pose", &by, "rotated / °", &sigma, "σ / °"]);
         for pose in moved {
             let cell =
                 |v: Option<f64>, factor: f64| v.map_or("–".to_owned(), |v| significant(factor * v, 3));
@@ -230,11 +232,12 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
             // The three shares add up to 1 but for rounding.
             ("smoothness alone", (1.0 - measured - completed).max(0.0), grey),
         ]),
-        caption: "What the surface is known by, of its area.".to_owned(),
+        caption: "Shares of the area that were measured, completed, or follow from smoothness alone."
+            .to_owned(),
     });
     if let Some(left) = &report.unresolved_shape {
         blocks.push(Block::Text(format!(
-            "On {} of the area cells are too large to follow the shape: {} rms, which σ takes in.",
+            "Unresolved shape: on {} of the area the cells are too large ({} rms, included in σ).",
             percent(left.area_fraction),
             unit.text(left.rms)
         )));
@@ -243,7 +246,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
 }
 
 /// The section about parts that were completed from measured parts.
-fn concluded(report: &FitReport) -> Option<Section> {
+fn completed_parts(report: &FitReport) -> Option<Section> {
     let found = report.propagation.as_ref()?;
     let mut blocks = Vec::new();
     if let Some(symmetry) = &found.symmetry {
@@ -258,14 +261,14 @@ fn concluded(report: &FitReport) -> Option<Section> {
         }));
     }
     if !found.gaps.is_empty() {
-        blocks.push(Block::Text(format!("{} looked at.", counted(found.gaps.len(), "gap"))));
+        blocks.push(Block::Text(format!("{} examined.", counted(found.gaps.len(), "gap"))));
     }
     blocks.push(Block::Text(format!(
-        "{} of the area was completed, by {} inferred from others.",
+        "{} of the area was completed from {} inferred from others.",
         percent(found.inferred_area_fraction),
         counted(found.pseudo_readings, "reading")
     )));
-    Some(Section::new("What was completed", blocks))
+    Some(Section::new("Completed parts", blocks))
 }
 
 /// The best next points to measure, or none for a model that does not support it.
@@ -279,20 +282,24 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
     }
 }
 
-fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: SmallUnit<'_>) -> Section {
+fn next_steps(
+    report: &FitReport,
+    next: Option<&NextReport>,
+    model_unit: &str,
+    unit: SmallUnit<'_>,
+) -> Section {
     let mut blocks = Vec::new();
     // Corrections of the input come before new measurements: they cost nothing.
     if report.sensors.iter().any(|sensor| false_sigma(sensor).is_some()) {
         blocks.push(Block::Text(
-            "Correct the σ of the sensors that are marked, or leave it out so that it is estimated."
-                .to_owned(),
+            "Correct σ of the highlighted sensors, or omit it so that it is estimated.".to_owned(),
         ));
     }
     match next {
         Some(next) if !next.points.is_empty() => {
             blocks.push(Block::Text(format!(
-                "Measure here next: {} with σ {} bring the largest σ of the surface from {} to {}. \
-                 They are marked in the view; the command planish next plans more.",
+                "Next measurements: {} with σ {} would reduce the largest σ of the surface from {} to {}. \
+                 They are marked in the 3D view. The command planish next plans more.",
                 counted(next.points.len(), "reading"),
                 unit.text(next.sigma),
                 unit.text(next.worst_sigma.before),
@@ -301,9 +308,8 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
             blocks.push(Block::Table(next_table(next, model_unit, unit)));
         }
         _ => blocks.push(Block::Text(
-            "This model cannot plan the next measurement: that needs a model of the global filter."
-                .to_owned(),
+            "The next measurements cannot be planned: this requires a model of the global filter.".to_owned(),
         )),
     }
-    Section::new("What to do next", blocks)
+    Section::new("Next steps", blocks)
 }

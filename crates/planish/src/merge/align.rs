@@ -140,8 +140,8 @@ pub(super) fn align(
         }
         if !motion.undetermined.is_empty() {
             let text = format!(
-                "the overlaps do not determine {} of the six directions of motion of {}: along these it was \
-                 not moved (see `undetermined` of its pose); the overlap may be small, flat or round",
+                "the overlaps do not determine {} of the six directions of motion of {}: it was not moved \
+                 along these (see `undetermined` of its pose); the overlap may be small, flat or round",
                 motion.undetermined.len(),
                 names[k]
             );
@@ -218,8 +218,8 @@ fn motions(
         let normalised: Vec<f64> = rows.iter().map(Residual::normalised).collect();
         if rows.len() < MIN_RESIDUALS {
             return Err(Error::undetermined(format!(
-                "no two of the {} patches come within {reach:.3} of one another: only patches that are \
-                 wrong by about 1 % of their size and 1° can be aligned",
+                "expected patches within {reach:.3} of each other, found none among {}: poses can be \
+                 corrected by about 1 % of the size and 1°",
                 patches.len()
             )));
         }
@@ -278,8 +278,8 @@ fn motions(
                 findings.push(Finding::new(
                     FindingCode::AlignmentMisfit,
                     format!(
-                        "{} and the patches near it are still {how}: it belongs to a different object, has \
-                     another unit, or its σ is too small",
+                        "{} and the patches near it are still {how} after the alignment: it may belong to \
+                         another object or have another unit, or its σ is too small",
                         names[k]
                     ),
                 ));
@@ -297,7 +297,7 @@ fn unaligned<'a>(
     names: &'a [String],
 ) -> impl Iterator<Item = Finding> + 'a {
     (1..sides.len()).filter(|k| residual_count(*k, rows) < MIN_RESIDUALS).map(|k| {
-        let text = format!("{} overlaps no other patch within reach: it was not aligned", names[k]);
+        let text = format!("{} has no other patch within the search distance: it was not aligned", names[k]);
         Finding::new(FindingCode::PatchNotAligned, text)
     })
 }

@@ -151,7 +151,7 @@ pub(super) fn facing_findings(facing: Facing, bound: &str) -> Vec<Finding> {
     }
     if facing.undetermined > 0 {
         let text = format!(
-            "{bound} does not determine which way {} faces: its completion is correct only where it faces \
+            "{bound} does not determine which way {} faces: the completion is correct only if it faces \
              outwards",
             parts(facing.undetermined)
         );
@@ -228,8 +228,8 @@ fn within(
     let carved = mesh.triangles.len() - triangles.len();
     if triangles.is_empty() {
         return Err(Error::undetermined(
-            "all of the patches lies outside of what is to complete them: check that both are in one frame \
-             and unit",
+            "expected patches inside the mesh that completes them, found all outside: check that both have \
+             the same frame and unit",
         ));
     }
     let mesh = TriangleMesh { positions: mesh.positions.clone(), triangles };

@@ -61,8 +61,8 @@ pub(super) fn leave_out_copies(
         }
     }
     if kept.len() < 2 {
-        let why: String = copies.iter().map(|copy| format!("; {copy} and counts once")).collect();
-        return Err(Error::input(format!("merging takes two patches or more, found {}{why}", kept.len())));
+        let why: String = copies.iter().map(|copy| format!(" ({copy} and counts once)")).collect();
+        return Err(Error::input(format!("expected at least two patches, found {}{why}", kept.len())));
     }
     findings.extend(copies.into_iter().map(|copy| {
         let text = format!("{copy}: it was ignored, because it adds no information");
@@ -214,8 +214,8 @@ pub(super) fn unalike(
             let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
             (sigma > MAX_SIGMA_PER_EDGE * *edge).then(|| {
                 let text = format!(
-                    "{name}: other patches near it differ by σ = {} {unit}, and its edges are {} {unit} \
-                     long: if they are of different objects, a smaller distance of overlap keeps them apart",
+                    "{name}: patches near it differ by {} {unit} (σ), while its edges are {} {unit} long: \
+                     if they show different objects, use a smaller overlap distance",
                     significant(sigma, 3),
                     significant(*edge, 3)
                 );
@@ -256,6 +256,6 @@ pub(super) fn nearest(
                 d => format!("{here} and {there} come within {d:.3} {unit}"),
             }
         }
-        None => "they have no vertices".to_owned(),
+        None => "no patch has vertices".to_owned(),
     }
 }

@@ -29,14 +29,14 @@ fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
     // One unit for the page, chosen by σ, which is the smallest length on it.
     let unit = SmallUnit::for_length(report.unit.name(), report.sigma.median);
-    // A vertex of a regular triangle mesh has six neighbours.
+    // A vertex of a regular triangle mesh has six edges. `valence` counts the vertices of the seams only.
     let regular = report.valence.get(6).copied().unwrap_or(0) as f64
         / report.valence.iter().sum::<usize>().max(1) as f64;
     Page {
         job: "merge".to_owned(),
         title: title_of(&report.inputs),
         headline: format!(
-            "{} made one surface of {}.",
+            "Merged {} into a mesh of {}.",
             counted(report.patches.len(), "patch"),
             counted(report.triangles, "triangle")
         ),
@@ -48,19 +48,23 @@ fn merge_page(merged: &Merged) -> Page {
                 format!("95 % below {}", unit.text(report.sigma.p95)),
             ),
             Figure::new(
-                "open edges",
+                "boundary edges",
                 count(report.boundary_edges),
                 if report.watertight { "watertight" } else { "" },
             ),
-            Figure::new("vertices", count(report.vertices), format!("{} regular", percent(regular))),
+            Figure::new(
+                "vertices",
+                count(report.vertices),
+                format!("{} of seam vertices regular", percent(regular)),
+            ),
         ],
         scene: Some(scene(merged)),
         drawings: Vec::new(),
         sections: [
             Some(Section::new("Inputs", vec![Block::Table(patches(report, unit))])),
-            (!report.poses.is_empty()).then(|| Section::new("How patches were moved", alignment(report))),
-            Some(Section::new("Where patches overlap", vec![Block::Table(regions(report, unit))])),
-            Some(Section::new("The mesh", vec![Block::Text(mesh_text(report, regular))])),
+            (!report.poses.is_empty()).then(|| Section::new("Alignment", alignment(report))),
+            Some(Section::new("Overlaps", vec![Block::Table(regions(report, unit))])),
+            Some(Section::new("Merged mesh", vec![Block::Text(mesh_text(report, regular))])),
         ]
         .into_iter()
         .flatten()
@@ -71,7 +75,7 @@ fn merge_page(merged: &Merged) -> Page {
 /// Size and σ of each patch.
 fn patches(report: &MergeReport, unit: SmallUnit<'_>) -> Table {
     let sigma = unit.head("σ");
-    let mut patches = Table::new(["patch", "triangles", "vertices kept", &sigma, "turned over"]);
+    let mut patches = Table::new(["patch", "triangles", "vertices kept", &sigma, "reversed"]);
     for patch in &report.patches {
         patches.row(
             [
@@ -99,20 +103,19 @@ fn regions(report: &MergeReport, unit: SmallUnit<'_>) -> Table {
     regions
 }
 
-/// The merged mesh in words; `regular` is the share of its vertices with six neighbours.
+/// The merged mesh in words; `regular` is the share of the seam vertices with six edges.
 fn mesh_text(report: &MergeReport, regular: f64) -> String {
     let mut mesh_text = format!(
-        "{}, {}; {} of the vertices have six neighbours. {} were made to sew the patches together, {} \
-         closed.",
+        "{}, {}. The seams consist of {}; {} of their vertices are regular (six edges). {} closed.",
         counted(report.triangles, "triangle"),
         counted(report.parts, "part"),
-        percent(regular),
         counted(report.stitched_triangles, "triangle"),
+        percent(regular),
         counted(report.holes_closed, "hole"),
     );
     if let Some(completed) = &report.completed {
         mesh_text += &format!(
-            " {} are of {}, where no patch is; {} reached out of it and were carved away.",
+            " {} are from {}, where there is no patch; {} outside of it were removed.",
             counted(completed.vertices, "vertex"),
             short(&completed.name),
             counted(completed.carved, "triangle")
@@ -120,7 +123,7 @@ fn mesh_text(report: &MergeReport, regular: f64) -> String {
     }
     if let Some(filled) = &report.filled {
         mesh_text += &format!(
-            " {} {} filled smoothly with {}, whose σ is a guess.",
+            " {} {} filled smoothly with {}, whose σ is a rough estimate.",
             counted(filled.holes, "hole"),
             if filled.holes == 1 { "was" } else { "were" },
             counted(filled.vertices, "vertex")
@@ -128,7 +131,7 @@ fn mesh_text(report: &MergeReport, regular: f64) -> String {
     }
     if let Some(quality) = &report.quality {
         mesh_text += &format!(
-            " Smallest angles: median {}°, one in a hundred below {}°.",
+            " Smallest angle of a triangle: median {}°, 99 % above {}°.",
             significant(quality.smallest_angle_median_deg, 3),
             significant(quality.smallest_angle_p1_deg, 3)
         );
@@ -169,10 +172,10 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
     let mut table = Table::new([
         "patch",
         &unit.head("moved"),
-        "turned / °",
+        "rotated / °",
         &unit.head("σ of translation"),
         "σ of rotation / °",
-        "open directions",
+        "undetermined",
     ]);
     for (k, pose) in report.poses.iter().enumerate() {
         let number = |value: Option<f64>| value.map_or_else(String::new, |x| significant(x, 3));
@@ -181,7 +184,7 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
             [
                 short(&pose.scan),
                 // The first patch defines the frame.
-                if k == 0 { "held".to_owned() } else { length(pose.moved) },
+                if k == 0 { "fixed".to_owned() } else { length(pose.moved) },
                 number(pose.turned_deg),
                 length(pose.sigma_translation),
                 number(pose.sigma_rotation_deg),
@@ -198,9 +201,9 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
     }
     vec![
         Block::Text(
-            "Patches were brought to where they lie on the others, the first as it stands. σ is of the \
-             translation along an axis, and of the turn about one (root mean square over three axes); along \
-             open directions, which the overlaps do not tell, a patch stays where it was."
+            "Each patch was registered to the others; the first patch is fixed. σ of translation and of \
+             rotation are root mean squares over three axes. A patch is not moved along directions that \
+             the overlaps do not determine."
                 .to_owned(),
         ),
         Block::Table(table),

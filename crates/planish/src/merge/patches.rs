@@ -99,8 +99,8 @@ pub fn read_patches(
             let zeros = (0..sigma.len()).filter(is_zero).count();
             if let Some(v) = (0..sigma.len()).find(is_zero) {
                 return Err(Error::input(format!(
-                    "{name}: vertex {v} has σ = {}, as {zeros} of {} vertices have no positive one; leave \
-                     the column `sigma` out where nothing is known",
+                    "{name}: vertex {v}: expected σ > 0, found {} ({zeros} of {} vertices have no positive \
+                     σ); omit the column `sigma` if σ is unknown",
                     sigma[v],
                     sigma.len()
                 )));
@@ -144,7 +144,8 @@ pub fn read_patches(
             }
             (None, Some(to)) => {
                 let text = format!(
-                    "{} states no unit: {to} is assumed, as for the others; state another if that is wrong",
+                    "{} states no unit: {to} is assumed, as in the other files; specify the unit if this \
+                     is wrong",
                     named.name
                 );
                 let finding = Finding::new(FindingCode::UnitAssumed, text);
@@ -208,7 +209,7 @@ fn of_mesh(
         .unzip();
     let seen = TriangleMesh { positions: mesh.positions.clone(), triangles };
     if seen.triangles.is_empty() {
-        return Err(Error::input(format!("{name}: nothing of it was measured: there is nothing to merge")));
+        return Err(Error::input(format!("{name}: expected measured parts, found none")));
     }
     let mut tidied = MergePatch::make_manifold(&seen, sigma).map_err(|e| e.in_context(&name))?;
     for t in &mut tidied.triangles {
@@ -232,7 +233,7 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
     let Some(grid) = &scan.grid else {
         return Err(Error::input(format!(
             "{name}: expected a surface (a saved model, a mesh with faces, or a scan in rows and columns), \
-             found {} loose points: fit them first with `planish fit`",
+             found {} unconnected points: fit a surface to them first",
             scan.points.len()
         )));
     };

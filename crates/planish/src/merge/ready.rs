@@ -78,7 +78,10 @@ impl Ready {
         for (name, _) in names.iter().zip(&turned).filter(|(_, t)| **t) {
             findings.push(Finding::new(
                 FindingCode::PatchReversed,
-                format!("{name} faced the other way than the patches that it overlaps: it was reversed"),
+                format!(
+                    "{name} was reversed, because its normals were opposite to those of the patches \
+                    that it overlaps"
+                ),
             ));
         }
         let poses = match options.align {
@@ -121,8 +124,8 @@ impl Ready {
         // An error: the output would be the files side by side, and look like a merge.
         if overlap.regions.is_empty() {
             return Err(Error::undetermined(format!(
-                "no two of the {} patches overlap: {}; check that they share one frame and unit, \
-                 align them, or allow a larger distance",
+                "expected overlapping patches, found none among {}: {}; check that they have the same \
+                 frame and unit, align them, or allow a larger distance",
                 self.patches.len(),
                 nearest(&self.patches, &self.searches, &in_space, self.unit)
             ))
@@ -160,8 +163,8 @@ impl Ready {
                 (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
             if has_feet {
                 let text = format!(
-                    "{}: the mesh has none of its vertices, because those of others are farther within their \
-                     patches or denser; its information is used in their positions",
+                    "{}: the mesh has none of its vertices, because the vertices of other patches are \
+                     denser or farther from a border; its information is used in their positions",
                     self.names[*k]
                 );
                 self.findings.push(Finding::new(FindingCode::PatchUnused, text));
@@ -242,13 +245,13 @@ fn judge(report: &MergeReport) -> Vec<Finding> {
     }
     if report.parts > 1 {
         let parts = counted(report.parts, "separate part");
-        let text = format!("the result is in {parts}: see where patches overlap");
+        let text = format!("the result has {parts}: check the overlaps");
         found.push(Finding::new(FindingCode::SeveralParts, text));
     }
     found.push(if report.watertight {
         Finding::new(FindingCode::MeshClosed, "the mesh is watertight")
     } else {
-        let text = format!("the mesh is open along {}", counted(report.boundary_edges, "edge"));
+        let text = format!("the mesh has a boundary: {}", counted(report.boundary_edges, "edge"));
         Finding::new(FindingCode::MeshOpen, text)
     });
     if report.sigma_estimated {

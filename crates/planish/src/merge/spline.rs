@@ -63,8 +63,8 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     let second = parts.iter().filter(|part| **part == 1).count();
     if second as f64 > MAX_IGNORED_PART * parts.len() as f64 {
         return Err(Error::unsupported(format!(
-            "the merged surface has {count} parts, the second of {second} of {} triangles: a spline model \
-             needs one part; write a mesh, or merge the patches of one part only",
+            "expected a merged surface of one part for a spline, found {count} (the second has {second} of \
+             {} triangles): write a mesh, or merge the patches of one part only",
             parts.len()
         )));
     }
@@ -97,8 +97,8 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     let handles = (2 - check.euler_characteristic - check.boundary_loops as i64) / 2;
     if handles > 0 {
         let text = format!(
-            "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: \
-             compare it with the mesh there"
+            "the merged surface has {handles} handles (or tunnels between its seams), but the spline has \
+             none: compare it with the mesh there"
         );
         findings.push(Finding::new(FindingCode::SplineHandlesOmitted, text));
     }
@@ -199,7 +199,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
         .collect();
     if ratios.is_empty() {
         return Err(Error::undetermined(
-            "no vertex of the merged mesh has a foot on the spline: write a mesh",
+            "expected vertices of the merged mesh near the spline, found none: write a mesh",
         ));
     }
     ratios.sort_by(f64::total_cmp);

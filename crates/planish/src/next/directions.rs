@@ -17,15 +17,14 @@ pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result
         }
         // Both keep no joint covariance of distant vertices, which the choice of points compares.
         Knowledge::Patches(_) => Err(Error::unsupported(
-            "the patch filter does not know how distant places vary together: expected a model of the global \
-             filter",
+            "expected a model of the global filter, found one of the patch filter, which has no covariance \
+             between distant points",
         )
         .with_setting(Setting::Filter)),
-        Knowledge::Free { .. } => Err(Error::unsupported(
-            "vertices of a bending sheet move in every direction: expected a model of an object that does \
-             not bend",
-        )
-        .with_setting(Setting::Motion)),
+        Knowledge::Free { .. } => {
+            Err(Error::unsupported("expected a model of a rigid object, found a bending sheet")
+                .with_setting(Setting::Motion))
+        }
     }
 }
 
@@ -33,7 +32,7 @@ pub(super) fn directions(model: &SurfaceModel, system: &SurfaceSystem) -> Result
 fn only_coordinate(measured: [bool; 3]) -> Result<DVec3> {
     if measured.iter().filter(|m| **m).count() != 1 {
         return Err(Error::unsupported(
-            "expected a model along normals, or of heights, found one with several independently measured \
+            "expected a model along normals or of heights, found one with several independently measured \
              coordinates",
         ));
     }

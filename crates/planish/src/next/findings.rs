@@ -10,7 +10,7 @@ use planish_report::numbers::{count, counted, percent, significant};
 pub(super) fn judge_points(next: &NextReport, unit: Unit) -> Vec<Finding> {
     let mut found = Vec::new();
     match next.reached_goal {
-        Some(true) => found.push(Finding::new(FindingCode::GoalReached, "the points reach the goal")),
+        Some(true) => found.push(Finding::new(FindingCode::GoalReached, "the planned points reach the goal")),
         Some(false) => {
             let text = format!(
                 "the goal is not reached with {} points: plan more, or measure with a smaller σ",
@@ -29,7 +29,7 @@ pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<
     let mut found = Vec::new();
     let planned = next.views.len();
     match next.reached_goal {
-        Some(true) => found.push(Finding::new(FindingCode::GoalReached, "the views reach the goal")),
+        Some(true) => found.push(Finding::new(FindingCode::GoalReached, "the planned views reach the goal")),
         Some(false) => {
             let text = format!(
                 "the goal is not reached with {}: plan more, or use a more accurate sensor",
@@ -48,7 +48,7 @@ pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<
     found.extend(next.shape_left.map(|left| unresolved_shape(left, unit)));
     if let Some(place) = next.worst_unseen.filter(|_| next.unseen > 0.0) {
         let text = format!(
-            "{} of the area is seen from none of the {} poses that were compared; its largest σ is {} at {}",
+            "{} of the area is visible from none of the {} candidate poses; its largest σ is {} at {}",
             percent(next.unseen),
             count(next.candidates),
             // The unit of the page, so that both figures can be compared.
@@ -63,9 +63,9 @@ pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<
 /// Unresolved shape is the part of σ in `info` and `fit` that readings do not reduce.
 fn unresolved_shape(left: UnmeasurableSigma, unit: Unit) -> Finding {
     let text = format!(
-        "unresolved shape of up to {2} {unit} on {0} of the area is not included: readings do not reduce it; \
-         with it, the largest σ is {1} {unit} at the end; fit again with a larger maximum depth or more \
-         coefficients",
+        "σ does not include unresolved shape of up to {2} {unit} on {0} of the area, because readings do \
+         not reduce it; including it, the largest σ after the plan is {1} {unit}; fit again with a larger \
+         maximum depth or more coefficients",
         percent(left.area_fraction),
         significant(left.worst_sigma_after, 3),
         significant(left.largest, 3)

@@ -33,11 +33,11 @@ pub(crate) fn next_page(
     // A saved model has no readings to show.
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     scene.marks = next_marks(&next.points, unit);
-    "where to measure next".clone_into(&mut scene.marks_name);
+    "next measurements".clone_into(&mut scene.marks_name);
     let mut blocks = vec![
         Block::Text(format!(
-            "Each of these readings has σ {} along the normal. σ now is what is known once all points \
-             before are measured.",
+            "Each reading has σ {} along the normal. σ before and after it assume that all points \
+             above are measured.",
             unit.text(next.sigma)
         )),
         Block::Table(next_table(next, model_unit, unit)),
@@ -45,7 +45,7 @@ pub(crate) fn next_page(
     // The last entry has as many points as the plan.
     if let Some(median) = next.random.as_ref().and_then(|random| random.worst_sigma_median.last()) {
         blocks.push(Block::Text(format!(
-            "As many points drawn at random bring the largest σ to {} (median).",
+            "With as many random points, the median of the largest σ is {}.",
             unit.text(*median)
         )));
     }
@@ -53,15 +53,15 @@ pub(crate) fn next_page(
         job: "next".to_owned(),
         title: crate::report::file_name(name),
         headline: format!(
-            "Where {} make the surface known better: largest σ {} to {}.",
+            "Plan of {}: the largest σ falls from {} to {}.",
             counted(next.points.len(), "reading"),
             unit.text(next.worst_sigma.before),
             unit.text(next.worst_sigma.after)
         ),
         findings,
         figures: vec![
-            change("largest σ then", next.worst_sigma, unit),
-            change("mean σ then", next.mean_sigma, unit),
+            change("largest σ after", next.worst_sigma, unit),
+            change("rms σ after", next.mean_sigma, unit),
             Figure::new(
                 "gain",
                 format!("{} ×", significant(next.worst_sigma.before / next.worst_sigma.after, 3)),
@@ -87,8 +87,8 @@ pub(crate) fn views_page(
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     show_views(&mut scene, next, sensor, unit)?;
     let place = head("x, y, z", model.unit.name());
-    let [worst, mean] = ["largest σ then", "mean σ then"].map(|what| unit.head(what));
-    let mut table = Table::new(["view", &place, "readings", "sees", "so far", &worst, &mean]);
+    let [worst, mean] = ["largest σ after", "rms σ after"].map(|what| unit.head(what));
+    let mut table = Table::new(["view", &place, "readings", "visible", "visible so far", &worst, &mean]);
     let mut turns = Vec::new();
     for (k, view) in next.views.iter().enumerate() {
         let turn = view.quaternion_xyzw.map(|c| format!("{c:9.6}")).join(" ");
@@ -111,19 +111,19 @@ pub(crate) fn views_page(
         job: "next".to_owned(),
         title: crate::report::file_name(name),
         headline: format!(
-            "From where {} make the surface known better: largest σ {} to {}.",
+            "Plan of {}: the largest σ falls from {} to {}.",
             counted(next.views.len(), "view"),
             unit.text(next.worst_sigma.before),
             unit.text(next.worst_sigma.after)
         ),
         findings,
         figures: vec![
-            change("largest σ then", next.worst_sigma, unit),
-            change("mean σ then", next.mean_sigma, unit),
+            change("largest σ after", next.worst_sigma, unit),
+            change("rms σ after", next.mean_sigma, unit),
             Figure::new(
-                "seen",
+                "visible",
                 percent(next.views.last().map_or(0.0, |view| view.seen_so_far)),
-                "of the area, by all views",
+                "of the area, from all views",
             ),
         ],
         scene: Some(scene),
@@ -132,13 +132,14 @@ pub(crate) fn views_page(
             "Views to take, in this order",
             vec![
                 Block::Text(
-                    "The sensor stands at x, y, z and looks along its z, with x right and y down. In the \
-                     view, numbers stand where its axis meets the surface, with a line towards it; \
-                     the box “fields of view” shows where it stands and what its picture takes in."
+                    "x, y, z is the position of the sensor, which looks along its z axis, with x right and \
+                     y down. In the 3D view, a number marks the point where its axis meets the surface, \
+                     and a line points towards it. Select “fields of view” to see its position and \
+                     field of view."
                         .to_owned(),
                 ),
                 Block::Table(table),
-                Block::Text("How it is turned, world from sensor, as quaternions x, y, z, w:".to_owned()),
+                Block::Text("Orientations, world from sensor, as quaternions x, y, z, w:".to_owned()),
                 Block::Lines(turns.join("\n")),
             ],
         )],
@@ -151,8 +152,8 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         return Ok(());
     };
     let mesh = TriangleMesh::try_new(surface.positions.clone(), surface.triangles.clone())?;
-    let bounds =
-        BoundingBox::from_points(&mesh.positions).ok_or_else(|| Error::input("a model without area"))?;
+    let bounds = BoundingBox::from_points(&mesh.positions)
+        .ok_or_else(|| Error::input("expected a model with a surface, found one without area"))?;
     let search = MeshSearch::try_new(&mesh)?;
     let (mut sights, mut fields) = (Vec::new(), Vec::new());
     for (k, view) in next.views.iter().enumerate() {
@@ -176,12 +177,12 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
             at: met,
             label: (k + 1).to_string(),
             normal: -axis,
-            text: format!("view {} looks here; largest σ then {}", k + 1, unit.text(view.worst_sigma_after)),
+            text: format!("view {}; largest σ after it {}", k + 1, unit.text(view.worst_sigma_after)),
         });
     }
-    "where views look".clone_into(&mut scene.marks_name);
+    "viewed points".clone_into(&mut scene.marks_name);
     scene.lines.push(LineSet {
-        name: "towards the sensor".to_owned(),
+        name: "lines to the sensor".to_owned(),
         segments: sights,
         colour: "#b34700".to_owned(),
         hidden: false,
@@ -199,7 +200,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
 /// A table of points to measure.
 pub(crate) fn next_table(next: &NextReport, model_unit: &str, unit: SmallUnit<'_>) -> Table {
     let place = format!("x, y, z / {model_unit}");
-    let [now, then] = ["now", "then"].map(|when| unit.head(&format!("σ {when}")));
+    let [now, then] = ["before", "after"].map(|when| unit.head(&format!("σ {when}")));
     let mut table = Table::new(["", &place, &now, &then]);
     for (k, point) in next.points.iter().enumerate() {
         table.row(
@@ -222,7 +223,11 @@ pub(crate) fn next_marks(points: &[NextPoint], unit: SmallUnit<'_>) -> Vec<Mark>
             at: point.position,
             label: (k + 1).to_string(),
             normal: point.normal,
-            text: format!("σ here {}, then {}", unit.text(point.sigma_before), unit.text(point.sigma_after)),
+            text: format!(
+                "σ before {}, after {}",
+                unit.text(point.sigma_before),
+                unit.text(point.sigma_after)
+            ),
         })
         .collect()
 }

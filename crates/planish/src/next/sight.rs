@@ -88,7 +88,7 @@ impl<'a> Sight<'a> {
         let surface = &model.surface;
         let bounds = BoundingBox::from_points(surface.vertices())
             .filter(|b| b.diagonal() > 0.0)
-            .ok_or_else(|| Error::undetermined("the model's surface has no extent"))?;
+            .ok_or_else(|| Error::undetermined("expected a model with an extent, found a single point"))?;
         let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MAX_TRIANGLES)?;
         let made = tessellate(surface, &TessellationOptions { tolerance, ..TessellationOptions::default() })?;
         Ok(Self {

@@ -270,7 +270,7 @@ fn what_no_pose_sees_is_reported() {
     assert!(all.unseen < 1e-9 && all.worst_unseen.is_none(), "{all:?}");
     let far = ViewSensor { range: [400.0, 800.0], borders: [[0.5, 0.6]; 2], ..camera() };
     let e = next_views(&ring(), &far, &options, &Silent).unwrap_err().to_string();
-    assert!(e.contains("no pose around the model"), "{e}");
+    assert!(e.contains("found no pose that sees the region"), "{e}");
 }
 
 #[test]

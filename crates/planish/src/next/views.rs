@@ -258,8 +258,8 @@ fn candidates(
     }
     if found.is_empty() {
         return Err(Error::input(
-            "no pose around the model sees any of the region: expected a sensor whose range and field of \
-             view fit the model's size (are the units right?)",
+            "expected a sensor whose range and field of view fit the size of the model, found no pose that \
+             sees the region: check the units",
         ));
     }
     Ok(found)

@@ -50,7 +50,7 @@ pub(crate) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -
 fn known_by(mark: u8) -> &'static str {
     match Observed::from_mark(mark) {
         Some(Observed::Measured) => "measured",
-        Some(Observed::Inferred) => "completed from elsewhere",
+        Some(Observed::Inferred) => "completed",
         _ => "smoothness alone",
     }
 }
@@ -61,7 +61,7 @@ pub(crate) fn observed_field(observed: &[u8]) -> Field {
     let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
-        "known by",
+        "source",
         FieldKind::Categories(categories.map(|m| (u16::from(m), known_by(m).to_owned())).collect()),
         observed.iter().map(|m| u16::from(*m)).collect(),
     )
@@ -123,7 +123,7 @@ fn surface_shown(
     let deepest = levels.iter().copied().max().unwrap_or(0);
     fields.push(kinds(
         "level",
-        "level of subdivision",
+        "subdivision level",
         FieldKind::Steps((0..=deepest).map(|l| (l, format!("level {l}"))).collect()),
         levels,
     ));
@@ -180,7 +180,7 @@ fn surface_shown(
         };
         fields.push(kinds(
             "scans",
-            "number of scans that saw it",
+            "number of scans",
             FieldKind::Steps((0..=most).map(|n| (n, name(n))).collect()),
             number,
         ));
@@ -221,7 +221,7 @@ fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
     categories.sort_unstable();
     Some(kinds(
         "sensors",
-        "sensors that saw it",
+        "sensors",
         FieldKind::Categories(categories),
         leaf.iter().map(|&leaf| of_leaf[leaf as usize]).collect(),
     ))
@@ -235,7 +235,7 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
         fields: vec![
             numbers(
                 "normalised",
-                "residual over its σ",
+                "normalised residual",
                 "",
                 // The default gate: colours saturate where readings are rejected.
                 FieldKind::Signed(Some(4.0)),
@@ -251,7 +251,7 @@ fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
             kinds(
                 "used",
                 "used",
-                FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no: rejected".to_owned())]),
+                FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no (rejected)".to_owned())]),
                 readings.used.iter().map(|u| u16::from(*u)).collect(),
             ),
         ],

@@ -1,48 +1,12 @@
 //! Words that all reports share: lengths in a unit that reads well, heads of tables.
 
-use planish_report::numbers::significant;
+pub(crate) use planish_core::SmallUnit;
 
 /// Prefixes a name with `A` or `An`.
 pub(crate) fn with_article(name: &str) -> String {
     // Names of kinds are in lower case.
     let an = name.starts_with(['a', 'e', 'i', 'o', 'u']);
     format!("{} {name}", if an { "An" } else { "A" })
-}
-
-/// A unit in which small lengths read well.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct SmallUnit<'a> {
-    /// Its name.
-    pub name: &'a str,
-    /// Number of these units in one unit of the model.
-    pub factor: f64,
-}
-
-impl<'a> SmallUnit<'a> {
-    /// A readable unit for a typical length, given the unit of the model. For a model in metres, lengths
-    /// below a centimetre are shown in millimetres.
-    pub(crate) fn for_length(unit: &'a str, typical: f64) -> Self {
-        if unit == "m" && typical.abs() < 0.01 {
-            Self { name: "mm", factor: 1000.0 }
-        } else {
-            Self { name: unit, factor: 1.0 }
-        }
-    }
-
-    /// A length without its unit.
-    pub(crate) fn number(self, length: f64, digits: usize) -> String {
-        significant(self.factor * length, digits)
-    }
-
-    /// Heading of a table column, such as `rms / mm`.
-    pub(crate) fn head(self, what: &str) -> String {
-        head(what, self.name)
-    }
-
-    /// A length with its unit.
-    pub(crate) fn text(self, length: f64) -> String {
-        format!("{} {}", self.number(length, 3), self.name)
-    }
 }
 
 /// A table heading with its unit, if there is one: `length / mm`.

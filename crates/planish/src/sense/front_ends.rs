@@ -55,9 +55,9 @@ pub(super) fn stereo(
     // An error: an empty scan would be fitted to nothing later, far from the cause.
     if known.is_empty() {
         return Err(Error::undetermined(format!(
-            "{}: no reliable disparity found: are the pictures rectified (or does the calibration contain \
-             the poses of both cameras), in the order left, right, and is the search range of disparities \
-             wide enough, also below 0?",
+            "{}: found no reliable disparity: check that the images are rectified (or the calibration has \
+             the poses of both cameras), that the left image comes first, and that the search range of \
+             disparities is wide enough, also below 0",
             blame()
         )));
     }
@@ -73,8 +73,9 @@ pub(super) fn stereo(
     // A warning, because a small object in front of a plain background also has few matches.
     if (known.len() as f64) < MIN_MATCHED * map.disparity.len() as f64 {
         let text = format!(
-            "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
-             the first, are the pictures rectified, and is the range of disparities wide enough?",
+            "only {:.1} % of the pixels have a match, and many of these may be chance: check that the left \
+             image comes first, that the images are rectified, and that the range of disparities is wide \
+             enough",
             100.0 * known.len() as f64 / map.disparity.len() as f64
         );
         findings.push(Finding::new(FindingCode::FewMatches, text).with_setting(Setting::Disparities));
@@ -199,9 +200,9 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
     let mut findings = Vec::new();
     if let Some(stated) = stated.filter(|stated| found > MAX_BRIGHTNESS_MISFIT * stated) {
         let text = format!(
-            "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} \
-             times the stated sigma_brightness: σ of the normals is too \
-             small by as much; leave sigma_brightness out, or are the pictures in the order of the lights?",
+            "the brightness of a typical pixel differs from that of a matte surface by {found:.3}, {:.0} \
+             times the stated sigma_brightness: σ of the normals is too small by this factor; check the \
+             order of the images, or omit sigma_brightness",
             found / stated
         );
         findings.push(Finding::new(FindingCode::BrightnessInconsistent, text));
@@ -210,8 +211,8 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
         findings.push(Finding::new(
             FindingCode::BrightnessInconsistent,
             format!(
-                "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the \
-             brightest: are the pictures in the order of the lights, and of one view?",
+                "the brightness of a typical pixel differs from that of a matte surface by {:.0} % of the \
+                 brightest: check that the images are in the order of the lights and show one view",
                 100.0 * found / map.brightest
             ),
         ));
@@ -222,7 +223,7 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
 pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     if !(sigma_deg > 0.0 && sigma_deg < MAX_SIGMA_DEG) {
         return Err(Error::input(format!(
-            "expected a σ of the normals above 0 and below {MAX_SIGMA_DEG} degrees, found {sigma_deg}"
+            "expected σ of the normals above 0 and below {MAX_SIGMA_DEG} degrees, found {sigma_deg}"
         )));
     }
     let picture = read_picture(image)?;
@@ -253,7 +254,10 @@ pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> 
     let calibration = find_calibration(image, calibration)?;
     let (scan, unit) = read_depth(image, &calibration)?;
     if scan.points.is_empty() {
-        return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));
+        return Err(Error::undetermined(format!(
+            "{}: expected pixels with a depth, found none",
+            image.display()
+        )));
     }
     let mut findings = Vec::new();
     // A warning: 8 bits can be a coarse depth image, but usually are a coloured preview.
@@ -261,7 +265,8 @@ pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> 
         findings.push(Finding::new(
             FindingCode::DepthCoarse,
             format!(
-                "{}: has 8 bits, 256 depths at most: is it a depth image, or a picture of one for people?",
+                "{}: has 8 bits, so at most 256 depths: check that it is a depth image and not a \
+                 visualisation of one",
                 image.display()
             ),
         ));

@@ -159,11 +159,13 @@ fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
     match &job.sequence {
         // The command refuses these combinations earlier; users of the library meet them here.
         Some(_) if job.rough_start => Err(Error::input(
-            "a sequence follows one mesh: make a rough start ready by the first frame's silhouettes alone",
+            "expected a mesh without a rough start for a sequence: make the rough start from the \
+             silhouettes of the first frame alone",
         )),
-        Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => {
-            Err(Error::input("a sequence holds its points and silhouettes in the folders of its frames"))
-        }
+        Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => Err(Error::input(
+            "expected points and silhouettes in the folders of the frames of a sequence, \
+                found them as separate inputs",
+        )),
         Some(folder) => input::frames_of(folder),
         None => Ok(vec![FrameFiles {
             name: String::new(),
@@ -248,7 +250,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     }
     progress.check(WRITING_STAGE, 0.98)?;
     // The figures and the page are those of the last frame.
-    let last = last.ok_or_else(|| Error::input("a sequence without frames"))?;
+    let last = last.ok_or_else(|| Error::input("expected at least one frame in the sequence, found none"))?;
     run.finish(start, last, controls, of_frames)
 }
 
@@ -283,7 +285,7 @@ impl Start {
         match self.mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()) {
             size if size > 0.0 => Ok(size),
             _ => Err(Error::undetermined(format!(
-                "{}: all vertices of faces are at one place: a mesh needs a size",
+                "{}: expected faces with an extent, found all vertices at one point",
                 job.mesh.display()
             ))),
         }
@@ -521,7 +523,7 @@ fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, 
     units.add(file.unit, &job.mesh)?;
     if file.triangles.is_empty() {
         return Err(Error::undetermined(format!(
-            "{}: has no faces: a shell needs a mesh",
+            "{}: expected a mesh with faces, found none",
             job.mesh.display()
         )));
     }

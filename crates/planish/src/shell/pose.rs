@@ -142,7 +142,7 @@ pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
         let mut names: Vec<&str> = mesh.parts.iter().map(|part| part.name.as_str()).collect();
         names.dedup();
         return Err(Error::input(format!(
-            "no group, object or material of the mesh is named `{part}`, and no file: expected {}",
+            "expected {}, found `{part}`, which is no group, object or material of the mesh and no file",
             match names.is_empty() {
                 true => "a file of vertex indices, as the mesh has no parts".to_owned(),
                 false => format!("one of {}, or a file of vertex indices", names.join(", ")),
@@ -253,7 +253,7 @@ fn rigid_parts(
 /// mesh's `size` of some control.
 fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVector<f64>, usize)> {
     if entries.is_empty() {
-        return Err(Error::input("it moves nothing: expected `move`"));
+        return Err(Error::input("expected `move`, found none"));
     }
     let mut by = vec![DVec3::ZERO; controls.len()];
     for entry in entries {
@@ -286,11 +286,12 @@ fn moves(entries: &[MoveEntry], controls: &[DVec3], size: f64) -> Result<(DVecto
         if chosen.is_empty() || away > reach {
             let DVec3 { x, y, z } = at;
             return Err(Error::input(format!(
-                "no control is within {reach} of {x}, {y}, {z}: the nearest is {} away; {}",
+                "expected a control within {reach} of {x}, {y}, {z}, found the nearest at a distance of \
+                 {}; {}",
                 significant(away, 3),
                 match within {
-                    true => "give a larger `within`, a place nearer to the mesh, or more controls",
-                    false => "that is farther than the mesh is large; give a place near to it",
+                    true => "use a larger `within`, a point nearer to the mesh, or more controls",
+                    false => "this is more than the size of the mesh; use a point near the mesh",
                 }
             )));
         }

@@ -145,11 +145,11 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
     // All defaults are relative to the size, so a mesh without one would divide by zero.
     if size <= 0.0 {
         return Err(Error::undetermined(format!(
-            "{}: {}: a shell needs a mesh with faces and a size",
+            "{}: expected a mesh with faces and an extent, {}",
             job.mesh.display(),
             match mesh.triangles.is_empty() {
-                true => "it has no faces",
-                false => "all vertices of its faces are at one place",
+                true => "found no faces",
+                false => "found all vertices of its faces at one point",
             }
         )));
     }
@@ -165,8 +165,8 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             // A warning: the surface is valid, but bumpy.
             if fine.triangles.len() >= MAX_FACETS {
                 let text = format!(
-                    "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
-                     bumpy; give a larger softness, or triangular metaballs",
+                    "{}: {} facets are too few for spherical metaballs of this softness, so the surface is \
+                     bumpy; use a larger softness, or triangular metaballs",
                     job.mesh.display(),
                     fine.triangles.len()
                 );

@@ -210,7 +210,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     for view in reports.iter().filter(|view| view.left_out) {
         let text = format!(
             "view `{}` differs from the others at {} of the {} vertices that it sees, and is not used: its \
-             picture or its camera may be those of another view",
+             image or camera may belong to another view",
             view.view, view.odd, view.seen
         );
         findings.push(Finding::new(FindingCode::ViewInconsistent, text));
@@ -277,7 +277,7 @@ fn read(
     findings.append(&mut file.findings);
     if file.triangles.is_empty() {
         return Err(Error::undetermined(format!(
-            "{}: has no faces: only a surface hides what lies behind it",
+            "{}: expected a mesh with faces, found none",
             job.mesh.display()
         )));
     }
@@ -296,8 +296,7 @@ fn read(
     // A warning: most meshes of this kind are closed bodies, for which the far side is hidden anyway.
     if two_sided {
         let text = format!(
-            "{}: its facets are not all turned the same way: what is thin may take colours from its other \
-             side",
+            "{}: the facets are not oriented consistently: thin parts may get colours of their other side",
             job.mesh.display()
         );
         findings.push(Finding::new(FindingCode::FacetsInconsistent, text));
@@ -382,8 +381,8 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let seen = blended.iter().flatten().count();
     if seen == 0 {
         return Err(Error::undetermined(format!(
-            "{}: no view sees any of the {} vertices: expected cameras that look at the mesh, in its unit \
-             and frame",
+            "{}: expected cameras that see the mesh, in its unit and frame, found none that sees any of \
+             the {} vertices",
             job.views.display(),
             mesh.positions.len()
         )));
@@ -440,7 +439,8 @@ fn colour_view(view: &ViewFile, mesh: &TriangleMesh, size: f64) -> Result<Colour
         && (mask.columns, mask.rows) != (picture.columns, picture.rows)
     {
         return Err(Error::input(format!(
-            "view `{}`: its picture {} has {} × {} pixels, and its mask {} × {}: expected the same",
+            "view `{}`: expected an image and a mask of the same size, found {} with {} × {} pixels and a \
+             mask with {} × {}",
             view.name,
             path.display(),
             picture.columns,

@@ -10,7 +10,7 @@ pub(crate) fn sphere_page(options: &SphereOptions, rows: &[SphereRow], svg: Stri
         "readings",
         "noise / %",
         "orientations / °",
-        "divided",
+        "depth",
         "patches",
         "patch filter / %",
         "global filter / %",
@@ -37,7 +37,7 @@ pub(crate) fn sphere_page(options: &SphereOptions, rows: &[SphereRow], svg: Stri
     let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
     Page {
         job: "simulate sphere".to_owned(),
-        title: "A sphere, found again".to_owned(),
+        title: "Fits of a simulated sphere".to_owned(),
         headline: format!(
             "Mean errors in % of the radius, over {} for each point of a curve.",
             counted(options.sets, "set")
@@ -45,18 +45,18 @@ pub(crate) fn sphere_page(options: &SphereOptions, rows: &[SphereRow], svg: Stri
         figures: vec![
             Figure::new("rows", count(rows.len()), ""),
             Figure::new(
-                "patch filter over global",
+                "patch filter / global filter",
                 significant(mean, 3),
-                "mean ratio of errors, divided as often as allowed",
+                "mean ratio of errors at the maximum depth",
             ),
         ],
         drawings: vec![Block::Drawing {
             svg,
-            caption: "Mean error over the noise: solid the patch filter, dashed the global filter, dotted \
-                what the global posterior lets expect."
+            caption: "Mean error against noise. Solid: patch filter; dashed: global filter; dotted: \
+                expected from the global posterior."
                 .to_owned(),
         }],
-        sections: vec![Section::new("The rows", vec![Block::Table(table)])],
+        sections: vec![Section::new("Results", vec![Block::Table(table)])],
         // No scene: a row is a mean over many fitted spheres.
         ..Page::default()
     }

@@ -50,7 +50,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<(Drawi
             && a != b
         {
             return Err(Error::input(format!(
-                "{name}: is in {b}, and a view before it in {a}: expected one unit"
+                "{name}: expected the unit of the previous views, {a}, found {b}"
             )));
         }
         unit = unit.or(found.unit);
@@ -88,8 +88,8 @@ fn check_size(drawing: &Drawing, unit: Unit, job: &SolidJob) -> Result<()> {
         return Ok(());
     }
     Err(Error::input(format!(
-        "{}: what is drawn is {size:e} {unit} across: expected 0.001 mm to 1e9 mm, because readers of STEP \
-         have fixed accuracies; check the unit ($INSUNITS of a DXF) and the scale",
+        "{}: expected a drawing of 0.001 mm to 1e9 mm, because readers of STEP have fixed accuracies, \
+         found {size:e} {unit}: check the unit ($INSUNITS of a DXF) and the scale",
         job.views.first().map(|v| v.display().to_string()).unwrap_or_default()
     ))
     .with_setting(Setting::Unit))
@@ -143,10 +143,10 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
         let first = &mut kept[at];
         let text = match (first.style, drawn.style) {
             (a, b) if a == b => {
-                format!("{} is drawn again as {}: it counts once", first.entity, drawn.entity)
+                format!("{} repeats {}: the line counts once", first.entity, drawn.entity)
             }
             _ => format!(
-                "{} is drawn again as {}, one visible, one hidden: it counts as visible",
+                "{} repeats {}, one visible and one hidden: the line counts as visible",
                 first.entity, drawn.entity
             ),
         };
@@ -213,8 +213,8 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<Finding> {
                 };
                 if !chains.iter().enumerate().any(touches) {
                     let text = format!(
-                        "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: is the outline \
-                         open?",
+                        "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: check whether \
+                         the outline is open",
                         paths[index.min(paths.len() - 1)].display(),
                         view.curves[k].entity,
                         view.kind.name(),
@@ -261,8 +261,8 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
                     false => String::new(),
                 };
                 return Err(Error::input(format!(
-                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}{scale}: expected views of \
-                     one scale in one frame",
+                    "{}: expected views of one scale in one frame, but {} reaches {} = {:.6}, and the {} \
+                     view ({}) ends at {:.6}{scale}",
                     paths[index.min(paths.len() - 1)].display(),
                     ends[end],
                     ["x", "y", "z"][axis],

@@ -44,8 +44,8 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
             // Equal but for rounding is no reason for a failure, and a larger difference is an error already.
             if off > rounding(drawing) && off <= NEAR_MISS_RATIO * drawing.size() {
                 let text = format!(
-                    "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
-                     times as long: expected one scale; a tolerance of {:.1e} makes them equal",
+                    "{}: expected one scale, found an extent of the {} view of {size:.6} along {}, and of \
+                     the {} view ({}) of {first:.6} (ratio {:.6}); a tolerance of {:.1e} makes them equal",
                     file(paths, index),
                     view.kind.name(),
                     ["x", "y", "z"][axis],
@@ -152,8 +152,9 @@ mod tests {
         let message = nearly_equal_extents(&scaled, &paths);
         assert_eq!(
             message.iter().map(|finding| finding.text.as_str()).collect::<Vec<_>>(),
-            ["top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, \
-                 1.001000 times as long: expected one scale; a tolerance of 4.4e-2 makes them equal"]
+            ["top.dxf: expected one scale, found an extent of the top view of 40.040000 along x, and of \
+                 the front view (front.dxf) of 40.000000 (ratio 1.001000); a tolerance of 4.4e-2 makes \
+                 them equal"]
         );
         let fits = Drawing {
             views: vec![

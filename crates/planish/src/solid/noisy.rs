@@ -84,7 +84,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
             && known != own
         {
             return Err(Error::input(format!(
-                "{}: is in {own}, and {} in {known}: expected one unit",
+                "{}: expected one unit for all contours, found {own}, while {} is in {known}",
                 path.display(),
                 other.display()
             )));
@@ -93,7 +93,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
         // Several levels are sections at different heights, which no single view shows.
         if let Some(level) = file.levels.iter().flatten().find(|level| Some(**level) != file.levels[0]) {
             return Err(named(Error::input(format!(
-                "holds contours of several levels, such as {level}: a view is one outline with its holes"
+                "expected one outline with its holes, found contours of several levels, such as {level}"
             ))));
         }
         let sketch = Sketch::new(&file.contours).map_err(named)?;
@@ -125,7 +125,7 @@ pub(super) fn read(job: &SolidJob, findings: &mut Vec<Finding>) -> Result<Noisy>
             Finding::new(
                 FindingCode::ViewsInconsistent,
                 format!(
-                    "the views agree only with p = {:.1e}: is the σ of their readings true?",
+                    "the views are inconsistent (p = {:.1e}): check σ of their readings",
                     consistent.p_value
                 ),
             )
@@ -253,13 +253,14 @@ impl Noisy {
         // Without a leaning bar, the usual reason is that contours lack inner edges.
         if leaning.is_empty() {
             return error.in_context(
-                "contours are outlines: edges inside an outline are not seen, and a solid that shows some \
-                 has other views",
+                "contours are outlines without inner edges: the views of a solid that has inner edges \
+                 differ from them",
             );
         }
         error
             .in_context(format!(
-                "{}: if a side is upright, state it as a given constraint of its contour, or lower the level",
+                "{}: if a side is upright, specify it as a constraint of its contour, or lower the \
+                 significance level",
                 leaning.join(", ")
             ))
             .with_setting(Setting::Given)
@@ -277,6 +278,6 @@ pub(super) fn write_json(path: &Path, report: &SolidReport) -> Result<()> {
     }
     let written = Written { unit: report.unit.name(), report };
     let text = serde_json::to_string_pretty(&written)
-        .map_err(|e| Error::io(format!("{}: could not be put as JSON", path.display())).with_source(e))?;
+        .map_err(|e| Error::io(format!("{}: could not be written as JSON", path.display())).with_source(e))?;
     write_atomically(path, |out| writeln!(out, "{text}"))
 }

@@ -85,7 +85,7 @@ pub(crate) fn solid_page(
                     .map(|curve| (curve.curve.points(), curve.style == LineStyle::Hidden))
                     .collect::<Vec<_>>(),
             ),
-            caption: format!("The {} view as it was read; dashed lines are hidden.", view.kind.name()),
+            caption: format!("The {} view as read from the file; dashed lines are hidden.", view.kind.name()),
         })
         .collect();
     let headline = match report.solutions.len() {
@@ -153,7 +153,7 @@ fn faces(counts: &FaceCounts) -> String {
 }
 
 fn lines_table(lines: &[UnexplainedLine]) -> Table {
-    let mut table = Table::new(["view", "entity", "why"]);
+    let mut table = Table::new(["view", "entity", "reason"]);
     for line in lines.iter().take(MAX_LINES) {
         let entity = line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
         table.row([line.view.to_owned(), entity, line.why.clone()], false);
@@ -185,7 +185,7 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
     if let Some(geometry) = &report.geometry {
         let sigma = head("σ", unit);
         let value = head("value", unit);
-        let mut table = Table::new(["size", &value, &sigma]);
+        let mut table = Table::new(["dimension", &value, &sigma]);
         for dimension in &geometry.dimensions {
             let name = match dimension.kind {
                 DimensionKind::Extent => format!("extent along {}", dimension.name),
@@ -196,13 +196,13 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
                 [
                     name,
                     significant(dimension.value, 6),
-                    dimension.sigma.map_or("not known".to_owned(), |s| significant(s, 2)),
+                    dimension.sigma.map_or("unknown".to_owned(), |s| significant(s, 2)),
                 ],
                 // Dimensions without σ follow from no estimate and are marked.
                 dimension.sigma.is_none(),
             );
         }
-        sections.push(Section::new("Sizes", vec![Block::Table(table)]));
+        sections.push(Section::new("Dimensions", vec![Block::Table(table)]));
         for view in &geometry.views {
             if !view.constraints.is_empty() {
                 sections.push(Section::new(
@@ -214,18 +214,16 @@ fn sections(report: &SolidReport, drawings: Vec<Block>, unit: &str) -> Vec<Secti
     }
     sections.push(Section::new("Views", drawings));
     if !report.unexplained.is_empty() {
-        sections.push(Section::new(
-            "Lines that no solid explains",
-            vec![Block::Table(lines_table(&report.unexplained))],
-        ));
+        sections
+            .push(Section::new("Unexplained lines", vec![Block::Table(lines_table(&report.unexplained))]));
     }
     // The first few are enough to show what is wrong.
     for refused in report.refused.iter().take(3) {
         sections.push(Section::new(
-            format!("A solid that was refused, {} {unit}³", significant(refused.volume, 5)),
+            format!("Rejected solid, volume {} {unit}³", significant(refused.volume, 5)),
             vec![
                 Block::Text(format!(
-                    "{} of it differ from the drawing.",
+                    "Differences from the drawing: {}.",
                     counted(refused.differences.len(), "line")
                 )),
                 Block::Table(lines_table(&refused.differences)),

@@ -55,8 +55,8 @@ pub(super) fn prepare<'a>(
 /// Error for a tolerance that needs too many triangles. States one that works.
 fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     Error::input(format!(
-        "a mesh with a chord error of {tolerance:e} has about {:.1e} triangles: expected at most \
-         {MAX_TRIANGLES:.0e}, as with a chord error of {:.1e}; a .step file is exact",
+        "expected a mesh of at most {MAX_TRIANGLES:.0e} triangles, found about {:.1e} for a chord error of \
+         {tolerance:e}: use {:.1e} or more, or .step, which is exact",
         triangles_needed(solid, tolerance),
         // Rounded up, so that it works.
         1.06 * min_tolerance(solid)
@@ -70,9 +70,9 @@ fn refuse_coarse_numbers(job: &SolidJob, positions: &[DVec3], tolerance: f64) ->
     let apart = farthest * f64::from(f32::EPSILON);
     match job.outputs.iter().find(|output| extension(output) == "stl") {
         Some(output) if apart > tolerance => Err(Error::unsupported(format!(
-            "{}: STL holds 32-bit numbers, which at coordinates of {farthest:.3e} are {apart:.1e} apart, \
-             more than the mesh's tolerance of {tolerance:.1e}: write .ply or .step, or draw nearer to the \
-             origin",
+            "{}: expected coordinates that STL represents within the chord error of {tolerance:.1e}; its \
+             32-bit numbers have steps of {apart:.1e} at {farthest:.3e}: write .ply or .step, or move the \
+             drawing nearer to the origin",
             output.display()
         ))),
         _ => Ok(()),
@@ -82,8 +82,8 @@ fn refuse_coarse_numbers(job: &SolidJob, positions: &[DVec3], tolerance: f64) ->
 /// Why no mesh is written, and what can be done: neither the drawing nor the command is wrong.
 fn no_mesh(e: &Error, rank: usize) -> Error {
     Error::undetermined(format!(
-        "no file is written, for solid {rank} cannot be meshed: {e}; it can be written as .step, without \
-         .ply, .stl, .glb and .obj"
+        "solid {rank} cannot be meshed, so no file is written: {e}; write only .step, without .ply, .stl, \
+         .glb and .obj"
     ))
 }
 
@@ -151,7 +151,7 @@ mod tests {
         };
         let far = [DVec3::splat(1e8), DVec3::new(1e8 + 40.0, 1e8, 1e8)];
         let message = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
-        assert!(message.starts_with("part.stl: STL holds 32-bit numbers"), "{message}");
+        assert!(message.starts_with("part.stl: expected coordinates that STL represents"), "{message}");
         refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();
         refuse_coarse_numbers(&job("part.stl"), &[DVec3::splat(40.0)], 0.02).unwrap();
     }

@@ -77,9 +77,8 @@ impl FromStr for CameraAngles {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        const NEEDED: &str = "expected AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or \
-            30,20,1.5), or front, back, left, right, \
-                              top, bottom or iso";
+        const NEEDED: &str = "expected AZIMUTH,ELEVATION in degrees, optionally followed by ,ZOOM (30,20 \
+            or 30,20,1.5), or front, back, left, right, top, bottom or iso";
         let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self { azimuth_deg, elevation_deg, zoom: 1.0 };
         let (name, zoom) = match text.split_once(',') {
             // `top,1.5` is a name with a zoom; `30,20` are two angles.
@@ -139,7 +138,8 @@ pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
 /// The axes of a camera that looks from this direction.
 pub(super) fn axes_from(from: DVec3, up: DVec3) -> Result<Axes> {
     let found = from.try_normalize().and_then(|from| Some((from, up.cross(from).try_normalize()?)));
-    let (from, right) = found.ok_or_else(|| Error::input("a camera that looks along what is up"))?;
+    let (from, right) =
+        found.ok_or_else(|| Error::input("expected a camera that does not look along the up direction"))?;
     Ok([right, from.cross(right), from])
 }
 
@@ -168,7 +168,8 @@ pub(crate) struct Camera {
 impl Camera {
     /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
     pub(super) fn from_points(points: &[DVec3], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
-        let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let bounds = BoundingBox::from_points(points)
+            .ok_or_else(|| Error::input("expected an object with an extent, found nothing to draw"))?;
         // A single point has no size, but must not give NaN.
         let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
         let mut camera = Self {

@@ -172,7 +172,7 @@ impl ViewedContent {
             findings.push(Finding::new(
                 FindingCode::PointsThinned,
                 format!(
-                    "of {} points {} are shown, evenly chosen",
+                    "of {} points {} are shown, evenly sampled",
                     count(all.points.len()),
                     count(kept().count())
                 ),

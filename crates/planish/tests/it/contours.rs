@@ -348,7 +348,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         (
             "same.csv",
             &("x,y,sigma\n".to_owned() + &"1,2,0.1\n".repeat(30)),
-            "all 30 readings lie closer together than their σ",
+            "farther apart than their σ, found all 30 closer",
         ),
         (
             "cut.log",

@@ -265,7 +265,7 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
     let set = PatchSet { patches, ..PatchSet::default() };
     let merged = merge(set, &MergeOptions::default(), &Silent).expect("two of three overlap");
     let refused = merged_spline(&merged, 0, &Silent).expect_err("two parts").to_string();
-    assert!(refused.contains("has 2 parts, the second of"), "{refused}");
+    assert!(refused.contains("found 2 (the second has"), "{refused}");
 }
 
 /// A patch with a pose error makes two layers or a step. After alignment, the result is as good as with the

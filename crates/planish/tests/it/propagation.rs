@@ -384,10 +384,7 @@ fn what_cannot_bend_is_refused() {
     assert!(message.contains("laser-2.ply: expected the time"), "{message}");
     let ball = FitOptions { shape: Some(Shape::Ball), ..bend() };
     let message = refused(&scene.set, &ball);
-    assert!(
-        message.contains("bending needs a sheet, which has one border: found the shape ball"),
-        "{message}"
-    );
+    assert!(message.contains("expected the shape sheet for bending, found ball"), "{message}");
     let sphere: Vec<DVec3> = (0..3000)
         .map(|k| {
             let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
@@ -400,7 +397,7 @@ fn what_cannot_bend_is_refused() {
     closed.scans.push(closed.scans[0].clone());
     let message = refused(&closed, &bend());
     assert!(
-        message.contains("looks like a ball") && message.contains("if it is a sheet, state that shape"),
+        message.contains("looks like a ball") && message.contains("if it is a sheet, specify this shape"),
         "{message}"
     );
     // Files in order will do, without times.

@@ -152,11 +152,11 @@ fn open_meshes_and_those_elsewhere_are_no_start() {
     let mut open = icosphere(20.0, 3);
     open.triangles.pop();
     let said = refused(&open);
-    assert!(said.contains("start.ply") && said.contains("3 open edges"), "{said}");
+    assert!(said.contains("start.ply") && said.contains("3 boundary edges"), "{said}");
     let mut elsewhere = icosphere(5.0, 3);
     elsewhere.positions.iter_mut().for_each(|p| p[2] += 40.0);
     let said = refused(&elsewhere);
-    assert!(said.contains("start.ply") && said.contains("nothing of the mesh"), "{said}");
+    assert!(said.contains("start.ply") && said.contains("expected a part of the mesh"), "{said}");
     let sequence = ShellFitJob { silhouettes: None, sequence: Some(folder.path().to_owned()), ..job.clone() };
     let said = sequence.run(&Silent).unwrap_err().to_string();
     assert!(said.contains("rough start"), "{said}");

@@ -92,10 +92,8 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
     assert!((report.solutions[0].volume - 24_000.0).abs() < 1e-9);
     let named = report.findings.iter().any(|f| f.text.contains("LINE 16") && f.text.contains("no length"));
     assert!(named, "{:?}", report.findings);
-    let twice = report
-        .findings
-        .iter()
-        .any(|f| f.text.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
+    let twice =
+        report.findings.iter().any(|f| f.text.contains("front.dxf: LINE 10 (line 6) repeats LINE 14"));
     assert!(twice, "{:?}", report.findings);
 }
 

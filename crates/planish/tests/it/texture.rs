@@ -231,13 +231,13 @@ fn what_cannot_be_coloured_is_refused_by_name() {
         refused(&with("held_out = false", "held_out = true")).contains("w.toml: expected a view with `image")
     );
     // From the other side of the world.
-    assert!(refused(&with("t = [", "t = [1e6, 1e6, 1e6] #")).contains("no view sees any of the"));
+    assert!(refused(&with("t = [", "t = [1e6, 1e6, 1e6] #")).contains("expected cameras that see the mesh"));
     assert!(refused(&with("v2.png", "gone.png")).contains("gone.png"));
     write_grey_png(&folder.path().join("m.png"), 2, 2, &[0, 255, 0, 255]).unwrap();
     let said = refused(&with("image = \"v2.png\"", "image = \"v2.png\"\nmask = \"m.png\""));
-    assert!(said.contains("m.png") || said.contains("400 × 300 pixels, and its mask 2 × 2"), "{said}");
+    assert!(said.contains("m.png") || said.contains("400 × 300 pixels and a mask with 2 × 2"), "{said}");
     let small = ShellTextureJob { place: ColourPlace::Texture, texture_size: Some(64), ..job.clone() };
-    assert!(refused(&small).contains("takes 1050 pixels along a side or more"), "{}", refused(&small));
+    assert!(refused(&small).contains("expected a texture of 1050 to"), "{}", refused(&small));
     let obj = ShellTextureJob {
         place: ColourPlace::Vertices,
         outputs: vec![folder.path().join("a.obj")],
@@ -247,5 +247,5 @@ fn what_cannot_be_coloured_is_refused_by_name() {
     let cloud = TriangleMesh { positions: vec![DVec3::ZERO], triangles: Vec::new() };
     let points = folder.path().join("p.ply");
     write_mesh(&points, &MeshColumns { points: &cloud.positions, ..MeshColumns::default() }).unwrap();
-    assert!(refused(&ShellTextureJob { mesh: points, ..job }).contains("has no faces"));
+    assert!(refused(&ShellTextureJob { mesh: points, ..job }).contains("expected a mesh with faces"));
 }

@@ -158,9 +158,9 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
         (e.kind(), e.to_string())
     };
     let (kind, text) = message(&mesh, None, ColourBy::Field("sigma"));
-    assert!(kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("it has plain"), "{text}");
+    assert!(kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("found plain"), "{text}");
     let (_, text) = message(&mesh, None, ColourBy::Field("deviation"));
-    assert!(text.contains("holds no deviation to colour by: that needs a reference"), "{text}");
+    assert!(text.contains("expected the field deviation to colour by"), "{text}");
     let (_, text) = message(&points, None, ColourBy::Normal);
     assert!(text.contains("normals"), "{text}");
     let (kind, text) = message(&points, Some(mesh), ColourBy::Plain);

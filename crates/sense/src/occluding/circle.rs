@@ -39,7 +39,8 @@ pub(super) struct Eye {
 
 impl Eye {
     pub fn new(camera: Pinhole) -> Result<Self> {
-        let inverse = inverse(&camera.k).ok_or_else(|| Error::input("a camera's K has no inverse"))?;
+        let inverse =
+            inverse(&camera.k).ok_or_else(|| Error::input("expected a matrix K that has an inverse"))?;
         let r = camera.r;
         Ok(Self {
             camera,

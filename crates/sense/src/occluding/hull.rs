@@ -59,7 +59,7 @@ impl SilhouetteBound {
             .collect();
         if views.len() < 2 {
             return Err(Error::undetermined(format!(
-                "a visual hull needs two closed silhouettes or more, found {}",
+                "expected at least two closed silhouettes for a visual hull, found {}",
                 views.len()
             )));
         }
@@ -126,7 +126,7 @@ impl VisualHull {
             |at, reach| bound.may_contain_boundary(at, reach),
         )?;
         if mesh.triangles.is_empty() {
-            return Err(Error::undetermined("no point is inside all silhouettes"));
+            return Err(Error::undetermined("expected points inside all silhouettes, found none"));
         }
         Ok(Self { bound, mesh, cell })
     }

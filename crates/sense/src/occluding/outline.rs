@@ -79,7 +79,7 @@ impl Contour {
 pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Contour>> {
     if !(options.smoothing_px.is_finite() && options.smoothing_px > 0.0) {
         return Err(Error::input(format!(
-            "the smoothing of an outline is a positive number of pixels, got {}",
+            "expected a smoothing of an outline above 0 pixels, found {}",
             options.smoothing_px
         )));
     }
@@ -92,7 +92,8 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     let object_pixels = mask.iter().filter(|m| **m).count();
     if object_pixels == 0 || object_pixels == mask.len() {
         return Err(Error::undetermined(format!(
-            "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
+            "expected pixels of a mask on both sides of the threshold {threshold}, found values from {low} \
+             to {high}"
         )));
     }
     // Grey levels at the border of a mask are the covered shares of pixels, so they are kept, except where a
@@ -110,7 +111,7 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     let smooth = smoothed(&values, columns, rows, options.smoothing_px);
     let found = followed(&smooth, columns, rows);
     if found.is_empty() {
-        return Err(Error::undetermined("a mask has no border within the image"));
+        return Err(Error::undetermined("expected the outline of a mask within the image, found none"));
     }
     Ok(found)
 }

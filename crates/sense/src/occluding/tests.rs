@@ -218,7 +218,8 @@ fn lines_of_sight_along_the_baseline_are_rejected() {
         .collect();
     let message = run(&seen(&turning, &BALL, 0.1)).unwrap_err().to_string();
     assert!(
-        message.contains("no point on the contours") && message.contains("across the lines of sight"),
+        message.contains("expected points with a depth on the contours")
+            && message.contains("across the lines of sight"),
         "{message}"
     );
 }

@@ -175,7 +175,7 @@ fn undetermined_normals_are_rejected() {
     let message = |images: &[Image], lights: &[DVec3]| {
         photometric_normals(images, lights, None, &PhotometricOptions::default()).unwrap_err().to_string()
     };
-    assert!(message(&images, &three).contains("state sigma_brightness"));
+    assert!(message(&images, &three).contains("expected sigma_brightness"));
     assert!(message(&images, &lights(4)).contains("found 3 and 4"));
     let flat = [
         DVec3::new(0.0, 0.0, -1.0),

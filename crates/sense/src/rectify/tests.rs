@@ -119,7 +119,7 @@ fn rigs_that_cannot_be_rectified_are_rejected() {
         Rectification::new(&rig, [SIZE; 2]).unwrap_err().to_string()
     };
     let e = with(camera(DVec3::new(0.1, 0.0, 3.0), DVec3::ZERO, [0.0; 5]));
-    assert!(e.contains("epipole lies inside the image of the first camera"), "{e}");
+    assert!(e.contains("epipole inside the image of the first camera"), "{e}");
     assert!(with(camera(DVec3::ZERO, DVec3::new(0.1, 0.0, 0.0), [0.0; 5])).contains("different positions"));
     assert!(with(camera(DVec3::X, DVec3::new(3.0, 0.0, 0.0), [0.0; 5])).contains("90° apart"));
     assert!(with(camera(DVec3::X, DVec3::ZERO, [-9.0, 0.0, 0.0, 0.0, 0.0])).contains("cannot be inverted"));

@@ -136,8 +136,8 @@ pub fn read_grid(
     let identified: usize = indexed.iter().map(Vec::len).sum();
     if identified == 0 {
         return Err(Error::undetermined(format!(
-            "{} crossings of stripes were found, but their stripes could not be identified: expected \
-            connected pieces of {MIN_KNOTS} crossings or more that agree with the calibration",
+            "expected connected pieces of at least {MIN_KNOTS} crossings that agree with the calibration, \
+             found {} crossings whose stripes could not be identified",
             crossings.found.len()
         )));
     }
@@ -190,7 +190,9 @@ pub fn read_grid(
     rejected.off_line = identified - made.readings.len() - rejected.undetermined;
     made.rejected = rejected;
     if made.readings.is_empty() {
-        return Err(Error::undetermined("no crossing of stripes determines an orientation"));
+        return Err(Error::undetermined(
+            "expected crossings of stripes that determine an orientation, found none",
+        ));
     }
     Ok(made)
 }

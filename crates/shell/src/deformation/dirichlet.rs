@@ -56,7 +56,10 @@ impl Dirichlet {
     /// `Input` for controls or vertices that are not finite, or no controls.
     pub fn new(controls: &[DVec3], vertices: &[DVec3]) -> Result<Self> {
         if let Some(v) = vertices.iter().position(|v| !v.is_finite()) {
-            return Err(Error::input(format!("vertex {v} is not finite: {:?}", vertices[v].to_array())));
+            return Err(Error::input(format!(
+                "vertex {v}: expected finite coordinates, found {:?}",
+                vertices[v].to_array()
+            )));
         }
         let neighbours = NaturalNeighbours::new(controls, vertices)?;
         let (center, size, fit) = affine_fit(controls);

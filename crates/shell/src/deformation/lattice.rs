@@ -56,13 +56,13 @@ impl Lattice {
         let count = points.iter().fold(1_usize, |product, n| product.saturating_mul(*n));
         if points.iter().any(|n| *n < minimum) || count > 100_000 {
             return Err(Error::input(format!(
-                "a lattice of {points:?} points: expected at least {minimum} along each axis, and at most \
-                 100000 in all"
+                "expected at least {minimum} points of a lattice along each axis and at most 100000 in \
+                 all, found {points:?}"
             )));
         }
         let bounds = BoundingBox::from_points(vertices)
             .filter(|b| b.min.is_finite() && b.max.is_finite() && vertices.iter().all(|v| v.is_finite()))
-            .ok_or_else(|| Error::input("a lattice needs vertices with finite coordinates"))?;
+            .ok_or_else(|| Error::input("expected vertices with finite coordinates for a lattice"))?;
         let size = bounds.diagonal();
         // The box of a flat object gets a small thickness, so that coordinates stay finite.
         let min_extent = if size > 0.0 { 1e-3 * size } else { 1.0 };

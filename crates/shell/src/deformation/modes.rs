@@ -44,11 +44,12 @@ impl Modes {
     /// all are equal.
     pub fn from_meshes(family: &[Vec<DVec3>], max_modes: usize) -> Result<Self> {
         let Some(first) = family.first().filter(|_| family.len() > 1) else {
-            return Err(Error::input("principal modes need at least two meshes"));
+            return Err(Error::input("expected at least two meshes for principal modes"));
         };
         if let Some(other) = family.iter().position(|member| member.len() != first.len()) {
             return Err(Error::input(format!(
-                "mesh {other} of the family has {} vertices, the first has {}",
+                "mesh {other} of the family: expected as many vertices as in the first, found {} instead \
+                 of {}",
                 family[other].len(),
                 first.len()
             )));
@@ -71,7 +72,7 @@ impl Modes {
         let deviation = |k: usize| eigen.eigenvalues[k].max(0.0).sqrt();
         let largest = deviation(order[0]);
         if largest == 0.0 || !largest.is_finite() {
-            return Err(Error::undetermined("the meshes of the family are all the same: there are no modes"));
+            return Err(Error::undetermined("expected different meshes in the family, found all equal"));
         }
         order.retain(|&k| deviation(k) > ROUNDING * largest);
         // The mean uses up one degree of freedom.
@@ -199,7 +200,7 @@ mod tests {
             Modes::from_meshes(&[ball.clone(), ball.clone()], 3)
                 .unwrap_err()
                 .to_string()
-                .contains("the same")
+                .contains("different meshes")
         );
         assert!(
             Modes::from_meshes(&[ball.clone(), vec![DVec3::ZERO]], 3)

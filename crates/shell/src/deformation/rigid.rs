@@ -98,12 +98,12 @@ impl<'a> RigidParts<'a> {
         let count = mesh.positions.len();
         if inner.vertices() != count {
             return Err(Error::input(format!(
-                "the deformation moves {} vertices, the mesh has {count}",
+                "expected a deformation of {count} vertices, as many as the mesh has, found {}",
                 inner.vertices()
             )));
         }
         if !(blend.is_finite() && blend >= 0.0) {
-            return Err(Error::input(format!("parts are blended over a length, got {blend}")));
+            return Err(Error::input(format!("expected a blending length of at least 0, found {blend}")));
         }
         let mut weights: Vec<Vec<(u32, f64)>> = vec![Vec::new(); count];
         let mut part_of = vec![None; count];
@@ -115,19 +115,20 @@ impl<'a> RigidParts<'a> {
                     // A repeated vertex of one part is harmless; a vertex of two parts could not follow both.
                     Some(Some(other)) if *other != index => {
                         return Err(Error::input(format!(
-                            "vertex {v} is in two rigid parts, {other} and {index}"
+                            "expected each vertex in at most one rigid part, found vertex {v} in {other} \
+                             and {index}"
                         )));
                     }
                     Some(_) => {}
                     None => {
                         return Err(Error::input(format!(
-                            "rigid part {index} names vertex {v}, and the mesh has {count}"
+                            "rigid part {index}: expected vertices below {count}, found {v}"
                         )));
                     }
                 }
             }
             if part.vertices.is_empty() {
-                return Err(Error::input(format!("rigid part {index} has no vertices")));
+                return Err(Error::input(format!("rigid part {index}: expected vertices, found none")));
             }
             let places = || part.vertices.iter().map(|v| mesh.positions[*v as usize]);
             let center = 1.0 / part.vertices.len() as f64 * places().sum::<DVec3>();
@@ -430,9 +431,9 @@ mod tests {
             let inner = Box::new(VertexDisplacements::new(&ball.positions));
             RigidParts::new(&ball, inner, &parts, blend).err().unwrap().to_string()
         };
-        assert!(made(&[vec![0, 999]], 1.0).contains("vertex 999"));
-        assert!(made(&[vec![0], vec![1, 0]], 1.0).contains("two rigid parts"));
-        assert!(made(&[vec![]], 1.0).contains("no vertices"));
+        assert!(made(&[vec![0, 999]], 1.0).contains("found 999"));
+        assert!(made(&[vec![0], vec![1, 0]], 1.0).contains("at most one rigid part"));
+        assert!(made(&[vec![]], 1.0).contains("expected vertices"));
         assert!(made(&[vec![0]], -1.0).contains("length"));
     }
 }

@@ -217,7 +217,7 @@ fn invalid_meshes_and_options_are_rejected() {
         |mesh: &TriangleMesh, options: ShellOptions| Shell::new(mesh, &options).unwrap_err().to_string();
     assert!(
         refused(&TriangleMesh::default(), ShellOptions::new(Metaball::Triangular, 1.0))
-            .contains("without triangles")
+            .contains("expected a mesh with faces")
     );
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(&mesh, ShellOptions::new(Metaball::Triangular, k)).contains("sharpness"));

@@ -147,7 +147,8 @@ impl Problem<'_> {
         let shell = Shell::new(subdivided.as_ref().unwrap_or(&own), &self.shell)?;
         let lines = self.readings.views.iter().any(|view| !view.outline.is_empty());
         let search = if lines { Some(MeshSearch::try_new(&own)?) } else { None };
-        let bounds = own.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
+        let bounds =
+            own.surface_bounds().ok_or_else(|| Error::input("expected a mesh with vertices, found none"))?;
         let sight =
             search.as_ref().map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
         // One list of tasks for all kinds of readings keeps all threads busy to the end. `collect` keeps the

@@ -112,7 +112,7 @@ impl ShellReadings<'_> {
         let outlines: usize = self.views.iter().map(|view| view.outline.len()).sum();
         if self.points.is_empty() && outlines == 0 && self.tracks.is_empty() {
             return Err(Error::undetermined(
-                "a shell fit needs readings: no points, no outlines and no tracks were given",
+                "expected points, outlines or tracks for a shell fit, found none",
             ));
         }
         // Single directions may be exact, such as heights of a grid; a point without any error would have
@@ -122,7 +122,7 @@ impl ShellReadings<'_> {
             let finite = point.at.is_finite() && point.covariance.is_finite();
             if !finite || xx + yy + zz <= 0.0 || xx.min(yy).min(zz) < 0.0 {
                 return Err(Error::input(format!(
-                    "point {i} is not finite or has no positive variance: {:?}, {:?}",
+                    "point {i}: expected finite coordinates and a positive variance, found {:?} and {:?}",
                     point.at.to_array(),
                     point.covariance.to_array()
                 )));
@@ -134,7 +134,7 @@ impl ShellReadings<'_> {
                 .position(|p| !(good(p.sigma_px) && p.pixel.iter().all(|x| x.is_finite())))
             {
                 return Err(Error::input(format!(
-                    "view {v}: outline point {i} is not finite or has no positive σ: {:?}",
+                    "view {v}: outline point {i}: expected finite coordinates and σ > 0, found {:?}",
                     view.outline[i]
                 )));
             }
@@ -145,7 +145,9 @@ impl ShellReadings<'_> {
                 )));
             }
             if (view.inside.iter().chain(&view.outside).flatten()).any(|x| !x.is_finite()) {
-                return Err(Error::input(format!("view {v}: a pixel inside or outside is not finite")));
+                return Err(Error::input(format!(
+                    "view {v}: expected finite coordinates of the pixels inside and outside"
+                )));
             }
         }
         for (i, track) in self.tracks.iter().enumerate() {
@@ -162,7 +164,8 @@ impl ShellReadings<'_> {
             }
             if track.observations.len() < 2 || !good(track.sigma_surface) {
                 return Err(Error::input(format!(
-                    "track {i} needs two sightings and a positive σ of the surface, found {} and {}",
+                    "track {i}: expected at least two observations and σ > 0 of the surface, found {} and \
+                     {}",
                     track.observations.len(),
                     track.sigma_surface
                 )));

@@ -120,8 +120,7 @@ impl<'a> ShellTracker<'a> {
             .filter(|k| k.shape() == (parameters, parameters) && options.prior.is_none())
             .ok_or_else(|| {
                 Error::input(format!(
-                    "following a shell needs a stiffness of its {parameters} parameters, and no prior of \
-                    its own"
+                    "expected a stiffness of the {parameters} parameters and no other prior for a sequence"
                 ))
             })?;
         let stiffness = k.clone();

@@ -37,7 +37,7 @@ impl Smoothness {
         let eigen = own.symmetric_eigenvalues();
         let largest = eigen.iter().copied().fold(0.0, f64::max);
         if eigen.iter().any(|e| *e < -1e-8 * largest) {
-            return Err(Error::input("the stiffness of controls is not positive semidefinite"));
+            return Err(Error::input("expected a positive semidefinite stiffness of the controls"));
         }
         let rank = times * eigen.iter().filter(|e| **e > 1e-10 * largest).count();
         let max_weight =

@@ -131,9 +131,8 @@ fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
     let check = mesh.welded().check();
     if needed && check.misoriented_edges * MISORIENTED_EDGES > check.edges {
         return Err(Error::input(format!(
-            "outlines need a mesh whose facets all face outwards, but at {} of its {} edges the two facets \
-             are \
-             oriented inconsistently: make the normals consistent first",
+            "expected a mesh whose facets all face outwards for outlines, found inconsistent facets at {} \
+             of its {} edges: make the normals consistent first",
             check.misoriented_edges, check.edges
         )));
     }
@@ -146,8 +145,8 @@ fn check_cameras(mesh: &TriangleMesh, readings: &ShellReadings<'_>) -> Result<()
     for (v, view) in readings.views.iter().enumerate() {
         if view.camera.project(middle).is_none() {
             return Err(Error::input(format!(
-                "view {v}: the mesh lies behind the camera: correct the pose or the sign of the \
-                projection matrix"
+                "view {v}: expected the mesh in front of the camera, found it behind: correct the pose or \
+                 the sign of the projection matrix"
             )));
         }
     }
@@ -199,7 +198,8 @@ impl<'a> Setup<'a> {
         oriented: bool,
         unknowns: usize,
     ) -> Result<Self> {
-        let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
+        let bounds =
+            mesh.surface_bounds().ok_or_else(|| Error::input("expected a mesh with vertices, found none"))?;
         let size = bounds.diagonal();
         // Coarse stages only move the mesh close, so a subset of the points is sufficient and saves most of
         // the time.

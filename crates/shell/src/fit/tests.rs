@@ -205,7 +205,7 @@ fn messages_name_the_invalid_value() {
         fit_points(&mesh, &deformation, points, options).unwrap_err().to_string()
     };
     let usual = ShellFitOptions::default();
-    assert!(refused(&[], &usual).contains("no points"));
+    assert!(refused(&[], &usual).contains("expected points"));
     let bad = PointReading { at: DVec3::new(f64::NAN, 0.0, 0.0), ..good };
     assert!(refused(&[good, bad], &usual).contains("point 1"));
     let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..usual.clone() };

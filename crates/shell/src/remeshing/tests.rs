@@ -63,11 +63,11 @@ fn parts_outside_of_the_domain_are_cut() {
     let crumb = remesh(&icosphere(1.0, 4), &options(&without(0.6, 0.9))).unwrap();
     assert_eq!(crumb.check().components, 1);
     let outside = remesh(&icosphere(1.0, 3), &options(&without(-2.0, 2.0))).unwrap_err();
-    assert!(outside.to_string().contains("nothing of the mesh"), "{outside}");
+    assert!(outside.to_string().contains("expected a part of the mesh"), "{outside}");
     let mut open = icosphere(1.0, 3);
     open.triangles.pop();
     let refused = remesh(&open, &options(&EVERYWHERE)).unwrap_err().to_string();
-    assert!(refused.contains("3 open edges"), "{refused}");
+    assert!(refused.contains("3 boundary edges"), "{refused}");
 }
 
 /// The mesh grows into the uncovered region up to the limit and does not move in the covered region.

@@ -15,8 +15,8 @@ use std::fmt::Write as _;
 #[must_use]
 pub fn sphere_figure(options: &SphereOptions, rows: &[SphereRow]) -> String {
     draw(
-        "Mean error of a sphere, in % of its radius: solid the patch filter, dashed the global filter, \
-         dotted the posterior bound",
+        "Mean error of a sphere in % of its radius. Solid: patch filter; dashed: global filter; dotted: \
+         posterior bound",
         &panels(options, rows),
     )
 }

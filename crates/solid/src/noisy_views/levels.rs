@@ -79,7 +79,7 @@ pub(super) fn places(
         }
         if found.len() == before {
             return Err(Error::input(format!(
-                "the {} view has no corners or circles that other views could show",
+                "the {} view: expected corners or circles, found none",
                 noisy.kind.name()
             )));
         }
@@ -297,7 +297,7 @@ pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> 
 pub(super) fn different_objects(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
     let worst = ends.iter().max_by(|a, b| a.chi_square(alone).total_cmp(&b.chi_square(alone)));
     let Some(worst) = worst else {
-        return Error::undetermined("the views share no axis");
+        return Error::undetermined("expected views with a common axis, found none");
     };
     let values = alone.drawing.values();
     let describe = |end: &SpacePlace| {

@@ -158,5 +158,5 @@ fn inconsistent_views_are_rejected_by_name() {
     let ellipse = noisy(ContourKind::Ellipse, &[0.0, 0.0, 20.0, 10.0, 0.0], 0.01, &mut random);
     let round =
         NoisyView { kind: ViewKind::Top, sketch: Sketch::new(&[ellipse]).unwrap(), constraints: Vec::new() };
-    assert!(message(&[views[0].clone(), round]).contains("the top view has no corners or circles"));
+    assert!(message(&[views[0].clone(), round]).contains("the top view: expected corners or circles"));
 }

@@ -39,7 +39,7 @@ pub(super) fn seeds(
     let n = [0, 1].map(|c| (width[c] / spacing[c]).ceil().clamp(1.0, 1e6) as usize);
     if n[0].saturating_mul(n[1]) > limit {
         return Err(Error::unsupported(format!(
-            "needs about {} points: expected a larger chord error or longest side",
+            "too many points (about {}): use a larger chord error or longest side",
             n[0].saturating_mul(n[1])
         )));
     }

@@ -85,7 +85,7 @@ impl Filling<'_> {
             }
             if made.num_vertices() + wanted.len() > self.max_points {
                 return Err(Error::unsupported(format!(
-                    "needs more than {} points: expected a larger tolerance than {}",
+                    "expected at most {} points, found more: use a larger tolerance than {}",
                     self.max_points, self.tolerance
                 )));
             }

@@ -42,8 +42,8 @@ impl<'a> Cells<'a> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
             return Err(Error::unsupported(format!(
-                "the drawing's lines make a grid of {} x {} x {} boxes: expected at most {MAX_BOXES}; lines \
-                 that end or turn at fewer places make fewer boxes",
+                "expected at most {MAX_BOXES} boxes between the lines of the drawing, found a grid of {} × \
+                 {} × {}: use fewer different coordinates",
                 n[0], n[1], n[2]
             )));
         }
@@ -62,8 +62,8 @@ impl<'a> Cells<'a> {
                     total += 1_usize << cuts.min(24);
                     if total > MAX_ATOMS {
                         return Err(Error::unsupported(format!(
-                            "the drawing cuts space into more than {MAX_ATOMS} parts: expected a simpler \
-                             drawing"
+                            "expected a drawing that divides space into at most {MAX_ATOMS} parts, found \
+                             more: simplify the drawing"
                         )));
                     }
                 }

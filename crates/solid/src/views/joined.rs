@@ -68,8 +68,8 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
                     // A line that had no length before is harmless and stays.
                     if a == b && ends[0] != ends[1] {
                         return Err(Error::input(format!(
-                            "{} is not longer than the tolerance {tolerance:e}: expected a smaller one, or a \
-                             drawing without it",
+                            "expected lines longer than the tolerance {tolerance:e}, found {}: reduce the \
+                             tolerance, or remove this line",
                             drawn.entity
                         )));
                     }
@@ -158,7 +158,7 @@ mod tests {
         short.entity = "LINE 2A".to_owned();
         drawing.views[0].curves.push(short);
         let message = joined(&drawing, 0.2).unwrap_err().to_string();
-        assert!(message.contains("LINE 2A is not longer than the tolerance"), "{message}");
+        assert!(message.contains("found LINE 2A"), "{message}");
         assert!(joined(&drawing, 1.0).is_err() && joined(&drawing, 0.0).is_err());
     }
 }

@@ -76,7 +76,8 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
     let front = match (projection, n) {
         (_, 0 | 1) => {
             return Err(Error::input(format!(
-                "expected two or three separate views, found {n}: is each view in its own file?"
+                "expected two or three separate views on one sheet, found {n}: specify the files of all \
+                 views if each view has its own"
             )));
         }
         // Of two views, the convention tells which one is the front view: stacked views are front and top,
@@ -108,9 +109,9 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
         let Some(kind) = kind.filter(|k| views.iter().all(|v: &View| v.kind.axes() != k.axes())) else {
             let [[left, right], [bottom, top]] = groups[g].span;
             return Err(Error::input(format!(
-                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that is \
-                 neither at the place of the top view nor at that of a side view in the {} convention: \
-                 expected views of one scale, aligned with the front view",
+                "{name}: expected views of one scale, aligned with the front view, found a view ({left:.3} \
+                 to {right:.3}, {bottom:.3} to {top:.3}) that is neither at the position of the top view \
+                 nor at that of a side view in the {} convention",
                 match projection {
                     Projection::FirstAngle => "first-angle",
                     Projection::ThirdAngle => "third-angle",

@@ -146,12 +146,13 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
         SymmetryKind::Rotation { order: Some(n), .. } => format!("a rotation of order {n}"),
         SymmetryKind::Mirror { .. } => "a mirror plane".to_owned(),
     };
-    let advice = "omit the symmetry, state another, or let it be detected";
+    let advice = "omit the symmetry, specify another, or let it be detected";
     // A requested symmetry that the readings do not support is an error: a vessel with a wrong half looks
     // as good as a right one (decision 0016).
     let Some(found) = found else {
         return Err(Error::undetermined(format!(
-            "the readings do not place {what}: no part of them meets the image of another; {advice}"
+            "the readings do not determine {what}: no part of the cloud coincides with the image of \
+             another; {advice}"
         ))
         .with_setting(Setting::Symmetry));
     };
@@ -160,10 +161,9 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
     }
     let (shifts, _) = found.sigmas();
     Err(Error::undetermined(format!(
-        "the readings do not bear out {what}: of {} pieces of the cloud {} meet the image of another and {} \
-         agree with it, and its place is known to ±{:.2e}; more than 80 % have to agree, and the place to be \
-         known \
-         within 2 % of the size: {advice}",
+        "the readings do not support {what}: of {} pieces of the cloud, {} coincide with the image of \
+         another and {} agree with it, and σ of its position is {:.2e}; expected more than 80 % in \
+         agreement, and a position within 2 % of the size: {advice}",
         facets.all.len(),
         found.compared,
         found.agreeing,

@@ -179,8 +179,8 @@ fn without_overhangs(mut places: Vec<Place>, map: &AffineMap) -> Result<Vec<Plac
     // which is a finding.
     if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
-            "a raster of heights: expected a sheet with one height over every place, found one that stands \
-             upright or leans over in {overhangs} of {found} cells; z must be up"
+            "a raster of heights: expected a sheet with one height at each point, found vertical or \
+             overhanging parts in {overhangs} of {found} cells; z must point upwards"
         )));
     }
     Ok(places)
@@ -444,12 +444,16 @@ mod tests {
         let flat = refined_surface(Shape::Sheet);
         let upright = flat.vertices().iter().map(|p| DVec3::new(p[0], p[2], p[1])).collect();
         let upright = model_of(flat.with_vertices(upright).unwrap(), |_| true);
-        assert!(refused(&upright, Some(0.1)).contains("one height over every place"));
+        assert!(refused(&upright, Some(0.1)).contains("one height at each point"));
         let rolled = (flat.vertices().iter())
             .map(|p| DVec3::new(p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()))
             .collect();
         let rolled = model_of(flat.with_vertices(rolled).unwrap(), |_| true);
-        assert!(refused(&rolled, Some(0.02)).contains("leans over"), "{}", refused(&rolled, Some(0.02)));
+        assert!(
+            refused(&rolled, Some(0.02)).contains("overhanging parts"),
+            "{}",
+            refused(&rolled, Some(0.02))
+        );
         assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("a larger cell size"));
         assert!(refused(&hills([0.0; 2], |_| true), Some(-1.0)).contains("cell size > 0"));
     }

@@ -126,14 +126,18 @@ fn placed_mesh_of_size(
             None => format!("half its median σ, {wanted:.2e} {unit}"),
         };
         let text = format!(
-            "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more \
+            "the chord error of the mesh is {affordable:.2e} {unit} instead of {goal}, which needs more \
              than {max_triangles} triangles"
         );
         findings.push(match tolerance {
             Some(_) => Finding::new(FindingCode::MeshTriangleLimit, text),
             // A stated tolerance may have more triangles.
-            None => Finding::new(FindingCode::MeshTriangleLimit, text + "; state the chord error to get it")
-                .with_setting(Setting::MeshTolerance),
+            None => Finding::new(
+                FindingCode::MeshTriangleLimit,
+                text + "; specify the chord error to get \
+                it",
+            )
+            .with_setting(Setting::MeshTolerance),
         });
     }
     let tolerance = affordable;
@@ -141,8 +145,8 @@ fn placed_mesh_of_size(
     let made = tessellate(&model.surface, &options)?;
     if made.limited_leaves > 0 {
         let text = format!(
-            "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are \
-             divided into 64 × 64 squares at most",
+            "the chord error exceeds {tolerance:.2e} {unit} on {} of {} cells, because cells are divided \
+             into at most 64 × 64 squares",
             made.limited_leaves,
             model.observed.len()
         );
@@ -337,7 +341,7 @@ mod tests {
         let [warning] = &mesh.findings[..] else {
             panic!("{:?}", mesh.findings);
         };
-        assert!(warning.text.contains("64 × 64 squares at most"), "{warning}");
+        assert!(warning.text.contains("at most 64 × 64 squares"), "{warning}");
         // Triangles run out first.
         let mesh = mesh_of_size(&model, &posterior, None, [20_000, 40_000]).unwrap();
         assert!(mesh.tolerance > 0.5 * median_sigma(&model, &posterior).unwrap());

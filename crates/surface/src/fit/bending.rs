@@ -108,8 +108,8 @@ fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result
         return Ok(());
     }
     Err(Error::input(format!(
-        "bending needs a sheet, which has one border; the first state looks like a {}: if it is a sheet, \
-         state that shape",
+        "expected a sheet for bending, found a first state that looks like a {}: if it is a sheet, specify \
+         this shape",
         shape.name()
     ))
     .at(&set.scans[first.scans[0]].scan.name)
@@ -120,12 +120,11 @@ fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result
 /// Refuses to follow another shape than a sheet.
 fn refuse_other_shape(options: &FitOptions) -> Result<()> {
     match options.shape {
-        Some(shape) if shape != Shape::Sheet => Err(Error::input(format!(
-            "bending needs a sheet, which has one border: found the shape {}",
-            shape.name()
-        ))
-        .with_setting(Setting::Motion)
-        .with_setting(Setting::Shape)),
+        Some(shape) if shape != Shape::Sheet => {
+            Err(Error::input(format!("expected the shape sheet for bending, found {}", shape.name()))
+                .with_setting(Setting::Motion)
+                .with_setting(Setting::Shape))
+        }
         _ => Ok(()),
     }
 }
@@ -166,8 +165,8 @@ fn follow(
         let laid = sheet.lay(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e
                 .in_context(
-                    "the sheet cannot be bent to all readings of its time; is the time right, and the shape \
-                     one?",
+                    "the fit of a bent sheet to all readings of one time failed: check the times of the \
+                     scans, and that they show one sheet",
                 )
                 .at(state.name(set)),
             _ => e.at(state.name(set)),
@@ -373,9 +372,9 @@ fn reported(
 fn stretched_finding(state: &BendingState) -> Finding {
     let change = state.largest_change.iter().copied().fold(0.0, f64::max);
     let text = format!(
-        "{}: not the sheet of the first scan, bent and not stretched: E, F or G changes by up to {:.1} %, \
-         residuals are {:.2} times their noise, and {} of {} readings lie beyond the border; what was \
-         transferred there from other times is not valid",
+        "{}: the sheet differs from that of the first scan by more than bending: E, F or G changes by up \
+         to {:.1} %, residuals are {:.2} times their σ, and {} of {} readings are beyond the boundary; \
+         parts transferred from other times are not valid",
         state.scans.join(", "),
         100.0 * change,
         state.misfit,

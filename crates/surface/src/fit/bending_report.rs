@@ -76,7 +76,7 @@ pub(crate) fn states_in_time(set: &ScanSet) -> Result<Vec<State>> {
     if set.scans.len() < 2 {
         let found = set.scans.first().map_or("none", |posed| posed.scan.name.as_str());
         return Err(Error::input(format!(
-            "a bending sheet needs scans of at least two states, found one: {found}"
+            "expected scans of at least two states of a bending sheet, found one: {found}"
         ))
         .with_setting(Setting::Motion));
     }

@@ -261,7 +261,9 @@ impl Finishing<'_> {
         let exact = Posterior::new(&model.surface, Arc::clone(covariance)).given_scan_errors();
         let held_out = judge_held_out(&exact, observations, noise, at, options.gate)?;
         if !observed.contains(&Observed::Measured) {
-            return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
+            return Err(Error::undetermined(
+                "expected readings within the gate, found none: no part of the surface was measured",
+            ));
         }
         // A user reads this σ as that of the real surface, so it includes the unresolved shape.
         let sigma = Posterior::new(&model.surface, Arc::clone(covariance))
@@ -345,9 +347,9 @@ impl Finishing<'_> {
         }
         if far > near {
             return Err(Error::undetermined(format!(
-                "only {near} of {} positions lie near the surface that was found, given their σ: there are \
-                 too few for the shape, or their σ is stated too small; add readings, leave σ out so that it \
-                 is estimated, or allow more coefficients",
+                "only {near} of {} positions lie near the fitted surface, compared with their σ: there are \
+                 too few readings for the shape, or the stated σ is too small; add readings, omit σ so \
+                 that it is estimated, or allow more coefficients",
                 near + far
             ))
             .with_setting(Setting::MaxCoefficients));
@@ -514,9 +516,9 @@ impl Finishing<'_> {
                 findings.push(Finding::new(
                     FindingCode::PoseUndetermined,
                     format!(
-                        "the readings leave {} of the six directions of the pose of {} open: see \
-                     `undetermined` in the JSON of its pose; the object may be symmetric, or the scan small \
-                     or flat",
+                        "the readings do not determine {} of the six directions of the pose of {} (see \
+                         `undetermined` of the pose in the JSON object); the object may be symmetric, or \
+                         the scan small or flat",
                         pose.undetermined.len(),
                         pose.scan
                     ),

@@ -103,7 +103,7 @@ fn base_grid(base: &BaseShape, cells: usize, multiple: usize, max_nodes: usize) 
         }
         if cells == 1 {
             return Err(Error::input(format!(
-                "a {} takes at least {nodes} coefficients, but only {max_nodes} are allowed",
+                "expected a limit of at least {nodes} coefficients for a {}, found {max_nodes}",
                 base.shape.name()
             )));
         }

@@ -68,8 +68,8 @@ pub(super) fn fit_known_parameters(
     let many = cells[0].saturating_mul(cells[1]);
     if many > MAX_CELLS {
         return Err(Error::input(format!(
-            "expected at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found \
-             {} × {} = {many}",
+            "expected at most {MAX_CELLS} cells (each needs about 20 KB for its covariance), found {} × {} \
+             = {many}",
             cells[0], cells[1]
         )));
     }
@@ -250,8 +250,8 @@ impl Solved {
         if !readings.stated.iter().all(|stated| *stated) {
             let [nu, nv] = system.space().base();
             return Err(Error::undetermined(format!(
-                "{} readings on {nu} × {nv} cells do not tell noise from shape: expected their σ (the column \
-                 sigma, or a sensor's), more of them, or fewer cells",
+                "{} readings on {nu} × {nv} cells cannot separate noise from shape: specify σ (the column \
+                 sigma, or of a sensor), add readings, or use fewer cells",
                 self.count()
             )));
         }
@@ -355,18 +355,18 @@ impl Solved {
         let n = self.coordinates() * self.count().max(1) as f64;
         let space = model.surface.space();
         let (rejected, total) = readings.rejected();
-        let mut findings = common_findings(&model.sensors, observed_share, 0.0, &rejected, total);
+        let mut findings = common_findings(&model.sensors, model.unit, observed_share, 0.0, &rejected, total);
         if has_uncertain_pose(readings.set) {
             findings.push(Finding::new(
                 FindingCode::PoseSigmaUnused,
-                "with known parameters, poses are taken as exact: their σ was not used",
+                "with known parameters, poses are treated as exact: their σ was not used",
             ));
         }
         if let Some(share) = unresolved_share {
             let [nu, nv] = space.base();
             let text = format!(
-                "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot resolve: use more \
-                 cells, or σ is too small",
+                "{:.0} % of the variance of the residuals is unresolved shape: {nu} × {nv} cells are too \
+                 few, or σ is too small",
                 100.0 * share
             );
             findings.push(
@@ -431,7 +431,7 @@ impl Readings<'_> {
     ) -> Result<HeldOut> {
         let gate = if is_gated { self.options.gate } else { f64::INFINITY };
         let Some(&measured) = surface.coordinates.first() else {
-            return Err(Error::undetermined("no coordinate was measured"));
+            return Err(Error::undetermined("expected measured coordinates, found none"));
         };
         // All measured coordinates have the same variance, so one of them stands for all.
         let mut axis = DVec3::ZERO;

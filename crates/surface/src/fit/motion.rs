@@ -69,7 +69,7 @@ pub(super) fn fit_moving(
     }
     let mut tracker = RigidTracker::new(&first, set, &order)?;
     for (k, &scan) in order.iter().enumerate().skip(1) {
-        progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
+        progress.check("tracking the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
         progress.items(k - 1, "scans");
         let readings = observe(
             &scans_of(set, &[scan]),

@@ -81,8 +81,8 @@ impl PatchFilterOutcome {
     pub(super) fn finding(&self) -> Option<Finding> {
         (self.held_back > 0).then(|| {
             let text = format!(
-                "the residuals of {} of {} patches are correlated at level {}, the maximum depth: raise it \
-                 for more detail",
+                "the residuals of {} of {} patches are correlated at level {}, the maximum depth: raise \
+                 the maximum depth for more detail",
                 self.held_back,
                 self.filter.patches().len(),
                 self.deepest
@@ -276,7 +276,8 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
 pub(super) fn refuse_align(align: bool) -> Result<()> {
     if align {
         return Err(Error::unsupported(
-            "the patch filter takes poses as they are stated: expected the global filter to align scans",
+            "expected the global filter for an alignment, found the patch filter, which uses poses as \
+             stated",
         ));
     }
     Ok(())
@@ -288,8 +289,8 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<Finding> {
         .filter(|(k, sensor)| sensor.sigma_bias.is_some() && set.scans.iter().any(|posed| posed.sensor == *k))
         .map(|(_, sensor)| {
             let text = format!(
-                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was \
-                 not used, and σ of the surface is too small by it",
+                "the patch filter treats all readings as independent: `sigma_bias` of the sensor \"{}\" \
+                 was not used, so σ of the surface is too small",
                 sensor.name
             );
             Finding::new(FindingCode::BiasUnused, text)

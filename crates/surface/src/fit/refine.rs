@@ -317,7 +317,8 @@ impl Refinement<'_> {
         let information = weights(readings, &self.noise, gate, !round.is_last);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(
-                "no reading lies near the surface: do the scans share one frame and unit?",
+                "expected readings near the surface, found none: check that the scans have one frame and \
+                 unit",
             ));
         }
         progress.rms(rms_of_positions(&feet, &information));

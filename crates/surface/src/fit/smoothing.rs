@@ -160,7 +160,9 @@ impl Smoothing {
         SearchStart { weight: start, step, dispersion, memory }: SearchStart,
     ) -> Result<Self> {
         if !(start > 0.0 && start.is_finite()) {
-            return Err(Error::undetermined("the readings span no area"));
+            return Err(Error::undetermined(
+                "expected readings that span an area, found all on one line or at one point",
+            ));
         }
         let measured = measured_coordinates(total);
         let coordinates = measured.iter().filter(|m| **m).count();
@@ -226,7 +228,8 @@ impl Smoothing {
         if factored_at != Some(found.weight) {
             factorize(found.weight, &mut factor)?;
         }
-        let factor = factor.ok_or_else(|| Error::undetermined("the readings determine no weight"))?;
+        let factor = factor
+            .ok_or_else(|| Error::undetermined("the readings do not determine the weight of smoothness"))?;
         let mut solution = vector.to_vec();
         factor.solve_in_place(&mut solution)?;
         Ok(Self { found, energy, bounds, measured, factor, solution })
@@ -265,8 +268,12 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
     let [nu, nv] = space.extent();
     let point: Box<dyn Fn(f64, f64) -> DVec3> = match space.shape() {
         Shape::Sheet => {
-            let undetermined =
-                || Error::undetermined("the readings' parameters lie on one line: they determine no surface");
+            let undetermined = || {
+                Error::undetermined(
+                    "expected parameters that span an area, found all on one line: they \
+                    do not determine a surface",
+                )
+            };
             let [origin, along_u, along_v] = sums.affine().ok_or_else(undetermined)?.map;
             let [origin, along_u, along_v] = [origin, along_u, along_v].map(DVec3::from);
             Box::new(move |u, v| origin + u * along_u + v * along_v)

@@ -133,7 +133,7 @@ impl NodeCovariance {
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
         let directions = |axis| vec![axis; system.space().node_count()];
         let Self::Nodes(WholeCovariance { inverse, motion, .. }) = self else {
-            return Err(Error::unsupported("patches know nothing of vertices far from each other"));
+            return Err(Error::unsupported("patches have no covariance between distant vertices"));
         };
         match motion {
             VertexMotion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
@@ -257,7 +257,9 @@ impl<'a> Posterior<'a> {
         by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
         by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
         let Some(&(max, _)) = by_area.last() else {
-            return Err(Error::undetermined("the surface has no area whose σ could be told"));
+            return Err(Error::undetermined(
+                "expected measured parts of the surface, found none: σ cannot be summarised",
+            ));
         };
         let total: f64 = by_area.iter().map(|(_, area)| area).sum();
         let quantile = |share: f64| {

@@ -90,8 +90,8 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<Finding>> {
         findings.push(Finding::new(
             FindingCode::FarFromOrigin,
             format!(
-                "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better \
-             subtract an offset from its coordinates first"
+                "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: \
+                 subtract an offset from its coordinates first"
             ),
         ));
     }
@@ -126,8 +126,8 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<Finding> {
     }
     let (_, distant) = boxes.first()?;
     let text = format!(
-        "the scans {first} and {distant} lie farther apart than either is large: do they share one frame and \
-         unit?"
+        "the distance between the scans {first} and {distant} exceeds their sizes: check that they have \
+         one frame and unit"
     );
     Some(Finding::new(FindingCode::ScansApart, text))
 }
@@ -140,8 +140,8 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
     let out_of_range = |sigma: f64| !(size / SIGMA_RANGE..=size * SIGMA_RANGE).contains(&sigma);
     let message = |sigma: f64| {
         format!(
-            "σ = {sigma:e} beside a cloud of size {size:.3e}: expected at most a factor of {SIGMA_RANGE:e} \
-             between them; is its unit right?"
+            "expected a ratio of at most {SIGMA_RANGE:e} between σ and the size of the cloud, found \
+             {sigma:e} and {size:.3e}: check the unit of σ"
         )
     };
     let scan = &posed.scan;
@@ -206,9 +206,12 @@ mod tests {
                     scan.covariance =
                         Some(vec![SymmetricMatrix3 { xx: 1e40, ..SymmetricMatrix3::isotropic(1.0) }; 2])
                 },
-                "point 0: σ = 1e20",
+                "point 0: expected a ratio",
             ),
-            (|_, sensor| sensor.noise = Some(Noise::Isotropic { sigma: 1e30 }), "sensor \"laser\": σ = 1e30"),
+            (
+                |_, sensor| sensor.noise = Some(Noise::Isotropic { sigma: 1e30 }),
+                "sensor \"laser\": expected a ratio",
+            ),
             (|scan, _| scan.points.iter_mut().for_each(|p| p[0] += 1e9), "subtract an offset"),
         ];
         for (change, words) in cases {

@@ -139,15 +139,17 @@ impl Observations {
         let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
         let listed = self.intake.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
             format!(
-                "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among \
-                 the rejected readings",
+                "{}: readings repeat those of {} to the last digit, so they count once (`duplicate` in the \
+                 rejected readings)",
                 name(second),
                 name(first)
             )
         });
         let more = self.intake.copies.len().saturating_sub(MAX_LISTED_DUPLICATES);
         listed
-            .chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
+            .chain((more > 0).then(|| {
+                format!("{more} more pairs of scans have readings that are equal to the last digit")
+            }))
             .map(|text| Finding::new(FindingCode::DuplicateReadings, text))
             .collect()
     }

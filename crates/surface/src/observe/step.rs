@@ -89,7 +89,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
     let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
         ErrorKind::Undetermined => Error::undetermined(format!(
-            "{} readings near the surface leave its shape open",
+            "{} readings near the surface do not determine its shape",
             information.iter().filter(|&&w| w > 0.0).count()
         ))
         .with_source(e),

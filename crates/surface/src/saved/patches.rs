@@ -49,8 +49,8 @@ fn columns(layout: StateLayout) -> Option<usize> {
 
 fn unsaved() -> Error {
     Error::unsupported(
-        "a patch filter in the full layout is not saved: expected heights, positions or readings along \
-         normals",
+        "expected the layout of heights, positions or normals for a saved patch filter, found the full \
+         layout",
     )
 }
 
@@ -60,7 +60,7 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
     let columns = columns(state.options.layout).ok_or_else(unsaved)?;
     // Messages between patches are not saved, so none may be pending.
     if state.patches.iter().any(|p| p.before.is_some()) {
-        return Err(Error::input("a patch filter is saved after its patches were reconciled"));
+        return Err(Error::input("expected reconciled patches in a saved patch filter"));
     }
     let count = state.patches.len();
     let numbers =
@@ -142,7 +142,7 @@ impl Notes {
         let patches = (0..count)
             .map(|p| {
                 let depth = u8::try_from(cells[3 * p]).map_err(|_| {
-                    Error::input(format!("tensor `patch_cells`: {} is no depth", cells[3 * p]))
+                    Error::input(format!("tensor `patch_cells`: expected a depth, found {}", cells[3 * p]))
                 })?;
                 let mean = means[p * VERTICES * columns..][..VERTICES * columns].to_vec();
                 let of_cell = |k: usize| {

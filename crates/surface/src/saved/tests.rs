@@ -82,7 +82,10 @@ fn every_kind_of_damage_is_reported() {
     assert!(
         complaint(|file| f64s(file, "information_prior_values")[3] = f64::INFINITY).contains("prior_values")
     );
-    assert!(complaint(|file| u32s(file, "information_data_indices")[3] += 1).contains("other nodes"));
+    assert!(
+        complaint(|file| u32s(file, "information_data_indices")[3] += 1)
+            .contains("expected the couplings of the cells")
+    );
     assert!(complaint(|file| u32s(file, "cells")[0] = 13).contains("levels up to"));
     assert!(complaint(|file| u32s(file, "cells")[1] = 1000).contains("outside"));
     assert!(complaint(|file| u32s(file, "cells").copy_within(3..6, 0)).contains("tile"));

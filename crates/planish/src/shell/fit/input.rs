@@ -196,9 +196,7 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
     }
     // Rigid parts reduce the smoothness energy to fewer unknowns. Modes have a prior instead of an energy.
     let Some(stiffness) = &inner.stiffness else {
-        return Err(Error::unsupported(
-            "parts cannot be rigid where modes move the mesh: use controls or a lattice",
-        ));
+        return Err(Error::unsupported("expected controls or a lattice for rigid parts, found modes"));
     };
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     let blend = job.blend.unwrap_or(DEFAULT_BLEND * size);
@@ -242,7 +240,8 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
     };
     if given.is_some() && job.deformation != DeformationKind::Dirichlet {
         return Err(Error::input(
-            "a file of controls is for the deformation by natural neighbours (dirichlet) only",
+            "expected the deformation dirichlet (natural neighbours) for a file of controls, found another \
+             one",
         ));
     }
     let free = |deformation: Box<dyn Deformation>, k: DMatrix<f64>, controls: usize| Moved {
@@ -277,8 +276,8 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             let count = mesh.positions.len();
             if count > MAX_VERTICES {
                 return Err(Error::unsupported(format!(
-                    "{}: has {count} vertices, and at most {MAX_VERTICES} may each move on their own: use \
-                     controls, or a coarser mesh",
+                    "{}: expected at most {MAX_VERTICES} vertices that each move independently, found \
+                     {count}: use controls, or a coarser mesh",
                     job.mesh.display()
                 )));
             }
@@ -294,7 +293,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             // Modes move vertices by their number. With other vertices, the result would be meaningless.
             if modes.mean().len() != mesh.positions.len() {
                 return Err(Error::input(format!(
-                    "{} has {} vertices, and the family {}: expected the same vertices in all",
+                    "{}: expected as many vertices as the family has, found {} instead of {}",
                     job.mesh.display(),
                     mesh.positions.len(),
                     modes.mean().len()
@@ -360,7 +359,7 @@ fn read_points(
     // The assumed σ is a start for its estimation. Used as a fact, it would be an invented accuracy.
     if unknown > 0 && job.believe_sigma {
         return Err(Error::input(format!(
-            "{unknown} points state no σ: to use σ as stated, every point needs one"
+            "expected σ of every point to use it as stated, found {unknown} points without σ"
         ))
         .with_setting(Setting::BelieveSigma));
     }

@@ -57,8 +57,8 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     // An error: a wrong unit is far more likely than an object that differs so much from its mesh.
     if reach > MAX_SIZE_RATIO * size || reach < MIN_SIZE_RATIO * size {
         return Err(Error::undetermined(format!(
-            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: expected one unit, \
-             or a mesh of the object's size"
+            "expected points and a mesh of similar size, found extents of {reach_text} {unit} and \
+             {size_text} {unit}: check the units"
         ))
         .with_setting(Setting::Unit));
     }
@@ -73,8 +73,9 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     // Points of a small part must also be nearer than their own extent.
     if median > (MAX_MEDIAN_DISTANCE * size).min(reach) {
         return Err(Error::undetermined(format!(
-            "half of the points are more than {} {unit} from the mesh, which reaches over {size_text} \
-             {unit}, and they over {reach_text} {unit}: bring both into one frame and unit first",
+            "expected points near the mesh, found half of them more than {} {unit} away (extent of the \
+             mesh {size_text} {unit}, of the points {reach_text} {unit}): bring both into one frame and \
+             unit first",
             significant(median, 3)
         )));
     }
@@ -106,8 +107,8 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
         if share > MAX_FRAME_SHARE {
             let text = format!(
-                "view {name}: {} of the mask's frame belongs to the object: is the mask inverted? The object \
-                 is brighter than its threshold",
+                "view {name}: {} of the border of the mask image belongs to the object: check that the \
+                 mask is not inverted; the object must be brighter than the threshold",
                 percent(share)
             );
             findings.push(Finding::new(FindingCode::MaskInverted, text));
@@ -126,12 +127,12 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
             findings.push(Finding::new(
                 FindingCode::MaskMismatch,
                 format!(
-                    "view {name}: the mesh hardly appears in its mask before the fit: is it the mask of \
-                 another view, or the camera or the mesh in another unit or frame?{}",
+                    "view {name}: the mesh hardly overlaps its mask before the fit: check that the mask \
+                     belongs to this view, and that camera and mesh have the same unit and frame{}",
                     match off_axis {
                         true => format!(
-                            " The camera's axis meets the picture at {:.0}, {:.0}, and the mask has {} × {} \
-                         pixels: K may be of a picture of another size",
+                            "; the optical axis meets the image at {:.0}, {:.0}, but the mask has {} × {} \
+                             pixels: K may belong to an image of another size",
                             middle[0], middle[1], mask.columns, mask.rows
                         ),
                         false => String::new(),
@@ -170,8 +171,8 @@ pub(super) fn outcome(
             findings.push(Finding::new(
                 FindingCode::ManyOutliers,
                 format!(
-                    "{} of {} {what} are gross errors: the mesh may have too few controls for the object, or \
-                 start too far away",
+                    "{} of {} {what} are outliers: the mesh may have too few controls for the object, or \
+                     start too far away",
                     report.outliers, report.count
                 ),
             ));
@@ -187,8 +188,8 @@ pub(super) fn outcome(
         findings.push(Finding::new(
             FindingCode::MaskNotReached,
             format!(
-                "view {view}: the mesh agrees with its mask by {} only (intersection over union): check \
-             whether the mask is that of the view",
+                "view {view}: the overlap of the mesh with its mask is only {} (intersection over union): \
+                 check that the mask belongs to this view",
                 significant(*iou, 2)
             ),
         ));
@@ -199,16 +200,16 @@ pub(super) fn outcome(
         findings.push(Finding::new(
             FindingCode::MeshFolded,
             format!(
-                "{} of the mesh folded over: bent by less than a right angle before, by more than 120° now; \
-             fewer controls hold it smoother",
+                "{} of the mesh folded over (bent by less than 90° before and by more than 120° now): use \
+                 fewer controls for a smoother deformation",
                 counted(distortion.folds, "edge")
             ),
         ));
     }
     if distortion.stretched > 0 {
         let text = format!(
-            "the lengths of {} grew by four times those of other edges, and more: check for spikes, which \
-             fewer controls or more points prevent",
+            "{} grew at least four times as much as other edges: check for spikes; fewer controls or more \
+             points prevent them",
             counted(distortion.stretched, "edge")
         );
         findings.push(Finding::new(FindingCode::MeshStretched, text));
@@ -227,8 +228,8 @@ fn misstated(what: &str, report: &ReadingsReport) -> Option<Finding> {
         false => percent(factor),
     };
     let text = format!(
-        "σ of {what} is {times} what is stated, by their residuals: the stated σ is wrong, or the controls \
-         are too few; the estimate was used"
+        "the residuals indicate that σ of {what} is {times} the stated value: the stated σ is wrong, or \
+         there are too few controls; the estimate was used"
     );
     Some(Finding::new(FindingCode::SensorSigmaMisstated, text).with_setting(Setting::BelieveSigma))
 }
@@ -242,8 +243,7 @@ pub(super) fn ending(done: &ShellFitReport) -> Vec<Finding> {
                 true => FindingCode::HeldOutViewMisfit,
                 false => FindingCode::HeldOutView,
             };
-            let text =
-                format!("view {view}, which was held out, agrees with its mask by {}", percent(*share));
+            let text = format!("held-out view {view}: the overlap with its mask is {}", percent(*share));
             found.push(Finding::new(code, text));
         }
     }

@@ -37,13 +37,13 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
         format!("95 % below {}", unit.text(report.sigma.p95)),
     )];
     if let Some(rms) = report.rms_points {
-        figures.push(Figure::new("points, rms", unit.text(rms), "of their distances"));
+        figures.push(Figure::new("points, rms", unit.text(rms), "distance from the mesh"));
     }
     if let Some(rms) = report.rms_silhouettes_px {
         figures.push(Figure::new(
             "outlines, rms",
             format!("{} px", significant(rms, 3)),
-            "of their distances",
+            "distance from the outlines",
         ));
     }
     // Figures of sources that were not used would read as zero errors, so they are omitted.
@@ -55,7 +55,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
         ));
     }
     figures.push(Figure::new("measured", percent(report.observed_fraction), "of the vertices"));
-    let mut sections = vec![went_in(report, unit)];
+    let mut sections = vec![inputs(report, unit)];
     sections.extend(overlaps(report));
     sections.extend(poses(report, unit));
     sections.extend(frames(report, unit));
@@ -63,7 +63,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
         job: "shell fit".to_owned(),
         title: crate::report::title_of(named),
         headline: format!(
-            "A mesh of {}, moved by {}.",
+            "A mesh of {}, deformed by {}.",
             counted(shown.found.triangles.len(), "triangle"),
             counted(report.controls, "control")
         ),
@@ -82,7 +82,7 @@ fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
 }
 
 fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
-    // `went_in` selects the unit of a row by these names.
+    // `inputs` selects the unit of a row by these names.
     [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
 }
 
@@ -97,7 +97,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     } else {
         vec![Cloud {
             // Hidden at first, because many thousand dots would cover the mesh.
-            name: "points that were read".to_owned(),
+            name: "input points".to_owned(),
             positions: shown.points.iter().copied().step_by(step).collect(),
             hidden: true,
             width: 3,
@@ -115,12 +115,12 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
                     numbers("sigma", "σ along the normal", name, FieldKind::Sequential, shown.sigma.to_vec()),
                     observed_field(shown.observed),
                     // Distances and not only normal components: a mesh that slides along itself should show.
-                    numbers("moved", "how far it was moved", name, FieldKind::Sequential, moved),
+                    numbers("moved", "displacement", name, FieldKind::Sequential, moved),
                 ],
                 ..SurfaceShown::default()
             },
             SurfaceShown {
-                name: "mesh that was given".to_owned(),
+                name: "input mesh".to_owned(),
                 positions: shown.given.positions.clone(),
                 triangles: shown.given.triangles.clone(),
                 hidden: true,
@@ -134,8 +134,8 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     }
 }
 
-fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
-    let mut table = Table::new(["readings", "number", "gross errors", "rms", "σ over stated"]);
+fn inputs(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
+    let mut table = Table::new(["readings", "count", "outliers", "rms", "σ estimated/stated"]);
     for (what, of) in kinds(report) {
         let Some(of) = of else { continue };
         table.row(
@@ -159,8 +159,8 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
         vec![
             Block::Table(table),
             Block::Text(format!(
-                "Smoothness weighs {}, by marginal likelihood. Vertices count as measured where more than \
-                 half of what is known of them comes from the readings.",
+                "Weight of smoothness: {}, chosen by marginal likelihood. A vertex counts as measured if \
+                 more than half of its information comes from the readings.",
                 significant(report.smoothness_weight, 3)
             )),
         ],
@@ -172,7 +172,7 @@ fn overlaps(report: &ShellFitReport) -> Option<Section> {
     if report.iou.is_empty() {
         return None;
     }
-    let mut table = Table::new(["view", "overlap", "before", "used"]);
+    let mut table = Table::new(["view", "overlap", "overlap before", "used"]);
     for (view, share) in &report.iou {
         // Held-out views judge the fit, so a small overlap is marked for them as well.
         let held_out = report.held_out.contains(view);
@@ -181,12 +181,12 @@ fn overlaps(report: &ShellFitReport) -> Option<Section> {
                 view.clone(),
                 percent(*share),
                 report.iou_before.get(view).map_or("–".to_owned(), |b| percent(*b)),
-                if held_out { "no: it judges" } else { "yes" }.to_owned(),
+                if held_out { "no (held out)" } else { "yes" }.to_owned(),
             ],
             *share < MIN_OVERLAP,
         );
     }
-    Some(Section::new("How views agree with their masks", vec![Block::Table(table)]))
+    Some(Section::new("Overlap with masks", vec![Block::Table(table)]))
 }
 
 /// Poses that were uncertain.
@@ -195,7 +195,7 @@ fn poses(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
         return None;
     }
     let [moved, sigma] = ["moved", "largest σ"].map(|what| unit.head(what));
-    let mut table = Table::new(["view", "turned / °", &moved, "largest σ / °", &sigma]);
+    let mut table = Table::new(["view", "rotated / °", &moved, "largest σ / °", &sigma]);
     // The worst axis: a camera is rarely uncertain along all three.
     let largest = |values: &[f64; 3]| values.iter().copied().fold(0.0, f64::max);
     for pose in &report.poses {
@@ -210,7 +210,7 @@ fn poses(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
             false,
         );
     }
-    Some(Section::new("Where the cameras stood", vec![Block::Table(table)]))
+    Some(Section::new("Estimated camera poses", vec![Block::Table(table)]))
 }
 
 /// Frames of a sequence.
@@ -219,7 +219,7 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
         return None;
     }
     let [points, sigma] = ["points, rms", "median σ"].map(|what| unit.head(what));
-    let mut table = Table::new(["frame", &points, "outlines, rms / px", "overlap", "surprise", &sigma]);
+    let mut table = Table::new(["frame", &points, "outlines, rms / px", "overlap", "deviation/σ", &sigma]);
     let cell = |value: Option<f64>, text: &dyn Fn(f64) -> String| value.map_or("–".to_owned(), text);
     for frame in &report.frames {
         table.row(
@@ -236,11 +236,11 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
         );
     }
     Some(Section::new(
-        "Frame by frame",
+        "Frames",
         vec![
             Block::Text(
-                "All above is of the last frame. Surprise: by how many σ the parameters differ from \
-                what was predicted (rms)."
+                "The sections above describe the last frame. Deviation/σ is the normalised rms difference \
+                 between the estimated and the predicted parameters."
                     .to_owned(),
             ),
             Block::Table(table),

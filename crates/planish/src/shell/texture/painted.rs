@@ -66,17 +66,16 @@ pub(super) fn paint(
     let size = job.texture_size.unwrap_or_else(usual);
     if size < least || size > LARGEST_TEXTURE {
         return Err(Error::input(format!(
-            "a texture of {count} triangles takes {least} pixels along a side or more, and \
-             {LARGEST_TEXTURE} are the most, found {size}: expected another size, a coarser mesh, or colours \
-             of vertices"
+            "expected a texture of {least} to {LARGEST_TEXTURE} pixels along a side for {count} triangles, \
+             found {size}: choose another size, a coarser mesh, or colours of vertices"
         )));
     }
     let chart = own.unwrap_or_else(|| Chart::atlas(count, size));
     match chart.outside() {
         0 => {}
         n => findings.push(Finding::new(FindingCode::TextureIncomplete, format!(
-            "{}: {n} of {count} triangles have no texture coordinates or reach out of the picture: they get \
-             no colours of their own",
+            "{}: {n} of {count} triangles have no texture coordinates or extend beyond the image: they get \
+             no colours",
             job.mesh.display()
         ))),
     }
@@ -100,7 +99,7 @@ pub(super) fn paint(
     // Some difference is normal, because pixels are counted by their centres.
     if covered > 1.1 * texels as f64 + 1000.0 {
         let text = format!(
-            "{}: parts of the mesh share the same place of the texture, and show the colours of one of them",
+            "{}: parts of the mesh share a region of the texture and show the colours of only one of them",
             job.mesh.display()
         );
         findings.push(Finding::new(FindingCode::TextureShared, text));

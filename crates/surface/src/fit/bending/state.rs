@@ -113,8 +113,8 @@ impl Sheet<'_> {
             let information = weights(readings, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
-                    "no reading lies near the sheet as it was before: do the scans share one frame, and is \
-                     the sheet the same?",
+                    "expected readings near the previous state of the sheet, found none: check that the \
+                     scans have one frame and show the same sheet",
                 ));
             }
             let smoothing = |length: f64| weight_of_length(&feet, &information, area, length * area.sqrt());

@@ -6,7 +6,8 @@ use crate::fit::patch::{PatchFilterOutcome, unused_biases};
 use crate::fit::rejected_readings;
 use crate::model::{SensorReport, SigmaSummary};
 use crate::observe::{Quantity, RejectionCause};
-use planish_core::{Finding, FindingCode, Setting};
+use planish_core::numbers::significant;
+use planish_core::{Finding, FindingCode, Setting, SmallUnit, Unit};
 use std::collections::BTreeMap;
 
 /// Smallest plausible ratio of the surface's median σ to σ of the mean of all positions.
@@ -34,6 +35,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     let Finishing { set, observations, options, filtered, .. } = *fit;
     let mut findings = common_findings(
         found.sensors,
+        set.unit.unwrap_or(Unit::Millimetre),
         found.observed_share,
         found.inferred_share,
         found.rejected,
@@ -41,25 +43,25 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     );
     // Sensors of earlier sessions are not among `sensors`, but further batches are.
     if fit.added.is_none() && found.sigma.median < MIN_SIGMA_RATIO * min_sigma(found.sensors) {
-        let text = "σ of the surface is less than all readings together could make it: the surface is \
-             folded, and its figures are not valid; state another shape, or give normals";
+        let text = "σ of the surface is smaller than all readings together allow: the surface is folded \
+            and the result is not valid; specify another shape, or add normals";
         findings.push(Finding::new(FindingCode::SurfaceFolded, text).with_setting(Setting::Shape));
     }
     if found.too_shallow {
         findings.push(
             Finding::new(
                 FindingCode::DepthLimit,
-                "the maximum depth was reached before the residuals were down to noise: σ includes the \
-             unresolved shape, but so does σ of sensors if it is estimated; raise the maximum depth for \
-             more detail",
+                "the maximum depth was reached before only noise remained in the residuals: σ includes the \
+                 unresolved shape, but so does the estimated σ of sensors; raise the maximum depth for \
+                 more detail",
             )
             .with_setting(Setting::MaxDepth),
         );
     }
     if found.reached_limit {
         let text = format!(
-            "the limit of {} coefficients was reached before the residuals were down to noise: raise it \
-             for more detail",
+            "the limit of {} coefficients was reached before only noise remained in the residuals: raise \
+             it for more detail",
             options.max_coefficients
         );
         findings
@@ -68,8 +70,8 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     let lacking = observations.channels.iter().zip(&found.noise.lacks_redundancy);
     for (channel, _) in lacking.filter(|(_, lacks_redundancy)| **lacks_redundancy) {
         let text = format!(
-            "the readings of sensor \"{}\" state no σ and are too few to estimate it: σ is taken from their \
-             distances to the earlier model, and is too small if that model includes them; state their σ",
+            "sensor \"{}\" has no stated σ and too few readings to estimate it: σ is taken from their \
+             distances to the earlier model, and is too small if that model includes them; specify σ",
             set.sensors[channel.sensor].name
         );
         findings.push(Finding::new(FindingCode::SigmaNotEstimable, text));
@@ -78,7 +80,7 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     if filtered.is_some() && has_uncertain_pose(set) {
         findings.push(Finding::new(
             FindingCode::PoseSigmaUnused,
-            "the patch filter takes poses as exact: their σ was not used",
+            "the patch filter treats poses as exact: their σ was not used",
         ));
     }
     if filtered.is_some() {
@@ -98,9 +100,22 @@ fn min_sigma(sensors: &[SensorReport]) -> f64 {
     if information > 0.0 { 1.0 / information.sqrt() } else { 0.0 }
 }
 
+/// σ of a sensor with the unit of its quantity.
+fn sigma_text(sensor: &SensorReport, sigma: f64, unit: Unit) -> String {
+    if sensor.quantity == Quantity::Normal.name() {
+        format!("{}°", significant(sigma, 3))
+    } else if sensor.quantity == Quantity::Curvature.name() {
+        format!("{} 1/{unit}", significant(sigma, 3))
+    } else {
+        // One unit for the stated and the estimated σ, so that they can be compared.
+        SmallUnit::for_length(unit.name(), sensor.sigma_estimated).text(sigma)
+    }
+}
+
 /// Findings that every kind of fit has; `total` counts readings before any rejection.
 pub(in crate::fit) fn common_findings(
     sensors: &[SensorReport],
+    unit: Unit,
     observed: f64,
     inferred: f64,
     rejected: &BTreeMap<String, usize>,
@@ -108,18 +123,20 @@ pub(in crate::fit) fn common_findings(
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     for sensor in sensors {
+        let sigma = |value| sigma_text(sensor, value, unit);
         if let (Some(stated), true) = (sensor.sigma_stated, sensor.sigma_used_is_estimated) {
             let text = format!(
-                "sensor {:?} states σ = {stated:.3e}, but its residuals indicate {:.3e}: the estimate is \
-                 used",
-                sensor.name, sensor.sigma_estimated
+                "sensor {:?} states σ = {}, but its residuals indicate {}: the estimate is used",
+                sensor.name,
+                sigma(stated),
+                sigma(sensor.sigma_estimated)
             );
             findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
         }
     }
     if observed < 0.5 {
         let completed = if inferred > 0.0 {
-            format!(", {:.0} % was completed by what was measured elsewhere", 100.0 * inferred)
+            format!(", {:.0} % was completed from measurements elsewhere", 100.0 * inferred)
         } else {
             String::new()
         };
@@ -131,16 +148,15 @@ pub(in crate::fit) fn common_findings(
     }
     let not_finite = rejected.get(RejectionCause::NotFinite.name()).copied().unwrap_or(0);
     if not_finite > 0 {
-        let text = format!(
-            "{not_finite} of {total} points have coordinates that are not finite numbers: they were ignored"
-        );
+        let text =
+            format!("{not_finite} of {total} points have coordinates that are not finite: they were ignored");
         findings.push(Finding::new(FindingCode::PointsNotFinite, text));
     }
     let turned = rejected.get(RejectionCause::NormalMismatch.name()).copied().unwrap_or(0);
     if turned * 50 > total {
         let text = format!(
-            "{turned} of {total} readings face another way than the surface near them: it misses folds or \
-             thin parts there, or their normals are wrong; σ does not include that"
+            "the normals of {turned} of {total} readings disagree with the surface near them: it lacks \
+             folds or thin parts there, or the normals are wrong; σ does not include this"
         );
         findings.push(Finding::new(FindingCode::NormalsMismatch, text));
     }

@@ -240,7 +240,7 @@ fn unsupported_input_with_known_parameters_is_refused() {
         (outside, ErrorKind::Input, "found (0.5, 1.5) (point 7)"),
         (unknown, ErrorKind::Input, "found (NaN, 0.5) (point 3)"),
         (slanted, ErrorKind::Unsupported, "found covariances"),
-        (line, ErrorKind::Undetermined, "lie on one line"),
+        (line, ErrorKind::Undetermined, "found all on one line"),
         (few, ErrorKind::Undetermined, "found 5 in all"),
     ] {
         let (found, text) = message(scan, [4, 4]);
@@ -296,7 +296,7 @@ fn readings_written_twice_count_once() {
 fn too_few_readings_need_a_stated_sigma() {
     let few = || heights(24, 0.01, 24);
     let error = fit(&set_of(vec![(few(), None)]), &options([20, 20]), &Silent).err().unwrap();
-    assert!(error.to_string().contains("do not tell noise from shape"), "{error}");
+    assert!(error.to_string().contains("cannot separate noise from shape"), "{error}");
     let report = fit(&set_of(vec![(few(), Some(0.01))]), &options([20, 20]), &Silent).unwrap().report;
     assert!(!report.sensors[0].sigma_used_is_estimated);
     assert!(report.sigma.median > 0.003, "{:?}", report.sigma);
@@ -309,7 +309,7 @@ fn a_grid_that_is_too_coarse_is_reported() {
     };
     let coarse = report([2, 2]);
     assert!(
-        coarse.findings.iter().any(|w| w.text.contains("2 × 2 cells cannot resolve")),
+        coarse.findings.iter().any(|w| w.text.contains("2 × 2 cells are too few")),
         "{:?}",
         coarse.findings
     );

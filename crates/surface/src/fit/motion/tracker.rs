@@ -108,7 +108,9 @@ impl<'a> RigidTracker<'a> {
             .map(|leaf| surface.leaf_point(leaf, 0.5, 0.5))
             .collect();
         let bounds = BoundingBox::from_points(&points).ok_or_else(|| {
-            Error::undetermined("the first scan made no surface that the others could be laid on")
+            Error::undetermined(
+                "the first scan determines no surface to which the others could be registered",
+            )
         })?;
         let times: Vec<f64> = order.iter().map(|&k| set.scans[k].scan.time_s.unwrap_or_default()).collect();
         // Scans of the same time bound no velocity.
@@ -207,9 +209,9 @@ impl<'a> RigidTracker<'a> {
             met = sums.matched;
             if (met as f64) < MIN_MATCHED * readings.len() as f64 {
                 return Err(Error::undetermined(format!(
-                    "the scan at {time} s does not lie on the surface of the first: {met} of {} readings \
-                     meet it; is the turn between them small \
-                     enough, and is the thing the same?",
+                    "the scan at {time} s does not fit the surface of the first scan: {met} of {} readings \
+                     lie on it; check that the rotation between scans is small enough, and that they show \
+                     the same object",
                     readings.len()
                 )));
             }
@@ -222,7 +224,7 @@ impl<'a> RigidTracker<'a> {
             let away = log(&predicted.inverse().after(&pose));
             let total = (sums.information + prior)
                 .cholesky()
-                .ok_or_else(|| Error::undetermined("the scans determine no pose"))?;
+                .ok_or_else(|| Error::undetermined("the scans do not determine a pose"))?;
             let by = total.solve(&(sums.gradient - prior * away));
             pose = pose.after(&exp(&by));
             posterior = total.inverse();

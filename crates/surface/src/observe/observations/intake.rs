@@ -215,12 +215,13 @@ impl Observations {
         let repeated = self.intake.rejected.get(&RejectionCause::Duplicate).copied().unwrap_or(0);
         Err(Error::undetermined(if repeated > 0 {
             format!(
-                "of {total} readings {repeated} repeat the coordinates of another, which leaves {left}: at \
-                 least {MIN_POINTS} are needed"
+                "expected at least {MIN_POINTS} readings, found {left}: {repeated} of {total} readings \
+                 repeat the coordinates of another"
             )
         } else {
             format!(
-                "of {total} readings the scans' own checks leave {left}: at least {MIN_POINTS} are needed"
+                "expected at least {MIN_POINTS} readings, found {left}: the checks of each scan rejected \
+                 the others of {total}"
             )
         }))
     }

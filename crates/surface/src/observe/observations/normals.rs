@@ -75,7 +75,7 @@ impl Observations {
         let left = found.iter().filter(|&&what| what == Ground::Bare).count();
         if left < MIN_POINTS {
             return Err(Error::undetermined(format!(
-                "of {} readings only {left} are on the ground: at least {MIN_POINTS} are needed",
+                "expected at least {MIN_POINTS} readings on the ground, found {left} of {}",
                 found.len()
             )));
         }
