@@ -62,7 +62,7 @@ pub enum Audience {
     /// A program that reads stderr.
     Program,
     /// Nobody.
-    Nobody,
+    None,
 }
 
 /// The progress of a job.
@@ -170,7 +170,7 @@ impl Terminal {
         Self {
             begun: Instant::now(),
             audience: match audience {
-                Audience::People if !std::io::stderr().is_terminal() => Audience::Nobody,
+                Audience::People if !std::io::stderr().is_terminal() => Audience::None,
                 audience => audience,
             },
             state: RefCell::default(),
@@ -239,7 +239,7 @@ impl Progress for Terminal {
         }
         state.share = share.clamp(0.0, 1.0);
         match self.audience {
-            Audience::Nobody => {}
+            Audience::None => {}
             // A served page has no end to wait for, so the bar is removed.
             _ if stage == SHOWING_STAGE => self.clear(),
             Audience::People if elapsed < BAR_DELAY => {}

@@ -37,7 +37,7 @@ const BITS: u32 = 20;
 const TETRAHEDRA: [[u32; 4]; 6] =
     [[0, 1, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 2, 3, 7], [0, 4, 6, 7], [0, 1, 5, 7]];
 /// Even permutations of four corners, by the corner that comes first.
-const ALONE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
+const SINGLE_CORNER: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
 /// Even permutations of four corners, by the pair that comes first.
 const PAIRS: [[usize; 4]; 6] =
     [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
@@ -190,8 +190,8 @@ fn triangles_of(corners: [u32; 4], inside: &[bool], mirrored: bool, made: &mut V
     let count = is.iter().filter(|inside| **inside).count();
     match count {
         1 | 3 => {
-            let lone = (0..4).find(|&c| is[c] == (count == 1)).unwrap_or(0);
-            let [a, b, c, d] = ALONE[lone].map(|c| corners[c]);
+            let single_corner = (0..4).find(|&c| is[c] == (count == 1)).unwrap_or(0);
+            let [a, b, c, d] = SINGLE_CORNER[single_corner].map(|c| corners[c]);
             let edge = |to: u32| if count == 1 { [a, to] } else { [to, a] };
             push([edge(b), edge(c), edge(d)], count == 3);
         }

@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_respected_and_invalid_rays_hit_nothing() {
+    fn limits_are_respected_and_invalid_rays_have_no_hit() {
         let sheet = search(&grid_sheet(1.0, 1.0, 1, 1));
         let (origin, down) = (DVec3::new(0.1, 0.2, 1.0), -7.0 * DVec3::Z);
         let at_one = |d| (sheet.first_hit(origin, d).unwrap().distance - 1.0).abs() < 1e-15;

@@ -80,8 +80,8 @@ fn main() {
         let whole = merge(set, &options, &stages).unwrap();
         write_merged(&whole, &folder.path().join("whole.ply"), &stages).unwrap();
         let end = Instant::now();
-        let told = stages.0.borrow();
-        let ends = told.iter().skip(1).map(|(_, at)| *at).chain([end]);
+        let recorded = stages.0.borrow();
+        let ends = recorded.iter().skip(1).map(|(_, at)| *at).chain([end]);
         println!(
             "{method:?}: {:.2} s, {} triangles, {} edges of three and more, {} open, valences {:?}",
             (end - begun).as_secs_f64(),
@@ -90,7 +90,7 @@ fn main() {
             whole.report.boundary_edges,
             whole.report.valence,
         );
-        for ((stage, at), until) in told.iter().zip(ends) {
+        for ((stage, at), until) in recorded.iter().zip(ends) {
             println!("    {stage:<28} {:.2}", (until - *at).as_secs_f64());
         }
     }

@@ -218,11 +218,11 @@ fn one(
     }
     let r = deformation.reduction().ok_or_else(|| Error::input("no reduction"))?;
     let equations = r.tr_mul(&(information * r)) + made.smoothness_weight * k;
-    let told = (equations.cholesky())
+    let reference = (equations.cholesky())
         .ok_or_else(|| Error::undetermined("no fit by true places"))?
         .solve(&r.tr_mul(&vector));
-    let by = displacements(&deformation, &told);
-    let told: Vec<DVec3> = mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect();
+    let by = displacements(&deformation, &reference);
+    let reference: Vec<DVec3> = mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect();
 
     let search = MeshSearch::try_new(&truth)?;
     // Places spread over the area, not vertices: those crowd where a mesh is fine.
@@ -239,11 +239,11 @@ fn one(
             .collect()
     };
     let rms = |values: &[f64]| (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt();
-    let ours = heights(&made.positions);
-    let theirs = heights(&told);
+    let fitted_heights = heights(&made.positions);
+    let reference_heights = heights(&reference);
     let before = heights(&mesh.positions);
     let mut covered = 0;
-    for (place, height) in judged.iter().zip(&ours) {
+    for (place, height) in judged.iter().zip(&fitted_heights) {
         let corners = mesh.triangles[place.triangle as usize];
         let mut row = DVector::zeros(basis);
         for (vertex, w) in corners.iter().zip(place.barycentric) {
@@ -270,9 +270,9 @@ fn one(
         check.boundary_edges,
         check.nonmanifold_edges,
         rms(&before) / sigma,
-        rms(&ours) / sigma,
-        rms(&theirs) / sigma,
-        rms(&ours) / rms(&theirs),
+        rms(&fitted_heights) / sigma,
+        rms(&reference_heights) / sigma,
+        rms(&fitted_heights) / rms(&reference_heights),
         covered as f64 / judged.len() as f64,
         found as f64 / (good.len() - of_good) as f64,
         lost as f64 / of_good as f64

@@ -182,7 +182,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let fitted = fitted.map_err(|e| with_inputs(e, job))?;
     // An update without used readings would return the old model, and a script would take that for success.
     if fitted.report.observations == 0 {
-        return Err(nothing_used(job, &fitted.report));
+        return Err(all_rejected_error(job, &fitted.report));
     }
     if let Some(earlier) = &earlier {
         refuse_strangers(job, &earlier.model, &fitted.report)?;
@@ -352,7 +352,7 @@ fn unsteady(report: &FitReport) -> Vec<Finding> {
 }
 
 /// Error if every reading was rejected: an unchanged model is not a result.
-fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
+fn all_rejected_error(job: &FitJob, report: &FitReport) -> Error {
     let causes: Vec<String> = report.rejected.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
     let surface = match job.task.model() {
         Some(model) => format!("the surface of {}", model.display()),

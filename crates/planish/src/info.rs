@@ -191,7 +191,8 @@ pub struct ModelInfo {
     /// Share of it that was measured.
     pub observed_area_fraction: f64,
     /// Share of it that was completed from measured parts.
-    pub invented_area_fraction: f64,
+    #[serde(rename = "invented_area_fraction")]
+    pub inferred_area_fraction: f64,
     /// Around the surface, at nine by nine points of every cell.
     #[serde(rename = "box")]
     pub bounds: Option<BoxInfo>,
@@ -419,7 +420,7 @@ fn model(path: &Path) -> Result<FileInfo> {
     let area: f64 = areas.iter().sum();
     let measured: f64 =
         areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
-    let invented: f64 = (areas.iter().zip(&model.observed))
+    let inferred: f64 = (areas.iter().zip(&model.observed))
         .filter(|(_, o)| **o == Observed::Inferred)
         // `sum()` of an empty iterator is −0, which would be printed with its sign.
         .fold(0.0, |sum, (a, _)| sum + a);
@@ -435,7 +436,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             observations: model.observations,
             area,
             observed_area_fraction: measured / area,
-            invented_area_fraction: invented / area,
+            inferred_area_fraction: inferred / area,
             // Control vertices lie outside of a curved surface and would enlarge the box.
             bounds: bounds(&points_of_cells(surface)),
             sigma,

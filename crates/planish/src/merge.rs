@@ -205,47 +205,47 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         MergeMethod::Mean => mean,
     };
     progress.check("sewing", 0.7)?;
-    let mut sewn = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
+    let mut stitched_mesh = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
     // The bound is sewn in before holes are filled: a lid is a guess, and the hull is evidence.
     let completed = match &bound {
-        Some(bound) => Some(complete(&mut sewn, bound, &mut ready)?),
+        Some(bound) => Some(complete(&mut stitched_mesh, bound, &mut ready)?),
         None => None,
     };
-    let stitched = sewn.mesh.triangles.len() - sewn.kept;
+    let stitched = stitched_mesh.mesh.triangles.len() - stitched_mesh.kept;
     let filled = match options.fill {
         0 => None,
-        longest => Some(fill(&mut sewn, longest, &ProgressPart::new(progress, 0.75, 0.95))?),
+        longest => Some(fill(&mut stitched_mesh, longest, &ProgressPart::new(progress, 0.75, 0.95))?),
     };
     progress.check("checking", 0.95)?;
-    let kept = ready.kept(&sewn, &overlap);
+    let kept = ready.kept(&stitched_mesh, &overlap);
     // Fusing may resolve a crossing, so the user learns whether it is still there.
     if ready.crosses {
-        ready.findings.push(still_crossing(&sewn.mesh)?);
+        ready.findings.push(still_crossing(&stitched_mesh.mesh)?);
     }
     let done = Done { method, completed, filled, stitched, kept, inputs };
-    let report = ready.report(&sewn, &overlap, done);
+    let report = ready.report(&stitched_mesh, &overlap, done);
     // Normals and curvature are those of the final mesh, after completion and filling.
-    let normals = sewn.mesh.vertex_normals();
+    let normals = stitched_mesh.mesh.vertex_normals();
     let curvature = match options.curvature {
-        true => Some(vertex_curvature(&sewn.mesh, &normals, &sewn.sigma)?),
+        true => Some(vertex_curvature(&stitched_mesh.mesh, &normals, &stitched_mesh.sigma)?),
         false => None,
     };
     Ok(Merged {
         normals,
         curvature,
-        observed: ready.observed(&sewn),
-        sigma: sewn.sigma,
-        mesh: sewn.mesh,
+        observed: ready.observed(&stitched_mesh),
+        sigma: stitched_mesh.sigma,
+        mesh: stitched_mesh.mesh,
         report,
     })
 }
 
 /// Stitches the bound to the merged surface where there is no patch.
-fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
-    let completed = completed(sewn, &bound.tidied.patch)?;
+fn complete(stitched_mesh: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
+    let completed = completed(stitched_mesh, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
     // The number after the last patch stands for the bound.
-    *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
+    *stitched_mesh = joined(stitched_mesh, completed.whole, ready.patches.len() as u32);
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
@@ -291,22 +291,22 @@ fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> Stitche
 }
 
 /// Fills holes of the stitched mesh. The new vertices belong to no patch.
-fn fill(sewn: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
-    let before = sewn.mesh.positions.len();
-    let triangles = sewn.mesh.triangles.len();
+fn fill(stitched_mesh: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
+    let before = stitched_mesh.mesh.positions.len();
+    let triangles = stitched_mesh.mesh.triangles.len();
     let watch = &mut |share: f64| progress.check("filling holes", share);
-    let filled = fill_holes(&sewn.mesh, &sewn.sigma, longest, watch)?;
+    let filled = fill_holes(&stitched_mesh.mesh, &stitched_mesh.sigma, longest, watch)?;
     let vertices = filled.mesh.positions.len() - before;
     let report = FillReport {
         holes: filled.holes,
         vertices,
         triangles: filled.mesh.triangles.len() - triangles,
-        outer_rims: filled.rims,
-        left_open: filled.larger + filled.uncovered,
+        outer_rims: filled.outer_rims,
+        left_open: filled.too_long + filled.uncovered,
     };
-    sewn.source.extend((0..vertices as u32).map(|v| (NO_PATCH, v)));
-    sewn.stitched.resize(before + vertices, false);
-    sewn.mesh = filled.mesh;
-    sewn.sigma = filled.sigma;
+    stitched_mesh.source.extend((0..vertices as u32).map(|v| (NO_PATCH, v)));
+    stitched_mesh.stitched.resize(before + vertices, false);
+    stitched_mesh.mesh = filled.mesh;
+    stitched_mesh.sigma = filled.sigma;
     Ok(report)
 }

@@ -117,14 +117,14 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
         .collect();
     let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * MIN_RADIUS * s > 1.0).collect();
     let mut kept: Vec<EdgePoint> = Vec::new();
-    let mut taken = vec![false; found.len()];
+    let mut is_kept = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
-        let beside_corner = grid.near(&found, edge.position, NEAR * s).any(|k| corner[k]);
+        let near_corner = grid.near(&found, edge.position, NEAR * s).any(|k| corner[k]);
         // Blur moves points near a corner inwards; points closer than the filter share its noise.
-        if beside_corner || grid.near(&found, edge.position, APART * s).any(|k| taken[k]) {
+        if near_corner || grid.near(&found, edge.position, APART * s).any(|k| is_kept[k]) {
             continue;
         }
-        taken[i] = true;
+        is_kept[i] = true;
         // Away from the centre of curvature, which lies on the brighter side where κ is positive.
         let back = 0.5 * curvature[i] * spread;
         kept.push(EdgePoint {

@@ -201,12 +201,12 @@ impl Rectification {
     ///
     /// # Errors
     /// `Input` for an image of a different size.
-    pub fn picture(&self, which: usize, taken: &Image) -> Result<Image> {
-        if [taken.columns, taken.rows] != self.sizes[which] {
+    pub fn picture(&self, which: usize, image: &Image) -> Result<Image> {
+        if [image.columns, image.rows] != self.sizes[which] {
             let [columns, rows] = self.sizes[which];
             return Err(Error::input(format!(
                 "expected an image of {columns} × {rows} pixels, found {} × {}",
-                taken.columns, taken.rows
+                image.columns, image.rows
             )));
         }
         let [columns, rows] = self.size;
@@ -214,7 +214,7 @@ impl Rectification {
         values.par_chunks_mut(columns).enumerate().for_each(|(v, row)| {
             for (u, value) in row.iter_mut().enumerate() {
                 let place = self.source(which, [u as f64, v as f64]);
-                *value = place.and_then(|[x, y]| taken.smoothly_between(x, y)).unwrap_or(0.0);
+                *value = place.and_then(|[x, y]| image.smoothly_between(x, y)).unwrap_or(0.0);
             }
         });
         Image::try_new(columns, rows, values)

@@ -303,9 +303,9 @@ mod tests {
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
         let message = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
         assert!(message.contains("both sides"));
-        let odd = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
+        let invalid = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
         assert!(
-            silhouette(&disc([60.0, 50.0], 30.0), &odd)
+            silhouette(&disc([60.0, 50.0], 30.0), &invalid)
                 .unwrap_err()
                 .to_string()
                 .contains("distance of places")

@@ -50,7 +50,7 @@ pub(crate) struct Cavity {
     pub border: Vec<BorderFace>,
     /// Number of searches, and for each tetrahedron the last search that tested it and its result.
     search: u32,
-    looked: Vec<(u32, bool)>,
+    tested: Vec<(u32, bool)>,
 }
 
 /// A Delaunay tetrahedralisation of points in a box. The first eight points are the corners of the box.
@@ -187,12 +187,12 @@ impl Delaunay {
         cavity.search += 1;
         // Marks carry the number of the search and need no clearing. A tetrahedron is tested once, although
         // up to four faces lead to it.
-        cavity.looked.resize(self.tetrahedra.len(), (0, false));
+        cavity.tested.resize(self.tetrahedra.len(), (0, false));
         let search = cavity.search;
         cavity.tetrahedra.clear();
         cavity.border.clear();
         cavity.tetrahedra.push(start);
-        cavity.looked[start as usize] = (search, true);
+        cavity.tested[start as usize] = (search, true);
         let mut next = 0;
         while let Some(&inside) = cavity.tetrahedra.get(next) {
             next += 1;
@@ -200,12 +200,12 @@ impl Delaunay {
             for k in 0..4 {
                 let outside = t.neighbours[k];
                 let in_conflict = outside != OUTSIDE && {
-                    let (when, answer) = cavity.looked[outside as usize];
+                    let (when, answer) = cavity.tested[outside as usize];
                     if when == search {
                         answer
                     } else {
                         let answer = self.in_conflict(outside, at);
-                        cavity.looked[outside as usize] = (search, answer);
+                        cavity.tested[outside as usize] = (search, answer);
                         if answer {
                             cavity.tetrahedra.push(outside);
                         }

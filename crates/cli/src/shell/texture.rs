@@ -128,7 +128,7 @@ fn text(report: &ShellTextureReport) -> String {
                 count(view.seen),
                 match view.held_out {
                     true => String::new(),
-                    false => count(view.odd),
+                    false => count(view.outlier_vertices),
                 },
                 view.rms.map_or("–".to_owned(), |rms| significant(rms, 3)),
             ]

@@ -146,7 +146,7 @@ fn invalid_constraints_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
-    for (args, says) in [
+    for (args, expected) in [
         (
             &["--given", "P1P9 horizontal"][..],
             "constraint `P1P9 horizontal`: the drawing has no point `P9`: it has 4",
@@ -165,7 +165,7 @@ fn invalid_constraints_are_rejected() {
         let all = [&["contour", "seen/readings.csv", "--kind", "rectangle"], args].concat();
         let result = planish(at, &all);
         assert!(
-            result.code == 2 && result.stderr.contains(says),
+            result.code == 2 && result.stderr.contains(expected),
             "{args:?}: {} {}",
             result.code,
             result.stderr

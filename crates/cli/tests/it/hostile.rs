@@ -156,9 +156,9 @@ fn fill(folder: &Path) {
     let with_covariance =
         plane(|x, y, _| format!("{x},{y},0,1,{},0,1,0,1", if (x, y) == (3.0, 2.0) { 2 } else { 0 }));
     text("covariance.csv", &format!("x,y,z,cxx,cxy,cxz,cyy,cyz,czz\n{with_covariance}"));
-    let with_sigma = |odd: &str| {
+    let with_sigma = |value: &str| {
         let sigma = |x: f64, y: f64| {
-            if (x, y) == (3.0, 2.0) { odd.to_owned() } else { "0.1".to_owned() }
+            if (x, y) == (3.0, 2.0) { value.to_owned() } else { "0.1".to_owned() }
         };
         format!("x,y,z,sigma\n{}", plane(|x, y, z| format!("{x},{y},{z},{}", sigma(x, y))))
     };

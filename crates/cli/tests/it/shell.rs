@@ -284,9 +284,9 @@ fn implausible_inputs_are_reported() {
     let result = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
     assert!(result.stderr.contains("The camera's axis meets the picture at 1278, 958"), "{}", result.stderr);
     assert!(result.stderr.contains("view mask01: the mesh hardly appears in its mask"), "{}", result.stderr);
-    let odd = planish(
+    let refused = planish(
         at,
         &["shell", "fit", "bent/mesh.obj", "--points", "bent/points.ply", "--family", "stray.obj"],
     );
-    assert!(odd.code == 2 && odd.stderr.contains("--deformation modes"), "{}", odd.stderr);
+    assert!(refused.code == 2 && refused.stderr.contains("--deformation modes"), "{}", refused.stderr);
 }

@@ -341,7 +341,7 @@ fn postman_tours_are_as_short_as_any_pairing() {
 }
 
 #[test]
-fn many_odd_vertices_are_paired_greedily_and_the_result_says_so() {
+fn many_vertices_of_odd_degree_are_paired_greedily_and_this_is_reported() {
     // Eighteen spokes with a pendant each: all ends are odd, and each spoke is walked twice.
     let edges: Vec<TourEdge> = (1..=18).map(|i| edge(0, i, 1.0)).collect();
     let tour = postman_tour(&edges, 0).unwrap();

@@ -52,7 +52,7 @@ const MAX_EXACT: usize = 16;
 /// use planish_contour::graph::{TourEdge, postman_tour};
 ///
 /// let edge = |a, b, length| TourEdge { a, b, length };
-/// // A square with one diagonal: its ends are odd, and repeating it is shorter than two sides.
+/// // A square with one diagonal: its ends are odd_vertices, and repeating it is shorter than two sides.
 /// let edges = [edge(0, 1, 1.0), edge(1, 2, 1.0), edge(2, 3, 1.0), edge(3, 0, 1.0), edge(0, 2, 1.4)];
 /// let tour = postman_tour(&edges, 0)?;
 /// assert_eq!(tour.repeated, [4]);
@@ -76,23 +76,23 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         }
         graph.add_edge(nodes[edge.a], nodes[edge.b], i);
     }
-    let odd: Vec<usize> = (0..count).filter(|&vertex| degree(edges, vertex) % 2 == 1).collect();
-    let from: Vec<Vec<f64>> = odd
+    let odd_vertices: Vec<usize> = (0..count).filter(|&vertex| degree(edges, vertex) % 2 == 1).collect();
+    let from: Vec<Vec<f64>> = odd_vertices
         .iter()
         .map(|&vertex| {
             let found = dijkstra(&graph, nodes[vertex], None, |edge| edges[*edge.weight()].length);
             nodes.iter().map(|node| found.get(node).copied().unwrap_or(f64::INFINITY)).collect()
         })
         .collect();
-    let distance = |i: usize, j: usize| from[i][odd[j]];
-    let pairs = if odd.len() <= MAX_EXACT {
-        shortest_pairs(odd.len(), distance)
+    let distance = |i: usize, j: usize| from[i][odd_vertices[j]];
+    let pairs = if odd_vertices.len() <= MAX_EXACT {
+        shortest_pairs(odd_vertices.len(), distance)
     } else {
-        near_pairs(odd.len(), distance)
+        near_pairs(odd_vertices.len(), distance)
     };
     let mut repeated = Vec::new();
     for (i, j) in pairs {
-        repeated.extend(path_back(edges, &from[i], odd[i], odd[j])?);
+        repeated.extend(path_back(edges, &from[i], odd_vertices[i], odd_vertices[j])?);
     }
     // With the repeated edges as copies, all degrees are even; their indices are mapped back afterwards.
     let mut all = edges.to_vec();
@@ -104,7 +104,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         }
     }
     tour.repeated = repeated;
-    tour.is_shortest = odd.len() <= MAX_EXACT;
+    tour.is_shortest = odd_vertices.len() <= MAX_EXACT;
     Ok(tour)
 }
 
@@ -129,7 +129,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
 /// let edge = |a, b| TourEdge { a, b, length: 1.0 };
 /// let triangle = [edge(0, 1), edge(1, 2), edge(2, 0)];
 /// assert_eq!(euler_tour(&triangle, 0)?.edges.len(), 3);
-/// assert!(euler_tour(&triangle[..2], 0).is_err()); // vertices 0 and 2 have odd degree
+/// assert!(euler_tour(&triangle[..2], 0).is_err()); // vertices 0 and 2 have odd_vertices degree
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
@@ -143,9 +143,9 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         at[edge.a].push(i);
         at[edge.b].push(i);
     }
-    if let Some(odd) = (0..count).find(|&vertex| degree(edges, vertex) % 2 == 1) {
+    if let Some(odd_vertex) = (0..count).find(|&vertex| degree(edges, vertex) % 2 == 1) {
         return Err(Error::input(format!(
-            "vertex {odd} has odd degree, so no tour traverses every edge exactly once"
+            "vertex {odd_vertex} has odd degree, so no tour traverses every edge exactly once"
         )));
     }
     if at.get(start).is_none_or(Vec::is_empty) {

@@ -184,11 +184,11 @@ impl StepFaces {
         let places = products.places(&index, &length, MAX_PARTS)?;
         let mut shapes = Vec::new();
         let mut ignored = Ignored::new();
-        let mut is_taken: HashSet<u64> = HashSet::new();
+        let mut read_items: HashSet<u64> = HashSet::new();
         for (id, representation) in products.specialised_first() {
             // Items of several representations are read once.
             let items: Vec<u64> =
-                representation.items.iter().copied().filter(|i| is_taken.insert(*i)).collect();
+                representation.items.iter().copied().filter(|i| read_items.insert(*i)).collect();
             let geometry = Geometry {
                 index: &index,
                 length: length(&representation.units),

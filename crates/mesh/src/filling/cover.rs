@@ -28,13 +28,13 @@ pub(super) struct Surroundings<'a> {
 
 /// The triangulation of minimum area without existing inner edges, oriented against the loop; `None` if there
 /// is none.
-pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
+pub(super) fn minimal_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let mut cover = Vec::with_capacity(vertices.len());
     let mut parts = vec![vertices.to_vec()];
     // Chords go into the cover as ordinary edges. Each part is a loop of its own, closed by the chord.
     while let Some(part) = parts.pop() {
         if part.len() <= LONG {
-            cover.extend(least_of_short(around, &part)?);
+            cover.extend(minimal_cover_of_short(around, &part)?);
         } else {
             let [from, to] = best_chord(around, &part)?;
             let rest = part[to..].iter().chain(&part[..=from]).copied().collect();
@@ -61,8 +61,8 @@ fn best_chord(around: &Surroundings<'_>, vertices: &[u32]) -> Option<[usize; 2]>
         .map(|(_, chord)| chord)
 }
 
-/// [`least_cover`] of a short loop, by dynamic programming over spans of the loop.
-fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
+/// [`minimal_cover`] of a short loop, by dynamic programming over spans of the loop.
+fn minimal_cover_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let n = vertices.len();
     if n < 3 {
         return None;

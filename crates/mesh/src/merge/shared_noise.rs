@@ -103,8 +103,8 @@ pub fn noise_correlation(patches: &[MergePatch], overlap: &Overlap) -> Vec<Noise
                     let size = 1.0 + s.pairs / s.members;
                     // The expected sum of products is ρ times the pairs, plus (1 − ρ) times what shared
                     // corners contribute.
-                    let alike = (s.products - s.white) / (s.pairs - s.white);
-                    (size.ln(), alike.clamp(0.0, 1.0))
+                    let correlation = (s.products - s.white) / (s.pairs - s.white);
+                    (size.ln(), correlation.clamp(0.0, 1.0))
                 })
                 .collect();
             NoiseCorrelation { curve }

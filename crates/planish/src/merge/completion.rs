@@ -293,7 +293,7 @@ mod tests {
 
     /// A sheet on edge to the bound faces neither way.
     #[test]
-    fn what_stands_on_edge_is_not_told() {
+    fn a_sheet_facing_neither_side_is_not_turned() {
         let mut upright = planish_mesh::grid_sheet(4.0, 4.0, 5, 5);
         upright.positions.iter_mut().for_each(|p| *p = DVec3::new(0.0, p[0], p[1]));
         let before = upright.clone();

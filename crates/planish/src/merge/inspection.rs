@@ -18,7 +18,7 @@ const MAX_SAMPLES: usize = 2000;
 
 /// Patches with stated σ overlap if their distance is at most this many σ of the difference. A larger value
 /// would pair the two sides of a thin plate. Guarded by the test
-/// `the_sides_of_a_thin_plate_are_not_turned_over`.
+/// `sides_of_a_thin_plate_keep_their_orientation`.
 const MAX_SIGMAS: f64 = 5.0;
 /// Lower limit of that distance, as a fraction of two edge lengths: chord errors of coarse meshes may exceed
 /// σ.
@@ -107,7 +107,7 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
 /// (`misaligned`), they may be 2 % of their size apart. Otherwise, patches with stated σ overlap only within
 /// a few σ, so that the two sides of a plate keep their orientations. Returns which patches were flipped, and
 /// a search structure for each patch in its final orientation.
-pub(super) fn turn_alike(
+pub(super) fn orient_patches(
     patches: &mut [MergePatch],
     misaligned: bool,
 ) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
@@ -198,7 +198,7 @@ pub(super) fn turn_alike(
 ///
 /// Heights between unrelated surfaces are uniform over the search distance of two edges, so their σ is about
 /// one edge.
-pub(super) fn unalike(
+pub(super) fn mismatched_patches(
     patches: &[MergePatch],
     overlap: &Overlap,
     names: &[String],

@@ -332,13 +332,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn older_files_of_cad_are_refused_with_a_way_out() {
+    fn older_cad_files_are_rejected_with_advice() {
         let folder = tempfile::tempdir().unwrap();
         let iges = folder.path().join("part.IGES");
         std::fs::write(&iges, "an older part\n").unwrap();
         let refused = read_patches(&[iges], None, None, None).unwrap_err();
         assert_eq!(refused.kind(), planish_estimate::ErrorKind::Unsupported);
-        let said = refused.to_string();
-        assert!(said.contains("part.IGES") && said.contains(".stl"), "{said}");
+        let message = refused.to_string();
+        assert!(message.contains("part.IGES") && message.contains(".stl"), "{message}");
     }
 }

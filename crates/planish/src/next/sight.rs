@@ -56,7 +56,7 @@ pub(super) struct Reading {
 /// All readings of a pose, and the number of rays that each represents.
 pub(super) struct Readings {
     pub(super) readings: Vec<Reading>,
-    pub(super) stands_for: f64,
+    pub(super) rays_per_reading: f64,
 }
 
 impl Readings {
@@ -65,7 +65,7 @@ impl Readings {
         let mut of_leaf = vec![Vec::new(); leaves];
         for r in &self.readings {
             let weights = leaf_weights(r.local[0], r.local[1]);
-            let information = self.stands_for / r.variance;
+            let information = self.rays_per_reading / r.variance;
             of_leaf[r.leaf as usize].push((weights, r.normal, r.normal.dot(r.point), information));
         }
         of_leaf
@@ -132,7 +132,7 @@ impl<'a> Sight<'a> {
                 })
             })
             .collect();
-        Readings { readings, stands_for: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64 }
+        Readings { readings, rays_per_reading: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64 }
     }
 
     fn reading(&self, origin: DVec3, ray: DVec3) -> Option<Reading> {
@@ -187,7 +187,7 @@ impl<'a> Sight<'a> {
             .filter_map(|&(target, towards, far)| {
                 let origin = target + far * towards;
                 let free = self.mesh.closest_within(origin, near).is_none();
-                if free { looking(origin, -towards) } else { None }
+                if free { pose_looking_along(origin, -towards) } else { None }
             })
             .collect()
     }
@@ -223,7 +223,7 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
 
 /// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it
 /// is written.
-pub(super) fn looking(origin: DVec3, z: DVec3) -> Option<Pose> {
+pub(super) fn pose_looking_along(origin: DVec3, z: DVec3) -> Option<Pose> {
     // Near the vertical, the horizontal axis would be undetermined.
     let up = if z[2].abs() > 0.95 { DVec3::Y } else { DVec3::Z };
     let x = z.cross(up).try_normalize()?;

@@ -78,7 +78,7 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
 
 /// Readings cannot reduce σ of unresolved shape. The report must state it, so that `info` and `next` agree.
 #[test]
-fn shape_that_no_reading_lowers_is_told() {
+fn unresolved_shape_above_the_goal_is_reported() {
     let mut model = model();
     model.unresolved_shape = vec![0.0; model.observed.len()];
     let options = NextOptions { count: 2, sigma: Some(0.004), ..NextOptions::default() };
@@ -118,7 +118,7 @@ fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
 }
 
 #[test]
-fn chosen_points_do_what_twice_as_many_random_ones_do() {
+fn chosen_points_equal_twice_as_many_random_ones() {
     let model = model();
     let options = NextOptions { count: 8, sigma: Some(0.004), ..NextOptions::default() };
     let chosen = next_points(&model, &options, &Silent).unwrap().worst_sigma.after;
@@ -128,7 +128,7 @@ fn chosen_points_do_what_twice_as_many_random_ones_do() {
 }
 
 #[test]
-fn a_goal_stops_it_and_a_region_bounds_it() {
+fn the_goal_ends_the_selection_and_the_region_limits_it() {
     let model = model();
     let options = NextOptions {
         count: 500,
@@ -185,10 +185,10 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
     let sight = sight::Sight::new(&unknown, &sensor).unwrap();
     for view in &report.views {
         let pose = Pose::from_quaternion_xyzw(view.quaternion_xyzw, view.translation).unwrap();
-        let taken = sight.readings(&pose);
-        assert_eq!(taken.readings.len(), view.readings);
+        let visible = sight.readings(&pose);
+        assert_eq!(visible.readings.len(), view.readings);
         let more = system.accumulate(|leaf, cell| {
-            let here = taken.readings.iter().filter(|r| r.leaf as usize == leaf);
+            let here = visible.readings.iter().filter(|r| r.leaf as usize == leaf);
             here.map(|r| {
                 cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance)
             })
@@ -219,15 +219,15 @@ fn many_threads_choose_the_same_views_as_one() {
 }
 
 #[test]
-fn what_stands_behind_something_is_not_read() {
+fn hidden_points_are_not_measured() {
     let model = ring();
     let sensor = ViewSensor { max_incidence_rad: 1.5, ..camera() };
     let sight = sight::Sight::new(&model, &sensor).unwrap();
     // From the side, level with the ring: its near part hides the far one's middle, and the hole.
-    let pose = sight::looking(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-1.0, 0.0, 0.0)).unwrap();
-    let taken = sight.readings(&pose);
-    assert!(taken.readings.len() > 200);
-    for r in &taken.readings {
+    let pose = sight::pose_looking_along(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-1.0, 0.0, 0.0)).unwrap();
+    let visible = sight.readings(&pose);
+    assert!(visible.readings.len() > 200);
+    for r in &visible.readings {
         let hidden = r.point[0] < 0.9 && r.point[1].abs() < 0.3 && r.point[2].abs() < 0.3;
         assert!(!hidden && r.normal.dot(pose.translation - r.point) > 0.0, "{r:?}");
     }
@@ -242,7 +242,7 @@ fn what_stands_behind_something_is_not_read() {
 }
 
 #[test]
-fn a_view_from_behind_or_from_too_far_sees_nothing() {
+fn views_from_behind_or_too_far_away_measure_no_points() {
     let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 3 == 0);
     let sensor = camera();
     let sight = sight::Sight::new(&model, &sensor).unwrap();
@@ -250,7 +250,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
     let normal = model.surface.leaf_jet(0, 0.5, 0.5).normal().unwrap();
     let readings = |far: f64| {
         let towards = if far > 0.0 { -1.0 } else { 1.0 };
-        let pose = sight::looking(middle + far * normal, towards * normal).unwrap();
+        let pose = sight::pose_looking_along(middle + far * normal, towards * normal).unwrap();
         sight.readings(&pose).readings.len()
     };
     assert!(readings(2.5) > 100);
@@ -258,7 +258,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
 }
 
 #[test]
-fn what_no_pose_sees_is_reported() {
+fn parts_invisible_from_all_poses_are_reported() {
     // Only readings within about 1° of the normal: this excludes most of a torus from every pose.
     let sensor = ViewSensor { max_incidence_rad: 0.02, ..camera() };
     let options = NextOptions { count: 2, ..NextOptions::default() };
@@ -274,7 +274,7 @@ fn what_no_pose_sees_is_reported() {
 }
 
 #[test]
-fn the_draws_at_random_do_what_their_readings_do() {
+fn random_draws_match_their_readings() {
     let model = model();
     let options = NextOptions { count: 6, sigma: Some(0.004), against_random: 9, ..NextOptions::default() };
     let report = next_points(&model, &options, &Silent).unwrap();

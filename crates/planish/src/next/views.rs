@@ -137,8 +137,8 @@ pub fn next_views(
         let pose = candidates[best].pose;
         // The comparison used representatives. The chosen view is added with all its rays, so that σ after it
         // is exact.
-        let taken = sight.readings(&pose);
-        let of_leaf = taken.by_leaf(model.surface.space().leaves().len());
+        let visible = sight.readings(&pose);
+        let of_leaf = visible.by_leaf(model.surface.space().leaves().len());
         let more = system.accumulate_along(&directions, |leaf, add| {
             for (weights, normal, value, information) in &of_leaf[leaf] {
                 add(weights, *normal, *value, *information);
@@ -153,8 +153,8 @@ pub fn next_views(
         seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
         let (worst, mean) = figures(&places, &variances);
         // Weighted by rays, because a job file has one σ for all readings of the sensor.
-        noise += taken.stands_for * taken.readings.iter().map(|r| r.sigma_along).sum::<f64>();
-        let count = taken.stands_for * taken.readings.len() as f64;
+        noise += visible.rays_per_reading * visible.readings.iter().map(|r| r.sigma_along).sum::<f64>();
+        let count = visible.rays_per_reading * visible.readings.len() as f64;
         readings += count;
         views.push(NextView {
             translation: pose.translation,
@@ -299,8 +299,8 @@ fn best_of(
     let now = total(&|k| covariance[(k, k)]);
     let left: Vec<f64> = candidates
         .par_iter()
-        .map(|view| match taken_away(covariance, &view.seen) {
-            Some(less) => total(&|k| covariance[(k, k)] - less[k]),
+        .map(|view| match variance_reductions(covariance, &view.seen) {
+            Some(reduction) => total(&|k| covariance[(k, k)] - reduction[k]),
             // A factorisation that fails by rounding only excludes its candidate.
             None => f64::INFINITY,
         })
@@ -313,7 +313,7 @@ fn best_of(
 
 /// Reduction of the variance of each representative by readings of some: the diagonal of `K_·B (K_BB + R)⁻¹
 /// K_B·`.
-fn taken_away(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
+fn variance_reductions(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
     let own = DMatrix::from_fn(seen.len(), seen.len(), |i, j| {
         let reading = if i == j { 1.0 / seen[i].1 } else { 0.0 };
         covariance[(seen[i].0, seen[j].0)] + reading

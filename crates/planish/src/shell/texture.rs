@@ -87,7 +87,8 @@ pub struct ColourViewReport {
     /// Number of vertices that the view sees.
     pub seen: usize,
     /// Number of vertices at which it is an outlier.
-    pub odd: usize,
+    #[serde(rename = "odd")]
+    pub outlier_vertices: usize,
     /// Whether the view was rejected because it differs at too many places.
     pub left_out: bool,
     /// Root mean square difference of its image from the resulting colours, from 0 to 255, over the pixels
@@ -211,7 +212,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         let text = format!(
             "view `{}` differs from the others at {} of the {} vertices that it sees, and is not used: its \
              picture or its camera may be those of another view",
-            view.view, view.odd, view.seen
+            view.view, view.outlier_vertices, view.seen
         );
         findings.push(Finding::new(FindingCode::ViewInconsistent, text));
     }
@@ -336,7 +337,7 @@ struct ViewStatistics {
     /// For each view, the number of vertices that it sees, and at how many of them it is an outlier.
     counted: Vec<[usize; 2]>,
     /// Share of the vertices seen by three or more views at which each view is an outlier.
-    odd: Vec<f64>,
+    outlier_shares: Vec<f64>,
 }
 
 /// Blended colours of the vertices, and the views that they come from.
@@ -367,14 +368,14 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let counted = (0..count)
         .map(|k| {
             let seen = colours.iter().filter(|s| s.iter().any(|one| one.view == k)).count();
-            [seen, blended.iter().flatten().filter(|b| b.odd.contains(&k)).count()]
+            [seen, blended.iter().flatten().filter(|b| b.outliers.contains(&k)).count()]
         })
         .collect();
-    let odd = blend::odd_shares(count, &colours, &blended);
+    let outlier_shares = blend::outlier_shares(count, &colours, &blended);
     // Frees the samples of all views before they are made again.
     drop(colours);
     let all_used = used.len();
-    used.retain(|k| odd[*k] <= MAX_OUTLIER_FRACTION);
+    used.retain(|k| outlier_shares[*k] <= MAX_OUTLIER_FRACTION);
     if used.len() < all_used {
         // The statistics stay those of the first pass, because rejected views have none in the second.
         (_, sigma, blended) = blend_from(&used);
@@ -395,7 +396,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
         // The file has one byte per vertex for the number of views.
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
     };
-    Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
+    Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, outlier_shares }, coloured, seen })
 }
 
 /// Differences between the pictures of all views and the resulting colours.
@@ -418,8 +419,8 @@ fn judge(
             } else {
                 statistics.counted[k][0]
             },
-            odd: statistics.counted[k][1],
-            left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
+            outlier_vertices: statistics.counted[k][1],
+            left_out: statistics.outlier_shares[k] > MAX_OUTLIER_FRACTION,
             // Also for held-out views: theirs is the only independent difference.
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),

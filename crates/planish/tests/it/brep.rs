@@ -90,7 +90,7 @@ fn curve_point(curve: &BsplineCurve, share: f64) -> DVec3 {
 }
 
 #[test]
-fn faces_are_the_surface_and_neighbours_share_their_edges() {
+fn faces_match_the_surface_and_neighbours_share_edges() {
     for shape in SHAPES {
         for (grid, rounds) in [([4, 4], 0), ([9, 5], 0), ([8, 6], 2), ([7, 6], 3)] {
             let surface = bumpy(shape, 1.0, grid, rounds);
@@ -130,7 +130,7 @@ fn faces_are_the_surface_and_neighbours_share_their_edges() {
 }
 
 #[test]
-fn faces_and_edges_are_as_many_as_the_topology_says() {
+fn numbers_of_faces_and_edges_match_the_topology() {
     let counts = |brep: &Brep| (brep.faces.len(), brep.edges.len(), brep.vertices.len());
     for (shape, few, many) in [
         (Shape::Sheet, (1, 4, 4), (48, 110, 63)),
@@ -184,7 +184,7 @@ fn open_cascade(files: &[PathBuf]) -> Option<Vec<serde_json::Value>> {
 }
 
 #[test]
-fn what_is_written_reads_back_as_the_surface() {
+fn written_surfaces_read_back_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     for shape in SHAPES {
         let surface = bumpy(shape, 100.0, [12, 8], 1);

@@ -98,7 +98,7 @@ fn the_patch_filter_agrees_with_the_global_one_and_both_cover_the_truth() {
 /// A session of half the scans and one of the others must know about as much as one of all, and take them at
 /// the same σ.
 #[test]
-fn another_days_scans_go_on_with_the_patch_filter() {
+fn scans_of_another_day_update_the_patch_filter() {
     let scene = scene(Shape::Ball, 7);
     let all = fitted(&scene, Filter::Patch);
     let mut first = scene.set.clone();

@@ -95,7 +95,7 @@ fn errors(whole: &Merged) -> (f64, f64) {
 }
 
 #[test]
-fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
+fn a_merged_mesh_is_more_accurate_than_its_patches_and_sigma_is_calibrated() {
     let mut rms = Vec::new();
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
         let whole = merged(four_patches(), method);
@@ -115,7 +115,7 @@ fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
 /// A refit does not reduce correlated noise, and σ includes this. Patches of models and of scans with pose
 /// errors have such noise.
 #[test]
-fn sigma_is_true_where_neighbours_are_off_together() {
+fn sigma_is_correct_for_correlated_errors_of_neighbours() {
     for smooth in [0.5, 1.0] {
         for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
             let (normalized, error) = errors(&merged(four_patches_with(smooth), method));
@@ -128,7 +128,7 @@ fn sigma_is_true_where_neighbours_are_off_together() {
 /// A hole in all patches is filled with continued curvature, marked, and within its σ. The output includes
 /// its curvature.
 #[test]
-fn a_hole_is_filled_as_the_surface_goes_on() {
+fn a_hole_is_filled_with_continued_curvature() {
     let mut patches = four_patches();
     for patch in &mut patches {
         let mut mesh = patch.tidied.patch.mesh.clone();
@@ -162,7 +162,7 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
 /// The two sides of a plate thinner than an edge keep their orientations if σ separates them. A sheet that
 /// faces against an overlapping one is reversed.
 #[test]
-fn the_sides_of_a_thin_plate_are_not_turned_over() {
+fn sides_of_a_thin_plate_keep_their_orientation() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut side = |from: f64, height: f64, down: bool| {
         let mut mesh = planish_mesh::grid_sheet(40.0, 30.0, 40, 30);
@@ -253,7 +253,7 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
 }
 
 #[test]
-fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
+fn other_topologies_than_sheet_tube_and_ball_stay_meshes() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut patches = four_patches();
     patches.truncate(2);
@@ -271,7 +271,7 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
 /// A patch with a pose error makes two layers or a step. After alignment, the result is as good as with the
 /// correct pose.
 #[test]
-fn patches_that_are_off_are_brought_together_first() {
+fn misaligned_patches_are_aligned_first() {
     let mut patches = four_patches();
     let off = Pose::from_rotation_vector(DVec3::new(0.006, -0.004, 0.005), DVec3::new(0.08, -0.06, 0.1));
     for p in &mut patches[2].tidied.patch.mesh.positions {

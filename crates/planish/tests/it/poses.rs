@@ -80,7 +80,7 @@ fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
 }
 
 #[test]
-fn poses_come_back_within_their_covariance() {
+fn poses_are_recovered_within_their_covariance() {
     let (mut all, mut worst) = (Vec::new(), 0.0_f64);
     for seed in 0..2 {
         let mut scene = scene(Shape::Ball, seed);
@@ -180,7 +180,7 @@ fn height(fitted: &Fit) -> (f64, f64) {
 }
 
 #[test]
-fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
+fn a_constant_error_of_a_scan_is_in_the_covariance() {
     const BIAS: f64 = 0.1;
     let (mut with, mut without) = (Vec::new(), Vec::new());
     for seed in 0..12 {
@@ -206,7 +206,7 @@ fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
 }
 
 #[test]
-fn an_update_keeps_what_earlier_scans_share() {
+fn an_update_keeps_the_shared_errors_of_earlier_scans() {
     // A biased session, then an unbiased one over the same place: the biases of the first are found out by
     // the second.
     let mut rng = ChaCha8Rng::seed_from_u64(40);
@@ -231,7 +231,7 @@ fn an_update_keeps_what_earlier_scans_share() {
 }
 
 #[test]
-fn align_brings_scans_back_that_nobody_said_were_off() {
+fn align_corrects_scans_without_stated_pose_errors() {
     let mut scene = scene(Shape::Ball, 7);
     let truths = shake(&mut scene, 3, 1.0, 0.6);
     for posed in &mut scene.set.scans {
@@ -250,7 +250,7 @@ fn align_brings_scans_back_that_nobody_said_were_off() {
 
 #[test]
 #[ignore = "25 s: run by `just nightly`"]
-fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
+fn pose_covariances_of_a_mixed_set_are_calibrated() {
     let mut all = Vec::new();
     for seed in [7, 8] {
         let mixed = ScanSceneOptions { seed, ..ScanSceneOptions::default() };

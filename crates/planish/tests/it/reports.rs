@@ -52,7 +52,7 @@ fn needs_no_network(page: &str) {
 }
 
 #[test]
-fn a_report_of_a_fit_holds_what_the_files_hold() {
+fn a_report_of_a_fit_contains_the_figures_of_its_files() {
     let folder = tempfile::tempdir().unwrap();
     let [page, mesh] = ["pebble.html", "pebble.ply"].map(|name| folder.path().join(name));
     let job = FitJob {
@@ -105,7 +105,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
 }
 
 #[test]
-fn scans_that_contradict_each_other_are_named_at_once() {
+fn conflicting_scans_are_named_together() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["laser-1.ply", "laser-2.ply", "laser-3.ply", "old-1.ply", "probe.ply"] {
         std::fs::copy(pebble().join(name), folder.path().join(name)).unwrap();
@@ -186,9 +186,9 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
 }
 
 #[test]
-fn a_report_goes_into_a_file_of_its_own() {
+fn a_report_is_written_to_a_separate_file() {
     let folder = tempfile::tempdir().unwrap();
-    let said = |page: PathBuf, outputs: Vec<PathBuf>| {
+    let error_of = |page: PathBuf, outputs: Vec<PathBuf>| {
         let job = FitJob {
             inputs: vec![pebble().join("job.toml")],
             outputs,
@@ -197,8 +197,8 @@ fn a_report_goes_into_a_file_of_its_own() {
         };
         job.run(&Silent).unwrap_err().to_string()
     };
-    let wrong = said(folder.path().join("page.pdf"), Vec::new());
+    let wrong = error_of(folder.path().join("page.pdf"), Vec::new());
     assert!(wrong.contains("page.pdf") && wrong.contains(".html"), "{wrong}");
-    let missing = said(folder.path().join("none/page.html"), Vec::new());
+    let missing = error_of(folder.path().join("none/page.html"), Vec::new());
     assert!(missing.contains("page.html"), "{missing}");
 }

@@ -143,7 +143,7 @@ fn an_ellipsoid_becomes_a_bow() {
 
 /// A mesh that cannot be rebuilt is refused with the name of its file.
 #[test]
-fn open_meshes_and_those_elsewhere_are_no_start() {
+fn open_and_distant_meshes_are_rejected_as_starts() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let refused = |mesh: &TriangleMesh| {
@@ -152,13 +152,13 @@ fn open_meshes_and_those_elsewhere_are_no_start() {
     };
     let mut open = icosphere(20.0, 3);
     open.triangles.pop();
-    let said = refused(&open);
-    assert!(said.contains("start.ply") && said.contains("3 open edges"), "{said}");
+    let message = refused(&open);
+    assert!(message.contains("start.ply") && message.contains("3 open edges"), "{message}");
     let mut elsewhere = icosphere(5.0, 3);
     elsewhere.positions.iter_mut().for_each(|p| p[2] += 40.0);
-    let said = refused(&elsewhere);
-    assert!(said.contains("start.ply") && said.contains("nothing of the mesh"), "{said}");
+    let message = refused(&elsewhere);
+    assert!(message.contains("start.ply") && message.contains("nothing of the mesh"), "{message}");
     let sequence = ShellFitJob { silhouettes: None, sequence: Some(folder.path().to_owned()), ..job.clone() };
-    let said = sequence.run(&Silent).unwrap_err().to_string();
-    assert!(said.contains("rough start"), "{said}");
+    let message = sequence.run(&Silent).unwrap_err().to_string();
+    assert!(message.contains("rough start"), "{message}");
 }

@@ -81,7 +81,7 @@ fn the_bracket_reads_back_as_it_was_written() {
 }
 
 #[test]
-fn crumbs_and_lines_drawn_twice_change_nothing() {
+fn tiny_and_duplicate_lines_do_not_change_the_solid() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = rectangle(40.0, 20.0);
     front.push(front[0]);
@@ -100,7 +100,7 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
 }
 
 #[test]
-fn a_circle_of_radius_zero_is_left_out_with_a_word() {
+fn a_circle_of_radius_zero_is_ignored_with_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     let views = box_with(rectangle(40.0, 20.0), folder.path());
     let text = std::fs::read_to_string(&views[0]).unwrap();
@@ -128,16 +128,16 @@ fn a_drawing_of_a_size_that_no_step_file_can_have_is_refused_by_name_and_size() 
                 assert!(is_fine && (volume - 24_000.0).abs() < 1e-6, "{factor}: {volume}");
             }
             Err(e) => {
-                let said = e.to_string();
-                assert!(!is_fine && e.kind() == ErrorKind::Input, "{factor}: {said}");
-                assert!(said.contains("front.dxf") && said.contains("mm across"), "{said}");
+                let message = e.to_string();
+                assert!(!is_fine && e.kind() == ErrorKind::Input, "{factor}: {message}");
+                assert!(message.contains("front.dxf") && message.contains("mm across"), "{message}");
             }
         }
     }
 }
 
 #[test]
-fn an_open_contour_is_refused_and_its_ends_are_told() {
+fn an_open_contour_is_rejected_and_its_ends_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = rectangle(40.0, 20.0);
     front.pop();
@@ -165,7 +165,7 @@ fn views_of_another_scale_and_single_views_are_refused_by_name() {
 }
 
 #[test]
-fn meshes_are_closed_and_as_near_as_asked_for() {
+fn meshes_are_closed_and_satisfy_the_tolerance() {
     let folder = tempfile::tempdir().unwrap();
     let outputs: Vec<PathBuf> =
         ["ply", "stl", "glb", "obj"].map(|e| folder.path().join(format!("bracket.{e}"))).to_vec();
@@ -261,7 +261,7 @@ fn data() -> PathBuf {
 /// Regression tests for drawings: holes that touch walls and planes, circles in pieces, crossing holes, and
 /// faces oblique to all views.
 #[test]
-fn known_parts_come_out_as_they_are() {
+fn known_parts_are_reproduced() {
     let folder = data().join("drawings");
     if !folder.is_dir() {
         println!("skipped: {} is not there", folder.display());

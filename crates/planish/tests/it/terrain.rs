@@ -112,7 +112,7 @@ fn agreement(truth: &[bool], found: &[bool]) -> [f64; 4] {
 /// Set `PLANISH_ISPRS` to the folder with `sampNN-utm.pcd` and `sampNN-utm-ground.pcd`: the table is printed.
 #[test]
 #[ignore = "needs data that are not in the repository"]
-fn the_reference_samples_are_told_apart() {
+fn the_reference_samples_are_classified() {
     let Some(folder) = std::env::var_os("PLANISH_ISPRS").map(PathBuf::from) else {
         println!("PLANISH_ISPRS is not set: nothing was measured");
         return;
@@ -177,7 +177,7 @@ fn the_reference_samples_are_told_apart() {
 /// Ten million points: 14 s of processor time when this was written.
 #[test]
 #[ignore = "prints a time"]
-fn ten_million_points_are_told_apart() {
+fn ten_million_points_are_classified() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let points: Vec<DVec3> = (0..10_000_000)
         .map(|_| {

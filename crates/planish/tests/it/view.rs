@@ -148,7 +148,7 @@ fn points_are_drawn_and_edges_stay_sharp() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_refused_with_a_way_out() {
+fn input_that_cannot_be_drawn_is_rejected_with_advice() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 1), &[]);
     let points = folder.path().join("points.xyz");

@@ -72,7 +72,7 @@ pub(super) fn joined(
     // All tests refer to the original matches; removing points at once would make the result depend on their
     // order.
     let wrong: Vec<Key> = (keys.iter().copied())
-        .filter(|key| (0..2).any(|side| !comes_back(ready, neighbours, places, *key, side)))
+        .filter(|key| (0..2).any(|side| !is_mutual(ready, neighbours, places, *key, side)))
         .collect();
     for (view, line, place) in wrong {
         places[view][line][place] = Err("not_mutual");
@@ -152,7 +152,7 @@ fn keys(places: &Places) -> Vec<Key> {
 
 /// True if the match on a side is mutual. A view at the end of its sequence has no depths, so that its
 /// matches cannot be checked.
-fn comes_back(
+fn is_mutual(
     ready: &[Ready<'_>],
     neighbours: &[[Option<usize>; 2]],
     places: &Places,

@@ -351,9 +351,9 @@ fn strips_become_meshes_with_regularised_depths() {
 fn messages_name_the_invalid_value() {
     let views = seen(&arc(3, 5.0, 1.0), &BALL, 0.1);
     assert!(run(&views[..2]).unwrap_err().to_string().contains("three views"));
-    let mut odd = views.clone();
-    odd[1].sigma_px = 0.0;
-    assert!(run(&odd).unwrap_err().to_string().contains("view `view1`"));
+    let mut invalid = views.clone();
+    invalid[1].sigma_px = 0.0;
+    assert!(run(&invalid).unwrap_err().to_string().contains("view `view1`"));
     let options = OccludingOptions { half_window_px: -1.0, ..OccludingOptions::default() };
     let message = occluding_contours(&views, &options, &mut |_| Ok(())).unwrap_err().to_string();
     assert!(message.contains("window"), "{message}");

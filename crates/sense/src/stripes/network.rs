@@ -96,8 +96,8 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
         .filter(|&k| k != from && apart(all[k].image, place) <= FARTHEST * crossings.spacing + arrived)
         .collect();
     let mut missing = 0.0;
-    let mut gone = 0.0;
-    while gone <= FARTHEST * crossings.spacing && missing <= GAP_SCALES * ridges.scale {
+    let mut walked = 0.0;
+    while walked <= FARTHEST * crossings.spacing && missing <= GAP_SCALES * ridges.scale {
         let next = [place[0] + direction[0], place[1] + direction[1]];
         let reached = (near.iter().copied())
             .filter(|&k| apart(all[k].image, next) <= arrived)
@@ -119,7 +119,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
                 turned(r.direction).abs() >= STEADY && ahead >= 0.4 && apart(r.place, next) <= 1.3
             })
             .min_by(|a, b| apart(a.place, next).total_cmp(&apart(b.place, next)));
-        gone += 1.0;
+        walked += 1.0;
         match on_line {
             Some(r) => {
                 let sign = turned(r.direction).signum();

@@ -144,8 +144,8 @@ impl<'a> Sight<'a> {
             open.push([bound(last.0, t, last.1, here), last.0, t, last.1, here]);
             last = (t, here);
         }
-        let mut looks = PIECES + 1;
-        while looks < MAX_QUERIES {
+        let mut queries = PIECES + 1;
+        while queries < MAX_QUERIES {
             let Some(next) = (0..open.len()).min_by(|&i, &j| open[i][0].total_cmp(&open[j][0])) else {
                 break;
             };
@@ -160,7 +160,7 @@ impl<'a> Sight<'a> {
             }
             let middle = 0.5 * (a + b);
             let here = along(middle);
-            looks += 1;
+            queries += 1;
             if here < best.0 {
                 best = (here, middle);
             }
@@ -197,23 +197,23 @@ impl<'a> Sight<'a> {
         signs: bool,
         shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
-        let mut look = |t: f64| {
+        let mut evaluate = |t: f64| {
             let at = origin + t * direction;
             let found = self.shell.distance(at, shares)?;
             Some((t, found.gradient.dot(direction), found))
         };
-        let (mut low, mut high) = (look((near - reach).max(0.0))?, look(near + reach)?);
-        let mut best = look(near)?;
+        let (mut low, mut high) = (evaluate((near - reach).max(0.0))?, evaluate(near + reach)?);
+        let mut best = evaluate(near)?;
         // The minimum of a soft shell may differ from that of the mesh, so the bracket moves downhill in
         // growing steps.
         for double in 0..WIDER {
             let step = reach * f64::from(1_u32 << double);
             if low.1 >= 0.0 && low.0 > 0.0 && low.2.distance <= best.2.distance {
                 (high, best) = (best, low);
-                low = look((best.0 - step).max(0.0))?;
+                low = evaluate((best.0 - step).max(0.0))?;
             } else if high.1 <= 0.0 && high.2.distance <= best.2.distance {
                 (low, best) = (best, high);
-                high = look(best.0 + step)?;
+                high = evaluate(best.0 + step)?;
             } else {
                 break;
             }
@@ -240,7 +240,7 @@ impl<'a> Sight<'a> {
                 } else {
                     low.0 + share.clamp(0.02, 0.98) * width
                 };
-                best = look(t)?;
+                best = evaluate(t)?;
             }
         } else {
             for other in [low, high] {
@@ -264,9 +264,9 @@ impl<'a> Sight<'a> {
         // Far from an open mesh, heights over planes decrease without bound and may lead away from the
         // object.
         let nearest = self.height(origin + near * direction, signs);
-        let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
+        let implausible = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
             || sharp > nearest + 2.0 * self.softness;
-        if foot.on_boundary || odd {
+        if foot.on_boundary || implausible {
             return self.sharp_minimum(origin, direction, (near, reach), signs);
         }
         let sides = [(low, share), (high, 1.0 - share)];

@@ -426,11 +426,11 @@ fn run_stage(
         search.complete_derivatives(&problem, &mut equations)?;
         let system = search.normal_equations(setup, &equations, weight_factor, step == 0)?;
         weight = system.weight;
-        let taken = search.take_step(setup, &problem, &system, &mut damping)?;
+        let accepted = search.take_step(setup, &problem, &system, &mut damping)?;
         // From the state before the step. One step later it hardly differs, and no second factorisation is
         // needed.
         search.redundancy_used = redundancy_used(&system.information, &system.of_readings);
-        let Some((next, converged)) = taken else {
+        let Some((next, converged)) = accepted else {
             search.termination = Termination::ReachedTolerance;
             break;
         };

@@ -244,8 +244,8 @@ fn touching_circles(surface: &FaceSurface, e: DVec3) -> Option<Vec<EdgeCurve>> {
             } else if tilt < 1e-9 {
                 let w = unit(axis.cross(e));
                 let tubes = [-major, major].map(|r| circle(center + r * w, w, axis, minor));
-                let rims = [-minor, minor].map(|h| circle(center + h * axis, x, y, major));
-                Some(tubes.into_iter().chain(rims).collect())
+                let rim_circles = [-minor, minor].map(|h| circle(center + h * axis, x, y, major));
+                Some(tubes.into_iter().chain(rim_circles).collect())
             } else {
                 None
             }

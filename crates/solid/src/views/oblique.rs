@@ -106,8 +106,8 @@ fn face_plane(frame: &Wireframe, normal: DVec3, offset: f64, near: f64) -> Optio
     let mut edges: Vec<[usize; 2]> =
         frame.edges.iter().copied().filter(|e| e.iter().all(|k| is_in(*k))).collect();
     loop {
-        let goes_on = |k: usize| frame.ends_curve[k] || edges.iter().filter(|e| e.contains(&k)).count() > 1;
-        let kept: Vec<[usize; 2]> = edges.iter().copied().filter(|e| e.iter().all(|k| goes_on(*k))).collect();
+        let continues = |k: usize| frame.ends_curve[k] || edges.iter().filter(|e| e.contains(&k)).count() > 1;
+        let kept: Vec<[usize; 2]> = edges.iter().copied().filter(|e| e.iter().all(|k| continues(*k))).collect();
         if kept.len() == edges.len() {
             break;
         }

@@ -322,12 +322,12 @@ pub(crate) fn search(
                 if *solid { !literal } else { literal }
             })
             .collect();
-        let goes_on = count < limit && !block.is_empty();
+        let continues = count < limit && !block.is_empty();
         if !block.is_empty() {
             encoder.clause(block);
         }
-        let mut is_found = goes_on && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
-        if goes_on && !is_found && assumed.len() > on.len() {
+        let mut is_found = continues && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
+        if continues && !is_found && assumed.len() > on.len() {
             // The preferred assignments are exhausted; continue without preferences.
             assumed.clone_from(&on);
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;

@@ -494,8 +494,8 @@ fn wrong_readings_and_options_are_rejected_and_change_nothing() {
         assert!(filter.observe(&reading).is_err(), "{reading:?}");
     }
     assert_eq!(filter.state(), state);
-    let odd = plane([5, 4]);
-    assert!(PatchFilter::new(&odd, &odd, PRIOR, PatchFilterOptions::default()).is_err());
+    let invalid = plane([5, 4]);
+    assert!(PatchFilter::new(&invalid, &invalid, PRIOR, PatchFilterOptions::default()).is_err());
     let even = plane([4, 4]);
     let flat = SmoothnessPrior { hold: 0.0, ..PRIOR };
     assert!(PatchFilter::new(&even, &even, flat, PatchFilterOptions::default()).is_err());

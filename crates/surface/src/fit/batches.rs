@@ -302,7 +302,7 @@ pub(super) fn add_batches(
 ) -> Result<AddedBatches> {
     let ConvergedFit { surface, system, noise, .. } = &*converged;
     let mut added = AddedBatches {
-        data: system.nothing()?,
+        data: system.zero_information()?,
         observed: vec![false; surface.space().leaves().len()],
         rejected: batches.rejected.clone(),
         total: 0,
@@ -312,19 +312,19 @@ pub(super) fn add_batches(
     let target = Target { surface, system, noise, search: &search, gate: options.gate };
     let mut sums = DirectedSums::new(surface.space());
     // The next batch is prepared by one thread while this one is projected by the others.
-    let mut coming = Some(prepared(batches, 1, first, origin, options));
+    let mut next_batch = Some(prepared(batches, 1, first, origin, options));
     // Batch 0 is part of the converged surface already.
     for number in 1..batches.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / batches.count as f64)?;
         progress.items(added.total, "readings");
-        let Some(batch) = coming.take() else { break };
+        let Some(batch) = next_batch.take() else { break };
         let (observations, subset) = batch?;
         let next =
             || (number + 1 < batches.count).then(|| prepared(batches, number + 1, first, origin, options));
         let add = || added.add(&target, &mut sums, &observations, &subset);
         let (added, next) = rayon::join(add, next);
         added?;
-        coming = next;
+        next_batch = next;
     }
     // The sparse matrix is assembled once, from sums over all batches: each batch touches every leaf again.
     added.data.add_scaled(&sums.information(system)?, 1.0)?;

@@ -147,7 +147,7 @@ pub(super) fn finish(
     }
     let own_data = match filtered {
         // Beliefs of single patches are no information of the whole.
-        Some(_) => system.nothing()?,
+        Some(_) => system.zero_information()?,
         None => accumulate(&system, &surface, &feet, &information)?,
     };
     let mut model = SurfaceModel {

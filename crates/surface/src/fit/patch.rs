@@ -403,7 +403,7 @@ pub(super) fn update_patches(
     let system = SurfaceSystem::new(surface.space())?;
     let no_readings = ConvergedFit {
         surface: surface.clone(),
-        prior: system.nothing()?,
+        prior: system.zero_information()?,
         system,
         subset: Vec::new(),
         feet: Vec::new(),
@@ -509,7 +509,7 @@ pub(super) fn stream(
     // A division adds three patches; with less room than that the limit stops it.
     let full = core.filter.patches().len() + 3 > max_coefficients / crate::patch_stream::VERTICES_PER_PATCH;
     Ok(ConvergedFit {
-        prior: system.nothing()?,
+        prior: system.zero_information()?,
         system,
         surface,
         subset,

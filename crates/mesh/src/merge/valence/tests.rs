@@ -21,10 +21,10 @@ fn flips_reduce_high_valences_and_keep_the_surface() {
             continue;
         }
         let pair = [triangles[2 * square], triangles[2 * square + 1]];
-        let lone = |k: usize| *pair[k].iter().find(|v| !pair[1 - k].contains(v)).unwrap();
+        let unshared = |k: usize| *pair[k].iter().find(|v| !pair[1 - k].contains(v)).unwrap();
         let flipped = |k: usize| {
-            let at = pair[k].iter().position(|v| *v == lone(k)).unwrap();
-            [pair[k][at], pair[k][(at + 1) % 3], lone(1 - k)]
+            let at = pair[k].iter().position(|v| *v == unshared(k)).unwrap();
+            [pair[k][at], pair[k][(at + 1) % 3], unshared(1 - k)]
         };
         triangles[2 * square] = flipped(0);
         triangles[2 * square + 1] = flipped(1);

@@ -67,7 +67,8 @@ pub struct FrameReport {
     pub iou: Option<f64>,
     /// Root mean square difference of the parameters from their prediction, relative to that of their σ.
     /// Absent for the first frame.
-    pub surprise: Option<f64>,
+    #[serde(rename = "surprise")]
+    pub prediction_error: Option<f64>,
     /// The median σ of vertices along normals.
     pub sigma: f64,
 }

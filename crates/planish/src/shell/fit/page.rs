@@ -228,11 +228,11 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
                 cell(frame.rms_points, &|v| unit.number(v, 3)),
                 cell(frame.rms_silhouettes_px, &|v| significant(v, 3)),
                 cell(frame.iou, &percent),
-                cell(frame.surprise, &|v| significant(v, 3)),
+                cell(frame.prediction_error, &|v| significant(v, 3)),
                 unit.number(frame.sigma, 3),
             ],
             // Above 3 σ, the object moved otherwise than predicted, or the frame belongs elsewhere.
-            frame.surprise.is_some_and(|surprise| surprise > 3.0),
+            frame.prediction_error.is_some_and(|prediction_error| prediction_error > 3.0),
         );
     }
     Some(Section::new(

@@ -77,9 +77,9 @@ impl Region for Wider {
 }
 
 /// A mask in which nothing is covered.
-struct Nothing;
+struct EmptyMask;
 
-impl Region for Nothing {
+impl Region for EmptyMask {
     fn depth(&self, _at: DVec3) -> f64 {
         f64::NEG_INFINITY
     }
@@ -90,7 +90,7 @@ impl Region for Nothing {
 }
 
 /// The result of the flow.
-pub(super) struct Flown {
+pub(super) struct RoughStartMesh {
     pub mesh: TriangleMesh,
     /// σ of its vertices, along normals.
     pub sigma: Vec<f64>,
@@ -100,13 +100,13 @@ pub(super) struct Flown {
 /// Options for fitting a prepared mesh of a given size. The mesh is already close, and its agreement with the
 /// masks is no evidence, because it was made from them.
 pub(super) fn options(size: f64) -> ShellFitOptions {
-    let usual = ShellFitOptions::default();
+    let defaults = ShellFitOptions::default();
     ShellFitOptions {
-        softness: (SOFTNESS, usual.softness.1),
+        softness: (SOFTNESS, defaults.softness.1),
         // Few steps, because the start is near: coarse fields only serve to find a distant object.
         steps: 2,
         start_sigma: Some(size / CELLS),
-        ..usual
+        ..defaults
     }
 }
 
@@ -115,12 +115,12 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
 /// # Errors
 /// Errors of `watch`; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks
 /// that contain the whole object, for an open mesh, and for a mesh outside of a mask.
-pub(super) fn flown(
+pub(super) fn rough_start_mesh(
     job: &ShellFitJob,
     mut mesh: TriangleMesh,
     units: &mut Units,
     watch: &mut dyn FnMut(usize) -> Result<()>,
-) -> Result<Flown> {
+) -> Result<RoughStartMesh> {
     let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
     // The findings of this reading are dropped, because the fit reads the views again.
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
@@ -168,11 +168,11 @@ pub(super) fn flown(
         }
     }
     // Partly covered places end in steps. Filling removes them.
-    mesh = anew(&mesh, Some((&Nothing, FILL_CELLS)), cell)?;
+    mesh = anew(&mesh, Some((&EmptyMask, FILL_CELLS)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
         .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / EXCESS_RATIO)
         .collect();
-    Ok(Flown {
+    Ok(RoughStartMesh {
         report: FlowReport {
             // The final filling is a round as well.
             rounds: rounds + 1,
@@ -229,7 +229,7 @@ fn covers(
 }
 
 /// The appearance of a rebuilt mesh, which has neither texture nor parts.
-pub(super) fn without_looks(
+pub(super) fn without_appearance(
     appearance: TexturedMesh,
     mesh: &TriangleMesh,
     findings: &mut Vec<Finding>,

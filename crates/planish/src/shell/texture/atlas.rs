@@ -127,7 +127,7 @@ mod tests {
 
     /// Every triangle of an atlas has its own pixels, and each pixel maps to a position on it.
     #[test]
-    fn an_atlas_has_room_for_every_triangle() {
+    fn every_triangle_fits_on_the_atlas() {
         let (count, side) = (45, 64);
         let chart = Chart::atlas(count, side);
         let drawn = chart.drawn(side, side);

@@ -13,7 +13,7 @@ pub(super) const FOCAL: f64 = 800.0;
 const SIGMA_PX: f64 = 1.0;
 
 /// A camera at `from` that looks at the origin, turned about its axis by `roll`.
-pub(super) fn looking(from: DVec3, roll: f64) -> Camera {
+pub(super) fn camera_at(from: DVec3, roll: f64) -> Camera {
     let from = Vector3::from(from);
     let z = -from.normalize();
     let x = Vector3::new(-from.y, from.x, 0.3).cross(&z).cross(&z).normalize();
@@ -32,7 +32,7 @@ pub(super) fn around(count: usize, distance: f64) -> Vec<Camera> {
             let z = 1.0 - (2 * k + 1) as f64 / count as f64;
             let (sin, cos) = (2.4 * k as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            looking(DVec3::new(distance * r * cos, distance * r * sin, distance * z), 0.1 * k as f64)
+            camera_at(DVec3::new(distance * r * cos, distance * r * sin, distance * z), 0.1 * k as f64)
         })
         .collect()
 }
@@ -400,7 +400,7 @@ fn objects_beyond_the_images_are_fitted() {
         .map(|k| {
             let (sin, cos) = (0.7 * f64::from(k)).sin_cos();
             let mut view =
-                borders(&deformed, &looking(DVec3::new(5.0 * cos, 5.0 * sin, 0.6), 0.0), 90, &mut noise);
+                borders(&deformed, &camera_at(DVec3::new(5.0 * cos, 5.0 * sin, 0.6), 0.0), 90, &mut noise);
             let camera = view.camera;
             // The border of the image: lines of sight there meet the axis at this depth.
             let shown = |pixel: [f64; 2]| {

@@ -39,7 +39,7 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
 /// A touch probe takes few readings. Its σ must be estimated, and the surface must be their plane, not a
 /// surface through each reading.
 #[test]
-fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
+fn twenty_readings_determine_a_plane_and_their_noise() {
     let (sigma, count, runs) = (0.01, 20, 40);
     let (mut found, mut square) = (0.0, 0.0);
     for seed in 0..runs {

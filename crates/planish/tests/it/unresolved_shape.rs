@@ -67,7 +67,7 @@ fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
 }
 
 #[test]
-fn what_a_limit_leaves_out_is_in_sigma() {
+fn sigma_includes_shape_left_unresolved_by_a_limit() {
     let (limited, left) = covered(1, 64);
     let (free, rest) = covered(1, 12_000);
     println!("64 coefficients: {limited} covered, left out {left:?}; as many as it takes: {free}, {rest:?}");
