@@ -361,13 +361,13 @@ pub(crate) fn grid_without(columns: usize, rows: usize, dropped: &[u64]) -> Rang
 fn is_positive_definite(c: &[f64; 6]) -> bool {
     let [xx, xy, xz, yy, yz, zz] = *c;
     // Relative to the largest variance, so that the unit of the file does not matter.
-    let least = 1e-14 * xx.max(yy).max(zz);
+    let min_pivot = 1e-14 * xx.max(yy).max(zz);
     // Pivots of the Cholesky factorisation; NaN fails every comparison.
     let (a, b) = (xy / xx, xz / xx);
     let p1 = yy - a * xy;
     let q = (yz - b * xy) / p1;
     let p2 = zz - b * xz - q * (yz - b * xy);
-    c.iter().all(|v| v.is_finite()) && xx > 0.0 && xx > least && p1 > least && p2 > least
+    c.iter().all(|v| v.is_finite()) && xx > 0.0 && xx > min_pivot && p1 > min_pivot && p2 > min_pivot
 }
 
 #[cfg(test)]

@@ -253,11 +253,11 @@ impl<R: Read> Source<R> {
         }
     }
 
-    /// Number of entries to reserve for a declared count of records of at least `least` bytes each.
+    /// Number of entries to reserve for a declared count of records of at least `min_record_bytes` bytes each.
     ///
     /// Never more than the rest of the file can hold; one buffer full if the length is unknown (gzip, pipes).
-    pub(crate) fn reserve(&self, promised: u64, least: u64) -> usize {
-        let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / least.max(1) + 1);
+    pub(crate) fn reserve(&self, promised: u64, min_record_bytes: u64) -> usize {
+        let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / min_record_bytes.max(1) + 1);
         usize::try_from(promised.min(holds)).unwrap_or(0)
     }
 

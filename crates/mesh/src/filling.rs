@@ -95,8 +95,14 @@ pub fn fill_holes(
         )));
     }
     let normals = mesh.vertex_normals();
-    let mut filled =
-        Filled { mesh: mesh.clone(), sigma: sigma.to_vec(), holes: 0, outer_rims: 0, too_long: 0, uncovered: 0 };
+    let mut filled = Filled {
+        mesh: mesh.clone(),
+        sigma: sigma.to_vec(),
+        holes: 0,
+        outer_rims: 0,
+        too_long: 0,
+        uncovered: 0,
+    };
     let mut loops = Vec::new();
     // Which borders are holes is decided on the original mesh, before covers change its edges.
     for border in border_loops(&mesh.triangles) {

@@ -369,8 +369,8 @@ mod tests {
         assert_eq!(double.surface_bounds(), ball.bounding_box());
         let none = Distortion { folds: 0, stretched: 0 };
         assert_eq!(ball.distortion(&ball.positions), none);
-        let larger: Vec<DVec3> = ball.positions.iter().map(|p| 9.0 * *p).collect();
-        assert_eq!(ball.distortion(&larger), none);
+        let scaled: Vec<DVec3> = ball.positions.iter().map(|p| 9.0 * *p).collect();
+        assert_eq!(ball.distortion(&scaled), none);
         let mut spiked = ball.positions.clone();
         spiked[0] = 3.0 * spiked[0];
         assert_eq!(ball.distortion(&spiked).stretched, 5);

@@ -211,8 +211,8 @@ mod tests {
             [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 0.01, 0.0)],
         ];
         for t in triangles {
-            let least = angles(&t).into_iter().fold(f64::INFINITY, f64::min);
-            assert!((smallest_angle(&t) - least).abs() < 1e-14, "{t:?}");
+            let smallest = angles(&t).into_iter().fold(f64::INFINITY, f64::min);
+            assert!((smallest_angle(&t) - smallest).abs() < 1e-14, "{t:?}");
         }
         for flat in [[DVec3::ONE; 3], [DVec3::ZERO, DVec3::X, 3.0 * DVec3::X]] {
             assert_eq!(smallest_angle(&flat), 0.0);

@@ -250,12 +250,12 @@ impl FramePainter {
         let diagonal = bounds.diagonal();
         let mut camera = Camera { at, axes: [right, up, from], focal: 1.0, middle: [0.0; 2], diagonal };
         let room = |points: &[DVec3]| {
-            let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
+            let extents = (points.iter()).fold([0.0_f64; 2], |extents, p| {
                 let [x, y] = camera.project(*p).at;
-                [most[0].max(x.abs()), most[1].max(y.abs())]
+                [extents[0].max(x.abs()), extents[1].max(y.abs())]
             });
             // 0.46 instead of 0.5 leaves a border.
-            let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
+            let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / extents[k].max(f64::MIN_POSITIVE));
             x.min(y)
         };
         // A surface of few readings may be large. It must not make the last frame small.

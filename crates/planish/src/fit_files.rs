@@ -33,7 +33,7 @@ use std::time::Instant;
 
 /// Minimum value of the limit on control vertices. The coarsest surfaces have a few dozen, so a smaller limit
 /// is a mistake.
-pub const LEAST_COEFFICIENTS: usize = 16;
+pub const MIN_COEFFICIENTS: usize = 16;
 
 /// Maximum rms of added readings, relative to the size of the saved model. A smaller value would reject
 /// coarse sensors; a larger one would accept another object that lies nearby.
@@ -518,9 +518,9 @@ fn check_settings(job: &FitJob) -> Result<()> {
     if !(gate.is_finite() && gate >= 1.0) {
         return Err(Error::input(format!("expected a gate of at least 1 σ (4 is usual), found {gate}")));
     }
-    if max_coefficients < LEAST_COEFFICIENTS {
+    if max_coefficients < MIN_COEFFICIENTS {
         return Err(Error::input(format!(
-            "expected at least {LEAST_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
+            "expected at least {MIN_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
         )));
     }
     // With a larger share, too few readings would be left to fit.

@@ -241,7 +241,11 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
 }
 
 /// Stitches the bound to the merged surface where there is no patch.
-fn complete(stitched_mesh: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
+fn complete(
+    stitched_mesh: &mut StitchedMesh,
+    bound: &NamedPatch,
+    ready: &mut Ready,
+) -> Result<CompletionReport> {
     let completed = completed(stitched_mesh, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
     // The number after the last patch stands for the bound.

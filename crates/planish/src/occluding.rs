@@ -57,7 +57,7 @@ pub struct OccludingJob {
     /// Files of patches; each patch gets its number before the extension.
     pub patches: Vec<PathBuf>,
     /// Minimum number of points of a strip that becomes a patch.
-    pub least_points: usize,
+    pub min_points: usize,
     /// File of the visual hull.
     pub hull: Option<PathBuf>,
     /// A mesh whose outlines are compared with all masks.
@@ -76,7 +76,7 @@ impl Default for OccludingJob {
             views: PathBuf::new(),
             outputs: Vec::new(),
             patches: Vec::new(),
-            least_points: 200,
+            min_points: 200,
             hull: None,
             judged: None,
             options: OccludingOptions::default(),
@@ -312,7 +312,7 @@ fn mask_options(view: &ViewFile) -> SilhouetteOptions {
     let usual = SilhouetteOptions::default();
     SilhouetteOptions {
         threshold: view.mask_threshold,
-        least_share: view.mask_least_share.unwrap_or(usual.least_share),
+        min_share: view.mask_min_share.unwrap_or(usual.min_share),
         sigma_px: view.sigma_px,
         ..usual
     }

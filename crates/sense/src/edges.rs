@@ -14,12 +14,12 @@ pub struct EdgeOptions {
     /// σ of the Gaussian by which the image is smoothed, in pixels.
     pub smoothing_px: f64,
     /// Minimum gradient of an edge, as a share of the largest in the image.
-    pub least_share: f64,
+    pub min_share: f64,
 }
 
 impl Default for EdgeOptions {
     fn default() -> Self {
-        Self { smoothing_px: 1.0, least_share: 0.3 }
+        Self { smoothing_px: 1.0, min_share: 0.3 }
     }
 }
 
@@ -93,7 +93,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
     let minimum = MIN_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
     let strongest = field.magnitude.iter().copied().fold(0.0, f64::max);
-    let threshold = minimum.max(options.least_share * strongest);
+    let threshold = minimum.max(options.min_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
         return Err(Error::undetermined("no edge exceeds the noise of the image"));

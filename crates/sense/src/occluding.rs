@@ -86,11 +86,11 @@ pub struct OccludingOptions {
     /// Angle between contour and epipolar line below which a point is a frontier point, in degrees.
     pub frontier_deg: f64,
     /// Maximum angle between the lines of sight of matched points in adjacent views, in degrees.
-    pub most_turn_deg: f64,
+    pub max_turn_deg: f64,
     /// Maximum σ of a depth, as a share of the depth.
-    pub most_sigma_share: f64,
+    pub max_sigma_share: f64,
     /// Minimum number of points of a strip.
-    pub least_places: usize,
+    pub min_strip_points: usize,
 }
 
 impl Default for OccludingOptions {
@@ -98,9 +98,9 @@ impl Default for OccludingOptions {
         Self {
             half_window_px: 6.0,
             frontier_deg: 15.0,
-            most_turn_deg: 50.0,
-            most_sigma_share: 0.05,
-            least_places: 24,
+            max_turn_deg: 50.0,
+            max_sigma_share: 0.05,
+            min_strip_points: 24,
         }
     }
 }
@@ -345,8 +345,8 @@ fn checked(views: &[ContourView], options: &OccludingOptions) -> Result<()> {
     let positive = [
         ("window", options.half_window_px),
         ("angle of frontier points", options.frontier_deg),
-        ("largest turn", options.most_turn_deg),
-        ("largest share of σ", options.most_sigma_share),
+        ("largest turn", options.max_turn_deg),
+        ("largest share of σ", options.max_sigma_share),
     ];
     match positive.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
         Some((name, value)) => {

@@ -25,7 +25,7 @@ pub struct SilhouetteOptions {
     /// σ of a point across the border, in pixels.
     pub sigma_px: f64,
     /// Specks and holes smaller than this share of the object's pixels are filled.
-    pub least_share: f64,
+    pub min_share: f64,
     /// Approximate number of pixels returned inside, and outside.
     pub samples: usize,
 }
@@ -37,7 +37,7 @@ impl Default for SilhouetteOptions {
             smoothing_px: 1.0,
             apart_px: 3.0,
             sigma_px: 0.5,
-            least_share: 0.01,
+            min_share: 0.01,
             samples: 500,
         }
     }
@@ -96,10 +96,10 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
             )));
         }
     }
-    if !(0.0..=1.0).contains(&options.least_share) {
+    if !(0.0..=1.0).contains(&options.min_share) {
         return Err(Error::input(format!(
             "the minimum share of a part of a silhouette is from 0 to 1, found {}",
-            options.least_share
+            options.min_share
         )));
     }
     let (columns, rows) = (picture.columns, picture.rows);
@@ -114,7 +114,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
             "a mask needs pixels on both sides of its threshold {threshold}: they go from {low} to {high}"
         )));
     }
-    let minimum = (options.least_share * object_pixels as f64) as usize;
+    let minimum = (options.min_share * object_pixels as f64) as usize;
     fill(&mut mask, columns, true, minimum);
     fill(&mut mask, columns, false, minimum);
     let values: Vec<f64> = mask.iter().map(|m| f64::from(u8::from(*m))).collect();

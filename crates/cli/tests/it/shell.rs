@@ -274,13 +274,13 @@ fn implausible_inputs_are_reported() {
     assert!((double / wanted - 1.0).abs() < 1e-6, "{double}, {wanted}");
     // A camera of an image four times as large, and exchanged masks.
     let views = std::fs::read_to_string(at.join("bent/views.toml")).expect("a file");
-    let larger = views.replacen(
+    let scaled = views.replacen(
         "K = [[768.0, 0.0, 319.5], [0.0, 768.0, 239.5]",
         "K = [[3072.0, 0.0, 1278.0], [0.0, 3072.0, 958.0]",
         1,
     );
-    assert_ne!(larger, views);
-    std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
+    assert_ne!(scaled, views);
+    std::fs::write(at.join("bent/larger.toml"), scaled).expect("written");
     let result = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
     assert!(result.stderr.contains("The camera's axis meets the picture at 1278, 958"), "{}", result.stderr);
     assert!(result.stderr.contains("view mask01: the mesh hardly appears in its mask"), "{}", result.stderr);

@@ -63,7 +63,8 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
     // A drawing of a single point has no extent; the minimum avoids a division by zero.
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
     let scale = (WIDTH - 2.0 * MARGIN) / extent;
-    let [left_margin, top_margin] = LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
+    let [left_margin, top_margin] =
+        LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
     let place = |p: [f64; 2]| [left_margin + scale * (p[0] - low[0]), top_margin + scale * (high[1] - p[1])];
     let (width, height) =
         (2.0 * left_margin + scale * (high[0] - low[0]), 2.0 * top_margin + scale * (high[1] - low[1]));

@@ -70,10 +70,10 @@ fn textured_from<R: Read>(source: &mut Source<R>) -> Result<(PolygonMesh, Option
     with_file(source, |file| {
         let (mesh, materials) = file.mesh(true)?;
         // One picture only, because `TexturedMesh` has one texture.
-        let most = (materials.iter())
+        let largest = (materials.iter())
             .filter_map(|(material, count)| file.picture(*material).map(|picture| (*count, picture)))
             .max_by_key(|(count, _)| *count);
-        Ok((mesh, most.map(|(_, picture)| picture.to_vec())))
+        Ok((mesh, largest.map(|(_, picture)| picture.to_vec())))
     })
 }
 
@@ -316,10 +316,11 @@ impl File<'_> {
             let positions = self.accessor(&attributes["POSITION"], FLOAT, "VEC3")?;
             let first = mesh.points.len();
             // A position takes twelve bytes.
-            let most = (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
-            if first.saturating_add(positions.count) > most {
+            let max_vertices =
+                (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
+            if first.saturating_add(positions.count) > max_vertices {
                 return Err(Error::input(format!(
-                    "expected at most {most} vertices for a file of this size, found more in repeated \
+                    "expected at most {max_vertices} vertices for a file of this size, found more in repeated \
                      meshes: export one copy"
                 )));
             }

@@ -92,7 +92,8 @@ pub(crate) fn close_loops(
         triangles.iter().filter(|t| t.iter().all(|v| on_loop[*v as usize])).map(|t| sorted(*t)).collect();
     let mut closed = 0;
     for vertices in loops {
-        let is_single_triangle = vertices.len() == 3 && single_triangles.contains(&sorted([vertices[0], vertices[1], vertices[2]]));
+        let is_single_triangle = vertices.len() == 3
+            && single_triangles.contains(&sorted([vertices[0], vertices[1], vertices[2]]));
         if is_single_triangle {
             continue;
         }

@@ -5,7 +5,7 @@
 //! of the files. Not guaranteed: patches in unrelated frames are not registered.
 
 use super::align::align;
-use super::inspection::{crossings, leave_out_copies, nearest, orient_patches, mismatched_patches};
+use super::inspection::{crossings, leave_out_copies, mismatched_patches, nearest, orient_patches};
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};

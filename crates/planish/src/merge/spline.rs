@@ -59,7 +59,7 @@ const MAX_IGNORED_PART: f64 = 0.01;
 /// The largest part of a mesh, a mask of its vertices, and the number of ignored parts.
 fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)> {
     let parts = mesh.parts();
-    let count = parts.iter().max().map_or(0, |most| *most as usize + 1);
+    let count = parts.iter().max().map_or(0, |last| *last as usize + 1);
     let second = parts.iter().filter(|part| **part == 1).count();
     if second as f64 > MAX_IGNORED_PART * parts.len() as f64 {
         return Err(Error::unsupported(format!(

@@ -212,8 +212,8 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
     while found.len() < TARGETS.min(representatives.len()) {
         let at = representatives[next];
         found.push(at);
-        for (least, &other) in nearest.iter_mut().zip(representatives) {
-            *least = least.min(places[at].position.distance(places[other].position));
+        for (distance, &other) in nearest.iter_mut().zip(representatives) {
+            *distance = distance.min(places[at].position.distance(places[other].position));
         }
         // Reversed, because `max_by` returns the last of equal ones: the first is wanted.
         next = (0..nearest.len()).rev().max_by(|&a, &b| nearest[a].total_cmp(&nearest[b])).unwrap_or(0);

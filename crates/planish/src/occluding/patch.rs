@@ -48,7 +48,7 @@ pub(super) fn patches(
     for strip in 0..found.strips {
         let of_strip: Vec<&OccludingPoint> = found.points.iter().filter(|p| p.strip == strip).collect();
         // Strips are sorted by size: all that follow are smaller.
-        if of_strip.len() < job.least_points {
+        if of_strip.len() < job.min_points {
             break;
         }
         let Ok((mesh, sigma)) = found.patch(strip) else {

@@ -139,7 +139,7 @@ fn gross_errors_change_little_in_more_draws() {
     assert_gross_errors_change_little(2..8, 0.1);
 }
 
-fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, most: f64) {
+fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, limit: f64) {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let (mut clean, mut dirty) = (0.0, 0.0);
         for seed in seeds.clone() {
@@ -167,7 +167,7 @@ fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, most: f64) {
         }
         let ratio = (dirty / clean).sqrt();
         println!("{shape:?}: ratio {ratio:.3}");
-        assert!((ratio - 1.0).abs() < most, "{shape:?}: gross errors change the rms by a factor {ratio}");
+        assert!((ratio - 1.0).abs() < limit, "{shape:?}: gross errors change the rms by a factor {ratio}");
     }
 }
 

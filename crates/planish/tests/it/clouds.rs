@@ -135,10 +135,14 @@ fn few_known_readings_do_not_determine_their_own_noise() {
 #[test]
 fn the_limit_of_coefficients_is_respected() {
     let set = set_of(sheet(3000, 6), None);
-    for most in [25, 40, 100, 150] {
-        let options = FitOptions { max_coefficients: most, ..FitOptions::default() };
+    for max_coefficients in [25, 40, 100, 150] {
+        let options = FitOptions { max_coefficients: max_coefficients, ..FitOptions::default() };
         let made = fit(&set, &options, &Silent).unwrap();
-        assert!(made.report.coefficients <= most, "{} of {most}", made.report.coefficients);
+        assert!(
+            made.report.coefficients <= max_coefficients,
+            "{} of {max_coefficients}",
+            made.report.coefficients
+        );
     }
     let options = FitOptions { max_coefficients: 20, ..FitOptions::default() };
     assert!(fit(&set, &options, &Silent).is_err());

@@ -21,7 +21,7 @@ fn points_of_the_scene_lie_on_the_object() {
             views: made.views[0].clone(),
             outputs: vec![output.clone()],
             patches: Vec::new(),
-            least_points: 200,
+            min_points: 200,
             hull: None,
             judged: None,
             options: OccludingOptions::default(),

@@ -23,7 +23,7 @@ fn radius(d: DVec3) -> f64 {
 
 /// The part of the swollen ball about an axis, with noise along the normals' rays, of which a share is waves
 /// nine edges long and longer.
-fn patch(name: &str, axis: DVec3, least: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
+fn patch(name: &str, axis: DVec3, lowest: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
     let mut ball = icosphere(1.0, 5);
     let (s, c) = turn.sin_cos();
     for p in &mut ball.positions {
@@ -32,7 +32,7 @@ fn patch(name: &str, axis: DVec3, least: f64, turn: f64, smooth: f64, rng: &mut 
         let DVec3 { x, y, z } = *p;
         *p = DVec3::new(x, c * y - s * z, s * y + c * z);
     }
-    ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= least));
+    ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= lowest));
     let waves: Vec<(DVec3, f64)> = (0..12)
         .map(|_| {
             let d = DVec3::new(normal(rng), normal(rng), normal(rng)).try_normalize().expect("a direction");

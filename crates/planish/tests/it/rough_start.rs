@@ -108,7 +108,7 @@ fn write(folder: &Path, name: &str, mesh: &TriangleMesh) {
     write_mesh(&folder.join(name), &columns).unwrap();
 }
 
-fn least_held_out(report: &ShellFitReport) -> f64 {
+fn min_held_out_iou(report: &ShellFitReport) -> f64 {
     (report.held_out.iter()).map(|view| report.iou[view]).fold(1.0, f64::min)
 }
 
@@ -122,7 +122,7 @@ fn an_ellipsoid_becomes_a_bow() {
     let flow = made.flow.clone().unwrap();
     println!("rough start: {:?} {flow:?} {:?}", made.iou, made.sigma);
     assert_eq!((made.held_out.len(), flow.parts), (2, 1));
-    assert!(least_held_out(&made) > 0.95, "{:?}", made.iou);
+    assert!(min_held_out_iou(&made) > 0.95, "{:?}", made.iou);
     let file = read_mesh(&folder.path().join("fitted.ply")).unwrap();
     let sigma = file.column("sigma").unwrap().to_vec();
     let mesh = TriangleMesh::try_new(file.points, file.triangles).unwrap();
@@ -138,7 +138,7 @@ fn an_ellipsoid_becomes_a_bow() {
     let bent = ShellFitJob { rough_start: false, ..job };
     let bent = bent.run(&Silent).unwrap();
     println!("bent: {:?}", bent.iou);
-    assert!(bent.flow.is_none() && least_held_out(&bent) < 0.9, "{:?}", bent.iou);
+    assert!(bent.flow.is_none() && min_held_out_iou(&bent) < 0.9, "{:?}", bent.iou);
 }
 
 /// A mesh that cannot be rebuilt is refused with the name of its file.

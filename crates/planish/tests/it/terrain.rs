@@ -148,10 +148,10 @@ fn the_reference_samples_are_classified() {
                 surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default()).height
             })
             .collect();
-        for most in [4.0 * sigma, 0.5] {
-            let near: Vec<bool> = heights.iter().map(|h| h.abs() < most).collect();
+        for max_height in [4.0 * sigma, 0.5] {
+            let near: Vec<bool> = heights.iter().map(|h| h.abs() < max_height).collect();
             let of_sheet = agreement(&truly, &near);
-            println!("    within {most:.2} m of the sheet: {of_sheet:.2?}");
+            println!("    within {max_height:.2} m of the sheet: {of_sheet:.2?}");
         }
         let mut off = heights_off(&fit, truth.scans[0].scan.points.iter().copied());
         let root = rms(&off);

@@ -234,7 +234,10 @@ fn input_that_cannot_be_coloured_is_rejected_by_name() {
     assert!(refused(&with("v2.png", "gone.png")).contains("gone.png"));
     write_grey_png(&folder.path().join("m.png"), 2, 2, &[0, 255, 0, 255]).unwrap();
     let message = refused(&with("image = \"v2.png\"", "image = \"v2.png\"\nmask = \"m.png\""));
-    assert!(message.contains("m.png") || message.contains("400 × 300 pixels, and its mask 2 × 2"), "{message}");
+    assert!(
+        message.contains("m.png") || message.contains("400 × 300 pixels, and its mask 2 × 2"),
+        "{message}"
+    );
     let small = ShellTextureJob { place: ColourPlace::Texture, texture_size: Some(64), ..job.clone() };
     assert!(refused(&small).contains("takes 1050 pixels along a side or more"), "{}", refused(&small));
     let obj = ShellTextureJob {

@@ -142,9 +142,9 @@ fn points_are_drawn_and_edges_stay_sharp() {
     let columns = covered(&picture, 100);
     let brightness: Vec<f32> =
         columns[4..columns.len() - 4].iter().map(|c| pixel(&picture, [*c, 100])[1]).collect();
-    let [least, most] =
+    let [min, max] =
         [brightness.iter().copied().fold(255.0, f32::min), brightness.iter().copied().fold(0.0, f32::max)];
-    assert!(most - least <= 2.0, "{least} {most}");
+    assert!(max - min <= 2.0, "{min} {max}");
 }
 
 #[test]

@@ -111,7 +111,8 @@ pub(super) fn joined(
     let roots: Vec<usize> = strips.into_roots().into_iter().map(|root| root as usize).collect();
     let mut size = vec![0; keys.len()];
     roots.iter().for_each(|r| size[*r] += 1);
-    let mut order: Vec<usize> = (0..keys.len()).filter(|r| size[*r] >= options.least_places.max(1)).collect();
+    let mut order: Vec<usize> =
+        (0..keys.len()).filter(|r| size[*r] >= options.min_strip_points.max(1)).collect();
     // Largest strip first; ties by number, so that the order is the same in every run.
     order.sort_by_key(|r| (std::cmp::Reverse(size[*r]), *r));
     let strip_of: std::collections::BTreeMap<usize, usize> =

@@ -58,7 +58,7 @@ fn candidates(
     }
     let line = line.map(|l| l / length);
     let off = |p: [f64; 2]| line[0] * p[0] + line[1] * p[1] + line[2];
-    let most_turn = options.most_turn_deg.to_radians().cos();
+    let min_cosine = options.max_turn_deg.to_radians().cos();
     let mut found = Vec::new();
     for (index, contour) in of.lines.iter().enumerate() {
         let count = contour.places.len();
@@ -93,7 +93,7 @@ fn candidates(
             let facing = seen.and_then(|seen| Some((seen.way, seen.outward_in(plane)?.0)));
             if let Some((way, out)) = facing
                 && out.dot(outward) > 0.0
-                && way.dot(sight.way) > most_turn
+                && way.dot(sight.way) > min_cosine
             {
                 let spot = Spot { line: index, length: at };
                 found.push(Candidate { spot, local });
@@ -128,7 +128,7 @@ pub(super) fn matched(
             if !allowed {
                 continue;
             }
-            if placed.depth.sqrt() > options.most_sigma_share * solved.depth {
+            if placed.depth.sqrt() > options.max_sigma_share * solved.depth {
                 doubtful = true;
                 continue;
             }

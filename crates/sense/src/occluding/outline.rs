@@ -98,7 +98,7 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     // Grey levels at the border of a mask are the covered shares of pixels, so they are kept, except where a
     // speck or hole was filled.
     let before = mask.clone();
-    let min_pixels = (options.least_share * object_pixels as f64) as usize;
+    let min_pixels = (options.min_share * object_pixels as f64) as usize;
     fill(&mut mask, columns, true, min_pixels);
     fill(&mut mask, columns, false, min_pixels);
     let values: Vec<f64> = (picture.values.iter().zip(&mask).zip(&before))

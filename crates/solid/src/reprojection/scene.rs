@@ -71,10 +71,10 @@ impl Scene<'_> {
         let range = [lo[along] - p[along], hi[along] - p[along]].map(|d| d * eye.sign);
         let range = [range[0].min(range[1]), range[0].max(range[1])];
         self.faces.iter().any(|face| {
-            let [least, most] = face.bounds;
-            let beside = eye.axes[..2].iter().any(|&a| from[a] < least[a] || from[a] > most[a]);
-            let behind = eye.nearness(most).max(eye.nearness(least)) < eye.nearness(p);
-            if beside || behind {
+            let [low, high] = face.bounds;
+            let outside = eye.axes[..2].iter().any(|&a| from[a] < low[a] || from[a] > high[a]);
+            let behind = eye.nearness(high).max(eye.nearness(low)) < eye.nearness(p);
+            if outside || behind {
                 return false;
             }
             face.met(from, direction, range).into_iter().any(|t| {

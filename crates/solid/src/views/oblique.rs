@@ -107,7 +107,8 @@ fn face_plane(frame: &Wireframe, normal: DVec3, offset: f64, near: f64) -> Optio
         frame.edges.iter().copied().filter(|e| e.iter().all(|k| is_in(*k))).collect();
     loop {
         let continues = |k: usize| frame.ends_curve[k] || edges.iter().filter(|e| e.contains(&k)).count() > 1;
-        let kept: Vec<[usize; 2]> = edges.iter().copied().filter(|e| e.iter().all(|k| continues(*k))).collect();
+        let kept: Vec<[usize; 2]> =
+            edges.iter().copied().filter(|e| e.iter().all(|k| continues(*k))).collect();
         if kept.len() == edges.len() {
             break;
         }

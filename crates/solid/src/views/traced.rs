@@ -174,7 +174,8 @@ fn follow(
         let d = direction(middle)?;
         let next = on_both(surfaces, p + length * d, 1e-6 * whole)?;
         let moved = next - p;
-        let continues = moved.dot(d) > 0.3 * length && direction(next)?.dot(first) > 0.5 && d.dot(first) > 0.5;
+        let continues =
+            moved.dot(d) > 0.3 * length && direction(next)?.dot(first) > 0.5 && d.dot(first) > 0.5;
         (continues && moved.length() < 1.5 * length).then_some(next)
     };
     let mut points = vec![start];

@@ -274,12 +274,12 @@ impl Products {
     /// All placements of each representation.
     ///
     /// # Errors
-    /// `Input` if an assembly contains itself; `Unsupported` if it has more than `most` parts.
+    /// `Input` if an assembly contains itself; `Unsupported` if it has more than `max_parts` parts.
     pub(super) fn places(
         &self,
         index: &Index,
         length: &dyn Fn(&Units) -> f64,
-        most: usize,
+        max_parts: usize,
     ) -> Result<BTreeMap<u64, Vec<Motion>>> {
         let mut children: HashMap<u64, Vec<(u64, Motion)>> = HashMap::new();
         let mut is_child: HashMap<u64, bool> = HashMap::new();
@@ -306,9 +306,9 @@ impl Products {
                         "#{id}: expected a tree of parts, found an assembly that contains itself"
                     )));
                 }
-                if total > most {
+                if total > max_parts {
                     return Err(Error::unsupported(format!(
-                        "expected an assembly of at most {most} parts, found more"
+                        "expected an assembly of at most {max_parts} parts, found more"
                     )));
                 }
                 places.entry(id).or_default().push(motion);

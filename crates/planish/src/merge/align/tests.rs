@@ -22,9 +22,9 @@ fn square(
     mut error: impl FnMut(f64, f64) -> f64,
 ) -> MergePatch {
     let mut mesh = grid_sheet(ACROSS, ACROSS, 49, 49);
-    let least = mesh.bounding_box().map_or(DVec3::ZERO, |b| b.min);
+    let corner = mesh.bounding_box().map_or(DVec3::ZERO, |b| b.min);
     for p in &mut mesh.positions {
-        let [a, b] = [p[0] - least[0] + x, p[1] - least[1]];
+        let [a, b] = [p[0] - corner[0] + x, p[1] - corner[1]];
         let slope = |d: [f64; 2]| (height(a + d[0], b + d[1]) - height(a - d[0], b - d[1])) / 2e-3;
         let n = DVec3::new(-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0).try_normalize().unwrap();
         *p = moved.apply(DVec3::new(a, b, height(a, b)) + error(a, b) * n);

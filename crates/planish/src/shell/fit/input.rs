@@ -386,7 +386,7 @@ pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Opti
     let Some(path) = &view.mask else { return Ok(None) };
     let options = SilhouetteOptions {
         threshold: view.mask_threshold,
-        least_share: view.mask_least_share.unwrap_or(SilhouetteOptions::default().least_share),
+        min_share: view.mask_min_share.unwrap_or(SilhouetteOptions::default().min_share),
         sigma_px: view.sigma_px,
         apart_px,
         ..SilhouetteOptions::default()

@@ -49,7 +49,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     let Some(of_mesh) = mesh.surface_bounds().filter(|b| b.diagonal() > 0.0) else {
         return Ok(());
     };
-    let Some(of_points) = most_of(frame) else {
+    let Some(of_points) = trimmed_bounds(frame) else {
         return Ok(());
     };
     let (size, reach) = (of_mesh.diagonal(), of_points.diagonal());
@@ -82,7 +82,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
 }
 
 /// The box of all points except the outer tenth at each end of each axis.
-fn most_of(frame: &Frame) -> Option<BoundingBox> {
+fn trimmed_bounds(frame: &Frame) -> Option<BoundingBox> {
     let count = frame.points.len();
     if count < TRIMMED_ONE_IN {
         return None;

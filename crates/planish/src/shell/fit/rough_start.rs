@@ -219,7 +219,7 @@ fn covers(
                 values: shown.iter().map(|shown| f32::from(u8::from(*shown))).collect(),
             };
             // Also small parts of the mesh cover the mask.
-            let options = SilhouetteOptions { least_share: 0.0, ..SilhouetteOptions::default() };
+            let options = SilhouetteOptions { min_share: 0.0, ..SilhouetteOptions::default() };
             Ok(ContourView {
                 silhouette: outlines(&picture, &options).map_err(|e| e.in_context(&view.name))?,
                 ..(*view).clone()

@@ -71,7 +71,11 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
 }
 
 /// For each view, the share of the places seen by three or more views at which it is an outlier.
-pub(super) fn outlier_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[Option<Blended>]) -> Vec<f64> {
+pub(super) fn outlier_shares(
+    views: usize,
+    colours: &[Vec<ViewColour>],
+    blended: &[Option<Blended>],
+) -> Vec<f64> {
     let mut counts = vec![(0_usize, 0_usize); views];
     for (colours, blended) in colours.iter().zip(blended).filter(|(colours, _)| colours.len() > 2) {
         colours.iter().for_each(|one| counts[one.view].0 += 1);

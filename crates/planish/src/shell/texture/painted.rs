@@ -23,7 +23,7 @@ pub(super) struct Texture {
 }
 
 /// The side of a texture with as many pixels on the mesh as the finest view of each triangle has.
-fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
+fn size_from_views(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
     let pixels: f64 = (0..mesh.triangles.len())
         .into_par_iter()
         .map(|t| {
@@ -61,12 +61,12 @@ pub(super) fn paint(
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
     let atlas = own.is_none();
     // The size of an own chart is free: the user made its layout.
-    let least = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
-    let usual = || usual_size(mesh, views, share).max(least.next_power_of_two());
-    let size = job.texture_size.unwrap_or_else(usual);
-    if size < least || size > LARGEST_TEXTURE {
+    let min_size = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
+    let default_size = || size_from_views(mesh, views, share).max(min_size.next_power_of_two());
+    let size = job.texture_size.unwrap_or_else(default_size);
+    if size < min_size || size > LARGEST_TEXTURE {
         return Err(Error::input(format!(
-            "a texture of {count} triangles takes {least} pixels along a side or more, and \
+            "a texture of {count} triangles takes {min_size} pixels along a side or more, and \
              {LARGEST_TEXTURE} are the most, found {size}: expected another size, a coarser mesh, or colours \
              of vertices"
         )));
