@@ -28,10 +28,10 @@ pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
     // are still printed.
     static SILENT: Once = Once::new();
     SILENT.call_once(|| {
-        let usual = panic::take_hook();
+        let default_hook = panic::take_hook();
         panic::set_hook(Box::new(move |info| {
             if !DECODING.try_with(Cell::get).unwrap_or(false) {
-                usual(info);
+                default_hook(info);
             }
         }));
     });

@@ -92,10 +92,10 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
         }
     }
     // A pipe cannot be rewound, so the bytes that were read are chained before the rest.
-    let whole = io::Cursor::new(first).take(found as u64).chain(file);
+    let content = io::Cursor::new(first).take(found as u64).chain(file);
     Ok(match first == GZIP {
-        true => Source::new(Box::new(Unpacked::new(whole)), None),
-        false => Source::new(Box::new(whole), length),
+        true => Source::new(Box::new(Unpacked::new(content)), None),
+        false => Source::new(Box::new(content), length),
     })
 }
 

@@ -254,15 +254,15 @@ mod tests {
     #[test]
     fn a_ball_is_exact_at_vertices_with_and_without_culling() {
         let ball = |p: DVec3| p.length() - 1.0;
-        let whole = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
+        let unculled = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
         let culled =
             isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (at.length() - 1.0).abs() <= reach).unwrap();
-        assert_eq!(whole, culled);
-        let check = whole.check();
+        assert_eq!(unculled, culled);
+        let check = unculled.check();
         assert!(check.watertight && check.manifold && check.oriented);
         assert_eq!(check.euler_characteristic, 2);
-        assert!(whole.positions.iter().all(|p| (p.length() - 1.0).abs() < 1e-6));
-        let volume = whole.signed_volume().unwrap();
+        assert!(unculled.positions.iter().all(|p| (p.length() - 1.0).abs() < 1e-6));
+        let volume = unculled.signed_volume().unwrap();
         assert!((volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{volume}");
     }
 

@@ -197,7 +197,7 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
                 let own = taper(mine.to_border[v], mine.spacing[v]).max(1e-6);
                 let (mut weight, mut squares, mut sum) = (own / variance, own * own / variance, 0.0);
                 // Feet beyond a border would extrapolate the other patch.
-                for foot in mine.feet(v).iter().filter(|f| !f.beside) {
+                for foot in mine.feet(v).iter().filter(|f| !f.beyond_border) {
                     let (other, theirs) =
                         (&patches[foot.patch as usize].mesh, &overlap.patches[foot.patch as usize]);
                     let read =

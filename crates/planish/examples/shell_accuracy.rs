@@ -76,16 +76,16 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     let (bounds, axis) = longest_side(mesh)?;
     // A little off, as vertices of what is symmetric lie in the middle.
     let level = bounds.center()[axis] + 1e-4 * bounds.diagonal();
-    let whole = mesh.welded();
-    let normals = whole.vertex_normals();
-    let above: Vec<bool> = whole.positions.iter().map(|p| p[axis] > level).collect();
-    let (mut positions, mut triangles) = (whole.positions.clone(), Vec::new());
+    let welded = mesh.welded();
+    let normals = welded.vertex_normals();
+    let above: Vec<bool> = welded.positions.iter().map(|p| p[axis] > level).collect();
+    let (mut positions, mut triangles) = (welded.positions.clone(), Vec::new());
     // The place on an edge, and the edge of the flange beyond it.
     let mut cuts = HashMap::new();
     let mut cut = |from: u32, to: u32| -> [u32; 2] {
         let [a, b] = [from.min(to), from.max(to)];
         *cuts.entry([a, b]).or_insert_with(|| {
-            let [p, q] = [a, b].map(|v| whole.positions[v as usize]);
+            let [p, q] = [a, b].map(|v| welded.positions[v as usize]);
             let share = (level - p[axis]) / (q[axis] - p[axis]);
             let between = |p: DVec3, q: DVec3| p + share * (q - p);
             let mut outward = between(normals[a as usize], normals[b as usize]);
@@ -98,7 +98,7 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
         })
     };
     let mut flange = Vec::new();
-    for t in &whole.triangles {
+    for t in &welded.triangles {
         let side = t.map(|v| above[v as usize]);
         let Some(alone) = (0..3).find(|k| side[*k] != side[(k + 1) % 3] && side[*k] != side[(k + 2) % 3])
         else {

@@ -249,7 +249,7 @@ fn complete(
     let completed = completed(stitched_mesh, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
     // The number after the last patch stands for the bound.
-    *stitched_mesh = joined(stitched_mesh, completed.whole, ready.patches.len() as u32);
+    *stitched_mesh = joined(stitched_mesh, completed.merged, ready.patches.len() as u32);
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
@@ -275,23 +275,23 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
 
 /// Restores the sources of the merged vertices in a completed mesh. Vertices of the bound get the patch
 /// number `bound`.
-fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> StitchedMesh {
-    for source in &mut whole.source {
+fn joined(merged: &StitchedMesh, mut completed: StitchedMesh, bound: u32) -> StitchedMesh {
+    for source in &mut completed.source {
         *source = match *source {
             (0, v) => merged.source[v as usize],
             (_, v) => (bound, v),
         };
     }
     // Triangles that sewed before are among those kept now.
-    whole.kept = whole.kept.saturating_sub(merged.mesh.triangles.len() - merged.kept);
-    whole.holes_closed += merged.holes_closed;
-    whole.fragments += merged.fragments;
-    let longest = whole.valence.len().max(merged.valence.len());
-    whole.valence.resize(longest, 0);
+    completed.kept = completed.kept.saturating_sub(merged.mesh.triangles.len() - merged.kept);
+    completed.holes_closed += merged.holes_closed;
+    completed.fragments += merged.fragments;
+    let longest = completed.valence.len().max(merged.valence.len());
+    completed.valence.resize(longest, 0);
     for (n, count) in merged.valence.iter().enumerate() {
-        whole.valence[n] += count;
+        completed.valence[n] += count;
     }
-    whole
+    completed
 }
 
 /// Fills holes of the stitched mesh. The new vertices belong to no patch.

@@ -309,12 +309,12 @@ fn of_points(found: &OccludingContours, value: impl Fn(&OccludingPoint) -> f64) 
 }
 
 fn mask_options(view: &ViewFile) -> SilhouetteOptions {
-    let usual = SilhouetteOptions::default();
+    let defaults = SilhouetteOptions::default();
     SilhouetteOptions {
         threshold: view.mask_threshold,
-        min_share: view.mask_min_share.unwrap_or(usual.min_share),
+        min_share: view.mask_min_share.unwrap_or(defaults.min_share),
         sigma_px: view.sigma_px,
-        ..usual
+        ..defaults
     }
 }
 

@@ -179,16 +179,16 @@ impl Gradients {
                         .sum();
                 }
             }
-            let mut whole = vec![0.0; values.len()];
+            let mut smoothed = vec![0.0; values.len()];
             for row in 0..rows {
                 for (w, k) in down.iter().zip(-reach..) {
                     let from = clamp(row as i64 + k, rows) * columns;
                     for column in 0..columns {
-                        whole[row * columns + column] += w * half[from + column];
+                        smoothed[row * columns + column] += w * half[from + column];
                     }
                 }
             }
-            whole
+            smoothed
         };
         let by = [filtered(&slope, &smooth), filtered(&smooth, &slope)];
         let magnitude = by[0].iter().zip(&by[1]).map(|(x, y)| x.hypot(*y)).collect();

@@ -271,11 +271,11 @@ pub fn cloud_geometry(points: &[DVec3], k: usize) -> Result<CloudGeometry> {
         .collect();
     let mut distances: Vec<f64> = found.iter().map(|(_, distance, _)| *distance).collect();
     let middle = distances.len() / 2;
-    let usual = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
     Ok(CloudGeometry {
         isolated: found
             .iter()
-            .map(|(_, distance, on_surface)| *distance > FAR_SPACINGS * usual && !on_surface)
+            .map(|(_, distance, on_surface)| *distance > FAR_SPACINGS * median && !on_surface)
             .collect(),
         normals: found.into_iter().map(|(normal, ..)| normal).collect(),
     })

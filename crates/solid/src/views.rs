@@ -90,7 +90,7 @@ const MAX_WALLS: usize = 24;
 /// Some tolerances are absolute lengths, such as the rounding of six decimals. Drawings outside of this range
 /// are scaled to a size from 100 to 1000. Scaling rounds coordinates, so it is avoided where it is not
 /// needed.
-const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
+const TYPICAL_SIZE: [f64; 2] = [0.1, 1e6];
 
 /// Distance below which edges and vertices touch, relative to the size of the drawing.
 ///
@@ -234,7 +234,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
     // A drawing without a size cannot be scaled; the search reports what is wrong with it.
-    if !(size > 0.0 && size.is_finite()) || (USUAL_SIZE[0]..USUAL_SIZE[1]).contains(&size) {
+    if !(size > 0.0 && size.is_finite()) || (TYPICAL_SIZE[0]..TYPICAL_SIZE[1]).contains(&size) {
         return solve_scaled(drawing, 1.0);
     }
     // By a power of ten, so that round coordinates stay round: `representative` prefers round values.

@@ -206,18 +206,18 @@ fn fill_shells(folder: &Path) {
         |more: &str, k: &str, r: &str, t: &str| format!("[[view]]\n{more}\nK = {k}\nR = {r}\nt = {t}\n");
     let k = "[[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]";
     let r = "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]";
-    let usual = |more: &str| camera(more, k, r, "[0, 0, 5]");
+    let valid_camera = |more: &str| camera(more, k, r, "[0, 0, 5]");
     let mask = "mask = \"mask.pgm\"";
     text("flat.toml", &camera(mask, "[[0, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]", r, "[0, 0, 5]"));
     text("mirrored.toml", &camera(mask, k, "[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[0, 0, 5]"));
-    text("unknown_view.toml", &usual("mask = \"mask.pgm\"\nlens = 3"));
-    text("twice.toml", &(usual(mask) + &usual(mask)));
-    text("half_sigma.toml", &usual("mask = \"mask.pgm\"\nsigma_rotation_deg = 1"));
-    text("tracks.toml", &format!("tracks = \"tracks.csv\"\n{}", usual(mask)));
+    text("unknown_view.toml", &valid_camera("mask = \"mask.pgm\"\nlens = 3"));
+    text("twice.toml", &(valid_camera(mask) + &valid_camera(mask)));
+    text("half_sigma.toml", &valid_camera("mask = \"mask.pgm\"\nsigma_rotation_deg = 1"));
+    text("tracks.toml", &format!("tracks = \"tracks.csv\"\n{}", valid_camera(mask)));
     text("tracks.csv", "track,view,x,y\n1,mask,1,2\n1,other,1,2\n");
-    text("no_mask.toml", &usual("mask = \"gone.pgm\""));
-    text("white.toml", &usual("mask = \"white.pgm\""));
-    text("nothing.toml", &usual("name = \"a\""));
+    text("no_mask.toml", &valid_camera("mask = \"gone.pgm\""));
+    text("white.toml", &valid_camera("mask = \"white.pgm\""));
+    text("nothing.toml", &valid_camera("name = \"a\""));
     text("away_view.toml", &camera("image = \"mask.pgm\"", k, r, "[100, 0, 5]"));
     let pose = |head: &str, by: &str, rest: &str| {
         format!("{head}\n[[pose]]\nname = \"up\"\nmove = [{{ control = 0, by = {by} }}]\n{rest}\n")
@@ -425,7 +425,7 @@ fn interrupted_runs_leave_complete_old_or_new_files() {
     let outputs = ["a.planish", "a.ply", "a.step"].map(|name| folder.path().join(name));
     let begun = Instant::now();
     planish(folder.path(), &args).ok();
-    let whole = begun.elapsed();
+    let total = begun.elapsed();
     let new = outputs.clone().map(|path| std::fs::read(path).expect("an output"));
     let mut state = 7_u64;
     let mut random = || {
@@ -440,7 +440,7 @@ fn interrupted_runs_leave_complete_old_or_new_files() {
         let mut child = command(folder.path(), &args).stderr(Stdio::null()).spawn().expect("planish runs");
         // Files are written near the end.
         std::thread::sleep(
-            whole.mul_f64(0.5 + 0.6 * f64::from(random() % 1000) / 1000.0) - Duration::from_millis(1),
+            total.mul_f64(0.5 + 0.6 * f64::from(random() % 1000) / 1000.0) - Duration::from_millis(1),
         );
         let interrupted = run % 2 == 0;
         if interrupted {

@@ -147,8 +147,8 @@ pub(super) fn strokes(
                 (from, free) = (after, after - before);
             }
         }
-        let is_whole = free * semi[0].max(semi[1]) <= gap;
-        Stroke::Round { center, semi, turn, from, sweep: if is_whole { TAU } else { TAU - free } }
+        let is_closed = free * semi[0].max(semi[1]) <= gap;
+        Stroke::Round { center, semi, turn, from, sweep: if is_closed { TAU } else { TAU - free } }
     };
     match kind {
         ContourKind::Line => {

@@ -51,7 +51,7 @@ const MAX_FOR_CURVATURE: usize = 4000;
 /// Circles and ellipses observed over at least this angle (rad) are treated as complete.
 ///
 /// The cells of unobserved parts then get almost no share. Below it, the arc ends at its last readings.
-const MIN_WHOLE_SWEEP: f64 = 0.6 * TAU;
+const MIN_CLOSED_SWEEP: f64 = 0.6 * TAU;
 /// Cells more than this many σ from a reading are skipped: e^(−24) is below any density that matters.
 const FARTHEST: f64 = 7.0;
 /// Smallest number of readings per parallel task.
@@ -105,7 +105,7 @@ struct PlaceLikelihood<'a> {
     /// Start angle and sweep of a complete circle or ellipse; `None` if only a part was observed.
     ///
     /// They stay fixed, since ends that follow the readings would make the likelihood discontinuous in θ.
-    whole: Option<(f64, f64)>,
+    full_sweep: Option<(f64, f64)>,
     gap: f64,
     /// Density of outliers times the variance of a reading.
     outlier_density: f64,
@@ -151,8 +151,8 @@ impl<'a> PlaceLikelihood<'a> {
                 to: (k as f64 + 1.0) / count,
             }));
         }
-        let whole = match pieces[..] {
-            [Stroke::Round { from, sweep, .. }] if sweep >= MIN_WHOLE_SWEEP => Some((from, TAU)),
+        let full_sweep = match pieces[..] {
+            [Stroke::Round { from, sweep, .. }] if sweep >= MIN_CLOSED_SWEEP => Some((from, TAU)),
             _ => None,
         };
         let sigma = (measured_points.iter().map(MeasuredPoint::variance).sum::<f64>()
@@ -160,7 +160,7 @@ impl<'a> PlaceLikelihood<'a> {
             .sqrt();
         // The density of an evenly read outline at the distance of the gate.
         let outlier_density = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self { model, readings, start, scale, cells, whole, gap, outlier_density })
+        Some(Self { model, readings, start, scale, cells, full_sweep, gap, outlier_density })
     }
 
     /// State of the whitened parameters.
@@ -180,8 +180,8 @@ impl<'a> PlaceLikelihood<'a> {
         let measured_points = measured_points(self.model, self.readings, state.as_slice());
         let mut pieces = strokes(&self.model.kind, self.theta(&state), &measured_points, self.gap);
         // `strokes` would end the arc at its last readings, which change with θ.
-        if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
-            (*from, *sweep) = whole;
+        if let (Some(full_sweep), [Stroke::Round { from, sweep, .. }]) = (self.full_sweep, &mut pieces[..]) {
+            (*from, *sweep) = full_sweep;
         }
         let parts: Vec<Part> = (self.cells.iter().zip(&shares(&at.weights)))
             .map(|(cell, share)| Part::new(&pieces[cell.piece], cell, *share))

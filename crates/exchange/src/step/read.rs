@@ -135,13 +135,13 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
             mesh.left_out.len() + mesh.faces
         ))));
     }
-    let mut whole = PolygonMesh { unit: faces.unit(), ..PolygonMesh::default() };
+    let mut combined = PolygonMesh { unit: faces.unit(), ..PolygonMesh::default() };
     for part in mesh.parts {
-        let first = whole.points.len() as u32;
-        whole.points.extend(part.points);
-        whole.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+        let first = combined.points.len() as u32;
+        combined.points.extend(part.points);
+        combined.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
     }
-    Ok(whole)
+    Ok(combined)
 }
 
 /// Items other than faces, with their number by keyword.

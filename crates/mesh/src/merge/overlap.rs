@@ -58,7 +58,7 @@ pub struct OverlapFoot {
     /// Height of the foot point along the normal of the vertex.
     pub height: f64,
     /// True if the vertex lies beyond the border of the other patch, by less than half an edge.
-    pub beside: bool,
+    pub beyond_border: bool,
 }
 
 /// One patch with its foot points on the others.
@@ -337,9 +337,9 @@ fn feet_of(
         for j in (0..patches.len()).filter(|j| *j != i) {
             // The search distance uses the largest σ of the other patch; the σ at the foot decides
             // afterwards.
-            let beside = BEYOND_BORDER * mine.spacing[v];
+            let beyond_border = BEYOND_BORDER * mine.spacing[v];
             let max_epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
-            let reach = max_epsilon.max(beside);
+            let reach = max_epsilon.max(beyond_border);
             // The box rejects most vertices of partly overlapping patches before a search starts.
             let inside = boxes[j]
                 .is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
@@ -347,7 +347,8 @@ fn feet_of(
                 continue;
             }
             let theta = thetas[i].max(thetas[j]);
-            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beside))
+            let Some(foot) =
+                searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beyond_border))
             else {
                 continue;
             };
@@ -356,11 +357,11 @@ fn feet_of(
             let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(sigma_there));
             let to = foot.point - p;
             let height = to.dot(n);
-            let aside = to.cross(n).length();
+            let lateral = to.cross(n).length();
             // At a border, the distance has a part along the surface, which says nothing about the fit of
             // both surfaces: height and lateral distance have limits of their own.
             let found = if foot.on_boundary {
-                height.abs() <= epsilon && aside <= beside
+                height.abs() <= epsilon && lateral <= beyond_border
             } else {
                 foot.distance <= epsilon
             };
@@ -370,7 +371,7 @@ fn feet_of(
                     triangle: foot.triangle,
                     barycentric: foot.barycentric,
                     height,
-                    beside: foot.on_boundary && aside > 1e-6 * mine.spacing[v],
+                    beyond_border: foot.on_boundary && lateral > 1e-6 * mine.spacing[v],
                 });
             }
         }
@@ -399,7 +400,7 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
         for j in i + 1..patches.len() {
             let on = |k: usize, other: usize, v: usize| {
                 let feet = known[k].feet(v).iter();
-                feet.copied().find(|f| f.patch as usize == other && !f.beside)
+                feet.copied().find(|f| f.patch as usize == other && !f.beyond_border)
             };
             let of_patch = |k: usize, other: usize| -> Vec<(usize, OverlapFoot)> {
                 (0..patches[k].mesh.positions.len())

@@ -109,7 +109,7 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
                         foot.triangle as usize,
                         foot.barycentric,
                     );
-                    foot.beside || here > scores[j].at(there)
+                    foot.beyond_border || here > scores[j].at(there)
                 })
             })
             .collect();
@@ -128,7 +128,7 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
         // A fine patch can lie within a single triangle of a coarse one, whose corners are then all outside
         // it.
         for v in (0..patch.mesh.positions.len()).filter(|v| in_kept[i][*v]) {
-            for foot in mine.feet(v).iter().filter(|f| f.patch as usize > i && !f.beside) {
+            for foot in mine.feet(v).iter().filter(|f| f.patch as usize > i && !f.beyond_border) {
                 covered[foot.patch as usize][foot.triangle as usize] = true;
             }
         }

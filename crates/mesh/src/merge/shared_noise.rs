@@ -118,7 +118,7 @@ fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) ->
     let (mesh, other) = (&patches[i].mesh, &patches[j].mesh);
     (0..mesh.positions.len())
         .filter_map(|v| {
-            let foot = mine.feet(v).iter().find(|f| f.patch as usize == j && !f.beside)?;
+            let foot = mine.feet(v).iter().find(|f| f.patch as usize == j && !f.beyond_border)?;
             let there = other.interpolate(&theirs.sigma, foot.triangle as usize, foot.barycentric);
             let own = mine.sigma[v] * mine.sigma[v];
             let variance = own + there * there;

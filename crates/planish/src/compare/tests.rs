@@ -167,14 +167,14 @@ fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
 fn points_beyond_a_border_are_not_compared() {
     let model = measured(Shape::Sheet);
     // Three points over the sheet, two outside of it.
-    let beside = vec![
+    let shifted = vec![
         DVec3::new(0.0, 0.0, 0.1),
         DVec3::new(0.5, 0.2, 0.1),
         DVec3::new(-0.5, 0.2, 0.1),
         DVec3::new(1.5, 0.0, 0.1),
         DVec3::new(0.0, -2.0, 0.1),
     ];
-    let report = compared(&model, points(beside));
+    let report = compared(&model, points(shifted));
     let backward = report.backward.unwrap();
     assert_eq!((backward.n, report.skipped.reference_beyond_border), (3, 2));
     // The model is below them, and its normal points up.

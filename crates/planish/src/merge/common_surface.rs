@@ -77,7 +77,8 @@ pub(super) fn refitted(
     progress: &dyn Progress,
 ) -> Result<Vec<FusedVertices>> {
     let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::from_mesh(&p.mesh)).collect();
-    let shared = |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beside);
+    let shared =
+        |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beyond_border);
     let mut weight: Vec<Vec<f64>> = patches.iter().map(|p| vec![0.0; p.mesh.positions.len()]).collect();
     let mut moved: Vec<Vec<DVec3>> =
         patches.iter().map(|p| vec![DVec3::ZERO; p.mesh.positions.len()]).collect();
@@ -169,7 +170,7 @@ fn within_others(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f6
     overlap.patches[p as usize]
         .feet(v as usize)
         .iter()
-        .filter(|f| !f.beside)
+        .filter(|f| !f.beyond_border)
         .map(|f| {
             let (mesh, of) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
             let read = |values: &[f64]| mesh.interpolate(values, f.triangle as usize, f.barycentric);
@@ -200,8 +201,8 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     };
     // The axis most perpendicular to `z` gives a cross product far from zero.
     let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
-    let aside: DVec3 = DVec3::from_array(std::array::from_fn(|k| f64::from(u8::from(k == smallest))));
-    let Some(x) = aside.cross(z).try_normalize() else {
+    let axis: DVec3 = DVec3::from_array(std::array::from_fn(|k| f64::from(u8::from(k == smallest))));
+    let Some(x) = axis.cross(z).try_normalize() else {
         return Ok(Vec::new());
     };
     let y = z.cross(x);
@@ -293,7 +294,7 @@ impl Walk {
             let w = 1.0 - far * far;
             members.push((place, w * w));
             let mine = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
-            let others = of.feet(v).iter().filter(|f| !f.beside).flat_map(|f| {
+            let others = of.feet(v).iter().filter(|f| !f.beyond_border).flat_map(|f| {
                 patches[f.patch as usize].mesh.triangles[f.triangle as usize].map(|end| (f.patch, end))
             });
             for to in mine.chain(others) {

@@ -60,8 +60,8 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
     let truth = vessel_truth(&scene);
     let plain = fit(&scene.set, &FitOptions::default(), &Silent).unwrap();
     let options = with_symmetry(full_rotation());
-    let whole = fit(&scene.set, &options, &Silent).unwrap();
-    let found = whole.report.propagation.clone().unwrap();
+    let completed = fit(&scene.set, &options, &Silent).unwrap();
+    let found = completed.report.propagation.clone().unwrap();
     let symmetry = found.symmetry.unwrap();
     // The axis is z.
     assert!(symmetry.direction[2].abs() > 0.99999, "{symmetry:?}");
@@ -70,8 +70,8 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
             < 5.0 * symmetry.sigma_point[0].max(symmetry.sigma_point[1])
     );
     assert!(found.inferred_area_fraction > 0.4, "{}", found.inferred_area_fraction);
-    let (rms, coverage, n) = judge(&whole, &truth, Some(Observed::Inferred));
-    let (measured, seen_coverage, _) = judge(&whole, &truth, Some(Observed::Measured));
+    let (rms, coverage, n) = judge(&completed, &truth, Some(Observed::Inferred));
+    let (measured, seen_coverage, _) = judge(&completed, &truth, Some(Observed::Measured));
     let (before, _, _) = judge(&plain, &truth, None);
     println!(
         "unseen {rms} of {n}, before {before}, measured {measured}, coverage {coverage} {seen_coverage}"
@@ -79,8 +79,8 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
     assert!(n > 1000 && rms < 0.15 && before > 10.0 * rms);
     assert!(coverage > 0.9 && seen_coverage > 0.9);
     // Copies do not count as readings.
-    assert!(whole.report.observations.abs_diff(plain.report.observations) < 50);
-    assert!(whole.report.sensors.len() == 1);
+    assert!(completed.report.observations.abs_diff(plain.report.observations) < 50);
+    assert!(completed.report.sensors.len() == 1);
 
     let proposed = fit(&scene.set, &with_symmetry(Some(SymmetryChoice::Auto)), &Silent).unwrap();
     let symmetry = proposed.report.propagation.unwrap().symmetry.unwrap();

@@ -48,7 +48,7 @@ fn village(place: DVec3) -> ScanSet {
 }
 
 fn ground(set: &ScanSet) -> Fit {
-    let global = GlobalOptions { ground: Some(GroundWidth::Usual), ..GlobalOptions::default() };
+    let global = GlobalOptions { ground: Some(GroundWidth::Default), ..GlobalOptions::default() };
     let options = FitOptions { strategy: Strategy::Global(global), ..FitOptions::default() };
     fit(set, &options, &Silent).unwrap()
 }

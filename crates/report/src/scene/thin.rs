@@ -183,8 +183,8 @@ mod tests {
 
     #[test]
     fn reduction_keeps_both_sides_of_a_plate_and_values_of_vertices() {
-        let whole = plate(100);
-        let few = thinned(&whole, 4000).expect("fewer triangles");
+        let full = plate(100);
+        let few = thinned(&full, 4000).expect("fewer triangles");
         assert!((1000..=4000).contains(&few.triangles.len()), "{}", few.triangles.len());
         let area = |side: bool| -> f64 {
             let of = (few.triangles.iter())
@@ -195,7 +195,7 @@ mod tests {
         assert!(area(true) > 0.85 && area(false) < -0.85, "{} {}", area(true), area(false));
         let Values::Numbers(values) = &few.fields[0].values else { panic!("numbers") };
         for (p, value) in few.positions.iter().zip(values) {
-            assert!(whole.positions.contains(p));
+            assert!(full.positions.contains(p));
             assert_eq!(*value, p[0] + 2.0 * p[1] + 3.0 * p[2]);
         }
         assert!(few.name.ends_with("of its 40 000 triangles)"), "{}", few.name);

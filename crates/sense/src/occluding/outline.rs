@@ -227,14 +227,14 @@ mod tests {
                 .collect(),
             closed: false,
         };
-        let (mut whole, mut half) = (ring(62), ring(31));
-        whole.close();
+        let (mut full, mut half) = (ring(62), ring(31));
+        full.close();
         half.close();
-        assert!(whole.closed && !half.closed);
+        assert!(full.closed && !half.closed);
         let mut turned = half.clone();
         turned.places.reverse();
-        turned.face(&[whole.clone()]);
-        half.face(&[whole]);
+        turned.face(&[full.clone()]);
+        half.face(&[full]);
         assert_eq!(turned, half);
         // Clockwise as one sees it: the middle is on the right.
         assert_eq!(half.places[0], [70.0, 50.0]);

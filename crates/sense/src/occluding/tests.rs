@@ -236,20 +236,20 @@ fn splitting_outlines_are_not_joined() {
     let mut counts = std::collections::BTreeSet::new();
     let views: Vec<ContourView> = (cameras.iter().enumerate())
         .map(|(k, camera)| {
-            let whole = balls.map(|b| b.outline(camera, 0.1, &mut random));
+            let full = balls.map(|b| b.outline(camera, 0.1, &mut random));
             let mut contours = Vec::new();
             for (own, other) in [(0, 1), (1, 0)] {
                 let hidden: Vec<bool> =
-                    (whole[own].places.iter()).map(|p| matching::inside(&whole[other..=other], *p)).collect();
+                    (full[own].places.iter()).map(|p| matching::inside(&full[other..=other], *p)).collect();
                 let count = hidden.len();
                 match (0..count).find(|k| hidden[*k] && !hidden[(k + 1) % count]) {
-                    None if !hidden[0] => contours.push(whole[own].clone()),
+                    None if !hidden[0] => contours.push(full[own].clone()),
                     None => {}
                     Some(start) => {
                         let places = (1..count)
                             .map(|k| (start + k) % count)
                             .take_while(|k| !hidden[*k])
-                            .map(|k| whole[own].places[k])
+                            .map(|k| full[own].places[k])
                             .collect();
                         contours.push(Contour { places, closed: false });
                     }

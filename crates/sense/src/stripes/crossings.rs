@@ -71,7 +71,7 @@ impl Crossings {
         // Twice: the first pass gives the spacing, which limits how far stripes are followed in the second.
         let first =
             different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, min_reach)), min_reach);
-        let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
+        let spacing = typical_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
         // The median spacing limits the distance to which stripes are followed.
         let reach = (REACH * spacing).max(min_reach);
         let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), min_reach);
@@ -144,7 +144,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
 }
 
 /// The median distance to the nearest neighbour.
-fn usual_distance(spots: &[[f64; 2]]) -> f64 {
+fn typical_distance(spots: &[[f64; 2]]) -> f64 {
     let mut nearest: Vec<f64> = (spots.iter().enumerate())
         .filter_map(|(k, spot)| {
             let others = spots.iter().enumerate().filter(|(other, _)| *other != k);

@@ -169,12 +169,12 @@ impl<'a> RigidParts<'a> {
             .collect();
         // Motions of parts are parameters themselves, so their block is the identity.
         let reduction = inner.reduction().map(|r| {
-            let mut whole = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
-            whole.view_mut((0, 0), r.shape()).copy_from(r);
+            let mut extended = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
+            extended.view_mut((0, 0), r.shape()).copy_from(r);
             for k in 0..free {
-                whole[(r.nrows() + k, r.ncols() + k)] = 1.0;
+                extended[(r.nrows() + k, r.ncols() + k)] = 1.0;
             }
-            whole
+            extended
         });
         Ok(Self {
             own: (following.iter())
@@ -193,9 +193,9 @@ impl<'a> RigidParts<'a> {
     /// nothing.
     #[must_use]
     pub fn stiffness(&self, inner: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut whole = DMatrix::zeros(inner.nrows() + self.free, inner.ncols() + self.free);
-        whole.view_mut((0, 0), inner.shape()).copy_from(inner);
-        whole
+        let mut extended = DMatrix::zeros(inner.nrows() + self.free, inner.ncols() + self.free);
+        extended.view_mut((0, 0), inner.shape()).copy_from(inner);
+        extended
     }
 
     /// Parameters of all parts such that each moves by the rigid motion nearest to what the inner deformation

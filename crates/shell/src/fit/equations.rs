@@ -47,10 +47,10 @@ impl Source {
 
     /// The loss of this kind. Regions use one that never rejects, because a part far outside of a mask is no
     /// outlier of the mask.
-    pub(super) fn loss(self, usual: &Loss) -> Loss {
+    pub(super) fn loss(self, default: &Loss) -> Loss {
         match self {
             Self::Region => Loss::huber(),
-            _ => *usual,
+            _ => *default,
         }
     }
 }

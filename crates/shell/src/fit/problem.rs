@@ -395,10 +395,10 @@ impl Problem<'_> {
             }
         }
         let [x, y] = camera.by_pixel(touch.at, touch.gradient);
-        let whole = camera.pixel_width(touch.at);
+        let pixel_width = camera.pixel_width(touch.at);
         // σ in pixels times the change of the distance per pixel. The floor handles lines of sight along the
         // surface, where that vanishes and the weight would be infinite.
-        let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * whole);
+        let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * pixel_width);
         let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
         made.push(source, reading, (touch.distance, sigma), &mut vertices, by_pose.as_slice());
     }

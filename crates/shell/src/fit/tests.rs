@@ -204,12 +204,12 @@ fn messages_name_the_invalid_value() {
     let refused = |points: &[PointReading], options: &ShellFitOptions| {
         fit_points(&mesh, &deformation, points, options).unwrap_err().to_string()
     };
-    let usual = ShellFitOptions::default();
-    assert!(refused(&[], &usual).contains("no points"));
+    let defaults = ShellFitOptions::default();
+    assert!(refused(&[], &defaults).contains("no points"));
     let bad = PointReading { at: DVec3::new(f64::NAN, 0.0, 0.0), ..good };
-    assert!(refused(&[good, bad], &usual).contains("point 1"));
-    let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..usual.clone() };
+    assert!(refused(&[good, bad], &defaults).contains("point 1"));
+    let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..defaults.clone() };
     assert!(refused(&[good], &small).contains("2 × 2"));
     // One point does not determine most controls.
-    assert!(refused(&[good], &usual).contains("controls"));
+    assert!(refused(&[good], &defaults).contains("controls"));
 }

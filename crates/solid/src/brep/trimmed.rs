@@ -136,8 +136,8 @@ impl<'a> TrimmedFace<'a> {
         // On spheres and tori, possibly no loop has the point's first parameter. Then either all points with
         // this parameter are in the face, or none is. One of them is tested whose second parameter some loop
         // has, along the first parameter: the roles of both are exchanged.
-        let beside = (self.second_is_angle).then(|| self.steepest());
-        let across = beside.flatten().and_then(|level| {
+        let angular = (self.second_is_angle).then(|| self.steepest());
+        let across = angular.flatten().and_then(|level| {
             let from_level = |uv: [f64; 2]| turn(uv[1] - level);
             self.by_scan(true, &from_level, &|uv| -first(uv))
         });

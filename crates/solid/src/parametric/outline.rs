@@ -86,7 +86,7 @@ impl<'a> Outliner<'a> {
             winding.into_iter().map(|l| (l.windings[k] > 0, l.corners)).collect();
         let n = around.len();
         if n == 1 {
-            let pole = self.pole_beside(k, around[0].0)?;
+            let pole = self.adjacent_pole(k, around[0].0)?;
             around.push((!around[0].0, pole));
         } else if n != 2 {
             return Err(Error::unsupported(format!(
@@ -143,7 +143,7 @@ impl<'a> Outliner<'a> {
     }
 
     /// The loop that represents the pole beside a loop around; if there are two poles, the one on its left.
-    fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
+    fn adjacent_pole(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
         let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
         // A cone has only one pole, so the stated direction of its loop is not needed to choose it.
@@ -196,7 +196,7 @@ impl<'a> Outliner<'a> {
         }
         match loops.is_empty() {
             false => Ok(loops),
-            true => self.whole(),
+            true => self.complete_domain(),
         }
     }
 
@@ -254,7 +254,7 @@ impl<'a> Outliner<'a> {
     }
 
     /// The polygon of a whole surface with boundaries of its own.
-    fn whole(&mut self) -> Result<Vec<Vec<Corner>>> {
+    fn complete_domain(&mut self) -> Result<Vec<Vec<Corner>>> {
         let domain = self.surface.domain();
         let [Some(u), Some(v)] = domain else {
             return Err(Error::unsupported("the face has no loops and its surface is unbounded"));

@@ -100,9 +100,9 @@ fn spacings(
         }
         // At least one lattice line for each polynomial piece: second differences may miss a short piece.
         let pieces = surface.breaks(c).len().saturating_sub(1).max(1);
-        let whole = surface.domain()[c].map_or(width, |d| (d[1] - d[0]) * steps[c]);
+        let extent = surface.domain()[c].map_or(width, |d| (d[1] - d[0]) * steps[c]);
         if bend > 0.0 && pieces > 1 {
-            allowed = allowed.min(whole / pieces as f64);
+            allowed = allowed.min(extent / pieces as f64);
         }
         allowed.max(1e-6 * width)
     })

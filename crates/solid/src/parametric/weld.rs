@@ -21,9 +21,9 @@ fn same_points(points: &[DVec3], tolerance: f64) -> Vec<usize> {
         'search: for dx in [0.0, -1.0, 1.0] {
             for dy in [0.0, -1.0, 1.0] {
                 for dz in [0.0, -1.0, 1.0] {
-                    let beside = key(at + DVec3::new(dx, dy, dz));
-                    let mut there = cells.get(&beside).into_iter().flatten();
-                    if let Some(other) = there.find(|o| points[**o].distance(*p) <= tolerance) {
+                    let neighbour = key(at + DVec3::new(dx, dy, dz));
+                    let mut candidates = cells.get(&neighbour).into_iter().flatten();
+                    if let Some(other) = candidates.find(|o| points[**o].distance(*p) <= tolerance) {
                         found = Some(*other);
                         break 'search;
                     }

@@ -218,10 +218,10 @@ impl<'a> Compared<'a> {
         }
         // A difference at three points spans at least the shortest length that is reported. Short lines are
         // compared at points nearer to each other.
-        let beside = (0.5 * self.options.shortest * size).min(0.4 * length);
+        let offset = (0.5 * self.options.shortest * size).min(0.4 * length);
         for sample in chain.samples(self.options.spacing * size) {
             let Some(reason) = why(sample.arc_length) else { continue };
-            let sides = [sample.arc_length - beside, sample.arc_length + beside];
+            let sides = [sample.arc_length - offset, sample.arc_length + offset];
             if sides.iter().all(|arc_length| why(arc_length.clamp(0.0, length)).is_some()) {
                 differences.add(reason, chain.point(sample.arc_length), sample.length);
             }

@@ -18,7 +18,7 @@ const EDGE_ON: f64 = 1e-5;
 /// Distance from an edge or an outline at which the faces beside it are tested, relative to the size.
 ///
 /// It must exceed the errors of edges, and be small against the faces.
-const BESIDE: f64 = 1e-4;
+const SIDE_OFFSET: f64 = 1e-4;
 /// Maximum chord error of polygons along curves, relative to the size.
 ///
 /// It is a hundredth of the default tolerance
@@ -62,7 +62,7 @@ impl Edges {
             }
         }
         let chains: Vec<Vec<DVec3>> = solid.edges.iter().map(|e| chain(e, size)).collect();
-        let near = BESIDE * size;
+        let near = SIDE_OFFSET * size;
         let middle = |k: usize| {
             let edge = &solid.edges[k];
             edge.curve.point((edge.range[0] + edge.range[1]) / 2.0)
@@ -157,7 +157,7 @@ fn of_edge(
     let [(f, first), (g, second)] = edges.uses[index][..] else {
         return Some(false);
     };
-    if solid.faces[f].is_whole() {
+    if solid.faces[f].is_untrimmed() {
         return None;
     }
     let edge = &solid.edges[index];
@@ -174,8 +174,8 @@ fn of_edge(
                 let run = if coedge.forward { tangent } else { tangent.map(|c| -c) };
                 // The normals at the edge itself agree, so they are compared beside it. A face is on the left
                 // of its loop.
-                let beside = p + BESIDE * size * unit(normal.cross(run));
-                let towards = face.outward(beside).dot(eye.towards());
+                let shifted = p + SIDE_OFFSET * size * unit(normal.cross(run));
+                let towards = face.outward(shifted).dot(eye.towards());
                 if towards.abs() < EDGE_ON { 0.0 } else { towards.signum() }
             };
             let turns = facing(&faces[f], first, normals[0]) != facing(&faces[g], second, normals[1]);
@@ -262,8 +262,8 @@ fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: DVec3, size: f
         let q = circle.point(TAU * (k as f64 + 0.5) / AROUND as f64);
         // The line of sight is a tangent of the surface there, and crosses the outline.
         [-1.0, 1.0].into_iter().all(|side| {
-            let beside = surface.parameters(q + side * BESIDE * size * e);
-            face.contains(surface.point(beside))
+            let shifted = surface.parameters(q + side * SIDE_OFFSET * size * e);
+            face.contains(surface.point(shifted))
         })
     };
     let inside: Vec<bool> = (0..AROUND).map(is_in).collect();
@@ -385,12 +385,12 @@ fn part_in_face(
                 (towards([uv[0], uv[1] + h]) - towards([uv[0], uv[1] - h])) / dv.length().max(1e-300),
             ];
             let length = gradient[0].hypot(gradient[1]);
-            let step = (BESIDE * size).min(0.02 * du.length());
-            let beside = [
+            let step = (SIDE_OFFSET * size).min(0.02 * du.length());
+            let shifted = [
                 uv[0] + s * step * gradient[0] / length / du.length().max(1e-300),
                 uv[1] + s * step * gradient[1] / length / dv.length().max(1e-300),
             ];
-            face.contains(surface.point(beside))
+            face.contains(surface.point(shifted))
         })
     };
     const PARTS: usize = 4;

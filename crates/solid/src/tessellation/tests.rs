@@ -227,7 +227,7 @@ fn faces_over_poles_and_apexes_are_closed() {
 fn too_fine_tolerance_is_rejected_with_the_smallest_possible_one() {
     let mut ball = Solid::default();
     let surface = FaceSurface::Sphere { center: DVec3::ZERO, axis: DVec3::Z, x: DVec3::X, radius: 10.0 };
-    ball.add_whole(surface, true);
+    ball.add_untrimmed(surface, true);
     let message = tessellate(&ball, 1e-9).unwrap_err().to_string();
     assert!(message.contains("needs about") && message.contains("as with a tolerance of"), "{message}");
     let tolerance = min_tolerance(&ball);

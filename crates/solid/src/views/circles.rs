@@ -94,10 +94,10 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
         let same = |group: &Vec<Circle>| {
             let known = &group[0];
             let d = circle.center - known.center;
-            let beside = d - d.dot(known.axis) * known.axis;
+            let across = d - d.dot(known.axis) * known.axis;
             known.axis.cross(circle.axis).length() < ROUGH
                 && (known.radius - circle.radius).abs() < 2.0 * ROUGH * size
-                && beside.length() < 2.0 * ROUGH * size
+                && across.length() < 2.0 * ROUGH * size
         };
         match groups.iter_mut().find(|g| same(g)) {
             Some(group) => group.push(circle),
@@ -273,15 +273,15 @@ fn measured(
         let [right, up, sight] = view.kind.axes();
         let mut e = DVec3::ZERO;
         e[sight] = 1.0;
-        let beside = unit(axis.cross(e));
+        let radial = unit(axis.cross(e));
         for drawn in &view.curves {
             let Curve2::Segment(a, b) = drawn.curve else {
                 continue;
             };
-            let at = |p: [f64; 2]| beside[right] * p[0] + beside[up] * p[1];
-            let far = at(a) - beside.dot(best.center);
+            let at = |p: [f64; 2]| radial[right] * p[0] + radial[up] * p[1];
+            let far = at(a) - radial.dot(best.center);
             if (at(a) - at(b)).abs() < near && is_near(far.abs()) {
-                lines.push((far.signum() * beside, far.signum() * at(a)));
+                lines.push((far.signum() * radial, far.signum() * at(a)));
             }
         }
     }

@@ -72,8 +72,8 @@ impl Oblique {
             return None;
         };
         let d = from_axis(origin, axis, p);
-        let aside = axis.cross(sector.middle);
-        let angle = d.dot(aside).atan2(d.dot(sector.middle));
+        let perpendicular = axis.cross(sector.middle);
+        let angle = d.dot(perpendicular).atan2(d.dot(sector.middle));
         (angle.abs() > sector.half_width).then(|| sector_end(axis, sector, angle.signum()))
     }
 

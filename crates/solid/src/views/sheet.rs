@@ -71,7 +71,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
     // Stacked views share their left and right sides, neighbours beside each other their lower and upper
     // ones.
     let stacked = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 0);
-    let beside = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
+    let side_by_side = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
     let n = groups.len();
     let front = match (projection, n) {
         (_, 0 | 1) => {
@@ -91,13 +91,15 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
             }
         }
         // The front view is the corner of the L that three views form.
-        _ => (0..n).find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| beside(*f, g))).unwrap_or(0),
+        _ => (0..n)
+            .find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| side_by_side(*f, g)))
+            .unwrap_or(0),
     };
     let mut views = vec![placed(curves, &groups[front], ViewKind::Front)];
     for g in (0..n).filter(|g| *g != front) {
         let is_above = groups[g].span[1][0] > groups[front].span[1][0];
         let is_right = groups[g].span[0][0] > groups[front].span[0][0];
-        let kind = match (stacked(front, g), beside(front, g), projection) {
+        let kind = match (stacked(front, g), side_by_side(front, g), projection) {
             (true, _, Projection::FirstAngle) if !is_above => Some(ViewKind::Top),
             (true, _, Projection::ThirdAngle) if is_above => Some(ViewKind::Top),
             (_, true, Projection::FirstAngle) => Some(if is_right { ViewKind::Left } else { ViewKind::Side }),

@@ -479,10 +479,10 @@ fn sight_test(
     style: Option<LineStyle>,
 ) -> Option<SightTest> {
     let plan = cells.plan;
-    let beside =
+    let column_at =
         |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
     // Two columns on either side of the line: on the line itself, rounding would decide between cells.
-    let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
+    let columns: [Column; 2] = [column_at(-1.0), column_at(1.0)];
     if style.is_none() && columns[0] == columns[1] {
         return None;
     }

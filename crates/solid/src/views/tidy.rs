@@ -54,9 +54,9 @@ impl Circle {
     }
 
     /// The arc of this circle from one point to another, counter-clockwise.
-    fn arc(&self, from: [f64; 2], to: [f64; 2], whole: bool) -> Curve2 {
+    fn arc(&self, from: [f64; 2], to: [f64; 2], closed: bool) -> Curve2 {
         let start = self.angle(from);
-        let sweep = if whole { TAU } else { (self.angle(to) - start).rem_euclid(TAU) };
+        let sweep = if closed { TAU } else { (self.angle(to) - start).rem_euclid(TAU) };
         Curve2::Arc { center: self.center, radius: self.radius, start, sweep }
     }
 

@@ -418,9 +418,9 @@ mod tests {
             pool.install(|| fit(&set, &options, &Silent)).unwrap()
         };
         let parts = fitted(1_000, 2);
-        let whole = fitted(12_000, 2);
+        let at_once = fitted(12_000, 2);
         assert_eq!(parts.report.rejected["duplicate"], 1000);
-        assert_eq!(whole.report.rejected["duplicate"], 1000);
+        assert_eq!(at_once.report.rejected["duplicate"], 1000);
         let n = parts.report.observations;
         assert!((310_000..=330_000).contains(&n), "{n}");
         let sigma = parts.report.sensors[0].sigma_estimated;
@@ -439,7 +439,7 @@ mod tests {
             squares += ((z - height(x, y)) * normal[2].abs() / sigma).powi(2) / leaves as f64;
         }
         assert!((0.5..1.6).contains(&squares), "mean square of normalised errors {squares}");
-        let ratio = parts.report.sigma.median / whole.report.sigma.median;
+        let ratio = parts.report.sigma.median / at_once.report.sigma.median;
         assert!((0.8..1.25).contains(&ratio), "{ratio} times the σ of the whole");
         let alone = fitted(1_000, 1);
         assert!(alone.model.surface.vertices() == parts.model.surface.vertices());

@@ -45,7 +45,7 @@ const MAX_FIRST: usize = 20_000;
 const MAX_GROWTH: u8 = 2;
 /// Default depth of subdivision beyond the base grid. Every patch has a dense covariance, and each level has
 /// up to four times as many patches.
-const USUAL_DEPTH: u8 = 3;
+const DEFAULT_DEPTH: u8 = 3;
 /// Length of the weak hold that makes the prior proper, in extents of the surface.
 ///
 /// An affine motion costs no thin-plate energy, so a prior without a hold has no covariance. Twice the size
@@ -133,7 +133,7 @@ pub(crate) fn first_fit_of(
     // Patches divide a uniform base grid, so the levels that a ball has grown become that grid.
     let (metric, base_level) = rebased(surface)?;
     // Levels that a ball has grown count towards the depth that the user allows.
-    let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
+    let depth = options.max_depth.map_or(DEFAULT_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
     // limit.
     let of_depth = |depth: u8| FitOptions {

@@ -87,8 +87,8 @@ impl Geometry<'_, '_> {
         let origin = self.point(entity.reference(1)?)?;
         let z = self.direction_or(entity.optional(2)?, DVec3::Z)?;
         // Without a second direction, any one that is far from parallel to z will do.
-        let aside = if z[0].abs() < 0.9 { DVec3::X } else { DVec3::Y };
-        let wanted = self.direction_or(entity.optional(3)?, aside)?;
+        let fallback = if z[0].abs() < 0.9 { DVec3::X } else { DVec3::Y };
+        let wanted = self.direction_or(entity.optional(3)?, fallback)?;
         let Some(x) = (wanted - wanted.dot(z) * z).try_normalize() else {
             return Err(entity.wrong("expected two directions that are not parallel, found parallel ones"));
         };

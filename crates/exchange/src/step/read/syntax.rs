@@ -280,7 +280,7 @@ impl<'a> Index<'a> {
                     sections += 1;
                 }
                 t if t.starts_with(b"ENDSEC") => is_data = false,
-                t if t.starts_with(b"END-ISO-10303-21") => return index.whole(sections),
+                t if t.starts_with(b"END-ISO-10303-21") => return index.checked(sections),
                 _ if is_data => {
                     return Err(named(Error::input("expected an instance `#n = …;` or `ENDSEC;`")));
                 }
@@ -298,7 +298,7 @@ impl<'a> Index<'a> {
         )
     }
 
-    fn whole(self, sections: usize) -> Result<Self> {
+    fn checked(self, sections: usize) -> Result<Self> {
         match sections {
             0 => Err(Error::input("expected a DATA section, found none")),
             _ => Ok(self),

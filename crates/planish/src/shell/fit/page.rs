@@ -232,7 +232,7 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
                 unit.number(frame.sigma, 3),
             ],
             // Above 3 σ, the object moved otherwise than predicted, or the frame belongs elsewhere.
-            frame.prediction_error.is_some_and(|prediction_error| prediction_error > 3.0),
+            frame.prediction_error.is_some_and(|error| error > 3.0),
         );
     }
     Some(Section::new(

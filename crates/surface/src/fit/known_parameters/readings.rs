@@ -401,13 +401,13 @@ impl<'a> Readings<'a> {
                 }
             }
         }
-        let (mut shared, mut whole, mut pairs) = (0.0, 0.0, 0.0);
+        let (mut shared, mut total, mut pairs) = (0.0, 0.0, 0.0);
         for [sum, squares, n] in bins.into_iter().filter(|[_, _, n]| *n > 1.0) {
             shared += (sum * sum - squares) / n;
-            whole += (n - 1.0) * squares / n;
+            total += (n - 1.0) * squares / n;
             pairs += 1.0 - 1.0 / n;
         }
-        let share = shared / whole.max(f64::MIN_POSITIVE);
+        let share = shared / total.max(f64::MIN_POSITIVE);
         (shared > SIGNIFICANT_SHAPE * f64::sqrt(2.0 * pairs) && share > MIN_REPORTED_SHARE).then_some(share)
     }
 
