@@ -241,10 +241,10 @@ mod tests {
         for level in batches.products(&noise, 16) {
             assert!(level.mean().abs() < 4.0 * level.mean_sigma(), "{level:?}");
         }
-        let wavy: Vec<f64> = (places.iter().zip(&noise))
+        let with_waves: Vec<f64> = (places.iter().zip(&noise))
             .map(|(p, n)| n + 0.2 * 2.0_f64.sqrt() * (std::f64::consts::TAU * 2.0 * p[0]).sin())
             .collect();
-        let levels = batches.products(&wavy, 16);
+        let levels = batches.products(&with_waves, 16);
         let small = levels.iter().find(|level| level.size > 30.0).unwrap();
         assert!((small.mean() - 0.04).abs() < 4.0 * small.mean_sigma() + 0.004, "{small:?}");
         assert!(levels[0].mean_sigma() < 0.01);

@@ -255,7 +255,7 @@ fn one(
     }
     let found = made.points.outliers.iter().zip(&good).filter(|(o, good)| **o && !**good).count();
     let lost = made.points.outliers.iter().zip(&good).filter(|(o, good)| **o && **good).count();
-    let of_good = good.iter().filter(|good| **good).count();
+    let good_count = good.iter().filter(|good| **good).count();
     let check = mesh.welded().check();
     let fins = match path.split_once(':') {
         Some(("fins", _)) => ", with a fin",
@@ -274,8 +274,8 @@ fn one(
         rms(&reference_heights) / sigma,
         rms(&fitted_heights) / rms(&reference_heights),
         covered as f64 / judged.len() as f64,
-        found as f64 / (good.len() - of_good) as f64,
-        lost as f64 / of_good as f64
+        found as f64 / (good.len() - good_count) as f64,
+        lost as f64 / good_count as f64
     );
     Ok(())
 }

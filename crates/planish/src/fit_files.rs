@@ -185,7 +185,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         return Err(all_rejected_error(job, &fitted.report));
     }
     if let Some(earlier) = &earlier {
-        refuse_strangers(job, &earlier.model, &fitted.report)?;
+        reject_other_object(job, &earlier.model, &fitted.report)?;
     }
     progress.check("making outputs", 0.9)?;
     let posterior = fitted.posterior();
@@ -278,12 +278,12 @@ fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<F
 
 /// The input files, and a description of the contents of each.
 fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
-    let gave = |input: &InputFile| match (input.points, input.dropped_not_finite) {
+    let description = |input: &InputFile| match (input.points, input.dropped_not_finite) {
         (0, _) => "sensors and scans".to_owned(),
         (n, 0) => format!("{n} points"),
         (n, dropped) => format!("{n} points, {dropped} more not finite"),
     };
-    let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
+    let scans = set.inputs.iter().map(|input| (input.path.clone(), description(input)));
     let model =
         job.task.model().into_iter().map(|path| (path.to_owned(), "the model that was updated".to_owned()));
     scans.chain(model).collect()
@@ -366,7 +366,7 @@ fn all_rejected_error(job: &FitJob, report: &FitReport) -> Error {
 }
 
 /// Refuses readings that lie far from the saved model, relative to its size.
-fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
+fn reject_other_object(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
     // The gate does not catch this case: the estimated σ grows with the residuals, so nothing is rejected.
     if report.rms <= MAX_RMS_RATIO * size {

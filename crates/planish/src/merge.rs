@@ -44,7 +44,7 @@ use planish_mesh::{
     vertex_curvature,
 };
 use planish_surface::export::{KnownMesh, write_known_mesh};
-use ready::{Done, Ready};
+use ready::{MergeOutcome, Ready};
 use std::path::{Path, PathBuf};
 
 /// Patch number of vertices that fill holes. It is out of range of every list of patches, so they are never
@@ -222,8 +222,8 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     if ready.crosses {
         ready.findings.push(still_crossing(&stitched_mesh.mesh)?);
     }
-    let done = Done { method, completed, filled, stitched, kept, inputs };
-    let report = ready.report(&stitched_mesh, &overlap, done);
+    let outcome = MergeOutcome { method, completed, filled, stitched, kept, inputs };
+    let report = ready.report(&stitched_mesh, &overlap, outcome);
     // Normals and curvature are those of the final mesh, after completion and filling.
     let normals = stitched_mesh.mesh.vertex_normals();
     let curvature = match options.curvature {

@@ -146,8 +146,8 @@ pub struct NextReport {
     /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_left: Option<UnmeasurableSigma>,
+    #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
+    pub unresolved_shape: Option<UnmeasurableSigma>,
     /// Result of the same number of points drawn at random, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomDraws>,
@@ -299,7 +299,7 @@ pub fn next_points(
         mean_sigma: Change { before: before.1, after: after.1 },
         sigma,
         reached_goal: reached(&variances),
-        shape_left: UnmeasurableSigma::new(model, &places, &variances),
+        unresolved_shape: UnmeasurableSigma::new(model, &places, &variances),
         random,
     })
 }
@@ -527,13 +527,13 @@ fn chosen(places: &[Place], variances: &[f64], limit: usize) -> Vec<usize> {
     // random numbers, and dense cells do not attract more candidates than their area deserves.
     let weights: Vec<f64> = places.iter().zip(variances).map(|(p, v)| p.area * v).collect();
     let step = weights.iter().sum::<f64>() / (limit - 1) as f64;
-    let (mut sum, mut due) = (0.0, 0.5 * step);
+    let (mut sum, mut next_threshold) = (0.0, 0.5 * step);
     let mut found: Vec<usize> = Vec::with_capacity(limit);
     for (k, weight) in weights.iter().enumerate() {
         sum += weight;
-        if sum >= due {
+        if sum >= next_threshold {
             found.push(k);
-            due = ((sum / step).floor() + 1.0) * step;
+            next_threshold = ((sum / step).floor() + 1.0) * step;
         }
     }
     // Sampling may skip the place with the largest σ, and the objective is about just that place.

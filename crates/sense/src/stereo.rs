@@ -151,10 +151,11 @@ pub fn match_stereo(
             let other = right_best[k - k % columns + there];
             u32::from(other.abs_diff(w.best)) <= options.left_right
         });
-        let rivals = (k % columns) as i64 - i64::from(options.min_disparity);
+        let tested_disparities = (k % columns) as i64 - i64::from(options.min_disparity);
         // Uniqueness compares with the other disparities. With few of them a chance match passes that test,
         // so the window must also have texture.
-        let by_chance = || rivals < MIN_RIVALS && local_range(left, k) < 0.5 * contrast;
+        let by_chance =
+            || tested_disparities < MIN_TESTED_DISPARITIES && local_range(left, k) < 0.5 * contrast;
         // Only the first test that fails is counted, so that the counts add up to the number of rejected
         // pixels.
         match () {
@@ -188,7 +189,7 @@ pub fn match_stereo(
 const DARK: f32 = 0.06;
 /// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
 /// best, so more texture is required there: half the usual contrast.
-const MIN_RIVALS: i64 = 32;
+const MIN_TESTED_DISPARITIES: i64 = 32;
 
 /// Range of the values of the 5 × 5 pixels around a pixel.
 fn local_range(image: &Image, pixel: usize) -> f32 {

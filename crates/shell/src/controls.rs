@@ -350,15 +350,15 @@ mod tests {
         let eigen = stiffness(&made.points, &made.triangles, &made.edges).symmetric_eigen().eigenvalues;
         assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
         // Forty small parts next to a ball leave most controls to the ball.
-        let mut crumbs = icosphere(1.0, 3);
+        let mut mesh = icosphere(1.0, 3);
         for k in 0..40 {
-            let first = crumbs.positions.len() as u32;
+            let first = mesh.positions.len() as u32;
             let at = DVec3::new(1.01, 0.01 * f64::from(k), 0.0);
-            (crumbs.positions).extend([at, at.with_x(1.015), at.with_z(0.005)]);
-            crumbs.triangles.push([first, first + 1, first + 2]);
+            (mesh.positions).extend([at, at.with_x(1.015), at.with_z(0.005)]);
+            mesh.triangles.push([first, first + 1, first + 2]);
         }
         let ball = icosphere(1.0, 3).positions.len() as u32;
-        let made = automatic_controls(&crumbs, 30).unwrap();
+        let made = automatic_controls(&mesh, 30).unwrap();
         let of_ball = made.vertices.iter().filter(|v| **v < ball).count();
         assert!(of_ball > 20, "{of_ball}");
         let soup = TriangleMesh {

@@ -116,10 +116,10 @@ impl Delaunay {
     /// The corners of every tetrahedron, positively oriented.
     #[must_use]
     pub fn tetrahedra(&self) -> Vec<[u32; 4]> {
-        self.living().map(|(_, t)| t.corners).collect()
+        self.tetrahedra_in_use().map(|(_, t)| t.corners).collect()
     }
 
-    fn living(&self) -> impl Iterator<Item = (usize, &Tetrahedron)> {
+    fn tetrahedra_in_use(&self) -> impl Iterator<Item = (usize, &Tetrahedron)> {
         (self.tetrahedra.iter().enumerate()).filter(|(_, t)| t.corners[0] != OUTSIDE)
     }
 
@@ -323,7 +323,7 @@ mod tests {
     /// contains a point.
     fn judge(made: &Delaunay) {
         let mut volume = 0.0;
-        for (t, tetrahedron) in made.living() {
+        for (t, tetrahedron) in made.tetrahedra_in_use() {
             let [a, b, c, d] = tetrahedron.corners.map(|c| coordinates(made.points[c as usize]));
             let six = orient3d(a, b, c, d);
             assert!(six > 0.0, "{tetrahedron:?} is flat or turned");

@@ -293,8 +293,8 @@ impl<'a> Shell<'a> {
             if near.distance < nearest {
                 // Terms are relative to the nearest facet so far; when a nearer one arrives, the sums are
                 // rescaled.
-                let fading = (-k * (nearest - near.distance)).exp();
-                (sum, heights) = (sum * fading, heights * fading);
+                let factor = (-k * (nearest - near.distance)).exp();
+                (sum, heights) = (sum * factor, heights * factor);
                 nearest = near.distance;
             }
             let share = weight * (-k * (near.distance - nearest)).exp();

@@ -394,7 +394,7 @@ mod tests {
         let weights = neighbours.weights(at).unwrap();
         let sites: Vec<DVec3> = (0..points.len() as u32 + 8).map(|s| neighbours.site(s)).collect();
         let mut random = ChaCha8Rng::seed_from_u64(2);
-        let (mut stolen, mut of) = (0.0, vec![0.0; sites.len()]);
+        let (mut in_cell, mut of) = (0.0, vec![0.0; sites.len()]);
         for _ in 0..200_000 {
             let p: DVec3 = DVec3::from_array(std::array::from_fn(|k| at[k] + random.random_range(-0.4..0.4)));
             let (nearest, off) = (sites.iter().enumerate())
@@ -402,16 +402,16 @@ mod tests {
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .unwrap();
             if at.distance(p) < off {
-                stolen += 1.0;
+                in_cell += 1.0;
                 of[nearest] += 1.0;
             }
         }
         for (site, count) in of.iter().enumerate() {
             let stated = weights.iter().find(|w| w.site == site as u32).map_or(0.0, |w| w.weight);
             assert!(
-                (count / stolen - stated).abs() < 0.02,
+                (count / in_cell - stated).abs() < 0.02,
                 "site {site}: {} counted, {stated}",
-                count / stolen
+                count / in_cell
             );
         }
     }

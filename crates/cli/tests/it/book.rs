@@ -39,10 +39,10 @@ fn chapters() -> Vec<Chapter> {
 /// Targets of the links and images of a page.
 fn links(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
-    let mut fenced = false;
+    let mut in_code = false;
     for line in text.lines() {
-        fenced ^= line.starts_with("```");
-        if fenced || line.starts_with("    ") {
+        in_code ^= line.starts_with("```");
+        if in_code || line.starts_with("    ") {
             continue;
         }
         let mut rest = line;

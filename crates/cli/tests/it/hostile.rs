@@ -264,11 +264,11 @@ fn fill_drawings(folder: &Path) {
     }
     dxf("blocks.dxf", &nested, "0 INSERT 5 1F 2 b9 10 0 20 0");
     dxf("gone_block.dxf", "", "0 INSERT 5 1F 2 bolt 10 0 20 0");
-    let mut laughs = "<!DOCTYPE svg [<!ENTITY a0 'M0 0'>".to_owned();
+    let mut entity_bomb = "<!DOCTYPE svg [<!ENTITY a0 'M0 0'>".to_owned();
     for k in 1..12 {
-        laughs += &format!("<!ENTITY a{k} '{}'>", format!("&a{};", k - 1).repeat(10));
+        entity_bomb += &format!("<!ENTITY a{k} '{}'>", format!("&a{};", k - 1).repeat(10));
     }
-    text("laughs.svg", &format!("{laughs}]><svg><text>&a11;</text></svg>"));
+    text("laughs.svg", &format!("{entity_bomb}]><svg><text>&a11;</text></svg>"));
     text("groups.svg", &format!("<svg>{}{}</svg>", "<g>".repeat(1000), "</g>".repeat(1000)));
     text("path.svg", "<svg>\n<path id='rim' d='M0 0 L 3 4e'/></svg>");
     std::fs::write(folder.join("picture.dxf"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").expect("a file");

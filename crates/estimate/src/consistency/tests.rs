@@ -85,12 +85,12 @@ fn binomial_band_is_the_published_one() {
     }
     assert_eq!(coverage.band(0.95).unwrap(), (0.3, 0.7));
     // Ten cases of equal weight count as ten; additional cases of small weight hardly count (Kish 1965).
-    let mut heavy = Coverage::of_interval(0.5).unwrap();
+    let mut weighted = Coverage::of_interval(0.5).unwrap();
     for _ in 0..10 {
-        heavy.add_weighted(0.0, 1.0, 2.0).unwrap();
-        heavy.add_weighted(0.0, 1.0, 1e-6).unwrap();
+        weighted.add_weighted(0.0, 1.0, 2.0).unwrap();
+        weighted.add_weighted(0.0, 1.0, 1e-6).unwrap();
     }
-    assert_eq!(heavy.band(0.95).unwrap(), (0.2, 0.8));
+    assert_eq!(weighted.band(0.95).unwrap(), (0.2, 0.8));
 }
 
 #[test]

@@ -95,7 +95,7 @@ pub(super) fn even_out(
                 (net.tried, tried[at]) = (0, changes);
                 net.trail.clear();
                 net.find_room(v, limits.sequence);
-                if net.relieve(&[v], limits.sequence, 0) {
+                if net.reduce_valence(&[v], limits.sequence, 0) {
                     changes += 1;
                     for w in net.trail.iter().flatten() {
                         changed[*w as usize] = changes;
@@ -364,7 +364,7 @@ impl<'a> Net<'a> {
 
     /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as
     /// a result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
-    fn relieve(&mut self, too_many: &[u32], flips: usize, change: i64) -> bool {
+    fn reduce_valence(&mut self, too_many: &[u32], flips: usize, change: i64) -> bool {
         let Some((vertex, others)) = too_many.split_last() else {
             return false;
         };
@@ -390,7 +390,7 @@ impl<'a> Net<'a> {
             let mut left = too_many.to_vec();
             left.extend([c, d].iter().filter(|v| !too_many.contains(v)));
             left.retain(|v| self.has_too_many(*v));
-            if self.relieve(&left, flips - 1, change + more) {
+            if self.reduce_valence(&left, flips - 1, change + more) {
                 return true;
             }
             let back = self.leaving(c).into_iter().find(|h| self.end(*h) == d);

@@ -55,7 +55,11 @@ pub(crate) fn compare_page(
         figures,
         scene: Some(scene),
         drawings: Vec::new(),
-        sections: vec![how_far(report, unit), whether_true(&normalised, report), left_out(report)],
+        sections: vec![
+            distance_section(report, unit),
+            coverage_section(&normalised, report),
+            left_out(report),
+        ],
     })
 }
 
@@ -187,7 +191,7 @@ fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
     }
 }
 
-fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
+fn distance_section(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
     let rms = unit.head("rms");
     let mut table = Table::new(["", &rms, "mean", "median |d|", "95 % |d|", "largest |d|", "points"]);
     for (name, found) in [("model to reference", &report.forward), ("reference to model", &report.backward)] {
@@ -198,7 +202,7 @@ fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
     Section::new("How far they lie apart", vec![Block::Table(table)])
 }
 
-fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
+fn coverage_section(normalised: &[f64], report: &ComparisonReport) -> Section {
     // The plot is empty if no deviation has a σ.
     let svg = plot::normalised_residuals(normalised);
     let blocks = if svg.is_empty() {

@@ -34,16 +34,16 @@ pub(crate) fn fit_page(
     let (mut scene, tolerance) =
         model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;
     // The plan is made from the model as it is written, so it agrees with `planish next`.
-    let next = what_next(fit)?;
+    let next = next_points_for(fit)?;
     if let Some(next) = &next {
         scene.marks = next_marks(&next.points, unit);
         "where to measure next".clone_into(&mut scene.marks_name);
     }
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
-    let mut sections = vec![went_in(report, scans, unit), how_good(fit, report, unit)];
+    let mut sections = vec![input_section(report, scans, unit), quality_section(fit, report, unit)];
     // Findings come first on the page; the sections give their evidence in the order of the work.
     sections.extend(concluded(report));
-    sections.push(to_do(report, next.as_ref(), model_unit, unit));
+    sections.push(advice_section(report, next.as_ref(), model_unit, unit));
     sections.push(Section::new(
         "What is shown",
         vec![Block::Text(format!(
@@ -101,7 +101,7 @@ fn false_sigma(sensor: &SensorReport) -> Option<f64> {
     sensor.sigma_stated.filter(|_| sensor.sigma_used_is_estimated)
 }
 
-fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
+fn input_section(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let share = share_rejected(scans);
     if !scans.is_empty() {
@@ -153,7 +153,7 @@ fn why(cause: &str) -> String {
     }
 }
 
-fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
+fn quality_section(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let positions: Vec<&SensorReport> = report.sensors.iter().filter(|s| s.quantity == "position").collect();
     // Without a stated σ there is nothing to compare.
@@ -269,7 +269,7 @@ fn concluded(report: &FitReport) -> Option<Section> {
 }
 
 /// The best next points to measure, or none for a model that does not support it.
-fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
+fn next_points_for(fit: &Fit) -> Result<Option<NextReport>> {
     let options = NextOptions { count: NEXT_POINTS, ..NextOptions::default() };
     match next_points(&fit.model, &options, &Silent) {
         Ok(next) => Ok(Some(next)),
@@ -279,7 +279,12 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
     }
 }
 
-fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: SmallUnit<'_>) -> Section {
+fn advice_section(
+    report: &FitReport,
+    next: Option<&NextReport>,
+    model_unit: &str,
+    unit: SmallUnit<'_>,
+) -> Section {
     let mut blocks = Vec::new();
     // Corrections of the input come before new measurements: they cost nothing.
     if report.sensors.iter().any(|sensor| false_sigma(sensor).is_some()) {

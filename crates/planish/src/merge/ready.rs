@@ -40,7 +40,7 @@ pub(super) struct Ready {
 }
 
 /// Results of the stages after the preparation.
-pub(super) struct Done {
+pub(super) struct MergeOutcome {
     pub method: MergeMethod,
     pub completed: Option<CompletionReport>,
     pub filled: Option<FillReport>,
@@ -184,7 +184,12 @@ impl Ready {
     }
 
     /// The report, in the order of the files.
-    pub fn report(&self, stitched_mesh: &StitchedMesh, overlap: &Overlap, done: Done) -> MergeReport {
+    pub fn report(
+        &self,
+        stitched_mesh: &StitchedMesh,
+        overlap: &Overlap,
+        outcome: MergeOutcome,
+    ) -> MergeReport {
         let check = stitched_mesh.mesh.check();
         // Position of each file's patch in the order in space.
         let mut position_of = vec![0; self.order.len()];
@@ -199,12 +204,12 @@ impl Ready {
         let patch = |(k, at): (usize, &usize)| PatchReport {
             name: self.names[k].clone(),
             triangles: self.patches[*at].mesh.triangles.len(),
-            vertices_kept: done.kept[*at],
+            vertices_kept: outcome.kept[*at],
             turned_over: self.turned[k],
             sigma: SigmaSummary::from_values(overlap.patches[*at].sigma.clone()).median,
         };
         let mut report = MergeReport {
-            method: done.method,
+            method: outcome.method,
             vertices: check.vertices,
             triangles: check.triangles,
             boundary_edges: check.boundary_edges,
@@ -214,16 +219,16 @@ impl Ready {
             regions: overlap.regions.iter().map(region).collect(),
             patches: position_of.iter().enumerate().map(patch).collect(),
             poses: self.poses.clone(),
-            completed: done.completed,
-            filled: done.filled,
+            completed: outcome.completed,
+            filled: outcome.filled,
             sigma_estimated: overlap.sigma_estimated,
             sigma: SigmaSummary::from_values(stitched_mesh.sigma.clone()),
-            stitched_triangles: done.stitched,
+            stitched_triangles: outcome.stitched,
             holes_closed: stitched_mesh.holes_closed,
             fragments_left_out: stitched_mesh.fragments,
             valence: stitched_mesh.valence.clone(),
             quality: quality(&stitched_mesh.mesh),
-            inputs: done.inputs,
+            inputs: outcome.inputs,
             unit: self.unit,
             findings: self.findings.clone(),
         };

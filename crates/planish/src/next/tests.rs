@@ -18,8 +18,8 @@ fn model() -> SurfaceModel {
     let points = (0..3_000).filter_map(|_| {
         let (x, y): (f64, f64) = (4.0 * random.random::<f64>(), 3.0 * random.random::<f64>());
         let noise: f64 = StandardNormal.sample(&mut random);
-        let seldom = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
-        (!seldom).then_some(DVec3::new(x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise))
+        let is_sparse = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
+        (!is_sparse).then_some(DVec3::new(x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise))
     });
     let scan = Scan { name: "cloud".to_owned(), points: points.collect(), ..Scan::default() };
     let set = ScanSet {
@@ -82,10 +82,10 @@ fn unresolved_shape_above_the_goal_is_reported() {
     let mut model = model();
     model.unresolved_shape = vec![0.0; model.observed.len()];
     let options = NextOptions { count: 2, sigma: Some(0.004), ..NextOptions::default() };
-    assert_eq!(next_points(&model, &options, &Silent).unwrap().shape_left, None);
+    assert_eq!(next_points(&model, &options, &Silent).unwrap().unresolved_shape, None);
     model.unresolved_shape[3] = 0.25;
     let report = next_points(&model, &options, &Silent).unwrap();
-    let left = report.shape_left.unwrap();
+    let left = report.unresolved_shape.unwrap();
     assert_eq!(left.largest, 0.5);
     assert!(left.area_fraction > 0.0 && left.area_fraction < 0.1, "{left:?}");
     assert!(report.worst_sigma.after < 0.2 && left.worst_sigma_after >= 0.5, "{report:?}");
@@ -143,8 +143,8 @@ fn the_goal_ends_the_selection_and_the_region_limits_it() {
     assert_eq!(report.reached_goal, Some(true));
     assert!(report.worst_sigma.after <= goal && report.points.len() < 200, "{}", report.points.len());
     assert!(report.points.iter().all(|p| p.position[0] >= 2.2 && p.position[1] >= 1.7));
-    let nowhere = NextOptions { region: Some([DVec3::splat(50.0), DVec3::splat(60.0)]), ..options };
-    assert!(next_points(&model, &nowhere, &Silent).is_err());
+    let outside = NextOptions { region: Some([DVec3::splat(50.0), DVec3::splat(60.0)]), ..options };
+    assert!(next_points(&model, &outside, &Silent).is_err());
 }
 
 /// A sensor for objects of about size one.

@@ -84,8 +84,8 @@ pub struct ViewsReport {
     /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_left: Option<UnmeasurableSigma>,
+    #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
+    pub unresolved_shape: Option<UnmeasurableSigma>,
 }
 
 /// Chooses poses one after the other. The options `sigma` and `against_random` are ignored.
@@ -113,7 +113,7 @@ pub fn next_views(
     let representatives = Representatives::new(&places, &variances);
     // Visibility does not depend on the views chosen so far, so it is computed once.
     let candidates = candidates(&sight, sensor, &places, &representatives, progress)?;
-    let seeable = seen_by_any(&sight, &places, &candidates, progress)?;
+    let visible_from_any = seen_by_any(&sight, &places, &candidates, progress)?;
     let before = figures(&places, &variances);
     let area: f64 = places.iter().map(|p| p.area).sum();
     let share = |seen: &[bool]| {
@@ -167,7 +167,7 @@ pub fn next_views(
         });
     }
     let after = figures(&places, &variances);
-    let unseen: Vec<bool> = seeable.iter().map(|s| !s).collect();
+    let unseen: Vec<bool> = visible_from_any.iter().map(|s| !s).collect();
     let worst_unseen =
         (0..places.len()).filter(|&k| unseen[k]).max_by(|&a, &b| variances[a].total_cmp(&variances[b]));
     progress.advance("done", 1.0);
@@ -184,7 +184,7 @@ pub fn next_views(
         }),
         sigma_along: (readings > 0.0).then(|| noise / readings),
         reached_goal: reached(&variances),
-        shape_left: UnmeasurableSigma::new(model, &places, &variances),
+        unresolved_shape: UnmeasurableSigma::new(model, &places, &variances),
     })
 }
 

@@ -460,8 +460,9 @@ impl Run<'_> {
             written: self.written,
             findings: self.findings,
         };
-        let believed = self.job.believe_sigma;
-        let outcome = inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, believed);
+        let trusts_sigma = self.job.believe_sigma;
+        let outcome =
+            inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, trusts_sigma);
         done.findings.extend(outcome);
         let ending = inspection::ending(&done);
         done.findings.extend(ending);

@@ -222,8 +222,8 @@ fn a_room_of_a_carmen_log_has_walls() {
         let ranges = (0..180).map(|k| {
             let angle = facing + (f64::from(k) - 90.0).to_radians();
             let (sin, cos) = angle.sin_cos();
-            let wobble = 0.01 * (f64::from(k) * 12.9898).sin();
-            (3.0 / cos.abs()).min(2.0 / sin.abs()) + wobble
+            let noise = 0.01 * (f64::from(k) * 12.9898).sin();
+            (3.0 / cos.abs()).min(2.0 / sin.abs()) + noise
         });
         let ranges: Vec<String> = ranges.map(|r| format!("{r:.4}")).collect();
         writeln!(text, "FLASER 180 {} 0 0 {facing} 0 0 {facing} 0 host 0", ranges.join(" ")).unwrap();

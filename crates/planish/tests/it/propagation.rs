@@ -404,9 +404,9 @@ fn shapes_that_cannot_bend_are_rejected() {
         "{message}"
     );
     // Files in order will do, without times.
-    let mut untimed = scene.set.clone();
-    untimed.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
-    assert!(fit(&untimed, &bend(), &Silent).is_ok());
+    let mut without_times = scene.set.clone();
+    without_times.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
+    assert!(fit(&without_times, &bend(), &Silent).is_ok());
 }
 
 #[test]

@@ -126,10 +126,10 @@ fn conflicting_scans_are_named_together() {
     };
     job.run(&Silent).unwrap();
     let (text, _) = read(&page);
-    let verdict = text.split("<section class=\"verdict").nth(1).unwrap();
-    let verdict = verdict.split("</section>").next().unwrap();
-    assert!(verdict.starts_with(" bad"), "{verdict}");
-    assert!(verdict.contains("Scan probe.ply does not fit the others"), "{verdict}");
+    let summary = text.split("<section class=\"verdict").nth(1).unwrap();
+    let summary = summary.split("</section>").next().unwrap();
+    assert!(summary.starts_with(" bad"), "{summary}");
+    assert!(summary.contains("Scan probe.ply does not fit the others"), "{summary}");
 }
 
 #[test]

@@ -154,9 +154,9 @@ fn open_and_distant_meshes_are_rejected_as_starts() {
     open.triangles.pop();
     let message = refused(&open);
     assert!(message.contains("start.ply") && message.contains("3 open edges"), "{message}");
-    let mut elsewhere = icosphere(5.0, 3);
-    elsewhere.positions.iter_mut().for_each(|p| p[2] += 40.0);
-    let message = refused(&elsewhere);
+    let mut distant = icosphere(5.0, 3);
+    distant.positions.iter_mut().for_each(|p| p[2] += 40.0);
+    let message = refused(&distant);
     assert!(message.contains("start.ply") && message.contains("nothing of the mesh"), "{message}");
     let sequence = ShellFitJob { silhouettes: None, sequence: Some(folder.path().to_owned()), ..job.clone() };
     let message = sequence.run(&Silent).unwrap_err().to_string();

@@ -133,11 +133,11 @@ fn the_reference_samples_are_classified() {
         let bits = |p: &DVec3| p.to_array().map(f64::to_bits);
         let bare: HashSet<[u64; 3]> = truth.scans[0].scan.points.iter().map(bits).collect();
         let points = &set.scans[0].scan.points;
-        let truly: Vec<bool> = points.iter().map(|p| bare.contains(&bits(p))).collect();
+        let is_ground: Vec<bool> = points.iter().map(|p| bare.contains(&bits(p))).collect();
         let found: Vec<bool> = (classify_ground(points, &GroundOptions::for_unit(1.0)).unwrap().iter())
             .map(|what| *what == Ground::Bare)
             .collect();
-        let scores = agreement(&truly, &found);
+        let scores = agreement(&is_ground, &found);
         let fit = ground(&set);
         // Classification of every point by the sheet, including points that the filter rejected.
         let surface = &fit.model.surface;
@@ -150,7 +150,7 @@ fn the_reference_samples_are_classified() {
             .collect();
         for max_height in [4.0 * sigma, 0.5] {
             let near: Vec<bool> = heights.iter().map(|h| h.abs() < max_height).collect();
-            let of_sheet = agreement(&truly, &near);
+            let of_sheet = agreement(&is_ground, &near);
             println!("    within {max_height:.2} m of the sheet: {of_sheet:.2?}");
         }
         let mut off = heights_off(&fit, truth.scans[0].scan.points.iter().copied());

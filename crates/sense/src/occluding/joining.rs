@@ -95,11 +95,11 @@ pub(super) fn joined(
             let apart = points[k].position.distance(points[other].position);
             // Neighbours may differ by their errors, by one step along the surface, and by the motion of the
             // contact between views. A larger distance is a jump between surfaces.
-            let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
+            let uncertainty = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
             // Between views a contour point slides over the surface by its radius times the angle.
             let glide = if is_along { 0.0 } else { 2.0 * turn(places, *key) * points[k].radius.abs() };
-            if apart <= JUMP * step + unsure + glide {
+            if apart <= JUMP * step + uncertainty + glide {
                 strips.join(k as u32, other as u32);
                 let next = if is_along { &mut following.along } else { &mut following.across };
                 next[k] = Some(other);

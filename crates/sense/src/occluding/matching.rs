@@ -113,7 +113,7 @@ pub(super) fn matched(
     let sight = Sight::new(&here.eye, local.place, local.along).ok_or("corner")?;
     let [before, after] = [candidates(&sight, others[0], options)?, candidates(&sight, others[1], options)?];
     let mut best: Option<(f64, Found)> = None;
-    let mut doubtful = false;
+    let mut is_uncertain = false;
     for a in &before {
         for b in &after {
             let eyes = [&here.eye, &others[0].eye, &others[1].eye];
@@ -129,7 +129,7 @@ pub(super) fn matched(
                 continue;
             }
             if placed.depth.sqrt() > options.max_sigma_share * solved.depth {
-                doubtful = true;
+                is_uncertain = true;
                 continue;
             }
             // The smallest radius: a wrong match on a farther contour makes a large circle.
@@ -141,7 +141,7 @@ pub(super) fn matched(
     }
     match best {
         Some((_, found)) => Ok(found),
-        None if doubtful => Err("uncertain"),
+        None if is_uncertain => Err("uncertain"),
         None => Err("no_match"),
     }
 }

@@ -152,9 +152,9 @@ mod tests {
         let sums = [325_u16, 225, 125, 175, 275, 375].map(|s| s + 100);
         let w = winner(&sums, 10);
         assert!((w.between - 2.25).abs() < 1e-6 && w.clear, "{w:?}");
-        let mut rivals = vec![900_u16; 32];
-        (rivals[4], rivals[24]) = (100, 110);
-        let w = winner(&rivals, 15);
+        let mut costs = vec![900_u16; 32];
+        (costs[4], costs[24]) = (100, 110);
+        let w = winner(&costs, 15);
         assert!(w.best == 4 && !w.clear, "{w:?}");
     }
 

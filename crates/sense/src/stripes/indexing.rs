@@ -23,7 +23,7 @@ const FAR_OFF_PX: f64 = 2.0;
 /// Maximum mean square of an accepted hypothesis, in pixels², and the minimum ratio of that of every other
 /// one to it.
 const GOOD_PX2: f64 = 0.5;
-const SURE: f64 = 4.0;
+const MIN_RATIO: f64 = 4.0;
 /// Floor of a mean square in that ratio, in pixels²: the accuracy of the calibration.
 const FINEST_PX2: f64 = 0.01;
 /// Minimum number of crossings of a piece.
@@ -127,7 +127,7 @@ pub(super) fn index(
         }
     }
     let (mean, turn, shift) = best?;
-    if mean > GOOD_PX2 || second < SURE * mean.max(FINEST_PX2) {
+    if mean > GOOD_PX2 || second < MIN_RATIO * mean.max(FINEST_PX2) {
         return None;
     }
     let (e, f) = (steps[turn], steps[(turn + 1) % 4]);

@@ -23,7 +23,7 @@ const ARRIVED_PX: f64 = 2.5;
 const GAP_SCALES: f64 = 4.5;
 /// Minimum cosine between successive steps, and between the last step and the stripe of the reached crossing:
 /// 37°. Stripes on smooth surfaces turn much less per pixel; a jump to the other stripe turns more.
-const STEADY: f64 = 0.8;
+const MIN_STEP_COSINE: f64 = 0.8;
 
 /// A crossing of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,7 +108,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
                 d[0] * direction[0] + d[1] * direction[1]
             };
             let on = (0..4).max_by(|&a, &b| along(a).total_cmp(&along(b)))?;
-            return (along(on) >= STEADY).then_some((to, on));
+            return (along(on) >= MIN_STEP_COSINE).then_some((to, on));
         }
         let turned = |d: [f64; 2]| d[0] * direction[0] + d[1] * direction[1];
         // The search radius covers the 1.3 pixels below plus the half pixel between a ridge and its pixel's
@@ -116,7 +116,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
         let on_line = (ridges.near(next, 1.6))
             .filter(|r| {
                 let ahead = turned([r.place[0] - place[0], r.place[1] - place[1]]);
-                turned(r.direction).abs() >= STEADY && ahead >= 0.4 && apart(r.place, next) <= 1.3
+                turned(r.direction).abs() >= MIN_STEP_COSINE && ahead >= 0.4 && apart(r.place, next) <= 1.3
             })
             .min_by(|a, b| apart(a.place, next).total_cmp(&apart(b.place, next)));
         walked += 1.0;

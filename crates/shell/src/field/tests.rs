@@ -224,6 +224,7 @@ fn invalid_meshes_and_options_are_rejected() {
     }
     let line = TriangleMesh { positions: vec![DVec3::ZERO, DVec3::X], triangles: vec![[0, 1, 1]] };
     assert!(refused(&line, ShellOptions::new(Metaball::Spherical, 1.0)).contains("area"));
-    let nowhere = ShellOptions { reach: Some(f64::NAN), ..ShellOptions::new(Metaball::Triangular, 1.0) };
-    assert!(refused(&mesh, nowhere).contains("reach"));
+    let invalid_reach =
+        ShellOptions { reach: Some(f64::NAN), ..ShellOptions::new(Metaball::Triangular, 1.0) };
+    assert!(refused(&mesh, invalid_reach).contains("reach"));
 }

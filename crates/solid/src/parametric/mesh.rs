@@ -181,9 +181,9 @@ impl ParametricShape {
         let mut filled: Vec<Option<Result<Filled>>> = (0..self.faces.len()).map(|_| None).collect();
         // If a face cannot be filled, all of its edges get finer chords. Its neighbours share these edges and
         // are filled again, so that their triangles still match.
-        let mut stale: Vec<usize> = (0..self.edges.len()).collect();
+        let mut outdated: Vec<usize> = (0..self.edges.len()).collect();
         for attempt in 0..=TRIES {
-            for edge in std::mem::take(&mut stale) {
+            for edge in std::mem::take(&mut outdated) {
                 let finer = 0.25_f64.powi(i32::from(cuts[edge]));
                 let chord = finer * fineness.chord;
                 points.cut(self, edge, &Fineness { chord, ..*fineness });
@@ -195,21 +195,21 @@ impl ParametricShape {
                 .collect();
             for (face, result) in made {
                 if result.is_err() && attempt < TRIES {
-                    stale.extend(self.faces[face].loops.iter().flatten().map(|(edge, _)| *edge));
+                    outdated.extend(self.faces[face].loops.iter().flatten().map(|(edge, _)| *edge));
                 }
                 filled[face] = Some(result);
             }
             // Sorted, so that new points have the same numbers in every run.
-            stale.sort_unstable();
-            stale.dedup();
-            if stale.is_empty() {
+            outdated.sort_unstable();
+            outdated.dedup();
+            if outdated.is_empty() {
                 break;
             }
-            for edge in &stale {
+            for edge in &outdated {
                 cuts[*edge] += 1;
             }
             for (face, result) in self.faces.iter().zip(&mut filled) {
-                if face.loops.iter().flatten().any(|(e, _)| stale.binary_search(e).is_ok()) {
+                if face.loops.iter().flatten().any(|(e, _)| outdated.binary_search(e).is_ok()) {
                     *result = None;
                 }
             }

@@ -90,17 +90,17 @@ impl ParametricShape {
 
     /// True if two coincident closed edges have opposite directions. Their ends do not show this.
     fn runs_back(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
-        let early = |edge: &ParametricEdge| {
+        let near_start = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.2 } else { 0.8 };
             edge.curve.point(from + share * (to - from))
         };
-        let late = |edge: &ParametricEdge| {
+        let near_end = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.8 } else { 0.2 };
             edge.curve.point(from + share * (to - from))
         };
-        let p = early(one);
-        p.distance(late(other)) < p.distance(early(other))
+        let p = near_start(one);
+        p.distance(near_end(other)) < p.distance(near_start(other))
     }
 }

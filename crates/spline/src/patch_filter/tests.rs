@@ -263,15 +263,15 @@ fn expected_detail_increases_sigma() {
         let options = PatchFilterOptions { maximum_depth: 1, expect_detail, ..PatchFilterOptions::default() };
         PatchFilter::new(&plane, &plane, PRIOR, options).unwrap()
     };
-    let (mut plain, mut careful) = (filter(false), filter(true));
+    let (mut plain, mut with_detail) = (filter(false), filter(true));
     let z = DVec3::Z;
     for reading in positions([4, 4], 50, 0.02, 37) {
         plain.observe(&reading).unwrap();
-        careful.observe(&reading).unwrap();
+        with_detail.observe(&reading).unwrap();
     }
-    let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
+    let ratio = with_detail.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
     assert!(ratio > 1.5, "{ratio}");
-    for filter in [&mut plain, &mut careful] {
+    for filter in [&mut plain, &mut with_detail] {
         filter.subdivide(&[filter.patches()[0]]).unwrap();
         let reading = SurfaceReading::Position {
             parameters: [1.7, 2.4],
@@ -280,7 +280,7 @@ fn expected_detail_increases_sigma() {
         };
         filter.observe(&reading).unwrap();
     }
-    let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
+    let ratio = with_detail.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
     assert!((ratio - 1.0).abs() < 0.01, "patches of maximum depth represent all detail: {ratio}");
 }
 

@@ -221,7 +221,7 @@ impl Cloud {
         // Evenly spread over the readings, so that all parts are completed.
         let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
         // Unmeasured parts may depart from the symmetry as much as the compared ones.
-        let doubt = found.departure * found.departure;
+        let model_variance = found.departure * found.departure;
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {
             let i = self.readings[k] as usize;
@@ -234,7 +234,7 @@ impl Cloud {
                 let variance = InferredVariance {
                     // `n` copies of one reading are one measurement, so each weighs 1/n (decision 0017).
                     own: turns as f64 * self.variance[k],
-                    shared: found.image_variance(angle, p, normal) + doubt,
+                    shared: found.image_variance(angle, p, normal) + model_variance,
                 };
                 copies.push(InferredReading { point, normal, variance });
             }

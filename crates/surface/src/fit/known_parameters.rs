@@ -14,7 +14,7 @@ mod readings;
 use super::finish::{common_findings, has_uncertain_pose, scan_pose_reports};
 use super::leaves::with_neighbours;
 use super::noise::{
-    ENOUGH_TO_CONTRADICT, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
+    MIN_FOR_CONTRADICTION, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
 };
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
@@ -271,7 +271,7 @@ impl Solved {
         let weighted: f64 = self.residuals.iter().zip(&self.variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (self.coordinates() * self.count() as f64 - degrees).max(1.0);
         let estimated = (weighted / (redundant * kept)).max(min_variance(&self.surface, &self.total));
-        let may_contradict = has_redundancy && redundant > ENOUGH_TO_CONTRADICT;
+        let may_contradict = has_redundancy && redundant > MIN_FOR_CONTRADICTION;
         let accepted: Vec<bool> = (0..self.variances.len())
             .map(|s| {
                 let agrees = || {

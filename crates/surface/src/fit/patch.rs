@@ -302,7 +302,7 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<Finding> {
 const MAX_SURFACE_SHARE: f64 = 0.1;
 /// Readings on the measured surface from which the noise of a later session is estimated; with fewer, all
 /// readings are used. The standard error of σ from 200 is 5 %.
-const ENOUGH_FOR_NOISE: usize = 200;
+const MIN_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
 ///
@@ -385,7 +385,7 @@ pub(super) fn update_patches(
             }
         }
     }
-    let noise = if on_known.len() < ENOUGH_FOR_NOISE {
+    let noise = if on_known.len() < MIN_FOR_NOISE {
         SensorNoise::estimate(
             ProjectedReadings { observations, subset: &used, feet: &feet },
             options.gate,

@@ -204,10 +204,10 @@ impl Equations {
             for (start, derivative, lean) in blocks.iter().flatten() {
                 for a in 0..6 {
                     right[start + a] -= weight * derivative[a] * row.distance;
-                    for (other, against, leaning) in blocks.iter().flatten() {
+                    for (other, against, other_lean) in blocks.iter().flatten() {
                         for b in 0..6 {
                             data[(start + a, other + b)] += weight * derivative[a] * against[b];
-                            noise[(start + a, other + b)] += weight * lean[a] * leaning[b];
+                            noise[(start + a, other + b)] += weight * lean[a] * other_lean[b];
                         }
                     }
                 }

@@ -208,7 +208,7 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
 }
 
 /// The triangles of a mesh outside rigid parts, on the same vertices. All triangles if none remain.
-fn that_bends(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
+fn deformable_part(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
     let mut rigid = vec![false; mesh.positions.len()];
     for v in parts.iter().flat_map(|part| &part.vertices) {
         if let Some(rigid) = rigid.get_mut(*v as usize) {
@@ -257,7 +257,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             free(Box::new(Dirichlet::new(&points, &mesh.positions)?), k, points.len())
         }
         (DeformationKind::Dirichlet, None) => {
-            let made = automatic_controls(&that_bends(mesh, parts), job.controls)?;
+            let made = automatic_controls(&deformable_part(mesh, parts), job.controls)?;
             let k = stiffness(&made.points, &made.triangles, &made.edges);
             free(Box::new(Dirichlet::new(&made.points, &mesh.positions)?), k, made.points.len())
         }

@@ -159,7 +159,7 @@ pub(super) fn outcome(
     mesh: &TriangleMesh,
     found: &[DVec3],
     states_sigma: bool,
-    believed: bool,
+    trusts_sigma: bool,
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines)] {
@@ -179,7 +179,7 @@ pub(super) fn outcome(
     }
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines), ("tracks", &done.tracks)] {
         // Points without σ have an assumed one, and there is nothing to judge.
-        if let Some(report) = report.filter(|_| !believed && (what != "points" || states_sigma)) {
+        if let Some(report) = report.filter(|_| !trusts_sigma && (what != "points" || states_sigma)) {
             findings.extend(misstated(what, &report));
         }
     }

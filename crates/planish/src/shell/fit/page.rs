@@ -55,7 +55,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
         ));
     }
     figures.push(Figure::new("measured", percent(report.observed_fraction), "of the vertices"));
-    let mut sections = vec![went_in(report, unit)];
+    let mut sections = vec![input_section(report, unit)];
     sections.extend(overlaps(report));
     sections.extend(poses(report, unit));
     sections.extend(frames(report, unit));
@@ -82,7 +82,7 @@ fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
 }
 
 fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
-    // `went_in` selects the unit of a row by these names.
+    // `input_section` selects the unit of a row by these names.
     [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
 }
 
@@ -134,7 +134,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     }
 }
 
-fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
+fn input_section(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
     let mut table = Table::new(["readings", "number", "gross errors", "rms", "σ over stated"]);
     for (what, of) in kinds(report) {
         let Some(of) = of else { continue };

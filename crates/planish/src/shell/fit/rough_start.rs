@@ -132,7 +132,7 @@ pub(super) fn rough_start_mesh(
         let fitted = files.iter().filter_map(|view| iou.get(&view.name)).sum::<f64>();
         (fitted / files.len().max(1) as f64, iou)
     };
-    let anew = |mesh: &TriangleMesh, flow: Option<(&dyn Region, f64)>, cell: f64| {
+    let remeshed = |mesh: &TriangleMesh, flow: Option<(&dyn Region, f64)>, cell: f64| {
         let options = RemeshOptions {
             domain: &domain,
             flow: flow.map(|(covered, cells)| (covered, cells * cell)),
@@ -144,7 +144,7 @@ pub(super) fn rough_start_mesh(
     };
     let mut cell = size(&mesh) / CELLS;
     // First cut to the silhouettes. Only then does a gain in overlap mean growth.
-    mesh = anew(&mesh, None, cell)?;
+    mesh = remeshed(&mesh, None, cell)?;
     let (mut mean, _) = agreement(&mesh);
     let mut rounds = 1;
     while rounds < MAX_ROUNDS {
@@ -155,7 +155,7 @@ pub(super) fn rough_start_mesh(
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
             by: UNCOVERED_CELLS * cell,
         };
-        let next = anew(&mesh, Some((&covered, FLOW_CELLS)), cell)?;
+        let next = remeshed(&mesh, Some((&covered, FLOW_CELLS)), cell)?;
         let (after, _) = agreement(&next);
         rounds += 1;
         let gain = after - mean;
@@ -168,7 +168,7 @@ pub(super) fn rough_start_mesh(
         }
     }
     // Partly covered places end in steps. Filling removes them.
-    mesh = anew(&mesh, Some((&EmptyMask, FILL_CELLS)), cell)?;
+    mesh = remeshed(&mesh, Some((&EmptyMask, FILL_CELLS)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
         .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / EXCESS_RATIO)
         .collect();

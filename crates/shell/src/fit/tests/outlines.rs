@@ -130,14 +130,14 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
     let truth = truth(10, 2);
     let mut noise = normal_numbers(21);
     let cameras = around(8, 5.0);
-    let shaken = PoseNoise { sigma_rotation: 1_f64.to_radians(), sigma_translation: 0.05 };
+    let perturbation = PoseNoise { sigma_rotation: 1_f64.to_radians(), sigma_translation: 0.05 };
     let mut views: Vec<ShellView> =
         (cameras.iter()).map(|camera| borders(&truth.deformed, camera, 60, &mut noise)).collect();
     for view in &mut views[2..] {
         view.camera = (view.camera).moved(std::array::from_fn(|k| {
-            noise() * if k < 3 { shaken.sigma_rotation } else { shaken.sigma_translation }
+            noise() * if k < 3 { perturbation.sigma_rotation } else { perturbation.sigma_translation }
         }));
-        view.pose = Some(shaken);
+        view.pose = Some(perturbation);
     }
     let mut random = ChaCha8Rng::seed_from_u64(77);
     let search = MeshSearch::try_new(&truth.deformed).unwrap();

@@ -52,7 +52,7 @@ pub(super) struct Sheet<'a> {
 }
 
 /// A converged state.
-pub(super) struct LaidSheet {
+pub(super) struct ConvergedState {
     pub converged: ConvergedFit,
     /// Number of readings beyond the border.
     pub beyond: usize,
@@ -76,7 +76,11 @@ impl Sheet<'_> {
     ///
     /// # Errors
     /// `Undetermined` if no reading is near the sheet.
-    pub(super) fn lay(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<LaidSheet> {
+    pub(super) fn converge_state(
+        &self,
+        observations: &mut Observations,
+        progress: &dyn Progress,
+    ) -> Result<ConvergedState> {
         let Self { system, previous, .. } = *self;
         let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
@@ -174,7 +178,7 @@ impl Sheet<'_> {
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,
         };
-        Ok(LaidSheet { converged, beyond, held })
+        Ok(ConvergedState { converged, beyond, held })
     }
 
     fn fixed_prior(&self) -> Result<FixedPrior> {

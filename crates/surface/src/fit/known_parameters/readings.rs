@@ -20,9 +20,9 @@ use std::sync::Arc;
 /// Readings of one parallel task. Fixed, so that sums do not depend on the number of threads.
 pub(super) const TASK: usize = 1 << 13;
 /// Held-out readings that are enough to judge a fit: their normalised rms has a standard error of 1.3 %.
-const ENOUGH_HELD_OUT: f64 = 3_000.0;
+const MAX_HELD_OUT: f64 = 3_000.0;
 /// Residuals that are enough to estimate the scale of a sensor: its standard error is 0.3 %.
-const ENOUGH_FOR_SCALE: usize = 50_000;
+const MAX_FOR_SCALE: usize = 50_000;
 /// Minimum number of readings of a fit. A quadric has nine coefficients; one more reading leaves a residual.
 const MIN_READINGS: usize = 10;
 /// Readings farther than this many σ are softened while gross errors are searched for. A larger bound lets
@@ -381,7 +381,7 @@ impl<'a> Readings<'a> {
     /// It is `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins of a sample, with residuals clamped to the gate.
     pub(super) fn unresolved_share(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
         // A sample is enough, and keeps the cost independent of the number of readings.
-        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
+        let step = (self.total / MAX_FOR_SCALE).max(1);
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();
         // Sum, sum of squares and number of each bin and coordinate.
@@ -415,7 +415,7 @@ impl<'a> Readings<'a> {
     /// not matter, because the gate itself is set by these variances.
     pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
-        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
+        let step = (self.total / MAX_FOR_SCALE).max(1);
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let sample = (0..posed.scan.points.len().div_ceil(step)).into_par_iter();
@@ -521,7 +521,7 @@ impl Evaluation {
 /// Numbers of the held-out readings of each scan: one at random from each stratum of `1/share` readings, and
 /// at most as many as are needed.
 pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
-    let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
+    let share = options.held_out_share.min(MAX_HELD_OUT / total as f64);
     (set.scans.iter().enumerate())
         .map(|(s, posed)| {
             let size = posed.scan.points.len();
