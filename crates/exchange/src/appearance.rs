@@ -369,10 +369,10 @@ impl TriangleParts {
         let before = triangle.checked_sub(1);
         for (word, kind) in [("o", PartKind::Object), ("g", PartKind::Group), ("usemtl", PartKind::Material)]
         {
-            let here = self.names(mesh, Some(triangle), kind);
+            let names = self.names(mesh, Some(triangle), kind);
             // Names are repeated only when they change, as in files of other programs.
-            let changed = here != self.names(mesh, before, kind);
-            match &here[..] {
+            let changed = names != self.names(mesh, before, kind);
+            match &names[..] {
                 [] if kind == PartKind::Material && with_picture && (changed || before.is_none()) => {
                     writeln!(writer, "usemtl {UNNAMED_MATERIAL}")?;
                 }

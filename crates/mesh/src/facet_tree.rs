@@ -128,12 +128,12 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
         let mut height = 1;
         while height > 0 {
             height -= 1;
-            let (mut here, to_here) = stack[height];
-            if to_here > limit {
+            let (mut index, distance) = stack[height];
+            if distance > limit {
                 continue;
             }
             loop {
-                let node = &nodes[here as usize];
+                let node = &nodes[index as usize];
                 if node.count > 0 {
                     let packet = &packets[node.first as usize];
                     packet.feet(simd, at, &mut feet);
@@ -187,7 +187,7 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
                     stack[height] = (far, to_far);
                     height += 1;
                 }
-                here = near;
+                index = near;
             }
         }
     }

@@ -66,8 +66,8 @@ pub(crate) fn flip(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) 
     triangles[t as usize] = [c, d, b];
     triangles[s as usize] = [d, c, a];
     let links = [(3 * t, 3 * s), (3 * t + 1, db), (3 * t + 2, bc), (3 * s + 1, ca), (3 * s + 2, ad)];
-    for (mine, theirs) in links {
-        link(opposite, mine, theirs);
+    for (first, second) in links {
+        link(opposite, first, second);
     }
     [t, s]
 }
@@ -96,10 +96,10 @@ pub(crate) fn split_triangle(
 }
 
 /// Makes two half-edges opposites of each other; the second may be [`NONE`].
-fn link(opposite: &mut [u32], mine: u32, theirs: u32) {
-    opposite[mine as usize] = theirs;
-    if theirs != NONE {
-        opposite[theirs as usize] = mine;
+fn link(opposite: &mut [u32], first: u32, second: u32) {
+    opposite[first as usize] = second;
+    if second != NONE {
+        opposite[second as usize] = first;
     }
 }
 

@@ -222,17 +222,17 @@ fn zero_between([inside, outside]: [(DVec3, f64); 2], value: impl Fn(DVec3) -> f
         if !(share > low && share < high) {
             share = 0.5 * (low + high);
         }
-        let here = value(at(share));
-        if here < 0.0 {
-            (low, below) = (share, here);
+        let found = value(at(share));
+        if found < 0.0 {
+            (low, below) = (share, found);
             above *= if last == 1 { 0.5 } else { 1.0 };
             last = 1;
         } else {
-            (high, above) = (share, here);
+            (high, above) = (share, found);
             below *= if last == 2 { 0.5 } else { 1.0 };
             last = 2;
         }
-        if high - low < ACCURACY || here.abs() <= small {
+        if high - low < ACCURACY || found.abs() <= small {
             break;
         }
     }

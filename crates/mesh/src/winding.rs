@@ -100,8 +100,8 @@ impl WindingNumbers {
         let mut height = 1;
         while height > 0 {
             height -= 1;
-            let here = stack[height] as usize;
-            let (node, dipole) = (&bvh.nodes[here], &self.dipoles[here]);
+            let index = stack[height] as usize;
+            let (node, dipole) = (&bvh.nodes[index], &self.dipoles[index]);
             let off = dipole.middle - at;
             let far = off.length();
             if far > FAR * dipole.radius {

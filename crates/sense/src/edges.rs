@@ -272,11 +272,11 @@ impl Buckets {
 fn noise_of(image: &Image) -> f64 {
     let mut responses = Vec::new();
     for row in 1..image.rows - 1 {
-        let [up, here, down] = [row - 1, row, row + 1].map(|r| image.row(r));
+        let [up, middle, down] = [row - 1, row, row + 1].map(|r| image.row(r));
         for k in 1..image.columns - 1 {
             let corners = up[k - 1] + up[k + 1] + down[k - 1] + down[k + 1];
-            let sides = up[k] + down[k] + here[k - 1] + here[k + 1];
-            responses.push(f64::from((corners - 2.0 * sides + 4.0 * here[k]).abs()));
+            let sides = up[k] + down[k] + middle[k - 1] + middle[k + 1];
+            responses.push(f64::from((corners - 2.0 * sides + 4.0 * middle[k]).abs()));
         }
     }
     let middle = responses.len() / 2;

@@ -267,9 +267,9 @@ pub fn occluding_contours(
     let (neighbours, sequences) = sequence(&centres);
     let mut left_out: BTreeMap<&'static str, usize> = BTreeMap::new();
     let mut found = Vec::with_capacity(views.len());
-    for (k, here) in ready.iter().enumerate() {
+    for (k, view) in ready.iter().enumerate() {
         progress(k as f64 / views.len() as f64)?;
-        let of_view: Vec<Vec<std::result::Result<matching::Found, &'static str>>> = here
+        let of_view: Vec<Vec<std::result::Result<matching::Found, &'static str>>> = view
             .lines
             .iter()
             .map(|line| {
@@ -282,7 +282,7 @@ pub fn occluding_contours(
                             return Err("end_of_sequence");
                         };
                         let others = [&ready[before], &ready[after]];
-                        let found = matching::matched(here, place, others, options)?;
+                        let found = matching::matched(view, place, others, options)?;
                         match matching::in_all_silhouettes(views, k, &ready, &found) {
                             true => Ok(found),
                             false => Err("outside_silhouette"),

@@ -77,11 +77,11 @@ impl LensCamera {
         // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
         // the result is checked below.
         for _ in 0..UNDISTORTIONS {
-            let there = self.distorted(straight);
-            straight = [0, 1].map(|k| straight[k] + seen[k] - there[k]);
+            let distorted = self.distorted(straight);
+            straight = [0, 1].map(|k| straight[k] + seen[k] - distorted[k]);
         }
-        let there = self.distorted(straight);
-        let near = (0..2).all(|k| (there[k] - seen[k]).abs() < 1e-9);
+        let distorted = self.distorted(straight);
+        let near = (0..2).all(|k| (distorted[k] - seen[k]).abs() < 1e-9);
         let r = rows(&self.pinhole.r);
         near.then(|| r[0] * straight[0] + r[1] * straight[1] + r[2])
     }

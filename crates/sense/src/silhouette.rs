@@ -142,14 +142,14 @@ pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, minimum: usi
         part.push(start);
         seen[start] = true;
         let mut next = 0;
-        while let Some(&here) = part.get(next) {
+        while let Some(&pixel) = part.get(next) {
             next += 1;
-            let column = here % columns;
+            let column = pixel % columns;
             let sides = [
-                (column > 0).then(|| here - 1),
-                (column + 1 < columns).then(|| here + 1),
-                here.checked_sub(columns),
-                (here + columns < mask.len()).then_some(here + columns),
+                (column > 0).then(|| pixel - 1),
+                (column + 1 < columns).then(|| pixel + 1),
+                pixel.checked_sub(columns),
+                (pixel + columns < mask.len()).then_some(pixel + columns),
             ];
             for side in sides.into_iter().flatten() {
                 if !seen[side] && mask[side] == colour {
@@ -196,13 +196,13 @@ fn crossings(values: &[f64], columns: usize, rows: usize) -> Vec<[f64; 2]> {
     let mut found = Vec::new();
     for row in 0..rows {
         for column in 0..columns {
-            let here = values[row * columns + column] - 0.5;
+            let value = values[row * columns + column] - 0.5;
             let right =
                 (column + 1 < columns).then(|| (values[row * columns + column + 1] - 0.5, [1.0, 0.0]));
             let below = (row + 1 < rows).then(|| (values[(row + 1) * columns + column] - 0.5, [0.0, 1.0]));
-            for (there, way) in [right, below].into_iter().flatten() {
-                if (here > 0.0) != (there > 0.0) {
-                    let share = here / (here - there);
+            for (other, way) in [right, below].into_iter().flatten() {
+                if (value > 0.0) != (other > 0.0) {
+                    let share = value / (value - other);
                     let at = [column as f64 + share * way[0], row as f64 + share * way[1]];
                     let within = |x: f64, count: usize| x >= FRAME && x <= count as f64 - 1.0 - FRAME;
                     if within(at[0], columns) && within(at[1], rows) {

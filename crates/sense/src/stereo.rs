@@ -146,11 +146,12 @@ pub fn match_stereo(
     let mut rejected = StereoRejected::default();
     let mut first = vec![f32::NAN; winners.len()];
     for (k, w) in winners.iter().enumerate() {
-        let there = (k % columns) as i64 - i64::from(options.min_disparity) - i64::from(w.best);
-        let agrees = usize::try_from(there).ok().filter(|t| *t < columns).is_some_and(|there| {
-            let other = right_best[k - k % columns + there];
-            u32::from(other.abs_diff(w.best)) <= options.left_right
-        });
+        let right_column = (k % columns) as i64 - i64::from(options.min_disparity) - i64::from(w.best);
+        let agrees =
+            usize::try_from(right_column).ok().filter(|t| *t < columns).is_some_and(|right_column| {
+                let other = right_best[k - k % columns + right_column];
+                u32::from(other.abs_diff(w.best)) <= options.left_right
+            });
         let tested_disparities = (k % columns) as i64 - i64::from(options.min_disparity);
         // Uniqueness compares with the other disparities. With few of them a chance match passes that test,
         // so the window must also have texture.

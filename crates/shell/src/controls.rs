@@ -100,18 +100,18 @@ impl EdgeGraph {
         let mut heap = BinaryHeap::from([Reverse((0_u64, source))]);
         far[source as usize] = 0.0;
         regions[source as usize] = region;
-        while let Some(Reverse((bits, here))) = heap.pop() {
+        while let Some(Reverse((bits, vertex))) = heap.pop() {
             // The bits of positive numbers are in the order of the numbers, and integers have a total order.
             let reached = f64::from_bits(bits);
-            if reached > far[here as usize] {
+            if reached > far[vertex as usize] {
                 continue;
             }
-            for &(to, length) in &self.to[self.start[here as usize]..self.start[here as usize + 1]] {
-                let by_here = reached + length;
-                if by_here < (1.0 - EQUAL_DISTANCE_TOLERANCE) * far[to as usize] {
-                    far[to as usize] = by_here;
+            for &(to, length) in &self.to[self.start[vertex as usize]..self.start[vertex as usize + 1]] {
+                let distance = reached + length;
+                if distance < (1.0 - EQUAL_DISTANCE_TOLERANCE) * far[to as usize] {
+                    far[to as usize] = distance;
                     regions[to as usize] = region;
-                    heap.push(Reverse((by_here.to_bits(), to)));
+                    heap.push(Reverse((distance.to_bits(), to)));
                 }
             }
         }

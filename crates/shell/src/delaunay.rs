@@ -168,15 +168,15 @@ impl Delaunay {
     /// The tetrahedron that contains a point, by a walk from another one. The walk ends because the
     /// tetrahedralisation is Delaunay (H. Edelsbrunner 1990).
     pub(crate) fn locate(&self, at: DVec3, start: u32) -> u32 {
-        let mut here = start;
+        let mut current = start;
         loop {
-            let t = &self.tetrahedra[here as usize];
+            let t = &self.tetrahedra[current as usize];
             // Exact predicates: with rounded ones the walk could cycle.
             let away = (0..4)
                 .find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
             match away {
-                Some(k) => here = t.neighbours[k],
-                None => return here,
+                Some(k) => current = t.neighbours[k],
+                None => return current,
             }
         }
     }

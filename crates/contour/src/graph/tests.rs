@@ -297,9 +297,9 @@ fn euler_tours_are_complete_where_the_printed_rule_omits_edges() {
     let walk = [0, 1, 2, 3, 1, 4, 0];
     let mut notes = vec![Vec::new(); 5];
     walk.windows(2).for_each(|step| notes[step[0]].push(step[1]));
-    let (mut here, mut steps) = (0, 0);
-    while let Some(there) = notes[here].pop() {
-        (here, steps) = (there, steps + 1);
+    let (mut current, mut steps) = (0, 0);
+    while let Some(neighbour) = notes[current].pop() {
+        (current, steps) = (neighbour, steps + 1);
     }
     assert!(steps < edges.len());
 }

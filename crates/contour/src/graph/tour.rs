@@ -157,23 +157,23 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     let mut next = vec![0; count];
     let mut reached = vec![start];
     let mut waiting = 0;
-    let mut here = start;
+    let mut current = start;
     loop {
-        while at[here].get(next[here]).is_some_and(|&edge| used[edge]) {
-            next[here] += 1;
+        while at[current].get(next[current]).is_some_and(|&edge| used[edge]) {
+            next[current] += 1;
         }
-        match at[here].get(next[here]) {
+        match at[current].get(next[current]) {
             Some(&edge) => {
                 used[edge] = true;
-                let there = edges[edge].a + edges[edge].b - here;
-                notes[there].push((here, edge));
-                reached.push(there);
-                here = there;
+                let neighbour = edges[edge].a + edges[edge].b - current;
+                notes[neighbour].push((current, edge));
+                reached.push(neighbour);
+                current = neighbour;
             }
             // Stuck at the start of this walk, as all degrees are even: continue from the next visited
             // vertex.
             None if waiting < reached.len() => {
-                here = reached[waiting];
+                current = reached[waiting];
                 waiting += 1;
             }
             None => break,
@@ -192,11 +192,11 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         length: edges.iter().map(|edge| edge.length).sum(),
         is_shortest: true,
     };
-    let mut here = start;
-    while let Some((there, edge)) = notes[here].pop() {
+    let mut current = start;
+    while let Some((neighbour, edge)) = notes[current].pop() {
         tour.edges.push(edge);
-        tour.vertices.push(there);
-        here = there;
+        tour.vertices.push(neighbour);
+        current = neighbour;
     }
     Ok(tour)
 }
@@ -274,23 +274,23 @@ fn near_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(usiz
 /// Edges of a shortest path, traced back from its end by the distances from its start.
 fn path_back(edges: &[TourEdge], from_start: &[f64], start: usize, end: usize) -> Result<Vec<usize>> {
     let mut path = Vec::new();
-    let mut here = end;
-    while here != start {
+    let mut current = end;
+    while current != start {
         // Only edges to a vertex nearer to the start: rounding cannot lead into a cycle then.
         let step = edges
             .iter()
             .enumerate()
-            .filter(|(_, edge)| (edge.a == here) != (edge.b == here))
-            .map(|(i, edge)| (i, edge.a + edge.b - here, edge.length))
-            .filter(|&(_, there, _)| from_start[there] < from_start[here])
+            .filter(|(_, edge)| (edge.a == current) != (edge.b == current))
+            .map(|(i, edge)| (i, edge.a + edge.b - current, edge.length))
+            .filter(|&(_, neighbour, _)| from_start[neighbour] < from_start[current])
             .min_by(|a, b| (from_start[a.1] + a.2).total_cmp(&(from_start[b.1] + b.2)));
-        let Some((edge, there, _)) = step else {
+        let Some((edge, neighbour, _)) = step else {
             return Err(Error::input(format!(
                 "no path leads from vertex {start} to vertex {end}: the graph has several parts"
             )));
         };
         path.push(edge);
-        here = there;
+        current = neighbour;
     }
     Ok(path)
 }

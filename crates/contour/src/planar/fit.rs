@@ -542,19 +542,19 @@ pub(super) fn batch(
         return Err(Error::undetermined("too few readings lie near the contour"));
     }
     let (equations, kept_groups) = equations(model, &kept);
-    let options_here = ImplicitOptions {
+    let final_options = ImplicitOptions {
         correct_bias: options.correct_bias,
         margin: corner_margin(model, readings.len(), options),
         ..plain
     };
-    let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &options_here)?;
+    let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &final_options)?;
     let mut likelihood_found =
         marginal_likelihood(model, found.state.as_slice(), readings, outlier_gate(options));
-    if options_here.margin.is_some() && model.kind.pieces() > 2 {
+    if final_options.margin.is_some() && model.kind.pieces() > 2 {
         // If the margin removes many readings, the remaining ones may agree with another phase or size. Fit
         // all readings as well, and compare both results by the likelihood of all.
-        let all_count = ImplicitOptions { margin: None, ..options_here };
-        let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_count)?;
+        let all_readings_options = ImplicitOptions { margin: None, ..final_options };
+        let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_readings_options)?;
         let likelihood_other =
             marginal_likelihood(model, other.state.as_slice(), readings, outlier_gate(options));
         let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;

@@ -308,11 +308,11 @@ impl<'a> PlaceLikelihood<'a> {
                 scores[(j, i)] = (ahead - behind) / (2.0 * STEP);
             }
         }
-        let here = self.terms(at);
+        let at_point = self.terms(at);
         // By a log-share, the score is exact: the probability of the cell minus its share (softmax).
         for i in 0..n {
             for (c, share) in shares.iter().enumerate() {
-                scores[(p + c, i)] = here.chances[(c, i)] - share;
+                scores[(p + c, i)] = at_point.chances[(c, i)] - share;
             }
         }
         let mut gradient = scores.column_sum();
@@ -350,7 +350,7 @@ impl<'a> PlaceLikelihood<'a> {
     fn curvature(&self, at: &At) -> DMatrix<f64> {
         let (p, k, n) = (at.u.len(), self.cells.len(), self.readings.len() as f64);
         let shares = shares(&at.weights);
-        let here = self.terms(at);
+        let at_point = self.terms(at);
         let sum = |terms: &Terms| terms.logs.iter().sum::<f64>();
         // Second differences divide by h² and need a larger spacing than first ones.
         let h = 2.0 * STEP;
@@ -358,7 +358,7 @@ impl<'a> PlaceLikelihood<'a> {
         let mut out = DMatrix::zeros(p + k, p + k);
         for i in 0..p {
             let [ahead, behind] = [h, -h].map(|h| self.terms(&at.moved(i, h)));
-            out[(i, i)] = (2.0 * sum(&here) - sum(&ahead) - sum(&behind)) / (h * h);
+            out[(i, i)] = (2.0 * sum(&at_point) - sum(&ahead) - sum(&behind)) / (h * h);
             let by = (behind.chances.column_sum() - ahead.chances.column_sum()) / (2.0 * h);
             for c in 0..k {
                 out[(i, p + c)] = by[c];
@@ -372,8 +372,8 @@ impl<'a> PlaceLikelihood<'a> {
             }
         }
         // For log-shares, the Hessian is that of a softmax mixture: probabilities and shares suffice.
-        let squares = &here.chances * here.chances.transpose();
-        let sums = here.chances.column_sum();
+        let squares = &at_point.chances * at_point.chances.transpose();
+        let sums = at_point.chances.column_sum();
         for a in 0..k {
             for b in 0..k {
                 out[(p + a, p + b)] = squares[(a, b)] - n * shares[a] * shares[b];

@@ -355,12 +355,12 @@ fn eliminate(
         assemble(symbolic, s, information, panel);
         let children = || updates.iter().zip(symbolic.children(s).iter().map(|&child| child as usize));
         for (update, child) in children() {
-            let here = |to| to < columns;
+            let selected = |to| to < columns;
             extend_add(
                 update,
                 symbolic.height(child),
                 symbolic.runs(child),
-                here,
+                selected,
                 panel,
                 columns + height,
                 0,
@@ -395,12 +395,12 @@ fn eliminate(
             let square = &mut update[..height * height];
             minus_square(below.rb(), square);
             for (update, child) in children() {
-                let here = |to| to >= columns;
+                let selected = |to| to >= columns;
                 extend_add(
                     update,
                     symbolic.height(child),
                     symbolic.runs(child),
-                    here,
+                    selected,
                     square,
                     height,
                     columns,
@@ -449,7 +449,7 @@ fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     });
 }
 
-/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that `here`
+/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that `selected`
 /// selects.
 ///
 /// `shift` is the first column and row of the target within the front.
@@ -457,7 +457,7 @@ fn extend_add(
     child: &[f64],
     size: usize,
     runs: &[Run],
-    here: impl Fn(usize) -> bool,
+    selected: impl Fn(usize) -> bool,
     target: &mut [f64],
     stride: usize,
     shift: usize,
@@ -465,7 +465,7 @@ fn extend_add(
     for (at, run) in runs.iter().enumerate() {
         let (from, to, length) = (run.from as usize, run.to as usize, run.length as usize);
         for k in 0..length {
-            if !here(to + k) {
+            if !selected(to + k) {
                 continue;
             }
             let source = &child[(from + k) * size..(from + k + 1) * size];

@@ -47,11 +47,11 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         let start = extended.start_of_first_evlr;
         let size = file
             .stream_position()
-            .and_then(|here| {
+            .and_then(|position| {
                 // The size of the data is at offset 20 of the header of the record.
                 file.seek(SeekFrom::Start(start.saturating_add(20)))?;
                 let size = u64_from(file)?;
-                file.seek(SeekFrom::Start(here))?;
+                file.seek(SeekFrom::Start(position))?;
                 Ok(size)
             })
             .map_err(|e| {

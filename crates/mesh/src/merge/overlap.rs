@@ -262,11 +262,11 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
             .into_par_iter()
             .step_by(step)
             .flat_map_iter(|v| {
-                let (mine, p) = (&known[i], patches[i].mesh.positions[v]);
+                let (own, p) = (&known[i], patches[i].mesh.positions[v]);
                 (0..patches.len()).filter(move |j| *j != i).filter_map(move |j| {
                     let foot = searches[j].closest_compatible_within(
                         p,
-                        mine.normals[v],
+                        own.normals[v],
                         SHAPE_ANGLE_RAD,
                         2.0 * spacing,
                     )?;
@@ -275,14 +275,14 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
                     if foot.on_boundary {
                         return None;
                     }
-                    let height = (foot.point - p).dot(mine.normals[v]).abs();
+                    let height = (foot.point - p).dot(own.normals[v]).abs();
                     let corners = patches[j].mesh.triangles[foot.triangle as usize];
                     let squares = foot.barycentric.map(|b| b * b);
                     Some(match patches[j].sigma.is_empty() {
                         true => [height, 1.0 + squares.iter().sum::<f64>(), 0.0],
                         false => {
-                            let there = corners.map(|c| patches[j].sigma[c as usize].powi(2));
-                            [height, 1.0, (0..3).map(|k| squares[k] * there[k]).sum()]
+                            let variances = corners.map(|c| patches[j].sigma[c as usize].powi(2));
+                            [height, 1.0, (0..3).map(|k| squares[k] * variances[k]).sum()]
                         }
                     })
                 })
@@ -330,14 +330,14 @@ fn feet_of(
 ) -> (Vec<u32>, Vec<OverlapFoot>) {
     let largest: Vec<f64> = known.iter().map(|k| k.sigma.iter().copied().fold(0.0, f64::max)).collect();
     let boxes: Vec<Option<BoundingBox>> = patches.iter().map(|p| p.mesh.bounding_box()).collect();
-    let mine = &known[i];
+    let own = &known[i];
     let of_vertex = |v: usize| -> Vec<OverlapFoot> {
-        let (p, n, sigma) = (patches[i].mesh.positions[v], mine.normals[v], mine.sigma[v]);
+        let (p, n, sigma) = (patches[i].mesh.positions[v], own.normals[v], own.sigma[v]);
         let mut feet = Vec::new();
         for j in (0..patches.len()).filter(|j| *j != i) {
             // The search distance uses the largest σ of the other patch; the σ at the foot decides
             // afterwards.
-            let beyond_border = BEYOND_BORDER * mine.spacing[v];
+            let beyond_border = BEYOND_BORDER * own.spacing[v];
             let max_epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
             let reach = max_epsilon.max(beyond_border);
             // The box rejects most vertices of partly overlapping patches before a search starts.
@@ -352,9 +352,9 @@ fn feet_of(
             else {
                 continue;
             };
-            let sigma_there =
+            let other_sigma =
                 patches[j].mesh.interpolate(&known[j].sigma, foot.triangle as usize, foot.barycentric);
-            let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(sigma_there));
+            let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(other_sigma));
             let to = foot.point - p;
             let height = to.dot(n);
             let lateral = to.cross(n).length();
@@ -371,7 +371,7 @@ fn feet_of(
                     triangle: foot.triangle,
                     barycentric: foot.barycentric,
                     height,
-                    beyond_border: foot.on_boundary && lateral > 1e-6 * mine.spacing[v],
+                    beyond_border: foot.on_boundary && lateral > 1e-6 * own.spacing[v],
                 });
             }
         }
@@ -407,17 +407,17 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
                     .filter_map(|v| on(k, other, v).map(|foot| (v, foot)))
                     .collect()
             };
-            let (mine, theirs) = (of_patch(i, j), of_patch(j, i));
-            if mine.is_empty() && theirs.is_empty() {
+            let (own_feet, feet_on_this) = (of_patch(i, j), of_patch(j, i));
+            if own_feet.is_empty() && feet_on_this.is_empty() {
                 continue;
             }
             let mesh = &patches[i].mesh;
             let corners = |foot: &OverlapFoot| mesh.triangles[foot.triangle as usize];
             let mut shared = vec![false; mesh.positions.len()];
-            for (v, _) in &mine {
+            for (v, _) in &own_feet {
                 shared[*v] = true;
             }
-            for (_, foot) in &theirs {
+            for (_, foot) in &feet_on_this {
                 for c in corners(foot) {
                     shared[c as usize] = true;
                 }
@@ -435,9 +435,9 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
             }
             // Ordered by label, so that sums and results have a fixed order.
             let mut sums: std::collections::BTreeMap<u32, (usize, f64)> = std::collections::BTreeMap::new();
-            let of_mine = mine.iter().map(|(v, foot)| (*v as u32, foot.height));
-            let of_theirs = theirs.iter().map(|(_, foot)| (corners(foot)[0], foot.height));
-            for (vertex, height) in of_mine.chain(of_theirs) {
+            let own_heights = own_feet.iter().map(|(v, foot)| (*v as u32, foot.height));
+            let heights_on_this = feet_on_this.iter().map(|(_, foot)| (corners(foot)[0], foot.height));
+            for (vertex, height) in own_heights.chain(heights_on_this) {
                 let sum = sums.entry(label.root(vertex)).or_default();
                 sum.0 += 1;
                 sum.1 += height * height;

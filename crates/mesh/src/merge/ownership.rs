@@ -94,22 +94,22 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
     let mut all = Vec::with_capacity(patches.len());
     // One patch after the other: what an earlier patch keeps, a later one must leave.
     for (i, patch) in patches.iter().enumerate() {
-        let mine = &overlap.patches[i];
+        let own_overlap = &overlap.patches[i];
         let owned: Vec<bool> = (0..patch.mesh.positions.len())
             .map(|v| {
-                let here = scores[i].at(mine.to_border[v]);
-                mine.feet(v).iter().all(|foot| {
+                let own_score = scores[i].at(own_overlap.to_border[v]);
+                own_overlap.feet(v).iter().all(|foot| {
                     let j = foot.patch as usize;
                     let corners = patches[j].mesh.triangles[foot.triangle as usize];
                     if j < i && corners.iter().any(|c| in_kept[j][*c as usize]) {
                         return false;
                     }
-                    let there = patches[j].mesh.interpolate(
+                    let other_border = patches[j].mesh.interpolate(
                         &overlap.patches[j].to_border,
                         foot.triangle as usize,
                         foot.barycentric,
                     );
-                    foot.beyond_border || here > scores[j].at(there)
+                    foot.beyond_border || own_score > scores[j].at(other_border)
                 })
             })
             .collect();
@@ -128,7 +128,7 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
         // A fine patch can lie within a single triangle of a coarse one, whose corners are then all outside
         // it.
         for v in (0..patch.mesh.positions.len()).filter(|v| in_kept[i][*v]) {
-            for foot in mine.feet(v).iter().filter(|f| f.patch as usize > i && !f.beyond_border) {
+            for foot in own_overlap.feet(v).iter().filter(|f| f.patch as usize > i && !f.beyond_border) {
                 covered[foot.patch as usize][foot.triangle as usize] = true;
             }
         }

@@ -142,7 +142,7 @@ pub(super) fn refitted(
             let to = 1.0 / w * moved[p][v];
             let share = match how {
                 Refit::Shared => 1.0,
-                Refit::Information => within_others(patches, overlap, place),
+                Refit::Information => blend_factor(patches, overlap, place),
             };
             let from = fused.positions[v];
             fused.positions[v] = from + share * (to - from);
@@ -166,7 +166,7 @@ fn by_position(patches: &[MergePatch], a: Place, b: Place) -> Ordering {
 }
 
 /// Blending factor of a vertex: 0 at the borders of the other patches, 1 a few edges inside.
-fn within_others(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64 {
+fn blend_factor(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64 {
     overlap.patches[p as usize]
         .feet(v as usize)
         .iter()
@@ -293,11 +293,11 @@ impl Walk {
             }
             let w = 1.0 - far * far;
             members.push((place, w * w));
-            let mine = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
-            let others = of.feet(v).iter().filter(|f| !f.beyond_border).flat_map(|f| {
+            let own_neighbours = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
+            let other_patches = of.feet(v).iter().filter(|f| !f.beyond_border).flat_map(|f| {
                 patches[f.patch as usize].mesh.triangles[f.triangle as usize].map(|end| (f.patch, end))
             });
-            for to in mine.chain(others) {
+            for to in own_neighbours.chain(other_patches) {
                 let met = &mut self.met[to.0 as usize][to.1 as usize];
                 if *met != self.walks {
                     *met = self.walks;

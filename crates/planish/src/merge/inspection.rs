@@ -129,13 +129,13 @@ pub(super) fn orient_patches(
             _ => edges,
         };
         for p in mesh.positions.iter().step_by(step) {
-            let Some(here) = searches[i].closest_within(*p, edges) else {
+            let Some(own_foot) = searches[i].closest_within(*p, edges) else {
                 continue;
             };
             for j in (0..count).filter(|j| *j != i) {
                 let reach = match (misaligned, sigma[i], sigma[j]) {
-                    (false, Some(mine), Some(theirs)) => {
-                        reach.min((MAX_SIGMAS * mine.hypot(theirs)).max(CHORD * edges))
+                    (false, Some(own_sigma), Some(other_sigma)) => {
+                        reach.min((MAX_SIGMAS * own_sigma.hypot(other_sigma)).max(CHORD * edges))
                     }
                     _ => reach,
                 };
@@ -144,7 +144,7 @@ pub(super) fn orient_patches(
                     // not above it.
                     && !foot.on_boundary
                 {
-                    let cosine = here.normal.dot(foot.normal);
+                    let cosine = own_foot.normal.dot(foot.normal);
                     agree[i * count + j] += cosine;
                     agree[j * count + i] += cosine;
                 }
@@ -234,10 +234,10 @@ pub(super) fn nearest(
 ) -> String {
     let mut best: Option<(f64, usize, usize)> = None;
     for (j, search) in searches.iter().enumerate() {
-        for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
+        for (i, patch) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
             // Only a message depends on this distance, so samples are enough.
-            let step = (here.mesh.positions.len() / MAX_SAMPLES).max(1);
-            for p in here.mesh.positions.iter().step_by(step) {
+            let step = (patch.mesh.positions.len() / MAX_SAMPLES).max(1);
+            for p in patch.mesh.positions.iter().step_by(step) {
                 if let Some(foot) = search.closest(*p)
                     && best.is_none_or(|(d, ..)| foot.distance < d)
                 {
@@ -248,12 +248,12 @@ pub(super) fn nearest(
     }
     match best {
         Some((d, i, j)) => {
-            let (here, there) = (&names[i], &names[j]);
+            let (first, second) = (&names[i], &names[j]);
             // Three decimals show nothing of an object that is a thousandth of a unit large.
             match d {
-                0.0 => format!("{here} and {there} touch, but do not overlap"),
-                d if d < 1e-3 => format!("{here} and {there} come within {d:.2e} {unit}"),
-                d => format!("{here} and {there} come within {d:.3} {unit}"),
+                0.0 => format!("{first} and {second} touch, but do not overlap"),
+                d if d < 1e-3 => format!("{first} and {second} come within {d:.2e} {unit}"),
+                d => format!("{first} and {second} come within {d:.3} {unit}"),
             }
         }
         None => "they have no vertices".to_owned(),

@@ -288,8 +288,8 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[DVec3]) -> Vec<[u32; 3]> {
                     }
                 }
                 _ => {
-                    let there: Vec<usize> = corners.into_iter().flatten().collect();
-                    if let [a, b, c] = there[..] {
+                    let present: Vec<usize> = corners.into_iter().flatten().collect();
+                    if let [a, b, c] = present[..] {
                         triangles.push([a, b, c]);
                     }
                 }

@@ -188,11 +188,12 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
         let visible = sight.readings(&pose);
         assert_eq!(visible.readings.len(), view.readings);
         let more = system.accumulate(|leaf, cell| {
-            let here = visible.readings.iter().filter(|r| r.leaf as usize == leaf);
-            here.map(|r| {
-                cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance)
-            })
-            .count()
+            let of_leaf = visible.readings.iter().filter(|r| r.leaf as usize == leaf);
+            of_leaf
+                .map(|r| {
+                    cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance)
+                })
+                .count()
                 > 0
         });
         model.known.information_mut().unwrap().data.add_scaled(&more.unwrap(), 1.0).unwrap();

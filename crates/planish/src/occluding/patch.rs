@@ -111,8 +111,8 @@ fn left_out(points: &[&OccludingPoint]) -> f64 {
         *run = (run.0.min(p.place), run.1.max(p.place), run.2 + 1);
     }
     let all: usize = runs.values().map(|(first, last, _)| last - first + 1).sum();
-    let there: usize = runs.values().map(|run| run.2).sum();
-    1.0 - there as f64 / all.max(1) as f64
+    let present: usize = runs.values().map(|run| run.2).sum();
+    1.0 - present as f64 / all.max(1) as f64
 }
 
 fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSet {

@@ -286,7 +286,7 @@ fn read(
     file.unit = file.unit.or(job.unit);
     // If either states no unit, both are assumed to share one.
     let by = match (file.unit, read.unit) {
-        (Some(own), Some(theirs)) => own.millimetres() / theirs.millimetres(),
+        (Some(own), Some(target)) => own.millimetres() / target.millimetres(),
         _ => 1.0,
     };
     // Only this copy for the views is scaled; outputs keep the unit of the mesh.

@@ -342,11 +342,11 @@ fn obscurance(
     let on_screen = reach * camera.focal / pixel.depth;
     let mut sum = 0.0;
     for off in spiral {
-        let there = [middle[0] + on_screen * off[0], middle[1] + on_screen * off[1]];
-        let Some(other) = covered(pixels, size, there) else {
+        let sample = [middle[0] + on_screen * off[0], middle[1] + on_screen * off[1]];
+        let Some(other) = covered(pixels, size, sample) else {
             continue;
         };
-        let off = camera.place(there.map(|x| x.floor() + 0.5), other.depth) - place;
+        let off = camera.place(sample.map(|x| x.floor() + 0.5), other.depth) - place;
         let square = off.length_squared();
         // Only nearby surface obscures. The offset keeps a place from obscuring itself.
         let above = off.dot(pixel.normal) - 0.002 * camera.diagonal;

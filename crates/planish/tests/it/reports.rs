@@ -71,8 +71,8 @@ fn a_report_of_a_fit_contains_the_figures_of_its_files() {
     assert_eq!(positions.len(), 3 * written.points.len());
     for (shown, point) in positions.chunks_exact(3).zip(&written.points) {
         for d in 0..3 {
-            let there = f64::from(shown[d]) + scene["centre"][d].as_f64().unwrap();
-            assert!((there - point[d]).abs() < 1e-5, "{there} {}", point[d]);
+            let position = f64::from(shown[d]) + scene["centre"][d].as_f64().unwrap();
+            assert!((position - point[d]).abs() < 1e-5, "{position} {}", point[d]);
         }
     }
     // What a click reads is what the file says.
@@ -178,8 +178,8 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     let (_, scene) = read(&page);
     for (mark, point) in scene["marks"].as_array().unwrap().iter().zip(&next.next.points) {
         for d in 0..3 {
-            let there = mark["at"][d].as_f64().unwrap() + scene["centre"][d].as_f64().unwrap();
-            assert!((there - point.position[d]).abs() < 1e-9);
+            let position = mark["at"][d].as_f64().unwrap() + scene["centre"][d].as_f64().unwrap();
+            assert!((position - point.position[d]).abs() < 1e-9);
         }
     }
     assert_eq!(scene["marks"].as_array().unwrap().len(), 3);

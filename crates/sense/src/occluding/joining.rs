@@ -169,10 +169,10 @@ fn is_mutual(
     let count = places[view][line].len();
     let own = &ready[key.0].lines[key.1];
     [0, 1, count - 1].into_iter().any(|by| {
-        let Some(there) = found(places, (view, line, (place + by) % count)) else {
+        let Some(match_point) = found(places, (view, line, (place + by) % count)) else {
             return false;
         };
-        let back = there.spots[1 - side];
+        let back = match_point.spots[1 - side];
         back.line == key.1 && own.curve.between(back.length, key.2 as f64 * own.step) <= BACK * own.step
     })
 }
@@ -253,12 +253,12 @@ fn point(
     add_along(&mut covariance, own.sight.normal, bend);
     // An error of depth tilts the normal about the tangent of the contour; an error of the tangent tilts it
     // about the line of sight.
-    let tilt = (0.5 * (depth / (radius * radius) + own.here.sigma_turn.powi(2))).sqrt();
+    let tilt = (0.5 * (depth / (radius * radius) + own.local.sigma_turn.powi(2))).sqrt();
     OccludingPoint {
         view,
         contour: line,
         place,
-        pixel: own.here.place,
+        pixel: own.local.place,
         position: own.placed.position,
         covariance,
         normal: own.sight.normal,

@@ -27,7 +27,7 @@ const OUTSIDE_PX: f64 = 1.5;
 pub(super) struct Found {
     pub placed: Placed,
     pub sight: Sight,
-    pub here: Local,
+    pub local: Local,
     /// Its matches before and after.
     pub spots: [Spot; 2],
 }
@@ -105,18 +105,18 @@ fn candidates(
 
 /// The best pair of matches.
 pub(super) fn matched(
-    here: &Ready<'_>,
+    view: &Ready<'_>,
     local: &Local,
     others: [&Ready<'_>; 2],
     options: &OccludingOptions,
 ) -> Result<Found, &'static str> {
-    let sight = Sight::new(&here.eye, local.place, local.along).ok_or("corner")?;
+    let sight = Sight::new(&view.eye, local.place, local.along).ok_or("corner")?;
     let [before, after] = [candidates(&sight, others[0], options)?, candidates(&sight, others[1], options)?];
     let mut best: Option<(f64, Found)> = None;
     let mut is_uncertain = false;
     for a in &before {
         for b in &after {
-            let eyes = [&here.eye, &others[0].eye, &others[1].eye];
+            let eyes = [&view.eye, &others[0].eye, &others[1].eye];
             let Some(placed) = placed(eyes, local, [&a.local, &b.local]) else {
                 continue;
             };
@@ -135,7 +135,7 @@ pub(super) fn matched(
             // The smallest radius: a wrong match on a farther contour makes a large circle.
             let score = solved.radius.abs();
             if best.as_ref().is_none_or(|(lowest, _)| score < *lowest) {
-                best = Some((score, Found { placed, sight, here: *local, spots: [a.spot, b.spot] }));
+                best = Some((score, Found { placed, sight, local: *local, spots: [a.spot, b.spot] }));
             }
         }
     }

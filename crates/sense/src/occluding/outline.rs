@@ -121,8 +121,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
     let place = |edge: usize| -> [f64; 2] {
         let (pixel, way) = (edge / 2, edge % 2);
         let other = if way == 0 { pixel + 1 } else { pixel + columns };
-        let (here, there) = (values[pixel] - 0.5, values[other] - 0.5);
-        let share = here / (here - there);
+        let (start_value, end_value) = (values[pixel] - 0.5, values[other] - 0.5);
+        let share = start_value / (start_value - end_value);
         let at = [(pixel % columns) as f64, (pixel / columns) as f64];
         if way == 0 { [at[0] + share, at[1]] } else { [at[0], at[1] + share] }
     };
@@ -165,18 +165,18 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
     let mut found = Vec::new();
     for start in starts {
         let mut places = Vec::new();
-        let mut here = start;
+        let mut current = start;
         let closed = loop {
-            let Some(to) = next.remove(&here) else { break false };
-            places.push(place(here));
-            here = to;
-            if here == start {
+            let Some(to) = next.remove(&current) else { break false };
+            places.push(place(current));
+            current = to;
+            if current == start {
                 break true;
             }
         };
         if places.len() > 2 {
             if !closed {
-                places.push(place(here));
+                places.push(place(current));
             }
             found.push(Contour { places, closed });
         }

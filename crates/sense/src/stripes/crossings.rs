@@ -125,15 +125,15 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     let mut found = Vec::new();
     for y in 2..rows.saturating_sub(2) {
         for x in 2..columns.saturating_sub(2) {
-            let here = height[y * columns + x];
-            if here <= 0.0 || here < minimum {
+            let value = height[y * columns + x];
+            if value <= 0.0 || value < minimum {
                 continue;
             }
             let around = (y - 2..=y + 2).flat_map(|j| (x - 2..=x + 2).map(move |i| (i, j)));
             // Of equal neighbours only the first is a maximum.
             let top = around.into_iter().all(|(i, j)| {
                 let other = height[j * columns + i];
-                other < here || other == here && (j, i) >= (y, x)
+                other < value || other == value && (j, i) >= (y, x)
             });
             if top {
                 found.push([x as f64, y as f64]);

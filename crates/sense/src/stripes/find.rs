@@ -328,10 +328,10 @@ fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Opt
             }
             (Some(other), None) | (None, Some(other)) => {
                 let (slope, of_chord) = chord(own, other);
-                let there = half_turn(other.angles_rad[set] - slope);
+                let other_angle = half_turn(other.angles_rad[set] - slope);
                 let of_other = other.covariance[2 + set][2 + set];
                 // On a circular arc, the angles to the chord at both ends are opposite and cancel.
-                (half_turn(angle - slope) + there, variance + of_other + 4.0 * of_chord, 2.0)
+                (half_turn(angle - slope) + other_angle, variance + of_other + 4.0 * of_chord, 2.0)
             }
             (None, None) => return None,
         };

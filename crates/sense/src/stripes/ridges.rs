@@ -172,8 +172,12 @@ impl Ridges {
                 let off = first + step(first);
                 // Slightly more than half a pixel, so that no line is lost between two pixels.
                 let inside = across.iter().all(|c| (c * off).abs() <= 0.6);
-                let here = bend < 0.0 && inside && first.abs() <= 1.0 && (off - first).abs() <= 0.2;
-                here.then(|| Ridge { place: at(off), direction: [-across[1], across[0]], strength: -bend })
+                let is_ridge = bend < 0.0 && inside && first.abs() <= 1.0 && (off - first).abs() <= 0.2;
+                is_ridge.then(|| Ridge {
+                    place: at(off),
+                    direction: [-across[1], across[0]],
+                    strength: -bend,
+                })
             })
             .collect();
         // The threshold is relative to the image itself, because strength depends on exposure and contrast.

@@ -135,14 +135,14 @@ impl<'a> Sight<'a> {
         let mut last = (from, along(from));
         for k in 1..=PIECES {
             let t = from + (to - from) * k as f64 / PIECES as f64;
-            let here = along(t);
-            for (t, d) in [last, (t, here)] {
+            let distance = along(t);
+            for (t, d) in [last, (t, distance)] {
                 if d < best.0 {
                     best = (d, t);
                 }
             }
-            open.push([bound(last.0, t, last.1, here), last.0, t, last.1, here]);
-            last = (t, here);
+            open.push([bound(last.0, t, last.1, distance), last.0, t, last.1, distance]);
+            last = (t, distance);
         }
         let mut queries = PIECES + 1;
         while queries < MAX_QUERIES {
@@ -159,13 +159,13 @@ impl<'a> Sight<'a> {
                 continue;
             }
             let middle = 0.5 * (a + b);
-            let here = along(middle);
+            let distance = along(middle);
             queries += 1;
-            if here < best.0 {
-                best = (here, middle);
+            if distance < best.0 {
+                best = (distance, middle);
             }
-            open.push([bound(a, middle, at_a, here), a, middle, at_a, here]);
-            open.push([bound(middle, b, here, at_b), middle, b, here, at_b]);
+            open.push([bound(a, middle, at_a, distance), a, middle, at_a, distance]);
+            open.push([bound(middle, b, distance, at_b), middle, b, distance, at_b]);
         }
         best.0.is_finite().then_some(())?;
         self.refined(origin, direction, (best.1, self.width), signs, shares)

@@ -227,13 +227,13 @@ impl<'a> Outliner<'a> {
                     return Err(Error::unsupported("no line around the surface avoids its loops"));
                 };
                 let n = self.sides(k, x);
-                let here = self.around(k, x, n, |this, at| this.add(at));
-                let mut there = here.clone();
-                for corner in &mut there {
+                let first = self.around(k, x, n, |this, at| this.add(at));
+                let mut second = first.clone();
+                for corner in &mut second {
                     corner.at[across] += period;
                 }
-                there.reverse();
-                if k == 0 { [here, there] } else { reversed_pair(here, there) }
+                second.reverse();
+                if k == 0 { [first, second] } else { reversed_pair(first, second) }
             }
         };
         let joined = self.joined(k, pair, &holes)?;
@@ -307,9 +307,9 @@ impl<'a> Outliner<'a> {
     fn merged(&self, mut polygon: Vec<Corner>) -> Vec<Corner> {
         for i in 1..polygon.len() {
             let place = |c: &Corner| self.positions[c.vertex as usize];
-            let (here, last, first) = (place(&polygon[i]), polygon[i - 1], polygon[0]);
+            let (position, last, first) = (place(&polygon[i]), polygon[i - 1], polygon[0]);
             for other in [last, first] {
-                if here.distance(place(&other)) <= 1e-9 * here.length() {
+                if position.distance(place(&other)) <= 1e-9 * position.length() {
                     polygon[i].vertex = other.vertex;
                 }
             }

@@ -163,9 +163,9 @@ impl BoundaryBuilder<'_> {
                                     continue;
                                 }
                                 p[axis] += step.min(0.1 * (hi[axis] - lo[axis]));
-                                let here = self.is_solid(p);
+                                let is_inside = self.is_solid(p);
                                 p[axis] = lo[axis] - back;
-                                if here != self.is_solid(p) {
+                                if is_inside != self.is_solid(p) {
                                     used.insert(id);
                                 }
                             }

@@ -169,9 +169,9 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
     // Contacts: a minimum of the distance without a change of sign, or the end of a curve. Points found above
     // may be found again; vertices merge them. Golden-section search finds the minimum.
     for k in 0..=count {
-        let here = values[k].abs();
+        let distance = values[k].abs();
         let is_minimum =
-            (k == 0 || here <= values[k - 1].abs()) && (k == count || here <= values[k + 1].abs());
+            (k == 0 || distance <= values[k - 1].abs()) && (k == count || distance <= values[k + 1].abs());
         if !is_minimum {
             continue;
         }

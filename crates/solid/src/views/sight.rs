@@ -392,12 +392,12 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             let wall = &plan.walls[index];
             let mut p = DVec3::ZERO;
             (p[right], p[up]) = (at[0], at[1]);
-            let here = entry.depth * sign;
+            let approximate = entry.depth * sign;
             let depth = wall
                 .crossings(Side::Both, along, p, step)
                 .into_iter()
-                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
-                .unwrap_or(here);
+                .min_by(|a, b| (a - approximate).abs().total_cmp(&(b - approximate).abs()))
+                .unwrap_or(approximate);
             p[along] = depth;
             Limit {
                 depth: depth * sign,
@@ -412,12 +412,12 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             let known = usize::from(axes[0] == along);
             let value = if axes[known] == right { at[0] } else { at[1] };
             debug_assert!(axes[known] == right || axes[known] == up);
-            let here = entry.depth * sign;
+            let approximate = entry.depth * sign;
             let depth = profile
                 .crossings(known, value, step)
                 .into_iter()
-                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
-                .unwrap_or(here);
+                .min_by(|a, b| (a - approximate).abs().total_cmp(&(b - approximate).abs()))
+                .unwrap_or(approximate);
             let mut point = [0.0; 2];
             (point[known], point[1 - known]) = (value, depth);
             let n = profile.normal(point);

@@ -415,10 +415,10 @@ mod tests {
 
     #[test]
     fn a_map_offset_moves_the_grid_only() {
-        let here = hills([0.0; 2], |_| true);
+        let plain = hills([0.0; 2], |_| true);
         // A multiple of the cell, and a cell of which the sheet's sides are none: rounding moves no border.
-        let there = hills([600_000.0, 3_999_999.0], |_| true);
-        let [a, b] = [here, there]
+        let offset = hills([600_000.0, 3_999_999.0], |_| true);
+        let [a, b] = [plain, offset]
             .map(|m| dem_from_model(&m, &m.posterior().unwrap(), Some(0.1875), None).unwrap().grid);
         assert_eq!(b.corner, [a.corner[0] + 600_000.0, a.corner[1] + 3_999_999.0]);
         for (a, b) in a.values.iter().zip(&b.values) {

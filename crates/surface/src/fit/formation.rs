@@ -123,10 +123,12 @@ pub(super) fn formation_of_global_fit(
     let directions = system.node_normals(surface);
     let of_prior = system.contract(prior, &directions)?;
     let x: Vec<f64> = coordinates(surface.vertices()).to_vec();
-    let mut there = vec![0.0; x.len()];
-    prior.multiply(&x, &mut there)?;
-    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(there.chunks_exact(3)).zip(&directions))
-        .map(|((eta, there), d)| DVec3::new(eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]).dot(*d))
+    let mut product = vec![0.0; x.len()];
+    prior.multiply(&x, &mut product)?;
+    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(product.chunks_exact(3)).zip(&directions))
+        .map(|((eta, product), d)| {
+            DVec3::new(eta[0] - product[0], eta[1] - product[1], eta[2] - product[2]).dot(*d)
+        })
         .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
     let counts = counts(FIRST_READINGS, order.len(), frames);

@@ -141,9 +141,9 @@ fn pull_of_prior(input: &StepInput<'_>) -> Result<Vec<f64>> {
         *p = weight * (eta - *p);
     }
     if let Some(earlier) = earlier {
-        let mut there = vec![0.0; x.len()];
-        earlier.multiply(&x, &mut there)?;
-        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&there) {
+        let mut product = vec![0.0; x.len()];
+        earlier.multiply(&x, &mut product)?;
+        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&product) {
             *p += eta - t;
         }
     }

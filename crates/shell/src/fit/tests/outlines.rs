@@ -287,12 +287,12 @@ fn derivatives_agree_with_differences() {
                 .equations(&State { q: &state.q + by * way.rows(0, state.q.len()), cameras }, None)
                 .unwrap()
         };
-        let here = problem.equations(&state, None).unwrap();
+        let at_state = problem.equations(&state, None).unwrap();
         let [before, after] = [along(-step), along(step)];
         let basis = crate::deformation::in_basis(&deformation, &way.rows(0, state.q.len()).into_owned());
-        for ((here, before), after) in here.iter().zip(&before).zip(&after) {
+        for ((at_state, before), after) in at_state.iter().zip(&before).zip(&after) {
             compare(
-                here,
+                at_state,
                 before,
                 after,
                 &|vertices, poses| {
@@ -323,7 +323,7 @@ fn derivatives_agree_with_differences() {
 type Slope<'a> = &'a dyn Fn(&[(u32, DVec3)], &[(u32, [f64; 6])]) -> f64;
 
 fn compare(
-    here: &Equations,
+    at_state: &Equations,
     before: &Equations,
     after: &Equations,
     slope: Slope<'_>,
@@ -334,15 +334,16 @@ fn compare(
     // The basis of the equations that remain of a track depends on the state; half the sum of their squares
     // does not.
     let half_squares = |of: &Equations| 0.5 * of.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
-    if here.list.iter().any(|e| e.source == Source::Track) {
+    if at_state.list.iter().any(|e| e.source == Source::Track) {
         let difference = (half_squares(after) - half_squares(before)) / (2.0 * step);
-        let stated: f64 =
-            (here.iter()).map(|(equation, vertices, poses)| equation.distance * slope(vertices, poses)).sum();
+        let stated: f64 = (at_state.iter())
+            .map(|(equation, vertices, poses)| equation.distance * slope(vertices, poses))
+            .sum();
         compared[2] += 1;
         worse[2] += usize::from((difference - stated).abs() > 1e-3 * (stated.abs() + 1.0));
         return;
     }
-    for (k, (equation, vertices, poses)) in here.iter().enumerate() {
+    for (k, (equation, vertices, poses)) in at_state.iter().enumerate() {
         let difference = (after.list[k].distance - before.list[k].distance) / (2.0 * step);
         let stated = slope(vertices, poses);
         let kind = usize::from(equation.source != Source::Point);

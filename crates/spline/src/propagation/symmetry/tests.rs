@@ -50,8 +50,8 @@ fn axis_errors(found: &FittedSymmetry) -> [f64; 4] {
     let (e1, e2) = tangents(direction);
     // The point of the true axis nearest to the estimated point.
     let along = (point - POINT).dot(direction) / d.dot(direction);
-    let there = POINT + along * d;
-    let off = there - point;
+    let nearest = POINT + along * d;
+    let off = nearest - point;
     [off.dot(e1), off.dot(e2), d.dot(e1), d.dot(e2)]
 }
 
