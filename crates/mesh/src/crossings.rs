@@ -4,7 +4,7 @@
 //! guaranteed: triangles that share a vertex or lie in one plane are not compared. Triangles that touch do
 //! not count.
 
-use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
+use crate::bvh::{Bvh, MAX_DEPTH, Node, max_number, min_number};
 use crate::search::MeshSearch;
 use planish_core::DVec3;
 use rayon::prelude::*;
@@ -143,7 +143,7 @@ fn box_of(t: &[DVec3; 3]) -> [DVec3; 2] {
     let extreme = |pick: fn(f64, f64) -> f64| {
         DVec3::from_array(std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k])))
     };
-    [extreme(lesser), extreme(greater)]
+    [extreme(min_number), extreme(max_number)]
 }
 
 /// A point where an edge of one triangle pierces the other.

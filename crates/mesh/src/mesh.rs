@@ -24,7 +24,7 @@ const FOLDED_COSINE: f64 = -0.5;
 ///
 /// The median makes the count independent of a change of scale. A smaller factor reports uneven stretching as
 /// spikes; a larger one misses small spikes.
-const STRETCHED: f64 = 4.0;
+const MAX_RELATIVE_GROWTH: f64 = 4.0;
 
 /// Folds and spikes after the vertices of a mesh were moved; see [`TriangleMesh::distortion`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -245,7 +245,8 @@ impl TriangleMesh {
         let median = stretches.get(stretches.len() / 2).copied().unwrap_or(1.0);
         Distortion {
             folds: (0..table.len()).filter(|edge| folded(*edge)).count(),
-            stretched: stretches.len() - stretches.partition_point(|stretch| *stretch <= STRETCHED * median),
+            stretched: stretches.len()
+                - stretches.partition_point(|stretch| *stretch <= MAX_RELATIVE_GROWTH * median),
         }
     }
 

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Number of rows in one parallel task; every task visits all triangles, so small bands would waste time.
-const BAND: usize = 64;
+const TASK_ROWS: usize = 64;
 /// Index of the triangle of an empty pixel.
 const NO_TRIANGLE: u32 = u32::MAX;
 
@@ -78,8 +78,8 @@ impl DepthBuffer {
     ) -> Self {
         let empty = Place { nearness: 0.0, triangle: NO_TRIANGLE, weights: [0.0; 2] };
         let mut places = vec![empty; columns * rows.len()];
-        (places.par_chunks_mut((BAND * columns).max(1)).enumerate()).for_each(|(band, places)| {
-            let first_row = rows.start + band * BAND;
+        (places.par_chunks_mut((TASK_ROWS * columns).max(1)).enumerate()).for_each(|(band, places)| {
+            let first_row = rows.start + band * TASK_ROWS;
             for (t, triangle) in triangles.iter().enumerate() {
                 let corners = triangle.map(|c| corners[c as usize]);
                 draw_triangle(places, columns, first_row, &corners, t as u32);

@@ -46,7 +46,7 @@ const SLANT: f64 = 0.75;
 const CAMERA_DIRECTION: DVec3 = DVec3::new(0.55, -0.75, 0.5);
 /// Minimum length of the sum of normals, relative to the area, of a surface that faces one way (a sheet). For
 /// a closed surface the sum is zero.
-const FACING: f64 = 0.5;
+const MIN_FACING: f64 = 0.5;
 /// Minimum size of the last frame relative to the picture. Larger first frames are clipped.
 const MIN_LAST_FRAME: f64 = 0.6;
 /// Fraction of ambient light.
@@ -232,7 +232,7 @@ impl FramePainter {
             facing += n;
             area += n.length();
         }
-        let towards = match facing.try_normalize().filter(|_| facing.length() > FACING * area) {
+        let towards = match facing.try_normalize().filter(|_| facing.length() > MIN_FACING * area) {
             Some(n) => {
                 let (_, side) = tangents(n);
                 (n - SLANT * side).try_normalize()

@@ -125,7 +125,7 @@ impl Job for ContourJob {
     fn execute(&self, progress: &dyn Progress) -> Result<ContourReport> {
         match self.shapes.is_empty() {
             true => find_contours(self, progress),
-            false if self.constrain.is_asked_for() => Err(Error::unsupported(
+            false if self.constrain.has_task() => Err(Error::unsupported(
                 "constraints, rounded lengths and graphs need contours in a plane, found shapes in space",
             )
             .with_setting(Setting::Constrain)
@@ -179,13 +179,13 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts =
         parts_of(&read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
-    let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();
+    let seen: Vec<_> = parts.iter().map(|part| measured_ends(part, &read.sightings)).collect();
     let mut report = report::report(&read, &parts, &seen, unit, findings);
     let mut drawn: Vec<DrawnContour> =
         parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
     // Constraints come after all contours, because they relate several of them.
     let mut graphs = None;
-    if job.constrain.is_asked_for() {
+    if job.constrain.has_task() {
         progress.check("constraining", 0.9)?;
         let found = constrained::constrained(&job.constrain, &parts, &seen, unit)
             .map_err(|e| e.in_context(job.input.display()))?;
@@ -294,7 +294,7 @@ fn parts_of(
 }
 
 /// Ends of the measured part of a line.
-fn ends_seen(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
+fn measured_ends(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
     let fit = &part.choice.fit;
     if fit.kind != ContourKind::Line {
         return None;

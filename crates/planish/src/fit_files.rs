@@ -198,7 +198,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         report.findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     report.findings.extend(unclassified(job, &set));
-    report.findings.extend(unsteady(&report));
+    report.findings.extend(unsteady_motion_findings(&report));
     // Outputs are prepared in memory first. A failure in one of them then leaves no partial set of files.
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
@@ -337,7 +337,7 @@ fn write(
 }
 
 /// Findings about scans that deviate from the steady motion of the object.
-fn unsteady(report: &FitReport) -> Vec<Finding> {
+fn unsteady_motion_findings(report: &FitReport) -> Vec<Finding> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MAX_INNOVATION);
     off.map(|pose| {

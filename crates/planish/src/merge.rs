@@ -220,7 +220,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let kept = ready.kept(&stitched_mesh, &overlap);
     // Fusing may resolve a crossing, so the user learns whether it is still there.
     if ready.crosses {
-        ready.findings.push(still_crossing(&stitched_mesh.mesh)?);
+        ready.findings.push(crossing_finding(&stitched_mesh.mesh)?);
     }
     let outcome = MergeOutcome { method, completed, filled, stitched, kept, inputs };
     let report = ready.report(&stitched_mesh, &overlap, outcome);
@@ -254,7 +254,7 @@ fn complete(
 }
 
 /// Finding about whether crossings of the patches remain in the merged mesh.
-fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
+fn crossing_finding(mesh: &TriangleMesh) -> Result<Finding> {
     let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
         0 => "the merged mesh does not intersect itself".to_owned(),
         pairs => format!("the merged mesh intersects itself, too: {pairs} pairs of its triangles"),

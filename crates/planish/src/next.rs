@@ -47,7 +47,7 @@ pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
 use directions::directions;
-use random::{Before, at_random};
+use random::{InitialState, at_random};
 
 /// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per node,
 /// so large models get fewer candidates.
@@ -194,7 +194,7 @@ struct Place {
 
 impl Place {
     /// The row applied to a column over the nodes.
-    fn see(&self, column: &[f64]) -> f64 {
+    fn dot(&self, column: &[f64]) -> f64 {
         self.row.iter().map(|&(node, w)| w * column[node as usize]).sum()
     }
 }
@@ -235,7 +235,8 @@ pub fn next_points(
     let random = match options.against_random {
         0 => None,
         draws => {
-            let before = Before { factor: &factor, nodes, places: &places, variances: &variances, reading };
+            let before =
+                InitialState { factor: &factor, nodes, places: &places, variances: &variances, reading };
             Some(at_random(before, options, draws, progress)?)
         }
     };
@@ -257,10 +258,10 @@ pub fn next_points(
         let left: Vec<f64> = candidates
             .par_iter()
             .map(|candidate| {
-                let own = places[candidate.place].see(&candidate.column) + reading;
+                let own = places[candidate.place].dot(&candidate.column) + reading;
                 (places.iter().zip(&variances))
                     .map(|(place, variance)| {
-                        let after = variance - place.see(&candidate.column).powi(2) / own;
+                        let after = variance - place.dot(&candidate.column).powi(2) / own;
                         place.area * cost(options.objective, after)
                     })
                     .sum()
@@ -270,15 +271,15 @@ pub fn next_points(
             break;
         };
         let (at, column) = (candidates[best].place, candidates[best].column.clone());
-        let own = places[at].see(&column) + reading;
+        let own = places[at].dot(&column) + reading;
         for (place, variance) in places.iter().zip(&mut variances) {
             // Rounding can leave a small negative variance at a place that many points determine.
-            *variance = (*variance - place.see(&column).powi(2) / own).max(0.0);
+            *variance = (*variance - place.dot(&column).powi(2) / own).max(0.0);
         }
         candidates.par_iter_mut().for_each(|candidate| {
             // The columns of the other candidates change, too: the next choice must include the information
             // of this reading.
-            let share = places[candidate.place].see(&column) / own;
+            let share = places[candidate.place].dot(&column) / own;
             for (c, x) in candidate.column.iter_mut().zip(&column) {
                 *c -= share * x;
             }

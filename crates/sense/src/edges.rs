@@ -39,11 +39,11 @@ const MIN_SIGMAS: f64 = 6.0;
 /// square pixel is not a Gaussian.
 const RASTER_PX: f64 = 0.02;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
-const APART: f64 = 3.0;
+const MIN_DISTANCE_SIGMAS: f64 = 3.0;
 /// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
 const MIN_RADIUS: f64 = 6.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
-const NEAR: f64 = 6.0;
+const AVERAGING_RADIUS: f64 = 6.0;
 
 /// Finds points on the strongest edges of an image.
 ///
@@ -106,12 +106,12 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let sigma_at_one = noise * (3.0 / (16.0 * std::f64::consts::PI)).sqrt() * spread / s.powi(3);
     // Curvature is a second derivative; averaging over the neighbourhood makes its noise small enough for the
     // correction.
-    let grid = Buckets::new(&found, NEAR * s);
+    let grid = Buckets::new(&found, AVERAGING_RADIUS * s);
     let curvature: Vec<f64> = found
         .iter()
         .map(|edge| {
             let near: Vec<f64> =
-                grid.near(&found, edge.position, NEAR * s).map(|k| found[k].curvature).collect();
+                grid.near(&found, edge.position, AVERAGING_RADIUS * s).map(|k| found[k].curvature).collect();
             near.iter().sum::<f64>() / near.len() as f64
         })
         .collect();
@@ -119,9 +119,9 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let mut kept: Vec<EdgePoint> = Vec::new();
     let mut is_kept = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
-        let near_corner = grid.near(&found, edge.position, NEAR * s).any(|k| corner[k]);
+        let near_corner = grid.near(&found, edge.position, AVERAGING_RADIUS * s).any(|k| corner[k]);
         // Blur moves points near a corner inwards; points closer than the filter share its noise.
-        if near_corner || grid.near(&found, edge.position, APART * s).any(|k| is_kept[k]) {
+        if near_corner || grid.near(&found, edge.position, MIN_DISTANCE_SIGMAS * s).any(|k| is_kept[k]) {
             continue;
         }
         is_kept[i] = true;

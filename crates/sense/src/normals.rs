@@ -222,11 +222,11 @@ pub struct CloudGeometry {
 /// Minimum distance of a suspect point from its neighbours, as a multiple of the median over the cloud.
 /// Smaller values reject sparse parts of surfaces.
 const FAR_SPACINGS: f64 = 6.0;
-/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `FLAT`) and
-/// its neighbours surround it (offset over their spread at most `SURROUNDED`). This keeps sparse regions of a
+/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `MAX_FLATNESS`) and
+/// its neighbours surround it (offset over their spread at most `MAX_OFFSET_SPREADS`). This keeps sparse regions of a
 /// surface.
-const FLAT: f64 = 0.02;
-const SURROUNDED: f64 = 1.0;
+const MAX_FLATNESS: f64 = 0.02;
+const MAX_OFFSET_SPREADS: f64 = 1.0;
 
 /// Estimates normals as the direction of least variance of each point's `k` nearest neighbours, and finds
 /// isolated points.
@@ -265,7 +265,7 @@ pub fn cloud_geometry(points: &[DVec3], k: usize) -> Result<CloudGeometry> {
             let middle = mean(&others);
             let spread = (others.iter().map(|q| (*q - middle).length_squared()).sum::<f64>() / count).sqrt();
             // Far from its neighbours alone is no evidence: sparse parts of a surface are, too.
-            let on_surface = flatness < FLAT && (*p - middle).length() <= SURROUNDED * spread;
+            let on_surface = flatness < MAX_FLATNESS && (*p - middle).length() <= MAX_OFFSET_SPREADS * spread;
             (normal, distance, on_surface)
         })
         .collect();

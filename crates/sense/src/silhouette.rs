@@ -64,7 +64,7 @@ pub struct Silhouette {
 
 /// Minimum distance of the inside and outside pixels from the border, in pixels; larger than the error of the
 /// border.
-const CLEAR: usize = 2;
+const MIN_BORDER_DISTANCE: usize = 2;
 /// Points closer than this to the end of the image are not on the border of the object, in pixels.
 pub(crate) const FRAME: f64 = 2.0;
 
@@ -243,7 +243,7 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
             high[axis] = high[axis].max(at);
         }
     }
-    let margin = [0, 1].map(|k| (high[k].saturating_sub(low[k])) / 3 + CLEAR);
+    let margin = [0, 1].map(|k| (high[k].saturating_sub(low[k])) / 3 + MIN_BORDER_DISTANCE);
     let first = [0, 1].map(|k| low[k].saturating_sub(margin[k]));
     let last = [(high[0] + margin[0]).min(columns - 1), (high[1] + margin[1]).min(rows - 1)];
     let area = ((last[0] - first[0] + 1) * (last[1] - first[1] + 1)) as f64;
@@ -253,10 +253,12 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
         for column in (first[0]..=last[0]).step_by(step) {
             let own = mask[row * columns + column];
             // Pixels next to the border may be wrong; those with a margin are certain.
-            let clear = (row.saturating_sub(CLEAR)..=(row + CLEAR).min(rows - 1)).all(|r| {
-                (column.saturating_sub(CLEAR)..=(column + CLEAR).min(columns - 1))
-                    .all(|c| mask[r * columns + c] == own)
-            });
+            let clear = (row.saturating_sub(MIN_BORDER_DISTANCE)..=(row + MIN_BORDER_DISTANCE).min(rows - 1))
+                .all(|r| {
+                    (column.saturating_sub(MIN_BORDER_DISTANCE)
+                        ..=(column + MIN_BORDER_DISTANCE).min(columns - 1))
+                        .all(|c| mask[r * columns + c] == own)
+                });
             if clear {
                 let to = if own { &mut inside } else { &mut outside };
                 to.push([column as f64, row as f64]);

@@ -37,7 +37,7 @@ const MAX_CELLS: usize = 6_000_000_000;
 const SPECKLE_STEP: f32 = 1.0;
 
 /// Largest σ of a disparity, in pixels. A window without texture adds nothing to the integer disparity.
-const LARGEST_SIGMA: f32 = 1.0;
+const MAX_SIGMA: f32 = 1.0;
 
 /// Options of [`match_stereo`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -187,7 +187,7 @@ pub fn match_stereo(
 
 /// Brightness, as a share of the bright pixels, below which texture is not used: differences there are mostly
 /// noise.
-const DARK: f32 = 0.06;
+const MIN_BRIGHTNESS: f32 = 0.06;
 /// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
 /// best, so more texture is required there: half the usual contrast.
 const MIN_TESTED_DISPARITIES: i64 = 32;
@@ -221,7 +221,7 @@ fn local_range(image: &Image, pixel: usize) -> f32 {
 fn sigma_of(refined: &subpixel::Refined) -> f32 {
     let terms = [
         0.11,
-        2.5 * refined.sigma.min(LARGEST_SIGMA),
+        2.5 * refined.sigma.min(MAX_SIGMA),
         1.2 * (1.0 - refined.support),
         0.7 * refined.moved,
         0.5 * refined.rough,
@@ -235,7 +235,7 @@ fn contrast(image: &Image) -> f32 {
     let mut values = image.values.clone();
     // A quantile instead of the maximum, which a single reflection would determine.
     let bright = values.len() * 99 / 100;
-    let dark = DARK * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
+    let dark = MIN_BRIGHTNESS * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
     let mut changes: Vec<f32> = (0..image.rows)
         .flat_map(|y| image.row(y).windows(2).filter(|w| w[0].min(w[1]) >= dark).map(|w| (w[1] - w[0]).abs()))
         .filter(|change| *change > 0.0)

@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 /// place more controls where the mesh bends, at the expense of flat regions.
 const BENDING: f64 = 2.0;
 /// The finest cell of the grids by which disconnected parts are joined, as a share of the mesh's size.
-const FINEST_CELL: f64 = 1.0 / 2048.0;
+const MIN_CELL: f64 = 1.0 / 2048.0;
 /// Relative tolerance of equal distances, so that rounding does not decide which vertex is chosen.
 const EQUAL_DISTANCE_TOLERANCE: f64 = 1e-9;
 /// Upper limit of a cotangent, so that thin triangles of controls do not dominate the stiffness.
@@ -135,7 +135,7 @@ fn bridges(positions: &[DVec3], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
     let Some(bounds) = BoundingBox::around(used.iter().map(|v| positions[*v as usize])) else {
         return found;
     };
-    let mut cell = (bounds.diagonal() * FINEST_CELL).max(f64::MIN_POSITIVE);
+    let mut cell = (bounds.diagonal() * MIN_CELL).max(f64::MIN_POSITIVE);
     while count > 1 {
         // Cells instead of exact nearest pairs: a bridge that is a little too long only changes distances
         // along it.

@@ -162,7 +162,7 @@ impl Sums {
 
 /// The position of a point relative to the plane of a facet.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Over {
+pub(crate) struct FacetHeight {
     /// Height along `normal`.
     pub height: f64,
     pub normal: DVec3,

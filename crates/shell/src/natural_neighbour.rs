@@ -29,7 +29,7 @@ const BOX: f64 = 2.0;
 /// A point closer to a site than this share of the box coincides with it.
 const COINCIDENT: f64 = 1e-13;
 /// Sites closer to each other than this share of the box are merged.
-const MERGED: f64 = 1e-12;
+const MERGE_DISTANCE: f64 = 1e-12;
 /// Number of corners of the box, which are sites too.
 pub(crate) const BOX_CORNERS: usize = 8;
 /// Points per task: within a task each search starts where the last one ended.
@@ -108,7 +108,7 @@ impl NaturalNeighbours {
         let size = around.diagonal();
         let mut site_of = Vec::with_capacity(points.len());
         for point in points {
-            let near = nearest_site(&delaunay, *point).filter(|(_, off)| *off < MERGED * size);
+            let near = nearest_site(&delaunay, *point).filter(|(_, off)| *off < MERGE_DISTANCE * size);
             site_of.push(match near {
                 Some((site, _)) => site,
                 None => delaunay.insert(*point)?,

@@ -95,7 +95,7 @@ const TYPICAL_SIZE: [f64; 2] = [0.1, 1e6];
 /// Distance below which edges and vertices touch, relative to the size of the drawing.
 ///
 /// A larger value reports narrow gaps as contacts; a smaller one misses contacts of inaccurate drawings.
-const TOUCHING: f64 = 2e-5;
+const CONTACT_DISTANCE: f64 = 2e-5;
 
 /// Maximum number of cell assignments that are turned into solids.
 ///
@@ -457,7 +457,7 @@ fn solution(
         .map_err(|e| does_not_close(e.to_string()))?;
     // The check accepts a boundary that touches itself, since each part closes; contacts are found
     // separately.
-    let contacts = solid.contacts(TOUCHING * cells.plan.size);
+    let contacts = solid.contacts(CONTACT_DISTANCE * cells.plan.size);
     let touches = contacts.first().map(|contact| {
         let what = match (contact.is_between_bodies, contact.is_line) {
             (true, true) => "two bodies only touch along a line through",

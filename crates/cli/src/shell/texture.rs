@@ -6,7 +6,7 @@ use crate::numbers::{count, significant};
 use crate::summary::{self, Summary};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::progress::Progress;
-use planish::shell::texture::{ColourPlace, LARGEST_TEXTURE, ShellTextureJob, ShellTextureReport};
+use planish::shell::texture::{ColourPlace, MAX_TEXTURE_SIZE, ShellTextureJob, ShellTextureReport};
 use planish::{Job, Result};
 use std::path::PathBuf;
 
@@ -43,7 +43,7 @@ pub struct ShellTextureArgs {
     colours: ColourPlaceName,
     /// Width and height of the texture, in pixels [default: resolution of the images, at most 4096]
     #[arg(long, value_name = "PIXELS",
-          value_parser = clap::value_parser!(u64).range(1..=LARGEST_TEXTURE as u64))]
+          value_parser = clap::value_parser!(u64).range(1..=MAX_TEXTURE_SIZE as u64))]
     texture_size: Option<u64>,
     /// Output file: .ply (vertices), .glb, .obj (texture); repeatable
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]

@@ -53,7 +53,7 @@ const MAX_FOR_CURVATURE: usize = 4000;
 /// The cells of unobserved parts then get almost no share. Below it, the arc ends at its last readings.
 const MIN_CLOSED_SWEEP: f64 = 0.6 * TAU;
 /// Cells more than this many σ from a reading are skipped: e^(−24) is below any density that matters.
-const FARTHEST: f64 = 7.0;
+const MAX_SIGMAS: f64 = 7.0;
 /// Smallest number of readings per parallel task.
 const READINGS_PER_THREAD: usize = 256;
 
@@ -458,7 +458,7 @@ impl Part {
         // A bounding circle, since most cells are far from a reading and exponentials are costly.
         let away =
             (measured.point[0] - self.middle[0]).hypot(measured.point[1] - self.middle[1]) - self.reach;
-        if away > 0.0 && away * away > FARTHEST * FARTHEST * measured.variance() {
+        if away > 0.0 && away * away > MAX_SIGMAS * MAX_SIGMAS * measured.variance() {
             return 0.0;
         }
         self.rate * self.stroke.density(measured)

@@ -80,7 +80,7 @@ pub(super) fn stitch(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
         let (a, b, c) =
             (border.from[edge as usize], border.to[edge as usize], border.from[best.outgoing as usize]);
         triangles.push([b, a, c]);
-        for changed in border.glue(edge, best.outgoing).into_iter().flatten() {
+        for changed in border.add_triangle(edge, best.outgoing).into_iter().flatten() {
             for around in [border.previous[changed as usize], changed, border.next[changed as usize]] {
                 if let Some(best) = candidate(seam, &border, &grid, around) {
                     queue.push(Reverse((best.radius.to_bits(), around)));
@@ -140,7 +140,7 @@ impl Border {
     }
 
     /// Adds the triangle of `edge` and the start of `outgoing`. Returns the new open edges.
-    fn glue(&mut self, edge: u32, outgoing: u32) -> [Option<u32>; 2] {
+    fn add_triangle(&mut self, edge: u32, outgoing: u32) -> [Option<u32>; 2] {
         let (e, g) = (edge as usize, outgoing as usize);
         let (before, after, incoming) = (self.previous[e], self.next[e], self.previous[g]);
         let (a, b, c) = (self.from[e], self.to[e], self.from[g]);

@@ -31,7 +31,7 @@ const SHAPE_ANGLE_RAD: f64 = 0.5;
 const MAX_ANGLE_RAD: f64 = 1.2;
 /// Maximum distance to a border, in edges, that is computed. Points farther inside are assigned to a patch by
 /// other criteria.
-pub(super) const FAR: f64 = 10.0;
+pub(super) const MAX_BORDER_DISTANCE: f64 = 10.0;
 /// Distance beyond a border, in edges, up to which a vertex counts as overlapping.
 ///
 /// Triangles between the border and a nearer vertex would be slivers.
@@ -188,7 +188,7 @@ impl Overlap {
             }
         }
         let spacing: Vec<f64> = sum.iter().zip(&count).map(|(s, n)| s / f64::from((*n).max(1))).collect();
-        let limit = FAR * median(&spacing);
+        let limit = MAX_BORDER_DISTANCE * median(&spacing);
         PatchOverlap {
             normals: mesh.vertex_normals(),
             sigma: patch.sigma.clone(),

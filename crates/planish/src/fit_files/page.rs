@@ -42,7 +42,7 @@ pub(crate) fn fit_page(
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
     let mut sections = vec![input_section(report, scans, unit), quality_section(fit, report, unit)];
     // Findings come first on the page; the sections give their evidence in the order of the work.
-    sections.extend(concluded(report));
+    sections.extend(completion_section(report));
     sections.push(advice_section(report, next.as_ref(), model_unit, unit));
     sections.push(Section::new(
         "What is shown",
@@ -243,7 +243,7 @@ fn quality_section(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Sectio
 }
 
 /// The section about parts that were completed from measured parts.
-fn concluded(report: &FitReport) -> Option<Section> {
+fn completion_section(report: &FitReport) -> Option<Section> {
     let found = report.propagation.as_ref()?;
     let mut blocks = Vec::new();
     if let Some(symmetry) = &found.symmetry {

@@ -37,10 +37,7 @@ const MAX_SIGMA_PER_EDGE: f64 = 0.4;
 ///
 /// # Errors
 /// `Input` if fewer than two patches remain.
-pub(super) fn leave_out_copies(
-    named: Vec<NamedPatch>,
-    findings: &mut Vec<Finding>,
-) -> Result<Vec<NamedPatch>> {
+pub(super) fn drop_copies(named: Vec<NamedPatch>, findings: &mut Vec<Finding>) -> Result<Vec<NamedPatch>> {
     let mut kept: Vec<(NamedPatch, Option<BoundingBox>)> = Vec::with_capacity(named.len());
     let mut copies = Vec::new();
     for patch in named {

@@ -5,7 +5,7 @@
 //! of the files. Not guaranteed: patches in unrelated frames are not registered.
 
 use super::align::align;
-use super::inspection::{crossings, leave_out_copies, mismatched_patches, nearest, orient_patches};
+use super::inspection::{crossings, drop_copies, mismatched_patches, nearest, orient_patches};
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};
@@ -65,7 +65,7 @@ impl Ready {
             ));
         }
         // Copies first: they would make any orientation and any overlap look certain.
-        let named = leave_out_copies(named, &mut findings)?;
+        let named = drop_copies(named, &mut findings)?;
         let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
         let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
         let (mut patches, numbers): (Vec<MergePatch>, Vec<Vec<u32>>) =

@@ -172,7 +172,7 @@ impl Vertices {
 }
 
 /// Result of [`carry_sigma`].
-struct Carried {
+struct CarriedSigma {
     /// Root mean square distance of the vertices from the surface.
     rms: f64,
     /// σ of the resulting surface at the vertices.
@@ -182,7 +182,7 @@ struct Carried {
 }
 
 /// Gives a model that was fitted with independent vertices the σ of the vertices.
-fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried> {
+fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<CarriedSigma> {
     let Vertices { points, normals, sigma } = vertices;
     // It was estimated from residuals of vertices taken as independent. Below, it is replaced by the excess
     // of σ of the mesh.
@@ -231,7 +231,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     // All variances of the coefficients are the fit's times the factor; each cell adds its own.
     let now = (of_fit.iter().zip(&leaf))
         .map(|(own, leaf)| (factor * own * own + model.unresolved_shape[*leaf as usize]).sqrt());
-    Ok(Carried {
+    Ok(CarriedSigma {
         rms: (square / inside.len() as f64).sqrt(),
         sigma: SigmaSummary::from_values(now.collect()),
         factor,

@@ -104,7 +104,7 @@ impl<'a> Sight<'a> {
     }
 
     /// Coordinates of a visible place in the sensor's frame, and the cosine of its incidence angle.
-    pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<(DVec3, f64)> {
+    pub(super) fn visible_coordinates(&self, pose: &Pose, place: &Place) -> Option<(DVec3, f64)> {
         let local = pose.inverse().apply(place.position);
         // Cheap tests first. The line of sight costs most and is evaluated last.
         if !self.sensor.reaches(local) {
@@ -112,7 +112,7 @@ impl<'a> Sight<'a> {
         }
         let ray = (place.position - pose.translation).try_normalize()?;
         let cosine = -ray.dot(place.normal);
-        let open = || self.mesh.sees(pose.translation, place.position, self.clearance);
+        let open = || self.mesh.is_unobstructed(pose.translation, place.position, self.clearance);
         (self.sensor.accepts(cosine) && open()).then_some((local, cosine))
     }
 

@@ -237,9 +237,9 @@ fn hidden_points_are_not_measured() {
     for place in &places {
         let hidden =
             place.position[0] < 0.9 && place.position[1].abs() < 0.3 && place.position[2].abs() < 0.3;
-        assert!(!(hidden && sight.sees(&pose, place).is_some()), "{:?}", place.position);
+        assert!(!(hidden && sight.visible_coordinates(&pose, place).is_some()), "{:?}", place.position);
     }
-    assert!(places.iter().filter(|p| sight.sees(&pose, p).is_some()).count() > 10);
+    assert!(places.iter().filter(|p| sight.visible_coordinates(&pose, p).is_some()).count() > 10);
 }
 
 #[test]

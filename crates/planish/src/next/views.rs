@@ -149,7 +149,8 @@ pub fn next_views(
         factor = factor.refactorize(&information)?;
         variances = variances_of(model, &factor, directions.clone(), &places)?;
         // All places, not only representatives: the reported area must be that of the surface.
-        let seen: Vec<bool> = (places.par_iter()).map(|p| sight.sees(&pose, p).is_some()).collect();
+        let seen: Vec<bool> =
+            (places.par_iter()).map(|p| sight.visible_coordinates(&pose, p).is_some()).collect();
         seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
         let (worst, mean) = figures(&places, &variances);
         // Weighted by rays, because a job file has one σ for all readings of the sensor.
@@ -221,7 +222,7 @@ impl Representatives {
     fn covariance(&self, factor: &CholeskyFactor, nodes: usize, places: &[Place]) -> Result<DMatrix<f64>> {
         let columns = columns(factor, nodes, places, self.places.clone(), &Silent)?;
         let n = self.places.len();
-        Ok(DMatrix::from_fn(n, n, |i, j| places[self.places[i]].see(&columns[j].column)))
+        Ok(DMatrix::from_fn(n, n, |i, j| places[self.places[i]].dot(&columns[j].column)))
     }
 }
 
@@ -246,7 +247,7 @@ fn candidates(
         found.par_extend(part.par_iter().filter_map(|pose| {
             let information = |k: usize| {
                 let place = &places[representatives.places[k]];
-                let (local, cosine) = sight.sees(pose, place)?;
+                let (local, cosine) = sight.visible_coordinates(pose, place)?;
                 let range = local.length_squared().sqrt();
                 // A representative counts with all rays that meet its area.
                 let rays = sensor.rays_on(local, representatives.areas[k], cosine);
@@ -277,7 +278,7 @@ fn seen_by_any(
         progress.check("lines of sight", 0.25 + 0.15 * (64 * k) as f64 / candidates.len() as f64)?;
         progress.items(64 * k, "views");
         seen.par_iter_mut().zip(places).with_min_len(16).for_each(|(seen, place)| {
-            *seen = *seen || part.iter().any(|view| sight.sees(&view.pose, place).is_some());
+            *seen = *seen || part.iter().any(|view| sight.visible_coordinates(&view.pose, place).is_some());
         });
     }
     Ok(seen)

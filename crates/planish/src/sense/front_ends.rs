@@ -186,12 +186,12 @@ pub(super) fn photometric(
     sensed.sigma_brightness = Some(map.sigma_brightness);
     sensed.unit = known.unit;
     sensed.more_inputs = more_inputs;
-    sensed.findings = unlike_brightness(&map, known.sigma_brightness);
+    sensed.findings = brightness_findings(&map, known.sigma_brightness);
     Ok(sensed)
 }
 
 /// Residuals that the stated σ of brightness, or any matte surface, does not explain.
-fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
+fn brightness_findings(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
     // Three lights determine the normal exactly and leave no residual.
     let Some(found) = map.sigma_of_residuals else {
         return Vec::new();

@@ -43,7 +43,7 @@ use view::ColourView;
 /// ones take long to load.
 const DEFAULT_SIDES: [usize; 2] = [256, 4096];
 /// Maximum side of a texture, in pixels. It bounds memory, which grows with the square of the side.
-pub const LARGEST_TEXTURE: usize = 8192;
+pub const MAX_TEXTURE_SIZE: usize = 8192;
 /// Maximum fraction of jointly seen places at which a view may be an outlier. Beyond it, the view is
 /// rejected. A picture of another object is an outlier nearly everywhere (test `texture`).
 const MAX_OUTLIER_FRACTION: f64 = 0.5;

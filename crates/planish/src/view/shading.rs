@@ -160,7 +160,7 @@ fn pixel(
     for seen in samples.flatten() {
         // Shapes are in the order of their first triangle.
         let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
-        let (light, normal) = lit(&prepared[which], camera, &seen);
+        let (light, normal) = illumination(&prepared[which], camera, &seen);
         mean.light += light;
         mean.normal += normal;
         mean.depth += seen.depth;
@@ -183,7 +183,7 @@ fn pixel(
 }
 
 /// Linear light of a sample, and its normal towards the camera.
-fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
+fn illumination(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
     let index = seen.triangle as usize - of.first;
     match of.shape {
         Shape::Surface { colour, .. } => {

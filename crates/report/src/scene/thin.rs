@@ -14,7 +14,7 @@ pub(crate) const MAX_TRIANGLES: usize = 150_000;
 /// Estimated number of cells that a surface meets, per cell² of its area; oblique surfaces meet more.
 ///
 /// Only a first guess of the cell size: [`GROWTH`] corrects it.
-const CELLS_MET: f64 = 1.5;
+const CELLS_PER_AREA: f64 = 1.5;
 /// Growth of the cells per attempt. Smaller steps come closer to the limit but need more attempts.
 const GROWTH: f64 = 1.15;
 
@@ -34,7 +34,7 @@ pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<Su
         return None;
     }
     // A triangulated surface has about twice as many triangles as vertices, that is, as occupied cells.
-    let mut side = (2.0 * CELLS_MET * area / max_triangles as f64).sqrt().max(f64::MIN_POSITIVE);
+    let mut side = (2.0 * CELLS_PER_AREA * area / max_triangles as f64).sqrt().max(f64::MIN_POSITIVE);
     // The number of triangles decreases to zero with growing cells, so the loop ends.
     loop {
         let (kept, triangles) = clustered(surface, &normals, side);

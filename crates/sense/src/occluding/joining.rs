@@ -14,12 +14,12 @@ use planish_core::{DVec3, DisjointSets};
 
 /// Maximum distance of a mutual match along the contour, in steps. Both matches are rounded to points, so an
 /// exact match can differ by one step.
-const BACK: f64 = 2.5;
+const MAX_MUTUAL_STEPS: f64 = 2.5;
 /// Maximum distance of neighbours along a contour, as a multiple of the step, in addition to their σ.
-const JUMP: f64 = 4.0;
+const MAX_NEIGHBOUR_STEPS: f64 = 4.0;
 /// Number of neighbours on either side whose changes of radius are averaged. More reduce noise and blur
 /// changes along the contour.
-const AVERAGED: usize = 3;
+const AVERAGED_NEIGHBOURS: usize = 3;
 /// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
 const MAX_NORMAL_DEG: f64 = 60.0;
 
@@ -99,7 +99,7 @@ pub(super) fn joined(
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
             // Between views a contour point slides over the surface by its radius times the angle.
             let glide = if is_along { 0.0 } else { 2.0 * turn(places, *key) * points[k].radius.abs() };
-            if apart <= JUMP * step + uncertainty + glide {
+            if apart <= MAX_NEIGHBOUR_STEPS * step + uncertainty + glide {
                 strips.join(k as u32, other as u32);
                 let next = if is_along { &mut following.along } else { &mut following.across };
                 next[k] = Some(other);
@@ -173,7 +173,8 @@ fn is_mutual(
             return false;
         };
         let back = match_point.spots[1 - side];
-        back.line == key.1 && own.curve.between(back.length, key.2 as f64 * own.step) <= BACK * own.step
+        back.line == key.1
+            && own.curve.between(back.length, key.2 as f64 * own.step) <= MAX_MUTUAL_STEPS * own.step
     })
 }
 
@@ -232,8 +233,8 @@ fn point(
     let count = places[view][line].len();
     let closed = ready[view].lines[line].curve.closed();
     let (mut sum, mut of) = (0.0, 0.0);
-    for by in 0..=2 * AVERAGED {
-        let k = (place + by) as isize - AVERAGED as isize;
+    for by in 0..=2 * AVERAGED_NEIGHBOURS {
+        let k = (place + by) as isize - AVERAGED_NEIGHBOURS as isize;
         let k = if closed { k.rem_euclid(count as isize) } else { k };
         if let Some(index) = usize::try_from(k).ok().and_then(|k| of_key.get(&(view, line, k))) {
             sum += changes[*index];

@@ -1,7 +1,7 @@
 //! The cost of matching a pixel of the left image with one of the right.
 //!
-//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`WORST`]. The
-//! cost is [`WORST`] outside of the right image.
+//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`MAX_COST`]. The
+//! cost is [`MAX_COST`] outside of the right image.
 //!
 //! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which are invariant
 //! to exposure, plus a share of the sampling-insensitive difference of brightness (Birchfield and Tomasi
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::Image;
 
 /// The worst cost of one pixel.
-pub(super) const WORST: u8 = 127;
+pub(super) const MAX_COST: u8 = 127;
 
 /// Half size of the census window, columns and rows: 9 × 7 without the centre gives 62 bits, which fit a
 /// `u64`.
@@ -65,7 +65,7 @@ impl MatchingCost {
         let [value, low, high] = self.level[0].each_ref().map(|l| &l[of_row.clone()]);
         let [right_value, right_low, right_high] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
         for (x, costs) in costs.chunks_exact_mut(disparities).enumerate() {
-            costs.fill(WORST);
+            costs.fill(MAX_COST);
             // Disparity d is at the backward column `first + d`, which is one of the row.
             let first = (columns - 1 - x) as i64 + i64::from(self.min_disparity);
             let skipped = (-first).clamp(0, disparities as i64) as usize;
@@ -82,7 +82,7 @@ impl MatchingCost {
                 let one = a.wrapping_sub(b_high).max(b_low.wrapping_sub(a));
                 let other = b.wrapping_sub(a_high).max(a_low.wrapping_sub(b));
                 let apart = one.min(other).clamp(0, MAX_DIFFERENCE);
-                *cost = CENSUS_BIT.wrapping_mul(bits).wrapping_add(apart).min(i16::from(WORST)) as u8;
+                *cost = CENSUS_BIT.wrapping_mul(bits).wrapping_add(apart).min(i16::from(MAX_COST)) as u8;
             }
         }
     }
@@ -167,7 +167,7 @@ mod tests {
             assert!((0..8).all(|d| d == 3 || costs[d] > 10), "{costs:?}");
         }
         // Beyond the border nothing matches.
-        assert_eq!(row[8 * 2 + 5], WORST);
+        assert_eq!(row[8 * 2 + 5], MAX_COST);
     }
 
     #[test]

@@ -22,7 +22,7 @@ use super::cost::MatchingCost;
 use crate::Image;
 
 /// An infinite cost, small enough that adding a penalty does not overflow.
-const NEVER: u16 = 1 << 14;
+const INFINITE_COST: u16 = 1 << 14;
 
 /// Number of columns of a row per task. Trades parallel work against the cost of tasks.
 const COLUMNS_A_TASK: usize = 64;
@@ -63,7 +63,7 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, current: &mut [u16], 
         current[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
     {
         let adjacent = below.min(above).wrapping_add(one);
-        // Subtracting the minimum keeps the cost of a path at most `WORST + P2`, however long it is, so eight
+        // Subtracting the minimum keeps the cost of a path at most `MAX_COST + P2`, however long it is, so eight
         // of them fit 16 bits.
         let path = u16::from(cost).wrapping_add(same.min(adjacent).min(jump).wrapping_sub(lowest));
         *current = path;
@@ -77,8 +77,8 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, current: &mut [u16], 
 fn fresh(disparities: usize, pixels: usize) -> Vec<u16> {
     let mut all = vec![0; (disparities + 3) * pixels];
     for pixel in all.chunks_exact_mut(disparities + 3) {
-        pixel[0] = NEVER;
-        pixel[disparities + 1] = NEVER;
+        pixel[0] = INFINITE_COST;
+        pixel[disparities + 1] = INFINITE_COST;
     }
     all
 }

@@ -19,7 +19,7 @@ use planish_core::matrix3::{inverse, times};
 const VOTING_SCALES: f64 = 8.0;
 const MIN_VOTES: f32 = 24.0;
 /// Distance to the other stripe below which points are excluded, in scales: there the stripes merge.
-const BLURRED: f64 = 2.6;
+const MIN_OTHER_DISTANCE: f64 = 2.6;
 /// Distance to which a stripe is followed from its crossing, as a share of the spacing of crossings.
 const REACH: f64 = 0.48;
 const MIN_REACH_SCALES: f64 = 6.0;
@@ -271,7 +271,7 @@ fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> 
                     let from_other = (d[1] * other[0] - d[0] * other[1]).abs();
                     aligned(r, own) >= TURNED_COS
                         && aligned(r, own) > aligned(r, other)
-                        && from_other >= BLURRED * ridges.scale
+                        && from_other >= MIN_OTHER_DISTANCE * ridges.scale
                 })
                 .collect();
             Stripe::through(ridges, &places, centre, own)

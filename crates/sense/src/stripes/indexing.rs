@@ -25,7 +25,7 @@ const FAR_OFF_PX: f64 = 2.0;
 const GOOD_PX2: f64 = 0.5;
 const MIN_RATIO: f64 = 4.0;
 /// Floor of a mean square in that ratio, in pixels²: the accuracy of the calibration.
-const FINEST_PX2: f64 = 0.01;
+const MIN_SQUARE_PX2: f64 = 0.01;
 /// Minimum number of crossings of a piece.
 pub(super) const MIN_KNOTS: usize = 6;
 
@@ -127,7 +127,7 @@ pub(super) fn index(
         }
     }
     let (mean, turn, shift) = best?;
-    if mean > GOOD_PX2 || second < MIN_RATIO * mean.max(FINEST_PX2) {
+    if mean > GOOD_PX2 || second < MIN_RATIO * mean.max(MIN_SQUARE_PX2) {
         return None;
     }
     let (e, f) = (steps[turn], steps[(turn + 1) % 4]);

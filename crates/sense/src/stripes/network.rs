@@ -15,10 +15,10 @@ use super::crossings::{Crossing, Crossings, apart};
 use super::ridges::Ridges;
 
 /// Maximum distance to which a stripe is followed, as a multiple of the median spacing of crossings.
-const FARTHEST: f64 = 3.5;
+const MAX_FOLLOWED: f64 = 3.5;
 /// Distance at which a crossing is reached, as a share of the median spacing, and in pixels.
-const ARRIVED: f64 = 0.2;
-const ARRIVED_PX: f64 = 2.5;
+const ARRIVAL_SPACINGS: f64 = 0.2;
+const ARRIVAL_PX: f64 = 2.5;
 /// Maximum gap in a stripe, in scales; ridge points are missing near crossings.
 const GAP_SCALES: f64 = 4.5;
 /// Minimum cosine between successive steps, and between the last step and the stripe of the reached crossing:
@@ -90,14 +90,14 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
     let all = &crossings.found;
     let mut place = all[from].image;
     let mut direction = way_direction(&all[from], way);
-    let arrived = (ARRIVED * crossings.spacing).max(ARRIVED_PX);
+    let arrived = (ARRIVAL_SPACINGS * crossings.spacing).max(ARRIVAL_PX);
     // The candidates once per stripe, not once per step of a pixel.
     let near: Vec<usize> = (0..all.len())
-        .filter(|&k| k != from && apart(all[k].image, place) <= FARTHEST * crossings.spacing + arrived)
+        .filter(|&k| k != from && apart(all[k].image, place) <= MAX_FOLLOWED * crossings.spacing + arrived)
         .collect();
     let mut missing = 0.0;
     let mut walked = 0.0;
-    while walked <= FARTHEST * crossings.spacing && missing <= GAP_SCALES * ridges.scale {
+    while walked <= MAX_FOLLOWED * crossings.spacing && missing <= GAP_SCALES * ridges.scale {
         let next = [place[0] + direction[0], place[1] + direction[1]];
         let reached = (near.iter().copied())
             .filter(|&k| apart(all[k].image, next) <= arrived)

@@ -3,7 +3,7 @@
 //! In: the shares of facets from [`Shell::distance`]. Out: the Hessian, and the derivatives of the distance,
 //! or of the height over one facet, by each vertex.
 
-use super::{FacetShare, Metaball, Over, Shell, ShellDistance, away};
+use super::{FacetHeight, FacetShare, Metaball, Shell, ShellDistance, away};
 use nalgebra::{Matrix3, Vector3};
 use planish_core::DVec3;
 use planish_mesh::NearFacet;
@@ -102,11 +102,11 @@ impl Shell<'_> {
     }
 
     /// The height of a point over the plane of a facet, and the distance of its foot point from the facet.
-    pub(crate) fn over(&self, at: DVec3, one: &FacetShare) -> Over {
+    pub(crate) fn over(&self, at: DVec3, one: &FacetShare) -> FacetHeight {
         let facet = &self.facets[one.near.facet as usize];
         let off = at - one.near.point;
         let height = facet.normal.dot(off);
-        Over {
+        FacetHeight {
             height,
             normal: facet.normal,
             across: (off.length_squared() - height * height).max(0.0).sqrt(),

@@ -20,7 +20,7 @@ use planish_estimate::NestedBatches;
 
 /// Significance, in σ, from which a mean product counts as correlation. Lower values call noise unresolved
 /// shape.
-const SIGNIFICANT: f64 = 3.0;
+const MIN_SIGNIFICANCE: f64 = 3.0;
 /// Minimum number of batches of a level that is used. The relative standard error of a mean square of 16
 /// values is 35 %.
 const MIN_BATCHES: usize = 16;
@@ -93,7 +93,7 @@ impl ResidualCorrelation {
             let correlation = (level.sum / variance + removed_by_fit) / level.pairs;
             // A level counts only if its correlation is significant; the most significant one gives the
             // variance of the shape.
-            let significant = correlation - SIGNIFICANT * level.mean_sigma();
+            let significant = correlation - MIN_SIGNIFICANCE * level.mean_sigma();
             if significant <= 0.0 {
                 continue;
             }

@@ -22,7 +22,7 @@ const PIECES: usize = 8;
 /// Intervals in which all minima of a line are searched.
 const FINE_PIECES: usize = 64;
 /// Resolution of minima: the mesh's size divided by this. Finer resolution needs more distance queries.
-const NARROW: f64 = 150.0;
+const RESOLUTION: f64 = 150.0;
 /// Maximum number of distance queries on one line. It limits the time of lines that run along the surface,
 /// where all bounds are similar.
 const MAX_QUERIES: usize = 120;
@@ -30,7 +30,7 @@ const MAX_QUERIES: usize = 120;
 /// of the slope divided by the curvature.
 const SLOPE: f64 = 1e-3;
 /// Maximum number of doublings of an interval that does not bracket the minimum.
-const WIDER: u32 = 5;
+const MAX_DOUBLINGS: u32 = 5;
 /// The golden ratio's inverse.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Maximum number of steps towards a minimum.
@@ -44,12 +44,12 @@ pub(super) struct Touch {
     pub distance: f64,
     /// `∇D` there.
     pub gradient: DVec3,
-    pub made_of: MadeOf,
+    pub source: DistanceSource,
 }
 
 /// The source of a distance, from which its derivatives are computed.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum MadeOf {
+pub(super) enum DistanceSource {
     /// The shell at the point, or on either side of it if the slope of `D` jumps: position, distance and
     /// share of each.
     Shell([(DVec3, ShellDistance, f64); 2]),
@@ -83,7 +83,7 @@ impl<'a> Sight<'a> {
             center: bounds.center(),
             // The ball around the bounding box, slightly enlarged for rounding.
             radius: 0.51 * diagonal,
-            width: softness.max(diagonal / NARROW),
+            width: softness.max(diagonal / RESOLUTION),
             softness,
         }
     }
@@ -206,7 +206,7 @@ impl<'a> Sight<'a> {
         let mut best = evaluate(near)?;
         // The minimum of a soft shell may differ from that of the mesh, so the bracket moves downhill in
         // growing steps.
-        for double in 0..WIDER {
+        for double in 0..MAX_DOUBLINGS {
             let step = reach * f64::from(1_u32 << double);
             if low.1 >= 0.0 && low.0 > 0.0 && low.2.distance <= best.2.distance {
                 (high, best) = (best, low);
@@ -274,7 +274,9 @@ impl<'a> Sight<'a> {
             at,
             distance: found.distance,
             gradient: (sides.iter()).fold(DVec3::ZERO, |sum, (side, share)| sum + *share * side.2.gradient),
-            made_of: MadeOf::Shell(sides.map(|(side, share)| (origin + side.0 * direction, side.2, share))),
+            source: DistanceSource::Shell(
+                sides.map(|(side, share)| (origin + side.0 * direction, side.2, share)),
+            ),
         })
     }
 
@@ -316,7 +318,7 @@ impl<'a> Sight<'a> {
             at,
             distance,
             gradient: if foot.distance > 0.0 { 1.0 / distance * (at - foot.point) } else { foot.normal },
-            made_of: MadeOf::Foot(foot),
+            source: DistanceSource::Foot(foot),
         })
     }
 }

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 mod outlines;
-mod reaching_over;
+mod oversized_plate;
 mod sequence;
 
 const SIGMA: f64 = 0.01;

@@ -16,7 +16,7 @@ const SCAN_ANGLE: f64 = 0.617_31;
 /// Length at which intervals of a ray are not divided further, relative to the first interval.
 ///
 /// It is the accuracy of intersections; halving it costs one more step for each.
-const FINEST: f64 = 1e-7;
+const MIN_STEP: f64 = 1e-7;
 
 /// A point of a loop: parameter of the curve and scanned parameters of the surface.
 #[derive(Clone, Copy)]
@@ -306,7 +306,7 @@ pub(crate) fn met_by_distance(
     [from, to]: [f64; 2],
 ) -> Vec<f64> {
     let value = |t: f64| surface.distance(origin + t * direction);
-    let finest = FINEST * (to - from);
+    let finest = MIN_STEP * (to - from);
     let mut open = vec![[from, to]];
     let mut found = Vec::new();
     while let Some([lo, hi]) = open.pop() {

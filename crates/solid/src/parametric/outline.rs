@@ -479,6 +479,6 @@ fn reversed_pair(mut low: Vec<Corner>, mut high: Vec<Corner>) -> [Vec<Corner>; 2
 }
 
 /// True if a point lies in an odd number of polygons.
-pub(super) fn is_in(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
+pub(super) fn is_inside_polygons(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
     polygons.iter().filter(|polygon| contains(polygon, p)).count() % 2 == 1
 }

@@ -60,7 +60,7 @@ impl ParametricShape {
             let found = candidates.iter().find(|o| middles[**o].distance(middles[k]) <= near);
             match found {
                 Some(other) if a != b => same.push((*other, self.edges[*other].ends != edge.ends)),
-                Some(other) => same.push((*other, self.runs_back(&self.edges[*other], edge))),
+                Some(other) => same.push((*other, self.has_opposite_direction(&self.edges[*other], edge))),
                 None => {
                     candidates.push(k);
                     same.push((k, false));
@@ -89,7 +89,7 @@ impl ParametricShape {
     }
 
     /// True if two coincident closed edges have opposite directions. Their ends do not show this.
-    fn runs_back(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
+    fn has_opposite_direction(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
         let near_start = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.2 } else { 0.8 };

@@ -29,7 +29,7 @@ const CHORD: f64 = 5e-6;
 /// An outline within one cell is missed; more cells take more time.
 const CELLS: [usize; 2] = [48, 24];
 /// Number of parts of a circle along which the line of sight touches a face.
-const AROUND: usize = 720;
+const CIRCLE_PARTS: usize = 720;
 /// Number of times that a part of an outline is halved.
 const HALVINGS: usize = 4;
 
@@ -257,24 +257,24 @@ fn touching_circles(surface: &FaceSurface, e: DVec3) -> Option<Vec<EdgeCurve>> {
 /// The parts of a circle of contact that have the face on both sides.
 fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: DVec3, size: f64) -> Vec<Vec<DVec3>> {
     let surface = face.surface();
-    let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
+    let point = |k: usize| circle.point(TAU * k as f64 / CIRCLE_PARTS as f64);
     let is_in = |k: usize| {
-        let q = circle.point(TAU * (k as f64 + 0.5) / AROUND as f64);
+        let q = circle.point(TAU * (k as f64 + 0.5) / CIRCLE_PARTS as f64);
         // The line of sight is a tangent of the surface there, and crosses the outline.
         [-1.0, 1.0].into_iter().all(|side| {
             let shifted = surface.parameters(q + side * SIDE_OFFSET * size * e);
             face.contains(surface.point(shifted))
         })
     };
-    let inside: Vec<bool> = (0..AROUND).map(is_in).collect();
+    let inside: Vec<bool> = (0..CIRCLE_PARTS).map(is_in).collect();
     // The loop starts at a gap, so that no part is split where the circle closes.
     let Some(gap) = inside.iter().position(|i| !i) else {
-        return vec![(0..=AROUND).map(point).collect()];
+        return vec![(0..=CIRCLE_PARTS).map(point).collect()];
     };
     let mut found: Vec<Vec<DVec3>> = Vec::new();
     let mut runs = false;
-    for k in gap..gap + AROUND {
-        let is_in = inside[k % AROUND];
+    for k in gap..gap + CIRCLE_PARTS {
+        let is_in = inside[k % CIRCLE_PARTS];
         match found.last_mut() {
             Some(part) if is_in && runs => part.push(point(k + 1)),
             _ if is_in => found.push(vec![point(k), point(k + 1)]),

@@ -27,7 +27,7 @@ const PARALLEL: f64 = 0.1;
 /// Factor by which the distance of the rays is reduced to confirm a test.
 ///
 /// A test counts only if both distances give the same result, which excludes rays that cross another line.
-const NEARER: f64 = 100.0;
+const REDUCTION: f64 = 100.0;
 
 /// Cells arranged as sectors around a line in space.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -100,7 +100,7 @@ impl SightTests {
         };
         // Where surfaces touch close by, rays at some distance pass on another side of them than nearer rays.
         // Such a position is skipped: a wrong test would exclude the right solid, and there are others.
-        let nearer = self::sight_test(cells, place.view, place.at, normal, step / NEARER, style);
+        let nearer = self::sight_test(cells, place.view, place.at, normal, step / REDUCTION, style);
         if nearer.as_ref() != Some(&sight_test) {
             return;
         }

@@ -15,7 +15,7 @@ const MAX_STEPS: usize = 4000;
 /// Near contacts of the surfaces, steps are halved down to this share of the first step.
 ///
 /// Smaller steps come closer to the contact, but there the direction of the curve is undetermined.
-const SHORTEST: f64 = 1e-3;
+const MIN_STEP: f64 = 1e-3;
 
 /// A curve on two surfaces.
 #[derive(Clone)]
@@ -184,7 +184,7 @@ fn follow(
     while points.len() < MAX_STEPS {
         let Some(next) = stepped(p, length) else {
             length /= 2.0;
-            if length < SHORTEST * max_step {
+            if length < MIN_STEP * max_step {
                 points.extend(touching_point(&points, normals));
                 break;
             }

@@ -242,7 +242,7 @@ struct Place {
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
     /// Maximum number of steps, and length of the last step, in sides of a leaf.
     const STEPS: usize = 12;
-    const CLOSE: f64 = 1e-6;
+    const MAX_LAST_STEP: f64 = 1e-6;
     let space = surface.space();
     let extent = space.extent();
     let inside = |q: [f64; 2]| [0, 1].map(|d| q[d].clamp(0.0, extent[d]));
@@ -262,7 +262,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
         }
         let side = space.leaves()[leaf].side();
         let longest = step[0].abs().max(step[1].abs());
-        if longest < CLOSE * side {
+        if longest < MAX_LAST_STEP * side {
             return Some(Place {
                 cell: 0,
                 parameters: at,

@@ -32,13 +32,13 @@ use std::collections::BTreeMap;
 const READINGS_PER_COEFFICIENT: usize = 64;
 /// Minimum number of readings of a batch, for its overhead, and the maximum number of batches.
 ///
-/// The batch of a point is one byte, of which [`LEFT_OUT`] takes one value: a billion points need a gigabyte
+/// The batch of a point is one byte, of which [`REJECTED`] takes one value: a billion points need a gigabyte
 /// of marks, not eight.
 const MIN_BATCH: usize = 100_000;
 const MAX_BATCHES: usize = 255;
 
 /// Batch number of points that are rejected before any batch is used.
-const LEFT_OUT: u8 = u8::MAX;
+const REJECTED: u8 = u8::MAX;
 
 /// Scans divided into batches.
 pub(super) struct Batches<'a> {
@@ -99,7 +99,7 @@ impl<'a> Batches<'a> {
                         Ground::Above => RejectionCause::AboveGround,
                         Ground::Below => RejectionCause::BelowGround,
                     };
-                    *batch = LEFT_OUT;
+                    *batch = REJECTED;
                     *rejected.entry(cause).or_insert(0) += 1;
                 }
             }

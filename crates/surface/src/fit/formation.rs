@@ -29,7 +29,7 @@ use std::sync::Arc;
 const FIRST_READINGS: usize = 16;
 /// Share of the mean diagonal that is added to it. It keeps directions that few readings leave open at their
 /// final place.
-const HOLD: f64 = 1e-7;
+const DIAGONAL_SHARE: f64 = 1e-7;
 
 /// The posterior after a number of readings.
 pub struct Snapshot {
@@ -154,7 +154,7 @@ pub(super) fn formation_of_global_fit(
         let mut step: Vec<f64> = total.vector().iter().zip(&pull).map(|(a, b)| a + b).collect();
         total.add_scaled(&of_prior, 1.0)?;
         // Few readings leave directions open that the prior does not hold either.
-        let hold = HOLD * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
+        let hold = DIAGONAL_SHARE * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
         total.add_diagonal(hold.max(f64::MIN_POSITIVE));
         let factor = system.factorize_scalar(&total)?;
         factor.solve_in_place(&mut step)?;

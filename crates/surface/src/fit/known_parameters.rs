@@ -39,10 +39,10 @@ use readings::{Evaluation, Reading, Readings, TASK};
 const MAX_ROUNDS: u32 = 20;
 /// Relative change of a sensor's variance below which it has converged.
 const CONVERGED_VARIANCE: f64 = 0.01;
-/// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGINAL`] σ
+/// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGIN_SIGMAS`] σ
 /// beyond it. Such readings would otherwise alternate without end.
 const CONVERGED_GATE: f64 = 1e-4;
-const MARGINAL: f64 = 1.0;
+const MARGIN_SIGMAS: f64 = 1.0;
 /// Maximum number of rounds with softened readings, and the relative change of a variance that asks for
 /// another one.
 const BOUNDED_ROUNDS: u32 = 8;
@@ -131,7 +131,7 @@ pub(super) fn fit_known_parameters(
         // A single sensor needs no weighing: a common factor cancels in the restricted likelihood.
         let same_noise = variances.len() == 1 || !far_apart(&now, &variances, CONVERGED_VARIANCE);
         let is_marginal = changed as f64 <= CONVERGED_GATE * total.sums.count() as f64
-            && examined.farthest_new <= options.gate + MARGINAL;
+            && examined.farthest_new <= options.gate + MARGIN_SIGMAS;
         let converged = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
         if converged || round == MAX_ROUNDS {
             readings.set_gated(examined.gated);

@@ -34,7 +34,7 @@ const FINDING_ITERATIONS: usize = 2;
 const MAX_FINDING_ITERATIONS: usize = 8;
 /// An early round ends once the mean square step is below this many variances of the surface. The next
 /// round changes the surface by more than that, so further iterations would be wasted.
-const FOUND_STEP: f64 = 30.0;
+const EARLY_ROUND_STEP: f64 = 30.0;
 /// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
@@ -290,7 +290,7 @@ impl Refinement<'_> {
             self.projected += sample.len();
             let rest = self.step(&mut equations, sample, round, progress)?;
             let is_found =
-                !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND_STEP;
+                !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < EARLY_ROUND_STEP;
             if rest.has_converged || is_found {
                 break;
             }

@@ -41,10 +41,10 @@ const FREE_ROTATION: f64 = 1.0;
 const MAX_STEP: f64 = 0.1;
 /// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
 /// See decision 0014.
-const DETERMINED: f64 = 0.05;
+const MIN_VARIANCE_REDUCTION: f64 = 0.05;
 /// Step of central differences by rotation, in radians: their error is about its square, and rounding about
 /// 1e-16 over it.
-const DIFFERENCE: f64 = 1e-5;
+const DIFFERENCE_STEP: f64 = 1e-5;
 
 /// Derivatives of the residuals of one reading by the unknowns of its scan.
 type Rows = [[f64; UNKNOWNS]; 3];
@@ -200,9 +200,9 @@ impl ScanError {
                             &measured.turned(&Pose::from_rotation_vector(omega, DVec3::ZERO)),
                         )
                     };
-                    if let (Some(more), Some(less)) = (turned(DIFFERENCE), turned(-DIFFERENCE)) {
+                    if let (Some(more), Some(less)) = (turned(DIFFERENCE_STEP), turned(-DIFFERENCE_STEP)) {
                         for r in 0..3 {
-                            rows[r][ROTATION + axis] = (more[r] - less[r]) / (2.0 * DIFFERENCE);
+                            rows[r][ROTATION + axis] = (more[r] - less[r]) / (2.0 * DIFFERENCE_STEP);
                         }
                     }
                 }

@@ -55,7 +55,7 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut triangles = ball.triangles.clone();
         let all_free = vec![true; ball.positions.len()];
-        let mut net = Net::new(&ball.positions, &mut triangles, &all_free, 0);
+        let mut net = FlipMesh::new(&ball.positions, &mut triangles, &all_free, 0);
         for half in 0..net.opposite.len() as u32 {
             let middle = net.positions[net.corner(half) as usize];
             if middle[2].abs() < 0.04

@@ -61,12 +61,12 @@ const EXCESS_RATIO: f64 = 3.0;
 const SOFTNESS: f64 = 0.003;
 
 /// Silhouettes widened by a distance.
-struct Wider {
+struct WidenedSilhouettes {
     silhouettes: SilhouetteBound,
     by: f64,
 }
 
-impl Region for Wider {
+impl Region for WidenedSilhouettes {
     fn depth(&self, at: DVec3) -> f64 {
         self.silhouettes.depth(at) + self.by
     }
@@ -125,7 +125,7 @@ pub(super) fn rough_start_mesh(
     // The findings of this reading are dropped, because the fit reads the views again.
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
-    let domain = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
+    let domain = WidenedSilhouettes { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
     let cameras: Vec<_> = frame.views.iter().map(|view| view.camera).collect();
     let agreement = |mesh: &TriangleMesh| {
         let iou = overlap(&frame, mesh, &cameras);
@@ -151,7 +151,7 @@ pub(super) fn rough_start_mesh(
         watch(rounds)?;
         // The mesh may grow. Cells grow with it, so that the cost of a round stays bounded.
         cell = cell.max(size(&mesh) / CELLS);
-        let covered = Wider {
+        let covered = WidenedSilhouettes {
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
             by: UNCOVERED_CELLS * cell,
         };

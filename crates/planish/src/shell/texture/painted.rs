@@ -5,7 +5,7 @@
 
 use super::atlas::{self, Chart, at_place};
 use super::view::ColourView;
-use super::{Coloured, DEFAULT_SIDES, LARGEST_TEXTURE, Scene, ShellTextureJob, TextureReport, fill};
+use super::{Coloured, DEFAULT_SIDES, MAX_TEXTURE_SIZE, Scene, ShellTextureJob, TextureReport, fill};
 use planish_core::vector3::as_arrays;
 use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::{Error, Result};
@@ -34,7 +34,7 @@ fn size_from_views(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> us
         .collect::<Vec<f64>>()
         .iter()
         .sum();
-    let side = (pixels / share.max(1e-3)).sqrt().min(LARGEST_TEXTURE as f64) as usize;
+    let side = (pixels / share.max(1e-3)).sqrt().min(MAX_TEXTURE_SIZE as f64) as usize;
     // A power of two: older viewers scale other sizes, which blurs them.
     side.next_power_of_two().clamp(DEFAULT_SIDES[0], DEFAULT_SIDES[1])
 }
@@ -64,10 +64,10 @@ pub(super) fn paint(
     let min_size = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
     let default_size = || size_from_views(mesh, views, share).max(min_size.next_power_of_two());
     let size = job.texture_size.unwrap_or_else(default_size);
-    if size < min_size || size > LARGEST_TEXTURE {
+    if size < min_size || size > MAX_TEXTURE_SIZE {
         return Err(Error::input(format!(
             "a texture of {count} triangles takes {min_size} pixels along a side or more, and \
-             {LARGEST_TEXTURE} are the most, found {size}: expected another size, a coarser mesh, or colours \
+             {MAX_TEXTURE_SIZE} are the most, found {size}: expected another size, a coarser mesh, or colours \
              of vertices"
         )));
     }

@@ -145,7 +145,7 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
         (sample_points(&truth.deformed, 80, || random.random_range(0.0..1.0)).unwrap().iter())
             .filter_map(|place| {
                 let observations: Vec<FeatureObservation> = (cameras.iter().enumerate())
-                    .filter(|(_, camera)| search.sees(camera.center(), place.position, 1e-3))
+                    .filter(|(_, camera)| search.is_unobstructed(camera.center(), place.position, 1e-3))
                     .map(|(v, camera)| FeatureObservation {
                         view: v as u32,
                         pixel: camera.project(place.position).unwrap().0.map(|x| x + 0.5 * noise()),
@@ -357,7 +357,7 @@ fn compare(
 
 /// A ball that is open at the bottom, beyond the image, and faces inwards, with a loose collar around it that
 /// faces outwards.
-fn bust() -> TriangleMesh {
+fn head_mesh() -> TriangleMesh {
     let mut mesh = icosphere(1.0, 4);
     let positions = mesh.positions.clone();
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -384,7 +384,7 @@ fn bust() -> TriangleMesh {
 /// outlines. The border of an image is not a reading, and the orientation of a part does not matter.
 #[test]
 fn objects_beyond_the_images_are_fitted() {
-    let mesh = bust();
+    let mesh = head_mesh();
     let controls = automatic_controls(&mesh, 30).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
     let q = DVector::from_iterator(

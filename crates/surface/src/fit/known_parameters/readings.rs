@@ -27,7 +27,7 @@ const MAX_FOR_SCALE: usize = 50_000;
 const MIN_READINGS: usize = 10;
 /// Readings farther than this many σ are softened while gross errors are searched for. A larger bound lets
 /// these errors drag the surface along; a smaller one gives away information of correct readings.
-const BOUNDED: f64 = 2.5;
+const BOUNDED_FROM_SIGMAS: f64 = 2.5;
 /// Margin in σ beyond the gate, or beyond the farthest expected draw of noise, up to which distant readings
 /// can be noise.
 const BEYOND_NOISE: f64 = 2.0;
@@ -67,7 +67,7 @@ pub(super) struct Readings<'a> {
     pub(super) is_moved: Vec<bool>,
 }
 
-/// Softening of distant readings: beyond [`BOUNDED`] σ from a surface, each adds as much to the sum of
+/// Softening of distant readings: beyond [`BOUNDED_FROM_SIGMAS`] σ from a surface, each adds as much to the sum of
 /// squares as a reading at that distance.
 pub(super) struct Softening {
     pub(super) surface: Evaluation,
@@ -257,7 +257,7 @@ impl<'a> Readings<'a> {
             is_left_out: &self.is_left_out[s],
             is_held_out: &self.is_held_out[s],
             softened: (self.softening.as_ref())
-                .map(|by| (&by.surface, BOUNDED * by.variances[posed.sensor].sqrt())),
+                .map(|by| (&by.surface, BOUNDED_FROM_SIGMAS * by.variances[posed.sensor].sqrt())),
         }
     }
 

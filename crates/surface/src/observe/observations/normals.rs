@@ -96,15 +96,15 @@ impl Observations {
     /// of neighbours can be vertical without any vertical surface.
     pub(super) fn turn_upwards(&mut self) {
         /// Cosine of 60° against the normal of the plane. Steeper normals are dropped.
-        const STEEP: f64 = 0.5;
+        const MIN_STEEP_COSINE: f64 = 0.5;
         let (_, axes, _) = principal_axes(&self.readings.points);
         let flat = axes[2];
         let largest = flat.to_array().into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
         for i in (0..self.len()).filter(|&i| !self.readings.oriented[i]) {
             let up = self.normal(i).dot(flat) * largest.signum();
-            if up < -STEEP {
+            if up < -MIN_STEEP_COSINE {
                 self.readings.normals[i] = -self.readings.normals[i];
-            } else if up < STEEP {
+            } else if up < MIN_STEEP_COSINE {
                 self.readings.normals[i] = Vec3::ZERO;
             }
         }
