@@ -203,8 +203,8 @@ mod tests {
         let batches = NestedBatches::new(&places);
         for batch in batches.batches(10) {
             for axis in 0..2 {
-                let of = batch.iter().map(|i| places[*i as usize][axis]);
-                let extent = of.clone().fold(0.0, f64::max) - of.fold(1.0, f64::min);
+                let along = batch.iter().map(|i| places[*i as usize][axis]);
+                let extent = along.clone().fold(0.0, f64::max) - along.fold(1.0, f64::min);
                 // A square cut into 2^10 pieces, which lie obliquely.
                 assert!(extent < 4.0 / 32.0, "{extent}");
             }

@@ -388,8 +388,9 @@ impl TriangleParts {
 }
 
 fn check(mesh: &TexturedMesh) -> Result<()> {
-    let few =
-        |of: &[[u32; 3]], count: usize| of.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV);
+    let few = |triangles: &[[u32; 3]], count: usize| {
+        triangles.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV)
+    };
     let corners = mesh.triangles.iter().flatten().all(|&c| (c as usize) < mesh.points.len());
     let paired = mesh.uv_triangles.is_empty() || mesh.uv_triangles.len() == mesh.triangles.len();
     if corners && paired && few(&mesh.uv_triangles, mesh.uv.len()) {

@@ -134,11 +134,11 @@ impl PointColumns {
         };
         let (sigma_normal, sigma_curvature) = (named(SIGMA_NORMAL), named(SIGMA_CURVATURE));
         // A σ without its quantity points to a misspelt column, which would otherwise be ignored silently.
-        for (sigma, of, of_what) in [
+        for (sigma, has_quantity, of_what) in [
             (sigma_normal.map(|_| SIGMA_NORMAL), normal.is_some(), &NORMAL[..]),
             (sigma_curvature.map(|_| SIGMA_CURVATURE), curvature.is_some(), &CURVATURE[..]),
         ] {
-            if let (Some(sigma), false) = (sigma, of) {
+            if let (Some(sigma), false) = (sigma, has_quantity) {
                 return Err(Error::input(format!(
                     "expected the columns {} beside {sigma}, which is their σ, found none",
                     of_what.join(" ")

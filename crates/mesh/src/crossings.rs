@@ -149,7 +149,7 @@ fn box_of(t: &[DVec3; 3]) -> [DVec3; 2] {
 /// A point where an edge of one triangle pierces the other.
 fn crossing(a: &[DVec3; 3], b: &[DVec3; 3]) -> Option<DVec3> {
     let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-    let heights = |t: &[DVec3; 3], n: DVec3, of: &[DVec3; 3]| of.map(|p| n.dot(p - t[0]));
+    let heights = |t: &[DVec3; 3], n: DVec3, triangle: &[DVec3; 3]| triangle.map(|p| n.dot(p - t[0]));
     let one_side = |h: [f64; 3]| h.iter().all(|x| *x >= 0.0) || h.iter().all(|x| *x <= 0.0);
     let (of_b, of_a) = (normal(b), normal(a));
     let over_b = heights(b, of_b, a);

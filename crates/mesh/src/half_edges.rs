@@ -87,11 +87,11 @@ pub(crate) fn split_triangle(
     triangles.extend([[b, c, vertex], [c, a, vertex]]);
     // The two new triangles have no neighbours yet; a neighbour across a border stays `NONE`.
     opposite.extend([NONE; 6]);
-    for (of, over) in [t, s, r].into_iter().zip(outer) {
-        link(opposite, 3 * of, over);
+    for (triangle, over) in [t, s, r].into_iter().zip(outer) {
+        link(opposite, 3 * triangle, over);
     }
-    for (of, next) in [(t, s), (s, r), (r, t)] {
-        link(opposite, 3 * of + 1, 3 * next + 2);
+    for (triangle, next) in [(t, s), (s, r), (r, t)] {
+        link(opposite, 3 * triangle + 1, 3 * next + 2);
     }
 }
 
@@ -126,7 +126,7 @@ mod tests {
                     [corner(next_in_triangle(*over)), corner(*over)]
                 );
             }
-            let border = |of: &[u32]| of.iter().filter(|over| **over == NONE).count();
+            let border = |opposites: &[u32]| opposites.iter().filter(|over| **over == NONE).count();
             assert_eq!(border(&opposite), border(&opposites(&mesh.triangles)));
         }
     }

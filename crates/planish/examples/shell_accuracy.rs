@@ -170,8 +170,8 @@ fn one(
         deformation.parameters(),
         controls.points.iter().flat_map(|p| {
             let p = *p - center;
-            let of = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-            [0, 1, 2].map(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin())
+            let applied = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
+            [0, 1, 2].map(|k| applied(&affine, k) + 0.015 * size * applied(&wave, k).sin())
         }),
     );
     let by = displacements(&deformation, &q);

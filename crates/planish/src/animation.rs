@@ -330,8 +330,8 @@ impl FramePainter {
 
     fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &DepthVisibility) -> DVec3 {
         let corners = triangles[seen.triangle as usize].map(|c| c as usize);
-        let mix = |of: &dyn Fn(usize) -> DVec3| {
-            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * of(c))
+        let mix = |value: &dyn Fn(usize) -> DVec3| {
+            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * value(c))
         };
         let direction = mix(&|c| frame.points[c]) - self.camera.at;
         let cosine = mix(&|c| frame.normals[c])

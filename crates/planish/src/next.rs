@@ -170,7 +170,9 @@ impl UnmeasurableSigma {
     fn new(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
         let square = |place: &Place| model.unresolved_shape.get(place.leaf).copied().unwrap_or(0.0);
         let largest = places.iter().map(square).fold(0.0, f64::max);
-        let area = |of: &dyn Fn(&&Place) -> bool| places.iter().filter(of).map(|p| p.area).sum::<f64>();
+        let area = |is_counted: &dyn Fn(&&Place) -> bool| {
+            places.iter().filter(is_counted).map(|p| p.area).sum::<f64>()
+        };
         (largest > 0.0).then(|| Self {
             largest: largest.sqrt(),
             area_fraction: area(&|place| square(place) > 0.0) / area(&|_| true),

@@ -393,14 +393,14 @@ fn agreements(
             let picture = read_brightness(path)?;
             let read = silhouette(&picture, &mask_options(view)).map_err(|e| e.in_context(path.display()))?;
             let mask = Mask { covered: read.mask, columns: read.columns, rows: read.rows };
-            let of = |mesh: &TriangleMesh| {
+            let agreement = |mesh: &TriangleMesh| {
                 intersection_over_union(mesh, &view.camera, &mask.covered, mask.columns, mask.rows)
             };
             Ok(OutlineAgreement {
                 view: view.name.clone(),
                 held_out: view.held_out,
-                hull: hull.map(|hull| of(&hull.mesh)),
-                judged: judged.map(of),
+                hull: hull.map(|hull| agreement(&hull.mesh)),
+                judged: judged.map(agreement),
             })
         })
         .collect()

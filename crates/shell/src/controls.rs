@@ -207,17 +207,17 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
     }
     let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
     for t in &mesh.triangles {
-        let mut of = t.map(|v| regions[v as usize]);
+        let mut regions_of_corners = t.map(|v| regions[v as usize]);
         for k in 0..3 {
-            let [a, b] = [of[k], of[(k + 1) % 3]];
+            let [a, b] = [regions_of_corners[k], regions_of_corners[(k + 1) % 3]];
             if a != b {
                 edges.insert([a.min(b), a.max(b)]);
             }
         }
         // A triangle whose corners belong to three regions is dual to a triangle of their controls.
-        of.sort_unstable();
-        if of[0] != of[1] && of[1] != of[2] {
-            triangles.insert(of);
+        regions_of_corners.sort_unstable();
+        if regions_of_corners[0] != regions_of_corners[1] && regions_of_corners[1] != regions_of_corners[2] {
+            triangles.insert(regions_of_corners);
         }
     }
     for [a, b] in &graph.bridges {

@@ -170,13 +170,13 @@ fn deviation(at: DVec3, cell: f64, value: &(impl Fn(DVec3) -> f64 + Sync)) -> f6
 /// A mesh with coincident vertices merged.
 fn welded(mesh: &TriangleMesh) -> TriangleMesh {
     let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
-    let of: Vec<u32> = (mesh.positions.iter().enumerate())
+    let merged_into: Vec<u32> = (mesh.positions.iter().enumerate())
         // Adding zero turns −0 into 0, whose bits differ.
         .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
         .collect();
     TriangleMesh {
         positions: mesh.positions.clone(),
-        triangles: mesh.triangles.iter().map(|t| t.map(|v| of[v as usize])).collect(),
+        triangles: mesh.triangles.iter().map(|t| t.map(|v| merged_into[v as usize])).collect(),
     }
 }
 

@@ -189,7 +189,8 @@ fn contours_of_every_kind_are_constrained() {
         assert_eq!((&before["kind"], &before["order"]), (&after["kind"], &after["order"]), "{shape}");
         for name in before["order"].as_array().expect("names") {
             let name = name.as_str().expect("a name");
-            let value = |of: &Value, what: &str| of["parameters"][name][what].as_f64().expect("a number");
+            let value =
+                |result: &Value, what: &str| result["parameters"][name][what].as_f64().expect("a number");
             let off = (value(before, "value") - value(after, "value")).abs();
             assert!(off <= 4.0 * value(before, "sigma"), "{shape} {name}: {off}");
             assert!(value(after, "sigma") <= 1.0001 * value(before, "sigma") + 1e-9, "{shape} {name}");

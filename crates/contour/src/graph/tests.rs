@@ -63,15 +63,15 @@ fn pairs(incidence: &Incidence, named: &[(&str, usize)]) -> Vec<(usize, usize)> 
         .collect()
 }
 
-fn perfect_matchings(of: &[Vec<usize>], used: &mut Vec<usize>) -> usize {
-    let Some(list) = of.get(used.len()) else {
+fn perfect_matchings(parameters_of: &[Vec<usize>], used: &mut Vec<usize>) -> usize {
+    let Some(list) = parameters_of.get(used.len()) else {
         return 1;
     };
     let mut count = 0;
     for &parameter in list {
         if !used.contains(&parameter) {
             used.push(parameter);
-            count += perfect_matchings(of, used);
+            count += perfect_matchings(parameters_of, used);
             used.pop();
         }
     }

@@ -118,7 +118,7 @@ fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihoo
 /// let circle = fit(&ContourKind::Circle, &readings, &ContourFitOptions::default())?;
 /// assert!((circle.state[2] - 5.0).abs() < 0.001);
 /// let sigma = circle.covariance[(2, 2)].sqrt();
-/// assert!((sigma - 0.01 / 60f64.sqrt()).abs() < 1e-4); // σ of the radius
+/// assert!((sigma - 0.01 / 60f64.sqrt()).abs() < 1e-4); // σ own the radius
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn fit(
@@ -557,10 +557,10 @@ pub(super) fn batch(
         let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_readings_options)?;
         let likelihood_other =
             marginal_likelihood(model, other.state.as_slice(), readings, outlier_gate(options));
-        let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;
+        let is_lost = |own: f64, all: f64| own < all - MAX_MARGIN_LOSS;
         if other.covariance.is_some()
             && (likelihood_found.log_likelihood.zip(likelihood_other.log_likelihood))
-                .is_some_and(|(of, all)| is_lost(of, all))
+                .is_some_and(|(own, all)| is_lost(own, all))
         {
             (found, likelihood_found) = (other, likelihood_other);
         }

@@ -332,9 +332,10 @@ impl Breakdown {
         }
         let b = symbolic.block_size();
         let node = symbolic.old_from_new[self.unknown / b];
-        let of = if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
+        let unknown_text =
+            if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
         Error::undetermined(format!(
-            "the information is not positive definite: elimination breaks down at node {node}{of}. \
+            "the information is not positive definite: elimination breaks down at node {node}{unknown_text}. \
              Data and prior do not determine it: add data there or use a stronger prior"
         ))
     }

@@ -104,14 +104,14 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
             kept.len() as u32 - 1
         }));
     }
-    let of = |column: &[f64]| kept.iter().map(|v| column[*v]).collect();
+    let selected = |column: &[f64]| kept.iter().map(|v| column[*v]).collect();
     TexturedMesh {
         points: kept.iter().map(|v| mesh.points[*v]).collect(),
         triangles: (mesh.triangles.iter()).map(|t| t.map(|v| new[v as usize])).collect(),
         uv,
         uv_triangles: mesh.triangles,
         picture,
-        columns: (mesh.columns.iter()).map(|(name, column)| (name.clone(), of(column))).collect(),
+        columns: (mesh.columns.iter()).map(|(name, column)| (name.clone(), selected(column))).collect(),
         unit: mesh.unit,
         ..TexturedMesh::default()
     }

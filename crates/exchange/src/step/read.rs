@@ -317,10 +317,10 @@ fn shapes_of(
 
 /// Shells of a file without representations, or its faces if it has no shells.
 fn loose_shells(geometry: Geometry) -> Result<Vec<ReadShape>> {
-    let of = |keyword: &str| geometry.index.of_keyword(keyword).to_vec();
-    let mut items = [of("CLOSED_SHELL"), of("OPEN_SHELL")].concat();
+    let instances_of = |keyword: &str| geometry.index.of_keyword(keyword).to_vec();
+    let mut items = [instances_of("CLOSED_SHELL"), instances_of("OPEN_SHELL")].concat();
     if items.is_empty() {
-        items = of("ADVANCED_FACE");
+        items = instances_of("ADVANCED_FACE");
     }
     shapes_of(geometry, &items, None, &mut Ignored::new())
 }

@@ -156,9 +156,9 @@ impl Overlap {
             estimate_sigma(patches, searches, &mut known);
         }
         // Noise of the vertices tilts the normals by about 2σ over an edge, which θ has to allow for.
-        let theta = |of: &PatchOverlap| {
+        let theta = |overlap: &PatchOverlap| {
             options.theta_rad.unwrap_or_else(|| {
-                let (sigma, spacing) = (median(&of.sigma), median(&of.spacing));
+                let (sigma, spacing) = (median(&overlap.sigma), median(&overlap.spacing));
                 (SHAPE_ANGLE_RAD + GATE * (2.0 * sigma / spacing).atan()).min(MAX_ANGLE_RAD)
             })
         };

@@ -172,9 +172,9 @@ fn blend_factor(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64
         .iter()
         .filter(|f| !f.beyond_border)
         .map(|f| {
-            let (mesh, of) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
+            let (mesh, other_overlap) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
             let read = |values: &[f64]| mesh.interpolate(values, f.triangle as usize, f.barycentric);
-            planish_mesh::taper(read(&of.to_border), BLEND_WIDTH * read(&of.spacing))
+            planish_mesh::taper(read(&other_overlap.to_border), BLEND_WIDTH * read(&other_overlap.spacing))
         })
         .fold(0.0, f64::max)
 }
@@ -184,13 +184,13 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         return Ok(Vec::new());
     }
     let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
-    let of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
+    let overlap_of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
     let count = piece.members.len() as f64;
     let mut middle = DVec3::ZERO;
     let mut axis = DVec3::ZERO;
     let mut spacing = 0.0;
     for (place, _) in &piece.members {
-        let (known, v) = of(*place);
+        let (known, v) = overlap_of(*place);
         middle += at(*place);
         axis += known.normals[v];
         spacing += known.spacing[v];
@@ -215,7 +215,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         .iter()
         .map(|(member, _)| {
             let (place, height) = frame(*member);
-            let (known, v) = of(*member);
+            let (known, v) = overlap_of(*member);
             // σ along the normal, converted to the axis of the height field. The limit of 0.2 keeps steep
             // vertices from losing all weight.
             let along = known.sigma[v] / known.normals[v].dot(z).max(0.2);
@@ -280,21 +280,21 @@ impl Walk {
         self.walks += 1;
         let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
         let known = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
-        let (of, v) = known(first);
-        let (middle, normal, radius) = (at(first), of.normals[v], RADIUS_EDGES * of.spacing[v]);
+        let (overlap, v) = known(first);
+        let (middle, normal, radius) = (at(first), overlap.normals[v], RADIUS_EDGES * overlap.spacing[v]);
         let mut members = Vec::new();
         let mut queue = vec![first];
         self.met[first.0 as usize][first.1 as usize] = self.walks;
         while let Some(place) = queue.pop() {
             let far = at(place).distance(middle) / radius;
-            let (of, v) = known(place);
-            if far >= 1.0 || of.normals[v].dot(normal) < MIN_COSINE || !belongs(place) {
+            let (overlap, v) = known(place);
+            if far >= 1.0 || overlap.normals[v].dot(normal) < MIN_COSINE || !belongs(place) {
                 continue;
             }
             let w = 1.0 - far * far;
             members.push((place, w * w));
             let own_neighbours = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
-            let other_patches = of.feet(v).iter().filter(|f| !f.beyond_border).flat_map(|f| {
+            let other_patches = overlap.feet(v).iter().filter(|f| !f.beyond_border).flat_map(|f| {
                 patches[f.patch as usize].mesh.triangles[f.triangle as usize].map(|end| (f.patch, end))
             });
             for to in own_neighbours.chain(other_patches) {

@@ -196,12 +196,12 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
 
 /// For each vertex, the smallest vertex of its connected part.
 fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
-    let mut of = DisjointSets::new(mesh.positions.len());
+    let mut sets = DisjointSets::new(mesh.positions.len());
     for [a, b, c] in &mesh.triangles {
-        of.join(*a, *b);
-        of.join(*a, *c);
+        sets.join(*a, *b);
+        sets.join(*a, *c);
     }
-    of.into_roots()
+    sets.into_roots()
 }
 
 /// Triangles inside the bound, the original numbers of their vertices, and the number of removed triangles.

@@ -204,9 +204,9 @@ pub(super) fn mismatched_patches(
     let estimated = patches.iter().zip(&overlap.patches).zip(names);
     estimated
         .filter(|((patch, _), _)| patch.sigma.is_empty())
-        .filter_map(|((_, of), name)| {
-            let sigma = *of.sigma.first()?;
-            let mut spacing = of.spacing.clone();
+        .filter_map(|((_, overlap), name)| {
+            let sigma = *overlap.sigma.first()?;
+            let mut spacing = overlap.spacing.clone();
             let middle = spacing.len() / 2;
             let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
             (sigma > MAX_SIGMA_PER_EDGE * *edge).then(|| {

@@ -172,7 +172,7 @@ impl Ready {
 
     /// 1 for vertices that were measured, 2 for those that were completed or fill a hole.
     pub fn observed(&self, stitched_mesh: &StitchedMesh) -> Vec<u8> {
-        let of = |(patch, v): &(u32, u32)| {
+        let observed_of = |(patch, v): &(u32, u32)| {
             // Numbers beyond the patches stand for the bound and for filled holes.
             let Some(file) = self.order.get(*patch as usize) else {
                 return 2;
@@ -180,7 +180,7 @@ impl Ready {
             // An empty list means that everything was measured.
             self.observed[*file].get(*v as usize).copied().unwrap_or(1)
         };
-        stitched_mesh.source.iter().map(of).collect()
+        stitched_mesh.source.iter().map(observed_of).collect()
     }
 
     /// The report, in the order of the files.
@@ -290,9 +290,9 @@ fn order_in_space(patches: &[MergePatch]) -> Vec<usize> {
     order
 }
 
-fn in_order<T>(of: Vec<T>, order: &[usize]) -> Vec<T> {
-    let mut of: Vec<Option<T>> = of.into_iter().map(Some).collect();
-    order.iter().filter_map(|k| of[*k].take()).collect()
+fn in_order<T>(values: Vec<T>, order: &[usize]) -> Vec<T> {
+    let mut values: Vec<Option<T>> = values.into_iter().map(Some).collect();
+    order.iter().filter_map(|k| values[*k].take()).collect()
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

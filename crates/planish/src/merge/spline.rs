@@ -69,8 +69,8 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
         )));
     }
     let mut largest = mesh.clone();
-    let mut of = parts.iter();
-    largest.triangles.retain(|_| of.next() == Some(&0));
+    let mut part_of = parts.iter();
+    largest.triangles.retain(|_| part_of.next() == Some(&0));
     let mut in_part = vec![false; mesh.positions.len()];
     for v in largest.triangles.iter().flatten() {
         in_part[*v as usize] = true;
@@ -138,10 +138,10 @@ impl Vertices {
         let measured: Vec<usize> =
             // Filled holes are not data. The spline closes them by its own smoothness.
             (0..in_part.len()).filter(|&v| in_part[v] && merged.observed[v] == 1).collect();
-        let of = |values: &[DVec3]| measured.iter().map(|&v| values[v]).collect();
+        let selected = |values: &[DVec3]| measured.iter().map(|&v| values[v]).collect();
         Self {
-            points: of(&merged.mesh.positions),
-            normals: of(&merged.normals),
+            points: selected(&merged.mesh.positions),
+            normals: selected(&merged.normals),
             sigma: measured.iter().map(|&v| merged.sigma[v]).collect(),
         }
     }

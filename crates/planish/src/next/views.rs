@@ -117,9 +117,9 @@ pub fn next_views(
     let before = figures(&places, &variances);
     let area: f64 = places.iter().map(|p| p.area).sum();
     let share = |seen: &[bool]| {
-        let of = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
+        let areas = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
         // `sum()` of an empty iterator is −0, which would be printed with its sign.
-        of.fold(0.0, |sum, a| sum + a) / area
+        areas.fold(0.0, |sum, a| sum + a) / area
     };
     let mut seen_so_far = vec![false; places.len()];
     let mut views: Vec<NextView> = Vec::new();
@@ -292,8 +292,8 @@ fn best_of(
     objective: Objective,
 ) -> Option<usize> {
     let total = |variance: &dyn Fn(usize) -> f64| -> f64 {
-        let of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
-        representatives.areas.iter().enumerate().map(of).sum()
+        let cost_of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
+        representatives.areas.iter().enumerate().map(cost_of).sum()
     };
     // All candidates start from the same covariance, so it is computed once per view and not once per
     // candidate.

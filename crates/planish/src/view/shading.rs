@@ -183,11 +183,11 @@ fn pixel(
 }
 
 /// Linear light of a sample, and its normal towards the camera.
-fn illumination(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
-    let index = seen.triangle as usize - of.first;
-    match of.shape {
+fn illumination(prepared: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
+    let index = seen.triangle as usize - prepared.first;
+    match prepared.shape {
         Shape::Surface { colour, .. } => {
-            let corners = &of.normals[index];
+            let corners = &prepared.normals[index];
             let mixed = (corners.iter().zip(seen.barycentric))
                 .fold(DVec3::ZERO, |sum, (n, w)| sum + w * n.as_dvec3());
             let normal = towards_camera(mixed.try_normalize().unwrap_or(DVec3::Z));

@@ -77,12 +77,12 @@ struct Judged {
     curvature: Vec<f64>,
 }
 
-fn mean(of: &[f64]) -> f64 {
-    of.iter().sum::<f64>() / of.len() as f64
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn covered(of: &[f64], bound: f64) -> f64 {
-    of.iter().filter(|x| **x <= bound).count() as f64 / of.len() as f64
+fn covered(values: &[f64], bound: f64) -> f64 {
+    values.iter().filter(|x| **x <= bound).count() as f64 / values.len() as f64
 }
 
 impl Judged {
@@ -114,7 +114,8 @@ impl Judged {
     }
 
     fn assert(&self, name: &str) {
-        let all = [&self.place, &self.normal, &self.curvature].map(|of| (mean(of), covered(of, 1.96 * 1.96)));
+        let all = [&self.place, &self.normal, &self.curvature]
+            .map(|errors| (mean(errors), covered(errors, 1.96 * 1.96)));
         let [place, normal, curvature] = all;
         // Two pictures of some hundred crossings each; normals are judged by one σ for all directions of
         // their error, and shading bends stripes.

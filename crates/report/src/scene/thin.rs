@@ -187,9 +187,9 @@ mod tests {
         let few = thinned(&full, 4000).expect("fewer triangles");
         assert!((1000..=4000).contains(&few.triangles.len()), "{}", few.triangles.len());
         let area = |side: bool| -> f64 {
-            let of = (few.triangles.iter())
+            let on_side = (few.triangles.iter())
                 .filter(|t| t.iter().all(|k| (few.positions[*k as usize][2] > 0.0) == side));
-            of.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
+            on_side.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
         };
         // Clusters at the border end inside the plate, so some area is lost.
         assert!(area(true) > 0.85 && area(false) < -0.85, "{} {}", area(true), area(false));

@@ -28,8 +28,8 @@ type Places = Vec<Vec<Vec<Result<Found, &'static str>>>>;
 type Key = (usize, usize, usize);
 
 /// The point of a line that is nearest to a length along it.
-fn nearest(of: &Ready<'_>, spot: Spot) -> usize {
-    let line = &of.lines[spot.line];
+fn nearest(view: &Ready<'_>, spot: Spot) -> usize {
+    let line = &view.lines[spot.line];
     let count = line.places.len();
     let k = (spot.length / line.step).round().max(0.0) as usize;
     if line.curve.closed() { k % count } else { k.min(count - 1) }
@@ -179,9 +179,9 @@ fn is_mutual(
 }
 
 fn next_along(ready: &[Ready<'_>], (view, line, place): Key) -> Option<Key> {
-    let of = &ready[view].lines[line];
+    let contour = &ready[view].lines[line];
     let next = place + 1;
-    match (next < of.places.len(), of.curve.closed()) {
+    match (next < contour.places.len(), contour.curve.closed()) {
         (true, _) => Some((view, line, next)),
         (false, true) => Some((view, line, 0)),
         (false, false) => None,

@@ -269,14 +269,14 @@ fn splitting_outlines_are_not_joined() {
     assert!(counts.len() > 1, "the outlines do part");
     let found = run(&views).unwrap();
     assert!(found.points.len() > 800 && found.strips > 1, "{} {:?}", found.points.len(), found.left_out);
-    let mut of = vec![[0, 0]; found.strips];
+    let mut points_of_balls = vec![[0, 0]; found.strips];
     for p in &found.points {
         let heights = balls.map(|b| b.height(p.position).abs());
         let nearest = usize::from(heights[1] < heights[0]);
         assert!(heights[nearest] < 0.03, "{heights:?} {p:?}");
-        of[p.strip][nearest] += 1;
+        points_of_balls[p.strip][nearest] += 1;
     }
-    assert!(of.iter().all(|[a, b]| *a == 0 || *b == 0), "{of:?}");
+    assert!(points_of_balls.iter().all(|[a, b]| *a == 0 || *b == 0), "{points_of_balls:?}");
 }
 
 /// The hull of a ball in a ring of views is the ball. Views from one side leave a part of it unobserved.

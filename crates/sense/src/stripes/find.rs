@@ -164,9 +164,9 @@ pub fn read_grid(
     let near = |k: &&Indexed| off_line(k).normalised(unit) <= GATE * GATE;
     let identified_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
         .map(|piece| {
-            let of =
+            let ordered =
                 |k: &Indexed| (k.stripes, OrderedCrossing::new(&crossings.found[k.crossing], k.first, unit));
-            piece.iter().filter(near).map(of).collect()
+            piece.iter().filter(near).map(ordered).collect()
         })
         .collect();
     let both_sides = |piece: &BTreeMap<[i32; 2], OrderedCrossing>| -> Vec<Residual> {
@@ -394,7 +394,7 @@ impl GridReadings {
     /// zero where there are none.
     #[must_use]
     pub fn scan(&self, name: &str) -> Scan {
-        let of = |r: &GridReading| r.orientation;
+        let orientation_of = |r: &GridReading| r.orientation;
         let curvatures = self.readings.iter().map(|r| {
             r.curvature.map_or(PrincipalCurvatures { values: [0.0; 2], direction: DVec3::ZERO }, |c| {
                 PrincipalCurvatures { values: [c.k1, c.k2], direction: c.d1 }
@@ -402,10 +402,12 @@ impl GridReadings {
         });
         Scan {
             name: name.to_owned(),
-            points: self.readings.iter().map(|r| of(r).point).collect(),
-            covariance: Some(self.readings.iter().map(|r| of(r).covariance).collect()),
-            normals: Some(self.readings.iter().map(|r| of(r).normal).collect()),
-            sigma_normal_deg: Some(self.readings.iter().map(|r| of(r).sigma_normal_deg).collect()),
+            points: self.readings.iter().map(|r| orientation_of(r).point).collect(),
+            covariance: Some(self.readings.iter().map(|r| orientation_of(r).covariance).collect()),
+            normals: Some(self.readings.iter().map(|r| orientation_of(r).normal).collect()),
+            sigma_normal_deg: Some(
+                self.readings.iter().map(|r| orientation_of(r).sigma_normal_deg).collect(),
+            ),
             curvatures: Some(curvatures.collect()),
             // A σ is wanted above zero even where nothing is known.
             sigma_curvature: Some(

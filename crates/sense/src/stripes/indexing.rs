@@ -99,8 +99,8 @@ pub(super) fn index(
         let relative: Vec<[i32; 2]> =
             (piece.iter()).map(|k| [0, 1].map(|s| k.at[0] * e[s] + k.at[1] * f[s])).collect();
         let reach = |s: usize| {
-            let of = relative.iter().map(|r| r[s]);
-            (of.clone().min().unwrap_or(0), of.max().unwrap_or(0))
+            let numbers = relative.iter().map(|r| r[s]);
+            (numbers.clone().min().unwrap_or(0), numbers.max().unwrap_or(0))
         };
         let ((low0, high0), (low1, high1)) = (reach(0), reach(1));
         // All shifts that keep the piece inside of the pattern. The cost is the number of shifts times that
@@ -131,12 +131,12 @@ pub(super) fn index(
         return None;
     }
     let (e, f) = (steps[turn], steps[(turn + 1) % 4]);
-    let of = |k: &Knot| Indexed {
+    let indexed = |k: &Knot| Indexed {
         crossing: k.crossing,
         stripes: [0, 1].map(|s| shift[s] + k.at[0] * e[s] + k.at[1] * f[s]),
         first: (turn + k.turn) % 2,
     };
-    Some(piece.iter().map(of).collect())
+    Some(piece.iter().map(indexed).collect())
 }
 
 #[cfg(test)]

@@ -160,11 +160,11 @@ impl<'a> RigidParts<'a> {
         // others.
         let following: Vec<Vec<(u32, f64)>> = (weights.into_iter())
             .map(|near| {
-                let of = |k: usize| {
+                let weight_of = |k: usize| {
                     let others = near.iter().enumerate().filter(|(other, _)| *other != k);
                     near[k].1 * others.map(|(_, (_, w))| 1.0 - w).product::<f64>()
                 };
-                (0..near.len()).map(|k| (near[k].0, of(k))).collect()
+                (0..near.len()).map(|k| (near[k].0, weight_of(k))).collect()
             })
             .collect();
         // Motions of parts are parameters themselves, so their block is the identity.
@@ -237,8 +237,8 @@ impl<'a> RigidParts<'a> {
             .map(|part| match part.first {
                 None => (Rotation3::identity(), Vector3::zeros()),
                 Some(first) => {
-                    let of = |k: usize| Vector3::from_fn(|axis, _| q[count + first + k + axis]);
-                    (Rotation3::from_scaled_axis(of(3) / part.radius), of(0))
+                    let components_from = |k: usize| Vector3::from_fn(|axis, _| q[count + first + k + axis]);
+                    (Rotation3::from_scaled_axis(components_from(3) / part.radius), components_from(0))
                 }
             })
             .collect();

@@ -73,8 +73,8 @@ impl ResidualCorrelation {
         }
         let places: Vec<DVec3> = residuals.iter().map(|r| r.at).collect();
         let batches = NestedBatches::new(&places);
-        let products = |of: &dyn Fn(&Residual) -> f64| {
-            let values: Vec<f64> = residuals.iter().map(of).collect();
+        let products = |value_of: &dyn Fn(&Residual) -> f64| {
+            let values: Vec<f64> = residuals.iter().map(value_of).collect();
             batches.products(&values, MIN_BATCHES)
         };
         let levels = batches.products(&normalized, MIN_BATCHES);

@@ -39,8 +39,8 @@ fn truth(points: usize, seed: u64) -> Truth {
         deformation.parameters(),
         controls.points.iter().flat_map(|p| {
             let own: [f64; 3] = std::array::from_fn(|k| {
-                let of = |matrix: &[f64; 9]| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-                of(&affine) + 0.05 * of(&wave).sin()
+                let applied = |matrix: &[f64; 9]| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
+                applied(&affine) + 0.05 * applied(&wave).sin()
             });
             own
         }),

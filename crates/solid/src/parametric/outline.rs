@@ -145,9 +145,9 @@ impl<'a> Outliner<'a> {
     /// The loop that represents the pole beside a loop around; if there are two poles, the one on its left.
     fn adjacent_pole(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
-        let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
+        let pole_with = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
         // A cone has only one pole, so the stated direction of its loop is not needed to choose it.
-        match of(!is_above).or(of(is_above)).copied() {
+        match pole_with(!is_above).or(pole_with(is_above)).copied() {
             Some(pole) => {
                 let vertex = self.positions.len() as u32;
                 self.positions.push(pole.point);

@@ -420,9 +420,9 @@ fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> 
     let Form::Cylinder { radius, .. } = wall.form else {
         return Vec::new();
     };
-    let of = CandidateSurface::Oblique(wall.clone());
-    let bounds = of.bounds();
-    let surfaces = [Candidate::Wall(of), other.clone()];
+    let surface = CandidateSurface::Oblique(wall.clone());
+    let bounds = surface.bounds();
+    let surfaces = [Candidate::Wall(surface), other.clone()];
     let step = TAU * radius / STEPS_AROUND;
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: DVec3| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);

@@ -113,10 +113,10 @@ impl<'a> Cells<'a> {
                         cuts.sort_by(f64::total_cmp);
                         for pair in cuts.windows(2).filter(|c| c[1] - c[0] > 10.0 * plan.tolerance) {
                             p[along] = (pair[0] + pair[1]) / 2.0;
-                            let of = self.at_in(cell, p);
-                            thick.insert(of);
-                            if !real.contains(&of) && self.has_room(cell, p) {
-                                real.insert(of);
+                            let atom = self.at_in(cell, p);
+                            thick.insert(atom);
+                            if !real.contains(&atom) && self.has_room(cell, p) {
+                                real.insert(atom);
                             }
                         }
                     }
@@ -136,16 +136,16 @@ impl<'a> Cells<'a> {
 
     /// True if a cell consists of slivers only, which rounding leaves where walls and other surfaces mean
     /// the same curve.
-    pub(crate) fn is_sliver_only(&self, of: u32) -> bool {
-        self.slivers.contains(&of)
+    pub(crate) fn is_sliver_only(&self, atom: u32) -> bool {
+        self.slivers.contains(&atom)
     }
 
     /// True if an interval of a line through a box is a sliver: it is shorter than the tolerance, and its
     /// cell is nowhere thicker.
     ///
     /// Only boxes with walls have slivers. Grid lines and drawn curves are snapped to common coordinates.
-    pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, of: u32) -> bool {
-        !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&of)
+    pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, atom: u32) -> bool {
+        !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&atom)
     }
 
     /// Intersections of the line along an axis through a point with the surfaces in a box; not sorted.

@@ -214,7 +214,7 @@ impl SightTests {
                             }
                             for &share in shares {
                                 let depth = lo + share * (hi - lo);
-                                let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
+                                let point_on = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
                                     let profile = plan.views[v].profile(piece);
                                     let at = profile.crossings(known, depth, 0.0).into_iter().find(|x| {
                                         *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance
@@ -225,10 +225,10 @@ impl SightTests {
                                     (normal[known].abs() > 1e-3)
                                         .then(|| (at, -normal[1 - known] / normal[known]))
                                 };
-                                let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
+                                let Some((u, du)) = point_on(a, first, a_depth, p.range[a_at]) else {
                                     continue;
                                 };
-                                let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
+                                let Some((w, dw)) = point_on(b, second, b_depth, q.range[b_at]) else {
                                     continue;
                                 };
                                 // Both slopes over the depth give the tangent of the edge in this view, and a

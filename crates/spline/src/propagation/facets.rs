@@ -151,8 +151,8 @@ impl Facet {
     /// their variance. `None` for readings on a line or an edge.
     fn fitted(points: &[DVec3], normals: &[DVec3], variance: &[f64], members: &[u32]) -> Option<(Self, f64)> {
         let count = members.len() as f64;
-        let mean = |of: &[DVec3]| {
-            let sum = members.iter().fold(DVec3::ZERO, |s, &i| s + of[i as usize]);
+        let mean = |vectors: &[DVec3]| {
+            let sum = members.iter().fold(DVec3::ZERO, |s, &i| s + vectors[i as usize]);
             1.0 / count * sum
         };
         let (origin, turned) = (mean(points), mean(normals));

@@ -334,9 +334,9 @@ fn mean(points: &[DVec3]) -> DVec3 {
 /// Initial values: the least-squares plane, the algebraic sphere, and cylinders along directions
 /// perpendicular to most normals.
 fn starts(points: &[DVec3], normals: &[DVec3], middle: DVec3) -> Vec<Primitive> {
-    let moments = |of: &[DVec3], centre: DVec3| {
+    let moments = |vectors: &[DVec3], centre: DVec3| {
         SymmetricMatrix3::from_entries(|i, j| {
-            of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum()
+            vectors.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum()
         })
     };
     let (axes, _) = moments(points, middle).eigen();

@@ -164,10 +164,11 @@ impl ScanError {
     /// Information that was stated about the unknowns, and the gradient of its term.
     fn prior(&self) -> (Vec<f64>, Vec<f64>) {
         let (j, w, e) = (self.derivative(), self.stated_information(), self.deviation());
-        let of = |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
+        let information_of =
+            |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
         let pull = |a: usize| -(0..UNKNOWNS).map(|k| j[k][a] * w[k] * e[k]).sum::<f64>();
         let own = || self.unknowns.iter().copied();
-        (own().flat_map(|a| own().map(move |b| of(a, b))).collect(), own().map(pull).collect())
+        (own().flat_map(|a| own().map(move |b| information_of(a, b))).collect(), own().map(pull).collect())
     }
 
     /// The ray through a point, if it is known.

@@ -318,10 +318,10 @@ impl Geometry<'_, '_> {
                 ]
             }
             None => {
-                let of = |degree: usize, n: usize| {
+                let default_knots = |degree: usize, n: usize| {
                     implied_knots(parts, "SURFACE", degree, n).ok_or_else(|| first.wrong("has no knots"))
                 };
-                [of(degrees[0], n_u)?, of(degrees[1], n_v)?]
+                [default_knots(degrees[0], n_u)?, default_knots(degrees[1], n_v)?]
             }
         };
         let weights = part(parts, "RATIONAL_B_SPLINE_SURFACE")

@@ -193,14 +193,14 @@ impl Equations {
             if weight == 0.0 {
                 continue;
             }
-            let of = |k: usize, sign: f64| {
-                let of = |normal| {
+            let block = |k: usize, sign: f64| {
+                let derivative_along = |normal| {
                     let plain = row.derivative(normal, sides[k].middle_now());
                     std::array::from_fn::<f64, 6, _>(|a| sign * plain[a] * scales[a])
                 };
-                (k > 0).then(|| (6 * (k - 1), of(row.normal), of(row.lean)))
+                (k > 0).then(|| (6 * (k - 1), derivative_along(row.normal), derivative_along(row.lean)))
             };
-            let blocks = [of(row.patch, 1.0), of(row.other, -1.0)];
+            let blocks = [block(row.patch, 1.0), block(row.other, -1.0)];
             for (start, derivative, lean) in blocks.iter().flatten() {
                 for a in 0..6 {
                     right[start + a] -= weight * derivative[a] * row.distance;

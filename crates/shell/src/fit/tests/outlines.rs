@@ -333,7 +333,8 @@ fn compare(
 ) {
     // The basis of the equations that remain of a track depends on the state; half the sum of their squares
     // does not.
-    let half_squares = |of: &Equations| 0.5 * of.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
+    let half_squares =
+        |equations: &Equations| 0.5 * equations.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
     if at_state.list.iter().any(|e| e.source == Source::Track) {
         let difference = (half_squares(after) - half_squares(before)) / (2.0 * step);
         let stated: f64 = (at_state.iter())
