@@ -29,7 +29,7 @@ use crate::report::{ReportOutput, with_page};
 use page::contour_page;
 pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
 use planish_contour::planar::{
-    Choice, ContourReading, ContourTarget, auto_kinds, choose, separate, usual_gap,
+    Choice, ContourReading, ContourTarget, auto_kinds, choose, separate, typical_gap,
 };
 pub use planish_contour::planar::{ContourFitOptions, ContourKind, Form, Method, PlanarMotion};
 pub use planish_contour::primitive::PrimitiveKind;
@@ -246,7 +246,7 @@ fn parts_of(
     for (level, members) in groups {
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         // Per level, because levels may be sampled at different distances.
-        let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
+        let gap = job.gap.unwrap_or_else(|| typical_gap(&sightings));
         for cluster in separate(&sightings, gap) {
             // A level that consists of one small group is fitted: the user measured just these points.
             if cluster.len() < MIN_READINGS && cluster.len() < sightings.len() {

@@ -306,7 +306,7 @@ fn fill(stitched_mesh: &mut StitchedMesh, longest: usize, progress: &dyn Progres
         vertices,
         triangles: filled.mesh.triangles.len() - triangles,
         outer_rims: filled.outer_rims,
-        left_open: filled.too_long + filled.uncovered,
+        unfilled: filled.too_long + filled.uncovered,
     };
     stitched_mesh.source.extend((0..vertices as u32).map(|v| (NO_PATCH, v)));
     stitched_mesh.stitched.resize(before + vertices, false);

@@ -100,7 +100,8 @@ pub struct ContourPatch {
     /// Its area.
     pub area: f64,
     /// Fraction of skipped places along its contours, between the first and the last in each view.
-    pub left_out_share: f64,
+    #[serde(rename = "left_out_share")]
+    pub missing_share: f64,
 }
 
 /// Overlap of surfaces with a mask: intersection over union of their pixels.
@@ -132,7 +133,8 @@ pub struct OccludingReport {
     /// Those that became points.
     pub observations: usize,
     /// The others, by cause.
-    pub left_out: BTreeMap<&'static str, usize>,
+    #[serde(rename = "left_out")]
+    pub rejected: BTreeMap<&'static str, usize>,
     /// χ² of the contours about local parabolas, over its degrees of freedom.
     pub chi2: f64,
     /// Number of connected strips of points.
@@ -293,7 +295,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         sigma_circle: of_points(&found, |p| p.sigma_circle),
         sigma: of_points(&found, OccludingPoint::sigma_along_normal),
         sigma_n_deg: of_points(&found, |p| p.sigma_normal_deg),
-        left_out: found.left_out,
+        rejected: found.rejected,
         unseen_share,
         patches,
         iou,

@@ -161,7 +161,7 @@ pub struct OccludingContours {
     /// Number of points along contours that were tested.
     pub asked: usize,
     /// Number of rejected points by cause.
-    pub left_out: BTreeMap<&'static str, usize>,
+    pub rejected: BTreeMap<&'static str, usize>,
     /// Number of points with a match in an adjacent view.
     pub matched: usize,
     /// χ² of the contour points about their local parabolas, divided by the degrees of freedom. It is 1 if σ
@@ -265,7 +265,7 @@ pub fn occluding_contours(
     let ready: Vec<Ready<'_>> = views.iter().map(|view| ready(view, options)).collect::<Result<_>>()?;
     let centres: Vec<DVec3> = ready.iter().map(|r| r.eye.centre).collect();
     let (neighbours, sequences) = sequence(&centres);
-    let mut left_out: BTreeMap<&'static str, usize> = BTreeMap::new();
+    let mut rejected: BTreeMap<&'static str, usize> = BTreeMap::new();
     let mut found = Vec::with_capacity(views.len());
     for (k, view) in ready.iter().enumerate() {
         progress(k as f64 / views.len() as f64)?;
@@ -298,10 +298,10 @@ pub fn occluding_contours(
     // Joining rejects further points. Causes are counted afterwards, so that each point is counted once.
     let joined = joining::joined(&ready, &neighbours, &mut found, options);
     for cause in found.iter().flatten().flatten().filter_map(|f| f.as_ref().err()) {
-        *left_out.entry(cause).or_default() += 1;
+        *rejected.entry(cause).or_default() += 1;
     }
     if joined.points.is_empty() {
-        let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
+        let causes: Vec<String> = (rejected.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
             "no point on the contours of {} views has a depth ({}): are the views in the order of the \
             camera's motion, and does it move across the lines of sight?",
@@ -319,7 +319,7 @@ pub fn occluding_contours(
         relaxed: joined.relaxed,
         triangles: joined.triangles,
         asked,
-        left_out,
+        rejected,
         matched,
         reduced_chi_square: chi2 / freedom,
         strips: joined.strips,

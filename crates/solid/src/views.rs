@@ -163,7 +163,7 @@ pub struct Unexplained {
     /// Name of the drawn entity; `None` if a line is missing from the drawing.
     pub entity: Option<String>,
     /// Description of the problem, with its position.
-    pub why: String,
+    pub reason: String,
 }
 
 /// The result of [`solve`].
@@ -192,7 +192,7 @@ pub enum CandidateRejection {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejected {
     /// The reason.
-    pub why: CandidateRejection,
+    pub reason: CandidateRejection,
     /// Description of the problem, with its position.
     pub message: String,
 }
@@ -388,8 +388,8 @@ fn solve_grid(
     }
     solutions.keep_manifold();
     if solutions.solutions.is_empty() {
-        let why = solutions.rejected.first().map_or("", |rejected| &rejected.message);
-        return Err(Error::undetermined(format!("no solid has these views: {why}")));
+        let reason = solutions.rejected.first().map_or("", |rejected| &rejected.message);
+        return Err(Error::undetermined(format!("no solid has these views: {reason}")));
     }
     Ok(solutions)
 }
@@ -427,7 +427,7 @@ fn unexplained(
             Unexplained {
                 view: view.kind,
                 entity: place.curve.map(|c| view.curves[c].entity.clone()),
-                why: format!(
+                reason: format!(
                     "{what} at {} {}{more}",
                     figure(scale * place.at[0]),
                     figure(scale * place.at[1])
@@ -451,7 +451,7 @@ fn solution(
     assignment: &search::Assignment,
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
-    let does_not_close = |message: String| Rejected { why: CandidateRejection::DoesNotClose, message };
+    let does_not_close = |message: String| Rejected { reason: CandidateRejection::DoesNotClose, message };
     let solid = boundary::boundary(cells, assignment)
         .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
         .map_err(|e| does_not_close(e.to_string()))?;
@@ -467,7 +467,7 @@ fn solution(
         };
         let at = contact.at.to_array().map(|c| figure(scale * c)).join(" ");
         Rejected {
-            why: CandidateRejection::Touches,
+            reason: CandidateRejection::Touches,
             message: format!("{what} {at}, where it is not manifold"),
         }
     });

@@ -125,7 +125,7 @@ fn text(done: &OccludingReport) -> String {
     lines.gap();
     let unit = done.unit.map_or("", Unit::name);
     // The keys are those of the JSON object, so that a cause has one name in both outputs.
-    let rejected: Vec<String> = (done.left_out.iter())
+    let rejected: Vec<String> = (done.rejected.iter())
         .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
         .collect();
     // One sequence is the normal case and needs no line.
@@ -177,7 +177,7 @@ fn patches(lines: &mut Lines, done: &OccludingReport, unit: &str) {
                 count(p.views),
                 significant(p.sigma, 3),
                 significant(p.area, 4),
-                percent(p.left_out_share),
+                percent(p.missing_share),
             ]
         })
         .collect();

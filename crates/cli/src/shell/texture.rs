@@ -119,7 +119,7 @@ fn text(report: &ShellTextureReport) -> String {
     let rows: Vec<Vec<String>> = (report.views.iter())
         .map(|view| {
             vec![
-                match (view.held_out, view.left_out) {
+                match (view.held_out, view.is_rejected) {
                     // A held-out view takes no part, so it can be neither rejected nor counted as different.
                     (true, _) => format!("{} (held out)", view.view),
                     (_, true) => format!("{} (rejected)", view.view),

@@ -478,8 +478,8 @@ impl GatedResiduals {
         let near = |d: &f64| d.is_finite() && gate.is_none_or(|g| d.abs() <= g);
         let used: Vec<bool> = distances.iter().map(near).collect();
         let squares: f64 = (distances.iter().zip(&used)).filter(|(_, u)| **u).map(|(d, _)| d * d).sum();
-        let left_out = used.iter().filter(|u| !**u).count() as f64;
-        Self { used, squares, log_likelihood: -0.5 * squares - left_out * gate_cost(gate) }
+        let rejected = used.iter().filter(|u| !**u).count() as f64;
+        Self { used, squares, log_likelihood: -0.5 * squares - rejected * gate_cost(gate) }
     }
 }
 
@@ -578,7 +578,7 @@ pub(super) fn batch(
             *used = distance.is_finite();
         }
     }
-    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    let rejected = used.iter().filter(|u| !**u).count() as f64;
     Ok(ContourFit {
         kind: model.kind.clone(),
         state: found.state,
@@ -588,7 +588,7 @@ pub(super) fn batch(
         squares: 2.0 * found.loss,
         min_side_coverage: likelihood_found.min_side_coverage,
         log_likelihood: (likelihood_found.log_likelihood)
-            .unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
+            .unwrap_or(-found.loss - rejected * gate_cost(options.gate)),
         termination: found.termination,
         pivot: model.pivot,
         time_s: model.time_s,

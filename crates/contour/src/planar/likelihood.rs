@@ -7,7 +7,7 @@
 
 use super::curve::arc_circle;
 use super::kind::ContourKind;
-use super::parts::usual_gap;
+use super::parts::typical_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading};
 use planish_core::BoundingBox;
 use statrs::function::erf::erf;
@@ -93,7 +93,7 @@ pub(super) fn marginal_likelihood(
             MeasuredPoint { point, covariance }
         })
         .collect();
-    let gap = usual_gap(readings);
+    let gap = typical_gap(readings);
     let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &measured_points, gap);
     let observed = observed_lengths(&strokes, &measured_points, 0.5 * gap);
     let bounds: BoundingBox<[f64; 2]> = measured_points.iter().map(|measured| measured.point).collect();

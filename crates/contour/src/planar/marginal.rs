@@ -19,7 +19,7 @@
 
 use super::kind::ContourKind;
 use super::likelihood::{MeasuredPoint, Stroke, strokes};
-use super::parts::usual_gap;
+use super::parts::typical_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, PlanarMotion};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
@@ -134,7 +134,7 @@ impl<'a> PlaceLikelihood<'a> {
         gate: f64,
     ) -> Option<Self> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
-        let gap = usual_gap(readings);
+        let gap = typical_gap(readings);
         let measured_points = measured_points(model, readings, start.as_slice());
         let pieces =
             strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &measured_points, gap);

@@ -58,7 +58,7 @@ pub(crate) fn compare_page(
         sections: vec![
             distance_section(report, unit),
             coverage_section(&normalised, report),
-            left_out(report),
+            section_of_skipped(report),
         ],
     })
 }
@@ -230,7 +230,7 @@ fn coverage_section(normalised: &[f64], report: &ComparisonReport) -> Section {
     Section::new("Whether σ is true", blocks)
 }
 
-fn left_out(report: &ComparisonReport) -> Section {
+fn section_of_skipped(report: &ComparisonReport) -> Section {
     let skipped = report.skipped;
     let causes = [
         (skipped.model_not_observed, "points of the model that were not measured, or are of another part"),

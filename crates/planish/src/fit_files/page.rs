@@ -129,15 +129,16 @@ fn input_section(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>)
     blocks.push(Block::Text(if total == 0 {
         "No reading was rejected.".to_owned()
     } else {
-        let causes: Vec<String> =
-            (report.rejected.iter()).map(|(cause, n)| format!("{} {}", count(*n), why(cause))).collect();
+        let causes: Vec<String> = (report.rejected.iter())
+            .map(|(cause, n)| format!("{} {}", count(*n), cause_text(cause)))
+            .collect();
         format!("{} rejected: {}.", counted(total, "reading"), causes.join(", "))
     }));
     Section::new("Inputs", blocks)
 }
 
 /// Causes in words.
-fn why(cause: &str) -> String {
+fn cause_text(cause: &str) -> String {
     match cause {
         // Keys of the summary, in words. A new key is shown as it is.
         "depth_edge" => "at depth edges".to_owned(),

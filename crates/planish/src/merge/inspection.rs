@@ -58,8 +58,8 @@ pub(super) fn drop_copies(named: Vec<NamedPatch>, findings: &mut Vec<Finding>) -
         }
     }
     if kept.len() < 2 {
-        let why: String = copies.iter().map(|copy| format!("; {copy} and counts once")).collect();
-        return Err(Error::input(format!("merging takes two patches or more, found {}{why}", kept.len())));
+        let copied: String = copies.iter().map(|copy| format!("; {copy} and counts once")).collect();
+        return Err(Error::input(format!("merging takes two patches or more, found {}{copied}", kept.len())));
     }
     findings.extend(copies.into_iter().map(|copy| {
         let text = format!("{copy}: it was ignored, because it adds no information");

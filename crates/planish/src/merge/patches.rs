@@ -170,14 +170,14 @@ fn of_faces(
     let unit = faces.unit().or(unit);
     let chord = chord.map(|chord| chord.in_unit(unit.unwrap_or(Unit::Millimetre)));
     let mesh = faces.triangles(&faces.fineness(chord)).map_err(|e| e.in_context(path.display()))?;
-    if let Some(first) = mesh.left_out.first() {
+    if let Some(first) = mesh.unreadable.first() {
         findings.push(Finding::new(
             FindingCode::FacesSkipped,
             format!(
                 "{}: {} of {} faces are skipped, the first: {first}",
                 path.display(),
-                mesh.left_out.len(),
-                mesh.left_out.len() + mesh.faces
+                mesh.unreadable.len(),
+                mesh.unreadable.len() + mesh.faces
             ),
         ));
     }

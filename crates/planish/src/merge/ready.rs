@@ -205,7 +205,7 @@ impl Ready {
             name: self.names[k].clone(),
             triangles: self.patches[*at].mesh.triangles.len(),
             vertices_kept: outcome.kept[*at],
-            turned_over: self.turned[k],
+            reversed: self.turned[k],
             sigma: SigmaSummary::from_values(overlap.patches[*at].sigma.clone()).median,
         };
         let mut report = MergeReport {
@@ -225,7 +225,7 @@ impl Ready {
             sigma: SigmaSummary::from_values(stitched_mesh.sigma.clone()),
             stitched_triangles: outcome.stitched,
             holes_closed: stitched_mesh.holes_closed,
-            fragments_left_out: stitched_mesh.fragments,
+            removed_fragments: stitched_mesh.fragments,
             valence: stitched_mesh.valence.clone(),
             quality: quality(&stitched_mesh.mesh),
             inputs: outcome.inputs,

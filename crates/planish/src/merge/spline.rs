@@ -84,12 +84,12 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
 /// # Errors
 /// `Unsupported` for a mesh of several parts; otherwise those of [`fit`].
 pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
-    let (largest, in_part, left_out) = largest_part(&merged.mesh)?;
+    let (largest, in_part, other_parts) = largest_part(&merged.mesh)?;
     let mut findings = Vec::new();
-    if left_out > 0 {
+    if other_parts > 0 {
         findings.push(Finding::new(
             FindingCode::SplinePartsOmitted,
-            format!("the spline omits {left_out} small parts of the merged surface"),
+            format!("the spline omits {other_parts} small parts of the merged surface"),
         ));
     }
     let check = largest.check();

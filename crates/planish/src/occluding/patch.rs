@@ -92,7 +92,7 @@ pub(super) fn patches(
                 views: of_strip.iter().map(|p| p.view).collect::<BTreeSet<_>>().len(),
                 sigma: sorted[sorted.len() / 2],
                 area: mesh.area(),
-                left_out_share: left_out(&of_strip),
+                missing_share: missing_share_of(&of_strip),
             },
             mesh,
             sigma,
@@ -103,7 +103,7 @@ pub(super) fn patches(
 }
 
 /// Share of missing places along the contours, between the first and the last place of the strip in each.
-fn left_out(points: &[&OccludingPoint]) -> f64 {
+fn missing_share_of(points: &[&OccludingPoint]) -> f64 {
     // For each contour of a view: first place, last place, and number of points.
     let mut runs: BTreeMap<(usize, usize), (usize, usize, usize)> = BTreeMap::new();
     for p in points {

@@ -446,7 +446,7 @@ impl Run<'_> {
             observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
             sigma: SigmaSummary::from_values(measured),
             smoothness_weight: fit.smoothness_weight,
-            lack_of_fit: fit.unresolved_shape,
+            unresolved_shape: fit.unresolved_shape,
             iterations: fit.iterations,
             flow: start.flow,
             frames,

@@ -90,7 +90,8 @@ pub struct ColourViewReport {
     #[serde(rename = "odd")]
     pub outlier_vertices: usize,
     /// Whether the view was rejected because it differs at too many places.
-    pub left_out: bool,
+    #[serde(rename = "left_out")]
+    pub is_rejected: bool,
     /// Root mean square difference of its image from the resulting colours, from 0 to 255, over the pixels
     /// of the mesh away from its outlines.
     pub rms: Option<f64>,
@@ -208,7 +209,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     progress.check("judging", 0.8)?;
     // Judged by what is written: the texture if there is one, otherwise the vertices.
     let reports = judge(&scene, &statistics, &coloured, texture.as_ref());
-    for view in reports.iter().filter(|view| view.left_out) {
+    for view in reports.iter().filter(|view| view.is_rejected) {
         let text = format!(
             "view `{}` differs from the others at {} of the {} vertices that it sees, and is not used: its \
              picture or its camera may be those of another view",
@@ -420,7 +421,7 @@ fn judge(
                 statistics.counted[k][0]
             },
             outlier_vertices: statistics.counted[k][1],
-            left_out: statistics.outlier_shares[k] > MAX_OUTLIER_FRACTION,
+            is_rejected: statistics.outlier_shares[k] > MAX_OUTLIER_FRACTION,
             // Also for held-out views: theirs is the only independent difference.
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),

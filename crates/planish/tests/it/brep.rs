@@ -195,7 +195,7 @@ fn written_surfaces_read_back_unchanged() {
             let faces = read_step(&path).unwrap();
             let chord = 0.02;
             let read = faces.triangles(&faces.fineness(Some(chord))).unwrap();
-            assert_eq!((read.parts.len(), read.faces, read.left_out.len()), (1, brep.faces.len(), 0));
+            assert_eq!((read.parts.len(), read.faces, read.unreadable.len()), (1, brep.faces.len(), 0));
             let mesh =
                 TriangleMesh::try_new(read.parts[0].points.clone(), read.parts[0].triangles.clone()).unwrap();
             let check = mesh.check();

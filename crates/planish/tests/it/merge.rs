@@ -142,7 +142,7 @@ fn a_hole_is_filled_with_continued_curvature() {
     let report = &merged.report;
     let filled = report.filled.as_ref().expect("lids");
     assert!(report.watertight && report.nonmanifold_edges == 0, "{report:?}");
-    assert_eq!((filled.holes, filled.outer_rims, filled.left_open), (1, 0, 0), "{filled:?}");
+    assert_eq!((filled.holes, filled.outer_rims, filled.unfilled), (1, 0, 0), "{filled:?}");
     let lid: Vec<usize> = (0..merged.mesh.positions.len()).filter(|v| merged.observed[*v] == 2).collect();
     assert_eq!(lid.len(), filled.vertices);
     let off = |v: usize| {
@@ -182,10 +182,10 @@ fn sides_of_a_thin_plate_keep_their_orientation() {
     let plate =
         vec![side(0.0, 0.0, false), side(25.3, 0.0, false), side(0.0, -0.35, true), side(25.3, -0.35, true)];
     let joined = merged(plate, MergeMethod::Mean);
-    assert!(joined.report.patches.iter().all(|p| !p.turned_over), "{:?}", joined.report);
+    assert!(joined.report.patches.iter().all(|p| !p.reversed), "{:?}", joined.report);
     assert!(joined.report.parts == 2 && joined.report.nonmanifold_edges == 0);
     let turned = merged(vec![side(0.0, 0.0, false), side(25.3, 0.0, true)], MergeMethod::Mean);
-    assert!(turned.report.patches.iter().any(|p| p.turned_over) && turned.report.parts == 1);
+    assert!(turned.report.patches.iter().any(|p| p.reversed) && turned.report.parts == 1);
 }
 
 #[test]

@@ -70,7 +70,7 @@ fn the_bracket_reads_back_as_it_was_written() {
     solved(bracket(), vec![path.clone()]).unwrap();
     let faces = planish_exchange::step::read_step(&path).unwrap();
     let read = faces.triangles(&faces.fineness(Some(0.005))).unwrap();
-    assert_eq!((read.parts.len(), read.left_out.len()), (1, 0));
+    assert_eq!((read.parts.len(), read.unreadable.len()), (1, 0));
     let part = &read.parts[0];
     let mesh = planish_mesh::TriangleMesh::try_new(part.points.clone(), part.triangles.clone()).unwrap();
     let check = mesh.check();
@@ -246,8 +246,8 @@ fn candidates_that_only_touch_or_do_not_close_are_dropped_and_counted() {
     let report = solved(views, Vec::new()).unwrap();
     assert_eq!((report.solutions.len(), report.refused.len()), (1, 0));
     assert_eq!(report.solutions[0].faces.plane, 36);
-    let why: Vec<&str> = report.dropped.iter().map(|dropped| dropped.why).collect();
-    assert_eq!(why, ["touches", "does_not_close"], "{:?}", report.dropped);
+    let reason: Vec<&str> = report.dropped.iter().map(|dropped| dropped.reason).collect();
+    assert_eq!(reason, ["touches", "does_not_close"], "{:?}", report.dropped);
     assert!(report.dropped[0].first.contains("where it is not manifold"));
 }
 

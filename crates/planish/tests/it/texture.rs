@@ -153,7 +153,7 @@ fn vertices_have_the_colours_of_the_object_and_their_number_of_views() {
     // The view of another object is told, and so is how far what was held out is met.
     for (k, view) in report.views.iter().enumerate() {
         let share = view.outlier_vertices as f64 / view.seen as f64;
-        assert_eq!((share > 0.8, view.left_out), (k == OUTLIER_VIEW, k == OUTLIER_VIEW), "{view:?}");
+        assert_eq!((share > 0.8, view.is_rejected), (k == OUTLIER_VIEW, k == OUTLIER_VIEW), "{view:?}");
         assert_eq!(view.held_out, k == HELD_OUT);
         assert!(view.seen > 1000 && (k == OUTLIER_VIEW) == (view.rms.unwrap() > 20.0), "{view:?}");
     }

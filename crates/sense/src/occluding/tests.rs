@@ -139,7 +139,7 @@ const EGG: Ellipsoid = Ellipsoid { middle: DVec3::new(0.1, -0.2, 0.1), axes: DVe
 fn points_of_a_ball_without_noise_are_accurate() {
     let cameras = arc(9, 6.0, 2.0);
     let found = run(&seen(&cameras, &BALL, 0.0)).unwrap();
-    assert!(found.points.len() > 300, "{:?}", found.left_out);
+    assert!(found.points.len() > 300, "{:?}", found.rejected);
     for p in &found.points {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 0.02 * p.sigma_depth.max(0.05));
         assert!(BALL.height(p.position).abs() < 1e-4, "{}", BALL.height(p.position));
@@ -147,10 +147,10 @@ fn points_of_a_ball_without_noise_are_accurate() {
         assert!(p.normal.dot(BALL.normal(p.position)) > 0.9999);
     }
     // At the top and the bottom, epipolar planes are tangent to the ball.
-    assert!(found.left_out["frontier"] > 20 && found.left_out["end_of_sequence"] > 100);
+    assert!(found.rejected["frontier"] > 20 && found.rejected["end_of_sequence"] > 100);
     assert_eq!(
         (found.sequences, found.asked),
-        (1, found.points.len() + found.left_out.values().sum::<usize>())
+        (1, found.points.len() + found.rejected.values().sum::<usize>())
     );
 }
 
@@ -160,7 +160,7 @@ fn points_of_a_ball_without_noise_are_accurate() {
 fn sigma_of_noisy_contours_is_consistent() {
     let cameras = arc(21, 5.0, 1.5);
     let found = run(&seen(&cameras, &EGG, 0.15)).unwrap();
-    assert!(found.points.len() > 800, "{:?}", found.left_out);
+    assert!(found.points.len() > 800, "{:?}", found.rejected);
     assert!((found.reduced_chi_square - 1.0).abs() < 0.05, "{}", found.reduced_chi_square);
     let depth = rms(found.points.iter().map(|p| depth_error(&EGG, &cameras[p.view], p) / p.sigma_depth));
     assert!((0.8..1.15).contains(&depth), "{depth}");
@@ -186,7 +186,7 @@ fn sigma_of_noisy_contours_is_consistent() {
 fn sigma_includes_the_model_error_of_the_circle() {
     let cameras = arc(7, 20.0, 1.0);
     let found = run(&seen(&cameras, &EGG, 0.02)).unwrap();
-    assert!(found.points.len() > 150, "{:?}", found.left_out);
+    assert!(found.points.len() > 150, "{:?}", found.rejected);
     let errors: Vec<f64> = (found.points.iter()).map(|p| depth_error(&EGG, &cameras[p.view], p)).collect();
     let stated = rms(errors.iter().zip(&found.points).map(|(e, p)| e / p.sigma_depth));
     let without = rms(errors
@@ -205,9 +205,9 @@ fn lines_of_sight_along_the_baseline_are_rejected() {
     let views = seen(&cameras, &BALL, 0.1);
     let found = run(&views).unwrap();
     assert!(
-        found.left_out.contains_key("along_baseline") || found.left_out.contains_key("uncertain"),
+        found.rejected.contains_key("along_baseline") || found.rejected.contains_key("uncertain"),
         "{:?}",
-        found.left_out
+        found.rejected
     );
     for p in &found.points {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 5.0 * p.sigma_depth);
@@ -268,7 +268,7 @@ fn splitting_outlines_are_not_joined() {
         .collect();
     assert!(counts.len() > 1, "the outlines do part");
     let found = run(&views).unwrap();
-    assert!(found.points.len() > 800 && found.strips > 1, "{} {:?}", found.points.len(), found.left_out);
+    assert!(found.points.len() > 800 && found.strips > 1, "{} {:?}", found.points.len(), found.rejected);
     let mut points_of_balls = vec![[0, 0]; found.strips];
     for p in &found.points {
         let heights = balls.map(|b| b.height(p.position).abs());
@@ -292,7 +292,7 @@ fn the_hull_reports_the_unobserved_share() {
     let bounds = planish_mesh::BoundingBox { min: DVec3::splat(-1.5), max: DVec3::splat(1.5) };
     let hull = VisualHull::new(&views, &bounds, 60).unwrap();
     let all = run(&views).unwrap();
-    assert_eq!(all.left_out.get("end_of_sequence"), None);
+    assert_eq!(all.rejected.get("end_of_sequence"), None);
     for p in &hull.mesh.positions {
         assert!(p.length() > 0.97 && p.length() < 1.25, "{}", p.length());
     }
@@ -301,9 +301,9 @@ fn the_hull_reports_the_unobserved_share() {
     let bound = SilhouetteBound::new(&views).unwrap();
     for p in hull.mesh.positions.iter().step_by(7) {
         assert!(bound.depth(*p).abs() < 0.1 && bound.depth_without_one(*p) >= bound.depth(*p), "{p:?}");
-        let fewer = |left_out: usize| {
+        let fewer = |rejected: usize| {
             let rest: Vec<ContourView> = (views.iter().enumerate())
-                .filter(|(k, _)| *k != left_out)
+                .filter(|(k, _)| *k != rejected)
                 .map(|(_, view)| view.clone())
                 .collect();
             SilhouetteBound::new(&rest).unwrap().depth(*p)

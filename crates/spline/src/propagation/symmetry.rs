@@ -94,7 +94,7 @@ pub struct FittedSymmetry {
     /// See `compared`.
     pub agreeing: usize,
     /// For each facet, true if its images may be used as readings.
-    pub obeys: Vec<bool>,
+    pub is_symmetric: Vec<bool>,
     /// True if the cloud supports the symmetry: enough facets were compared, more than 80 % of them agree,
     /// and its position is determined.
     pub supported: bool,
@@ -304,14 +304,14 @@ fn evaluate(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     let ring = matches!(symmetry, Symmetry::Rotation { order: None, .. });
     // A finite symmetry may map a facet to an unobserved place, which is to be completed. On a ring, a facet
     // without a partner is an attachment such as a handle, and must not be copied.
-    let obeys = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
+    let is_symmetric = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
     let mut made = FittedSymmetry {
         symmetry,
         covariance,
         departure: departure + allowed * 0.5 / (compared.max(1) as f64).sqrt(),
         compared,
         agreeing,
-        obeys,
+        is_symmetric,
         supported: false,
     };
     let (shifts, tilts) = made.sigmas();

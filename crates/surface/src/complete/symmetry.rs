@@ -215,7 +215,7 @@ impl Cloud {
         let sources: Vec<usize> = (0..self.readings.len())
             // Facets that do not obey the symmetry, such as those of a handle, are not copied (decision
             // 0017).
-            .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
+            .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.is_symmetric[f as usize]))
             .collect();
         let turns = self.turns(found);
         // Evenly spread over the readings, so that all parts are completed.

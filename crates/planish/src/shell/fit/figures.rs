@@ -123,8 +123,8 @@ pub struct ShellFitReport {
     pub smoothness_weight: f64,
     /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes
     /// it.
-    // The name is a key of the JSON output, which programs read.
-    pub lack_of_fit: f64,
+    #[serde(rename = "lack_of_fit")]
+    pub unresolved_shape: f64,
     /// Number of iterations.
     pub iterations: usize,
     /// The flow of a rough start before the fit.

@@ -58,7 +58,7 @@ pub(super) struct Readings<'a> {
     pub(super) softening: Option<Softening>,
     /// For each scan, marks of readings that are held out or repeated; and of these and the gated ones.
     pub(super) is_held_out: Vec<Marks>,
-    pub(super) is_left_out: Vec<Marks>,
+    pub(super) is_excluded: Vec<Marks>,
     /// For each sensor, true if σ was stated.
     pub(super) stated: Vec<bool>,
     /// Each sensor's 1/variance for scans without σ; 1 if none is stated.
@@ -113,7 +113,7 @@ pub(super) struct OfScan<'a> {
     pub(super) information: f64,
     pub(super) pose: Option<&'a Pose>,
     pub(super) cells: [f64; 2],
-    pub(super) is_left_out: &'a Marks,
+    pub(super) is_excluded: &'a Marks,
     pub(super) is_held_out: &'a Marks,
     /// A surface, and the distance up to which a reading of unit information keeps its full weight.
     pub(super) softened: Option<(&'a Evaluation, f64)>,
@@ -139,7 +139,7 @@ impl OfScan<'_> {
     /// Reading `k`; none if it takes no part in the fit.
     #[inline(always)]
     pub(super) fn fitted(&self, k: usize) -> Option<PositionReading> {
-        (!self.is_left_out.has(k)).then(|| {
+        (!self.is_excluded.has(k)).then(|| {
             let reading = self.reading(k);
             let softened = self.softened.map_or(1.0, |(surface, bound)| {
                 let far = surface.residual(reading).fold(0.0, |far: f64, r| far.max(r.abs()));
@@ -225,7 +225,7 @@ impl<'a> Readings<'a> {
             options,
             total,
             is_held_out: marks(),
-            is_left_out: marks(),
+            is_excluded: marks(),
             held_out,
             repeated,
             softening: None,
@@ -254,7 +254,7 @@ impl<'a> Readings<'a> {
             information: self.information[posed.sensor],
             pose: self.is_moved[s].then_some(&posed.scan.world_from_scanner),
             cells: self.cells,
-            is_left_out: &self.is_left_out[s],
+            is_excluded: &self.is_excluded[s],
             is_held_out: &self.is_held_out[s],
             softened: (self.softening.as_ref())
                 .map(|by| (&by.surface, BOUNDED_FROM_SIGMAS * by.variances[posed.sensor].sqrt())),
@@ -269,8 +269,8 @@ impl<'a> Readings<'a> {
     /// Rejects the readings in `gated` instead of those before.
     pub(super) fn set_gated(&mut self, gated: Vec<Vec<u32>>) {
         self.softening = None;
-        let left_out = gated.iter().zip(&self.held_out).zip(&self.repeated);
-        self.is_left_out = (self.set.scans.iter().zip(left_out))
+        let excluded = gated.iter().zip(&self.held_out).zip(&self.repeated);
+        self.is_excluded = (self.set.scans.iter().zip(excluded))
             .map(|(posed, ((gated, held_out), repeated))| {
                 Marks::on(posed.scan.points.len(), gated.iter().chain(held_out).chain(repeated))
             })
@@ -334,7 +334,7 @@ impl<'a> Readings<'a> {
                 // Residuals of rounding size are no errors of a sensor.
                 if normalised > gate2 && largest > surface.rounding {
                     part.farthest = part.farthest.max(normalised);
-                    if !scan.is_left_out.has(k) {
+                    if !scan.is_excluded.has(k) {
                         part.farthest_new = part.farthest_new.max(normalised);
                     }
                     part.gated.push(k as u32);
@@ -389,7 +389,7 @@ impl<'a> Readings<'a> {
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let spread = variances[posed.sensor].sqrt();
-            for k in (0..posed.scan.points.len()).step_by(step).filter(|&k| !scan.is_left_out.has(k)) {
+            for k in (0..posed.scan.points.len()).step_by(step).filter(|&k| !scan.is_excluded.has(k)) {
                 let reading = scan.reading(k);
                 let place = [0, 1].map(|d| (reading.at[d] / self.cells[d] * side).min(side - 1.0) as usize);
                 let bin = (place[1] * side as usize + place[0]) * coordinates;
