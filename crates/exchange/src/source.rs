@@ -253,7 +253,8 @@ impl<R: Read> Source<R> {
         }
     }
 
-    /// Number of entries to reserve for a declared count of records of at least `min_record_bytes` bytes each.
+    /// Number of entries to reserve for a declared count of records of at least `min_record_bytes` bytes
+    /// each.
     ///
     /// Never more than the rest of the file can hold; one buffer full if the length is unknown (gzip, pipes).
     pub(crate) fn reserve(&self, promised: u64, min_record_bytes: u64) -> usize {

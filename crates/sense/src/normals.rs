@@ -222,9 +222,9 @@ pub struct CloudGeometry {
 /// Minimum distance of a suspect point from its neighbours, as a multiple of the median over the cloud.
 /// Smaller values reject sparse parts of surfaces.
 const FAR_SPACINGS: f64 = 6.0;
-/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `MAX_FLATNESS`) and
-/// its neighbours surround it (offset over their spread at most `MAX_OFFSET_SPREADS`). This keeps sparse regions of a
-/// surface.
+/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below
+/// `MAX_FLATNESS`) and its neighbours surround it (offset over their spread at most `MAX_OFFSET_SPREADS`).
+/// This keeps sparse regions of a surface.
 const MAX_FLATNESS: f64 = 0.02;
 const MAX_OFFSET_SPREADS: f64 = 1.0;
 

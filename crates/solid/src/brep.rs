@@ -193,8 +193,8 @@ impl Solid {
         shells
     }
 
-    /// Adds a complete sphere or torus as a face, with seams where its parameters begin: a meridian of a sphere,
-    /// both circles of a torus.
+    /// Adds a complete sphere or torus as a face, with seams where its parameters begin: a meridian of a
+    /// sphere, both circles of a torus.
     ///
     /// A face needs a loop in STEP and in Euler's formula; seams make one.
     pub(crate) fn add_untrimmed(&mut self, surface: FaceSurface, outward: bool) {

@@ -450,8 +450,8 @@ fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     });
 }
 
-/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that `selected`
-/// selects.
+/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that
+/// `selected` accepts.
 ///
 /// `shift` is the first column and row of the target within the front.
 fn extend_add(

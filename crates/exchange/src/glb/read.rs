@@ -320,8 +320,8 @@ impl File<'_> {
                 (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
             if first.saturating_add(positions.count) > max_vertices {
                 return Err(Error::input(format!(
-                    "expected at most {max_vertices} vertices for a file of this size, found more in repeated \
-                     meshes: export one copy"
+                    "expected at most {max_vertices} vertices for a file of this size, found more in \
+                     repeated meshes: export one copy"
                 )));
             }
             for vertex in 0..positions.count {

@@ -2,8 +2,8 @@
 //!
 //! In: a border loop, the normals along it, and the existing edges. Out: triangles of minimum area (G.
 //! Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), oriented against the loop.
-//! Cost O(n³) for up to [`MAX_LOOP_EDGES`] edges; longer loops are first split by short chords. Not guaranteed: that
-//! the triangles do not intersect anything; minimum area for long loops.
+//! Cost O(n³) for up to [`MAX_LOOP_EDGES`] edges; longer loops are first split by short chords. Not
+//! guaranteed: that the triangles do not intersect anything; minimum area for long loops.
 
 use crate::edges::edge;
 use planish_core::DVec3;

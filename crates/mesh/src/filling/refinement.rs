@@ -1,10 +1,10 @@
 //! Refines the cover of a hole to triangles like those around it.
 //!
 //! In: triangles between the vertices of a loop, and the edge length at each. Out: triangles with additional
-//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GROWTH_PER_DISTANCE`]), so that a large
-//! hole needs few triangles. The method splits triangles at their centroid and flips edges (P. Liepa,
-//! *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices lie on a
-//! plausible surface; fairing moves them.
+//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GROWTH_PER_DISTANCE`]), so
+//! that a large hole needs few triangles. The method splits triangles at their centroid and flips edges (P.
+//! Liepa, *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices
+//! lie on a plausible surface; fairing moves them.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, flip, opposites, split_triangle};

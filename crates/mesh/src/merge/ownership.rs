@@ -4,8 +4,8 @@
 //! whose corners have a higher score than the other patches at the same point, unless they lie on or beside a
 //! kept triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
 //!
-//! The score is the distance to the border of the patch, in its edges and at most [`MAX_BORDER_DISTANCE`], so that a seam
-//! runs at equal distances from both borders. A patch that is finer than another by the factor
+//! The score is the distance to the border of the patch, in its edges and at most [`MAX_BORDER_DISTANCE`], so
+//! that a seam runs at equal distances from both borders. A patch that is finer than another by the factor
 //! [`FINER_RATIO`] wins from [`TAPER`] edges inside its border on, because it shows detail between the
 //! vertices of the other. Among almost equal scores the earlier patch wins by a fraction of an edge. The
 //! score of a point does not depend on the patch that it is compared with, so that one of any three patches

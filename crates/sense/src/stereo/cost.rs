@@ -1,7 +1,7 @@
 //! The cost of matching a pixel of the left image with one of the right.
 //!
-//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`MAX_COST`]. The
-//! cost is [`MAX_COST`] outside of the right image.
+//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`MAX_COST`].
+//! The cost is [`MAX_COST`] outside of the right image.
 //!
 //! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which are invariant
 //! to exposure, plus a share of the sampling-insensitive difference of brightness (Birchfield and Tomasi

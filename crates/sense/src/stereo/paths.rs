@@ -63,8 +63,8 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, current: &mut [u16], 
         current[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
     {
         let adjacent = below.min(above).wrapping_add(one);
-        // Subtracting the minimum keeps the cost of a path at most `MAX_COST + P2`, however long it is, so eight
-        // of them fit 16 bits.
+        // Subtracting the minimum keeps the cost of a path at most `MAX_COST + P2`, however long it is, so
+        // eight of them fit 16 bits.
         let path = u16::from(cost).wrapping_add(same.min(adjacent).min(jump).wrapping_sub(lowest));
         *current = path;
         *sum = sum.wrapping_add(path);

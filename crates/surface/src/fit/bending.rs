@@ -163,8 +163,7 @@ fn follow(
         // The state before is the start, and its displacement is kept smooth, so states are followed one by
         // one.
         let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
-        let converged_state = sheet.converge_state(&mut observations, &progress).map_err(|e| {
-            match e.kind() {
+        let converged_state = sheet.fit(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e
                 .in_context(
                     "the sheet cannot be bent to all readings of its time; is the time right, and the shape \
@@ -172,7 +171,6 @@ fn follow(
                 )
                 .at(state.name(set)),
             _ => e.at(state.name(set)),
-        }
         })?;
         let ConvergedState { converged, beyond, held } = converged_state;
         let quiet = planish_core::Silent;

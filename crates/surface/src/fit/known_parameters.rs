@@ -39,8 +39,8 @@ use readings::{Evaluation, Reading, Readings, TASK};
 const MAX_ROUNDS: u32 = 20;
 /// Relative change of a sensor's variance below which it has converged.
 const CONVERGED_VARIANCE: f64 = 0.01;
-/// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGIN_SIGMAS`] σ
-/// beyond it. Such readings would otherwise alternate without end.
+/// Share of the readings that may still change sides of the gate, if none of them is more than
+/// [`MARGIN_SIGMAS`] σ beyond it. Such readings would otherwise alternate without end.
 const CONVERGED_GATE: f64 = 1e-4;
 const MARGIN_SIGMAS: f64 = 1.0;
 /// Maximum number of rounds with softened readings, and the relative change of a variance that asks for

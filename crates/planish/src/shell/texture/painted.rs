@@ -67,8 +67,8 @@ pub(super) fn paint(
     if size < min_size || size > MAX_TEXTURE_SIZE {
         return Err(Error::input(format!(
             "a texture of {count} triangles takes {min_size} pixels along a side or more, and \
-             {MAX_TEXTURE_SIZE} are the most, found {size}: expected another size, a coarser mesh, or colours \
-             of vertices"
+             {MAX_TEXTURE_SIZE} are the most, found {size}: expected another size, a coarser mesh, or \
+             colours of vertices"
         )));
     }
     let chart = own.unwrap_or_else(|| Chart::atlas(count, size));

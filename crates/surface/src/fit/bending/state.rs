@@ -76,7 +76,7 @@ impl Sheet<'_> {
     ///
     /// # Errors
     /// `Undetermined` if no reading is near the sheet.
-    pub(super) fn converge_state(
+    pub(super) fn fit(
         &self,
         observations: &mut Observations,
         progress: &dyn Progress,

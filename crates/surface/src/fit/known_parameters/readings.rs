@@ -67,8 +67,8 @@ pub(super) struct Readings<'a> {
     pub(super) is_moved: Vec<bool>,
 }
 
-/// Softening of distant readings: beyond [`BOUNDED_FROM_SIGMAS`] σ from a surface, each adds as much to the sum of
-/// squares as a reading at that distance.
+/// Softening of distant readings: beyond [`BOUNDED_FROM_SIGMAS`] σ from a surface, each adds as much to the
+/// sum of squares as a reading at that distance.
 pub(super) struct Softening {
     pub(super) surface: Evaluation,
     /// Each sensor's variance over that stated.
