@@ -126,7 +126,7 @@ fn coverage(stated: f64, reference_sigma: f64) -> f64 {
 }
 
 #[test]
-fn ninety_five_per_cent_are_covered_where_sigma_is_true() {
+fn a_correct_sigma_covers_ninety_five_per_cent() {
     // Sixty fits of some forty degrees of freedom each: the mean is known to half a per cent.
     let found = coverage(1.0, 0.0);
     assert!((0.94..0.97).contains(&found), "{found}");

@@ -36,7 +36,7 @@ fn model() -> SurfaceModel {
 }
 
 #[test]
-fn sigma_after_is_that_of_the_information_with_the_readings_added() {
+fn sigma_after_points_matches_the_updated_information() {
     let mut model = model();
     let options = NextOptions { count: 6, sigma: Some(0.004), ..NextOptions::default() };
     let report = next_points(&model, &options, &Silent).unwrap();
@@ -172,7 +172,7 @@ fn ring() -> SurfaceModel {
 }
 
 #[test]
-fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
+fn sigma_after_views_matches_the_updated_information() {
     let mut model = ring();
     let (sensor, options) = (camera(), NextOptions { count: 2, ..NextOptions::default() });
     let report = next_views(&model, &sensor, &options, &Silent).unwrap();
@@ -209,7 +209,7 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
 }
 
 #[test]
-fn many_threads_choose_the_same_views_as_one() {
+fn the_chosen_views_do_not_depend_on_the_number_of_threads() {
     let model = ring();
     let options = NextOptions { count: 2, ..NextOptions::default() };
     let with = |threads: usize| {

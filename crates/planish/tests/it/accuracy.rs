@@ -172,7 +172,7 @@ fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, limit: f64) {
 }
 
 #[test]
-fn threads_do_not_change_a_bit_of_the_model() {
+fn the_model_does_not_depend_on_the_number_of_threads() {
     let scene = scans(&ScanSceneOptions { readings: 8000, ..ScanSceneOptions::default() }).unwrap();
     let bits = [1, 2, 3, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -217,7 +217,7 @@ fn written_surfaces_read_back_unchanged() {
 }
 
 #[test]
-fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
+fn open_cascade_confirms_validity_area_and_box_of_every_shape() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("brep");
     std::fs::create_dir_all(&folder).unwrap();
     let mut files = Vec::new();

@@ -182,7 +182,7 @@ fn errors_of_truths_from_the_prior_have_the_posterior_covariance() {
 
 #[test]
 #[ignore = "two hundred draws a shape: run by `just nightly`"]
-fn two_hundred_draws_reach_both_bounds() {
+fn errors_of_two_hundred_draws_reach_both_bounds() {
     for shape in SHAPES {
         let ratio = cramer_rao_ratio(shape, 200);
         let (nees, band, posterior) = posterior_consistency(shape, 200);

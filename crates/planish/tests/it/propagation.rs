@@ -55,7 +55,7 @@ fn with_symmetry(symmetry: Option<SymmetryChoice>) -> FitOptions {
 }
 
 #[test]
-fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
+fn the_unobserved_side_of_a_vessel_is_completed_by_its_symmetry() {
     let scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     let truth = vessel_truth(&scene);
     let plain = fit(&scene.set, &FitOptions::default(), &Silent).unwrap();

@@ -291,7 +291,7 @@ fn every_mix_of_many_truths_is_covered_by_its_sigma() {
 
 /// A surface as rough as its thin plate allows has detail in every cell that residuals do not show.
 #[test]
-fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
+fn sigma_of_a_rough_surface_is_calibrated_with_division_by_roughness() {
     let positions = Mix { positions: 2_000, ..NO_READINGS };
     let covered = |refine_by: RefineBy| {
         let errors: Vec<(f64, f64)> = (0..2)

@@ -96,7 +96,7 @@ impl Progress for NoWork {
 }
 
 #[test]
-fn a_ball_that_bends_is_refused_before_the_work() {
+fn a_bending_ball_is_rejected_before_the_work() {
     // Seen from all sides at each of two times: one view alone looks like a sheet.
     let mut set = scene(Shape::Ball, 4000).set;
     set.scans.iter_mut().for_each(|posed| posed.scan.time_s = Some(0.0));

@@ -115,7 +115,7 @@ fn min_held_out_iou(report: &ShellFitReport) -> f64 {
 /// A user's ellipsoid becomes a bow in views that was held out, closed and in one piece. Bent alone it does
 /// not.
 #[test]
-fn an_ellipsoid_becomes_a_bow() {
+fn an_ellipsoid_is_fitted_to_views_of_a_bow() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let made = job.run(&Silent).unwrap();

@@ -64,7 +64,7 @@ fn the_bracket_of_the_examples_has_its_volume() {
 }
 
 #[test]
-fn the_bracket_reads_back_as_it_was_written() {
+fn the_written_bracket_reads_back_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bracket.step");
     solved(bracket(), vec![path.clone()]).unwrap();
@@ -113,7 +113,7 @@ fn a_circle_of_radius_zero_is_ignored_with_a_warning() {
 }
 
 #[test]
-fn a_drawing_of_a_size_that_no_step_file_can_have_is_refused_by_name_and_size() {
+fn drawings_too_large_for_step_files_are_rejected_with_name_and_size() {
     let folder = tempfile::tempdir().unwrap();
     for (factor, is_fine) in [(1e-6, false), (1e-3, true), (1e3, true), (1e8, false)] {
         let drawn =
@@ -154,7 +154,7 @@ fn an_open_contour_is_rejected_and_its_ends_are_reported() {
 }
 
 #[test]
-fn views_of_another_scale_and_single_views_are_refused_by_name() {
+fn views_of_another_scale_and_single_views_are_rejected_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let e = solved(box_with(rectangle(80.0, 40.0), folder.path()), Vec::new()).unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Input);

@@ -56,7 +56,7 @@ fn covered(picture: &Picture, row: usize) -> Vec<usize> {
 }
 
 #[test]
-fn values_have_their_colours_where_they_lie() {
+fn values_have_their_colours_at_their_positions() {
     let folder = tempfile::tempdir().unwrap();
     let ball = icosphere(1.0, 4);
     // σ grows along x: dark violet on the left of who looks from the front, yellow on the right.
@@ -87,7 +87,7 @@ fn values_have_their_colours_where_they_lie() {
 }
 
 #[test]
-fn cameras_see_the_sides_that_they_name() {
+fn named_cameras_show_the_named_sides() {
     let folder = tempfile::tempdir().unwrap();
     let ball = icosphere(1.0, 4);
     let observed = ball.positions.iter().map(|p| f64::from(u8::from(p[0] > 0.0))).collect();
@@ -183,7 +183,7 @@ fn a_picture_larger_than_memory_is_refused() {
 }
 
 #[test]
-fn threads_do_not_change_a_picture() {
+fn a_picture_does_not_depend_on_the_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 3), &[]);
     let made = [1, 3].map(|threads| {

@@ -38,7 +38,7 @@ pub(super) struct MatchingCost {
 }
 
 impl MatchingCost {
-    /// Prepares both images; `least` is the disparity with index 0.
+    /// Prepares both images; `min_disparity` is the disparity with index 0.
     pub(super) fn new(left: &Image, right: &Image, min_disparity: i32) -> Self {
         let columns = left.columns;
         let mut all = Self {

@@ -65,7 +65,7 @@ fn near(found: f64, truth: f64, share: f64) {
 }
 
 #[test]
-fn whole_spheres_and_tori_close_and_face_outwards() {
+fn complete_spheres_and_tori_close_and_face_outwards() {
     for (surface, area, volume) in
         [(sphere(), 16.0 * PI, 32.0 / 3.0 * PI), (torus(), 12.0 * PI * PI, 6.0 * PI * PI)]
     {

@@ -315,7 +315,7 @@ fn the_full_layout_continues_from_the_isotropic_one() {
 
 /// In the stiff limit every reading counts once everywhere, although patches form loops.
 #[test]
-fn nothing_is_counted_twice_around_a_loop() {
+fn information_around_a_loop_is_counted_once() {
     let prior = SmoothnessPrior { weight: 1e5, hold: 1e-6 };
     let base = [12, 12];
     let mut filter = filter(base, StateLayout::Isotropic, prior);
@@ -472,7 +472,7 @@ fn patches_are_subdivided_only_where_the_shape_requires_it() {
 }
 
 #[test]
-fn wrong_readings_and_options_are_rejected_and_change_nothing() {
+fn invalid_readings_and_options_are_rejected_without_a_change() {
     let mut filter = filter([4, 4], StateLayout::Full, PRIOR);
     let state = filter.state();
     let good = ([1.0, 1.0], DVec3::Z);

@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_do_not_change_the_mesh() {
+    fn the_exported_mesh_does_not_depend_on_the_number_of_threads() {
         let model = small_model(Shape::Torus);
         let made = [1, 2, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

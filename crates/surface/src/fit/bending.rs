@@ -46,7 +46,7 @@ use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{Metric, Shape, Surface, SurfaceSystem};
-use state::{ConvergedState, Sheet};
+use state::{BentState, Sheet};
 use std::sync::Arc;
 
 /// Relative σ of lengths along a sheet.
@@ -172,7 +172,7 @@ fn follow(
                 .at(state.name(set)),
             _ => e.at(state.name(set)),
         })?;
-        let ConvergedState { converged, beyond, held } = converged_state;
+        let BentState { converged, beyond, held } = converged_state;
         let quiet = planish_core::Silent;
         let mut made = finish(FinishInput::new(&scans, &observations, options, origin), converged, &quiet)?
             .translated(origin)?;

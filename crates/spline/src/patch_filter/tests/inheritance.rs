@@ -5,7 +5,7 @@ use super::*;
 /// Children of one parent have the same information, so reconciliation must not change them. (Eq. 21 of the
 /// paper as printed halves their variance without any new reading.)
 #[test]
-fn reconciling_inherited_information_changes_nothing() {
+fn reconciling_inherited_information_has_no_effect() {
     let mut filter = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
     for reading in positions([4, 4], 30, 0.05, 17) {
         filter.observe(&reading).unwrap();

@@ -52,7 +52,7 @@ pub(super) struct Sheet<'a> {
 }
 
 /// A converged state.
-pub(super) struct ConvergedState {
+pub(super) struct BentState {
     pub converged: ConvergedFit,
     /// Number of readings beyond the border.
     pub beyond: usize,
@@ -76,11 +76,7 @@ impl Sheet<'_> {
     ///
     /// # Errors
     /// `Undetermined` if no reading is near the sheet.
-    pub(super) fn fit(
-        &self,
-        observations: &mut Observations,
-        progress: &dyn Progress,
-    ) -> Result<ConvergedState> {
+    pub(super) fn fit(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<BentState> {
         let Self { system, previous, .. } = *self;
         let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
@@ -178,7 +174,7 @@ impl Sheet<'_> {
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,
         };
-        Ok(ConvergedState { converged, beyond, held })
+        Ok(BentState { converged, beyond, held })
     }
 
     fn fixed_prior(&self) -> Result<FixedPrior> {
