@@ -109,11 +109,11 @@ impl State {
 
 /// Seconds as `12 s`, `3:05 min` or `1:02 h`.
 fn clock(seconds: f64) -> String {
-    let whole = seconds.max(0.0).round() as u64;
-    match whole {
-        0..60 => format!("{whole} s"),
-        60..3600 => format!("{}:{:02} min", whole / 60, whole % 60),
-        _ => format!("{}:{:02} h", whole / 3600, whole % 3600 / 60),
+    let total = seconds.max(0.0).round() as u64;
+    match total {
+        0..60 => format!("{total} s"),
+        60..3600 => format!("{}:{:02} min", total / 60, total % 60),
+        _ => format!("{}:{:02} h", total / 3600, total % 3600 / 60),
     }
 }
 

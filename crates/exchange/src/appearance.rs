@@ -17,7 +17,7 @@ use planish_estimate::{Error, Result};
 
 use crate::Unit;
 use crate::atomic::{write_atomically, write_packed};
-use crate::output_set::recover_beside;
+use crate::output_set::recover_outputs_in_folder_of;
 use crate::source::read_text;
 
 /// Marks a corner without texture coordinates.
@@ -149,7 +149,7 @@ impl TexturedMesh {
 /// # Errors
 /// `Io` if the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    recover_beside(path);
+    recover_outputs_in_folder_of(path);
     std::fs::read(path)
         .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
 }

@@ -277,11 +277,11 @@ fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(tempfi
 /// Completes or removes what killed processes have left in the folder of a file, once per process and folder.
 ///
 /// Reading a file does this too. Call it before the first look at a folder, for example before a listing.
-pub fn recover_beside(path: &Path) {
+pub fn recover_outputs_in_folder_of(path: &Path) {
     recover(&folder_of(path));
 }
 
-/// [`recover_beside`] by the folder. Failures are ignored: a folder that may not be changed is read as it is.
+/// [`recover_outputs_in_folder_of`] by the folder. Failures are ignored: a folder that may not be changed is read as it is.
 pub(crate) fn recover(folder: &Path) {
     let folder = absolute(folder);
     // A poisoned lock only means that another thread panicked while it added a folder.

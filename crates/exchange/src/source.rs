@@ -11,7 +11,7 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind as IoKind, Read};
 use std::path::Path;
 
-use crate::output_set::recover_beside;
+use crate::output_set::recover_outputs_in_folder_of;
 use flate2::read::MultiGzDecoder;
 use planish_estimate::{Error, Result};
 
@@ -43,7 +43,7 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
         _ => Error::io("could not be opened").with_source(e),
     };
     // A process that was killed while it published this file may have left the set half renamed.
-    recover_beside(path);
+    recover_outputs_in_folder_of(path);
     let metadata = fs::metadata(path).map_err(failed)?;
     // Checked first, because opening a folder succeeds on Linux and only reading from it fails.
     if metadata.is_dir() {

@@ -9,7 +9,7 @@ use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::ply::read_contents;
-use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs, recover_beside};
+use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs, recover_outputs_in_folder_of};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
 use planish_surface::export::sigma_summary;
@@ -223,7 +223,7 @@ pub struct ModelInfo {
 /// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     // A killed run may have left outputs that are only partly renamed (docs/decisions/0087-output-sets.md).
-    recover_beside(path);
+    recover_outputs_in_folder_of(path);
     match extension(path).as_str() {
         "planish" => model(path),
         "ply" => {

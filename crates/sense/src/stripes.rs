@@ -147,14 +147,16 @@ pub fn orientation(
         let slope = |a: DVec3, b: DVec3| 0.5 / step * (a - b);
         *derivative = (slope(ahead.0, behind.0), slope(ahead.1, behind.1));
     }
-    let carried = |of: &dyn Fn(usize) -> DVec3| {
+    let carried = |derivative: &dyn Fn(usize) -> DVec3| {
         SymmetricMatrix3::from_entries(|i, j| {
             // Errors of the two devices are independent, so the products between them are absent.
             let seen: f64 = (0..4)
-                .map(|k| (0..4).map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j]).sum::<f64>())
+                .map(|k| {
+                    (0..4).map(|l| derivative(k)[i] * covariance.image[k][l] * derivative(l)[j]).sum::<f64>()
+                })
                 .sum();
-            let thrown: f64 = (4..6).map(|k| of(k)[i] * of(k)[j]).sum();
-            seen + covariance.projector_px.powi(2) * thrown
+            let projected: f64 = (4..6).map(|k| derivative(k)[i] * derivative(k)[j]).sum();
+            seen + covariance.projector_px.powi(2) * projected
         })
     };
     let (of_point, of_normal) = (carried(&|k| by[k].0), carried(&|k| by[k].1));

@@ -250,13 +250,13 @@ fn fill_drawings(folder: &Path) {
     dxf("side.dxf", "", &rectangle(30.0, 20.0));
     dxf("double.dxf", "", &rectangle(80.0, 40.0));
     dxf("open.dxf", "", &sides(40.0, 20.0)[..3].concat());
-    let messy = format!(
+    let with_other_entities = format!(
         "{}{}0 LINE 5 7A 10 5 20 20 11 5 21 20 0 TEXT 5 7B 1 hello 0 HATCH 5 7C 0 DIMENSION 5 7D 70 32 13 0 \
          23 0 14 40 24 0 1 45 ",
         rectangle(40.0, 20.0),
         line([0.0, 0.0, 40.0, 0.0])
     );
-    dxf("messy.dxf", "", &messy);
+    dxf("messy.dxf", "", &with_other_entities);
     let mut nested = "0 BLOCK 2 b0 10 0 20 0 0 LINE 10 0 20 0 11 1 21 1 0 ENDBLK ".to_owned();
     for k in 1..10 {
         let inserts = format!("0 INSERT 2 b{} 10 0 20 0 ", k - 1).repeat(10);
@@ -285,7 +285,7 @@ fn steps(folder: &Path) {
         );
         std::fs::write(folder.join(name), text).expect("a file");
     };
-    let whole = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
+    let head = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
 #2=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#1))REPRESENTATION_CONTEXT('',''));
 #3=CARTESIAN_POINT('',(0.,0.,0.));
 #4=AXIS2_PLACEMENT_3D('',#3,$,$);
@@ -296,19 +296,19 @@ fn steps(folder: &Path) {
     step(
         "itself.step",
         &format!(
-            "{whole}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"
+            "{head}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"
         ),
     );
     step(
         "knots.step",
         &format!(
-            "{whole}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n\
+            "{head}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n\
              #10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,((#3,#3),(#3,#3)),.UNSPECIFIED.,\
              .F.,.F.,.F.,(1000000000,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
         ),
     );
     let mut parts = format!(
-        "{whole}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n"
+        "{head}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n"
     );
     for k in 1..=10 {
         let (map, inner) = (100 * k, if k == 1 { 20 } else { 100 * k - 99 });
@@ -320,8 +320,8 @@ fn steps(folder: &Path) {
         parts += &format!("#{}=SHAPE_REPRESENTATION('',({}),#2);\n", map + 1, items.join(","));
     }
     step("parts.step", &parts);
-    let whole = std::fs::read(folder.join("parts.step")).expect("a file");
-    std::fs::write(folder.join("half.step"), &whole[..whole.len() / 2]).expect("a file");
+    let complete = std::fs::read(folder.join("parts.step")).expect("a file");
+    std::fs::write(folder.join("half.step"), &complete[..complete.len() / 2]).expect("a file");
 }
 
 /// The content of an existing file.

@@ -134,14 +134,14 @@ fn printed_equations_have_the_same_zeros_and_ranks() {
         ],
     );
     let (drawing, constraints) = front();
-    let (_, ours) =
+    let (_, analytic) =
         ConstraintEquations::new(&drawing, &constraints).residuals_and_jacobian(&drawing.values());
     assert_eq!(squared.rank(1e-9), 6);
     for row in 0..6 {
-        let factor = squared.row(row).norm() / ours.row(row).norm();
-        let same = (squared.row(row) - ours.row(row) * factor)
+        let factor = squared.row(row).norm() / analytic.row(row).norm();
+        let same = (squared.row(row) - analytic.row(row) * factor)
             .norm()
-            .min((squared.row(row) + ours.row(row) * factor).norm());
+            .min((squared.row(row) + analytic.row(row) * factor).norm());
         assert!(same < 1e-12, "f{}", row + 1);
     }
 }
@@ -153,10 +153,13 @@ fn published_matching_is_valid_but_uses_vanishing_entries() {
     let published = pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 2), ("y3", 3)]);
     assert!(incidence.is_matching(&published));
     assert_eq!(incidence.vanishing(&published), pairs(&incidence, &[("x3", 2), ("y3", 3)]));
-    let ours = incidence.matching();
-    assert_eq!(ours.len(), 6);
-    assert!(incidence.is_matching(&ours) && incidence.vanishing(&ours).is_empty());
-    assert_eq!(ours, pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 3), ("y3", 2)]));
+    let maximum = incidence.matching();
+    assert_eq!(maximum.len(), 6);
+    assert!(incidence.is_matching(&maximum) && incidence.vanishing(&maximum).is_empty());
+    assert_eq!(
+        maximum,
+        pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 3), ("y3", 2)])
+    );
     assert_eq!(perfect_matchings(&incidence.parameters_of_equations(), &mut Vec::new()), 2);
     // The entries vanish at every prism, not just at this one.
     let generic = drawing.with_values(&witness(&drawing, &constraints).unwrap()).unwrap();

@@ -181,8 +181,8 @@ impl Bordered {
         let before = DMatrix::from_column_slice(m, m, &self.shared_information());
         let noise = DMatrix::from_column_slice(m, m, noise);
         let kept = with_eigenvalues(&self.complement.l(), &noise, |share| {
-            let trust = (NOISE_FRACTIONS.1 - share) / (NOISE_FRACTIONS.1 - NOISE_FRACTIONS.0);
-            (1.0 - share).max(0.0) * trust.clamp(0.0, 1.0)
+            let fade = (NOISE_FRACTIONS.1 - share) / (NOISE_FRACTIONS.1 - NOISE_FRACTIONS.0);
+            (1.0 - share).max(0.0) * fade.clamp(0.0, 1.0)
         });
         let floor = Cholesky::new(DMatrix::from_column_slice(m, m, floor)).ok_or_else(wrong)?;
         // The limit applies in the metric of `floor` itself. Limiting the entries could make the matrix

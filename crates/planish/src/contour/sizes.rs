@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_stand_outside() {
+    fn labels_are_outside() {
         assert_eq!(outwards([0.0, 1.0], [0.0; 2], [3.0, 0.0]), [0.0, 1.0]);
         assert_eq!(outwards([0.0, -1.0], [0.0; 2], [3.0, 0.0]), [0.0, -1.0]);
     }

@@ -277,12 +277,12 @@ fn open_cascade_confirms_validity_area_and_box_of_every_shape() {
             &TessellationOptions { tolerance: 1e-3 / millimetres, ..TessellationOptions::default() },
         )
         .unwrap();
-        let ours = BoundingBox::from_points(&mesh.positions).unwrap();
+        let bounds = BoundingBox::from_points(&mesh.positions).unwrap();
         for d in 0..3 {
-            for (k, bound) in [ours.min[d], ours.max[d]].into_iter().enumerate() {
-                let theirs = result["box"][k][d].as_f64().unwrap();
-                let apart = (theirs - bound * millimetres).abs();
-                assert!(apart < 2e-3, "{name}: box {theirs}, ours {}", bound * millimetres);
+            for (k, bound) in [bounds.min[d], bounds.max[d]].into_iter().enumerate() {
+                let reference = result["box"][k][d].as_f64().unwrap();
+                let apart = (reference - bound * millimetres).abs();
+                assert!(apart < 2e-3, "{name}: box {reference}, ours {}", bound * millimetres);
             }
         }
     }

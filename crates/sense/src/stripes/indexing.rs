@@ -159,8 +159,8 @@ mod tests {
         let lines = EpipolarLines::new(&camera, &projector).unwrap();
         for point in [[10.0, 20.0, 500.0], [-60.0, -30.0, 420.0], [80.0, 60.0, 610.0]] {
             let point = DVec3::from_array(point);
-            let (seen, thrown) = (camera.project(point).unwrap(), projector.project(point).unwrap());
-            let line = lines.line(thrown).unwrap();
+            let (seen, projected) = (camera.project(point).unwrap(), projector.project(point).unwrap());
+            let line = lines.line(projected).unwrap();
             assert!(line.dot(DVec3::new(seen[0], seen[1], 1.0)).abs() < 1e-9);
         }
     }
