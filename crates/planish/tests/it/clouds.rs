@@ -136,7 +136,7 @@ fn few_known_readings_do_not_determine_their_own_noise() {
 fn the_limit_of_coefficients_is_respected() {
     let set = set_of(sheet(3000, 6), None);
     for max_coefficients in [25, 40, 100, 150] {
-        let options = FitOptions { max_coefficients: max_coefficients, ..FitOptions::default() };
+        let options = FitOptions { max_coefficients, ..FitOptions::default() };
         let made = fit(&set, &options, &Silent).unwrap();
         assert!(
             made.report.coefficients <= max_coefficients,

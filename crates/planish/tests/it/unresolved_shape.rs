@@ -43,8 +43,7 @@ fn waves(seed: u64) -> ScanSet {
 
 /// Share of the middles and quarters of leaves that lie within 1.96 σ of the truth along the normal.
 fn covered(seed: u64, max_coefficients: usize) -> (f64, Option<f64>) {
-    let options =
-        FitOptions { shape: Some(Shape::Sheet), max_coefficients: max_coefficients, ..FitOptions::default() };
+    let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients, ..FitOptions::default() };
     let fitted = fit(&waves(seed), &options, &Silent).unwrap();
     let posterior = fitted.posterior();
     let surface = &fitted.model.surface;
