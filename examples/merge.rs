@@ -41,8 +41,8 @@ fn main() -> Result<()> {
 
     let set = PatchSet { patches, unit: Some(Unit::Millimetre), ..PatchSet::default() };
     let options = MergeOptions { align: true, ..MergeOptions::default() };
-    let whole = merge(set, &options, &Silent)?;
-    let report = &whole.report;
+    let merged = merge(set, &options, &Silent)?;
+    let report = &merged.report;
     println!(
         "{} triangles, {} non-manifold edges, median σ {:.4} mm",
         report.triangles, report.nonmanifold_edges, report.sigma.median
@@ -55,5 +55,5 @@ fn main() -> Result<()> {
             pose.sigma_translation.unwrap_or(0.0)
         );
     }
-    write_merged(&whole, Path::new("whole.ply"), &Silent)
+    write_merged(&merged, Path::new("whole.ply"), &Silent)
 }

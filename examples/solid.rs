@@ -26,7 +26,7 @@ fn main() -> Result<()> {
     }
     // Lines that no solid explains, with the reason. The list is empty if a solid was found.
     for line in &report.unexplained {
-        println!("{}: {}", line.view, line.why);
+        println!("{}: {}", line.view, line.reason);
     }
     Ok(())
 }

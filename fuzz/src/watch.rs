@@ -16,7 +16,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 /// Number of deaths after which a target is given up; more are rarely different bugs.
-const MAX_DEATHS: usize = 20;
+const MAX_CRASHES: usize = 20;
 /// Attempts at a repair that leaves a valid file valid.
 const MAX_REPAIRS: u64 = 64;
 /// Attempts to shorten a failing input.
@@ -93,9 +93,9 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
     }
     // A worker runs cases until it dies. The next one continues behind the case that ended it.
     let mut tally = Tally::default();
-    let mut deaths: Vec<(u64, String)> = Vec::new();
+    let mut crashes: Vec<(u64, String)> = Vec::new();
     let mut from = 0;
-    while from < cases && deaths.len() < MAX_DEATHS {
+    while from < cases && crashes.len() < MAX_CRASHES {
         let mut child = Command::new(std::env::current_exe()?)
             .args(["--seed", &seed.to_string(), "--cases", &cases.to_string(), "--from", &from.to_string()])
             .arg("--worker")
@@ -105,14 +105,14 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
             .spawn()?;
         let file = folder.join("tally");
         // Twice the limit of a case: the worker itself reports cases that are slow but end.
-        let death = wait(&mut child, 2 * MAX_TIME, || Tally::read(&file).case)?;
+        let crash = wait(&mut child, 2 * MAX_TIME, || Tally::read(&file).case)?;
         let found = Tally::read(&file);
         tally = tally.plus(found);
-        match death {
+        match crash {
             None => break,
-            Some(death) => {
+            Some(crash) => {
                 tally.failed += 1;
-                deaths.push((found.case, death));
+                crashes.push((found.case, crash));
                 from = found.case + 1;
             }
         }
@@ -126,8 +126,8 @@ pub fn run(target: &FuzzTarget, seed: u64, cases: u64, folder: &Path, kept: &Pat
         Ok(())
     };
     // The inputs of deaths are computed again; a dying worker could not save them.
-    for (case, death) in deaths {
-        keep(case, death, case_bytes(target, &files, seed, case))?;
+    for (case, crash) in crashes {
+        keep(case, crash, case_bytes(target, &files, seed, case))?;
     }
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();

@@ -51,7 +51,7 @@ impl CommonArgs {
             // `--quiet` is for people; a program that asked for events gets them.
             ProgressName::Json => Audience::Program,
             ProgressName::Auto if !self.quiet => Audience::People,
-            ProgressName::Auto | ProgressName::None => Audience::Nobody,
+            ProgressName::Auto | ProgressName::None => Audience::None,
         }
     }
 }

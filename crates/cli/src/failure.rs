@@ -7,10 +7,10 @@ use std::io::Write;
 
 /// Adds a request for a bug report to the message of a panic. The exit code of a panic is 101.
 pub fn announce_bugs() {
-    let usual = std::panic::take_hook();
+    let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         // The usual message comes first, because it names the place in the source.
-        usual(info);
+        default_hook(info);
         let _ = writeln!(
             std::io::stderr(),
             "planish: this is a bug in planish {}; please report it with the command line and, if possible, \

@@ -103,7 +103,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     };
     let defaults = FitOptions::default();
     // Default values are left out, so that stating a default does not change the record.
-    let differs = |value: f64, usual: f64| (value != usual).then(|| value.to_string());
+    let differs = |value: f64, default: f64| (value != default).then(|| value.to_string());
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
     // The record has the names of the command line, because `planish info` prints it as a command.
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));

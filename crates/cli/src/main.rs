@@ -136,8 +136,8 @@ mod tests {
             commands.extend(command.get_subcommands().cloned());
             let help = command.render_help().to_string();
             assert!(help.lines().count() <= 34, "{}", help);
-            let hides = command.get_arguments().any(|arg| arg.is_hide_short_help_set());
-            assert_eq!(hides, help.contains("Run with --help for all options."), "{help}");
+            let has_hidden_options = command.get_arguments().any(|arg| arg.is_hide_short_help_set());
+            assert_eq!(has_hidden_options, help.contains("Run with --help for all options."), "{help}");
         }
     }
 }

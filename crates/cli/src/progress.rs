@@ -62,7 +62,7 @@ pub enum Audience {
     /// A program that reads stderr.
     Program,
     /// Nobody.
-    Nobody,
+    None,
 }
 
 /// The progress of a job.
@@ -109,11 +109,11 @@ impl State {
 
 /// Seconds as `12 s`, `3:05 min` or `1:02 h`.
 fn clock(seconds: f64) -> String {
-    let whole = seconds.max(0.0).round() as u64;
-    match whole {
-        0..60 => format!("{whole} s"),
-        60..3600 => format!("{}:{:02} min", whole / 60, whole % 60),
-        _ => format!("{}:{:02} h", whole / 3600, whole % 3600 / 60),
+    let total = seconds.max(0.0).round() as u64;
+    match total {
+        0..60 => format!("{total} s"),
+        60..3600 => format!("{}:{:02} min", total / 60, total % 60),
+        _ => format!("{}:{:02} h", total / 3600, total % 3600 / 60),
     }
 }
 
@@ -170,7 +170,7 @@ impl Terminal {
         Self {
             begun: Instant::now(),
             audience: match audience {
-                Audience::People if !std::io::stderr().is_terminal() => Audience::Nobody,
+                Audience::People if !std::io::stderr().is_terminal() => Audience::None,
                 audience => audience,
             },
             state: RefCell::default(),
@@ -239,7 +239,7 @@ impl Progress for Terminal {
         }
         state.share = share.clamp(0.0, 1.0);
         match self.audience {
-            Audience::Nobody => {}
+            Audience::None => {}
             // A served page has no end to wait for, so the bar is removed.
             _ if stage == SHOWING_STAGE => self.clear(),
             Audience::People if elapsed < BAR_DELAY => {}

@@ -12,7 +12,7 @@ use std::time::Duration;
 /// Interval between checks for a stop: too short to notice, and long enough to leave the processor idle.
 const PAUSE: Duration = Duration::from_millis(30);
 /// Timeout of a connection. Requests are answered one at a time, so a silent connection would block the page.
-const PATIENCE: Duration = Duration::from_secs(2);
+const CONNECTION_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum size of a request, in bytes; a longer one is dropped.
 const MAX_REQUEST: usize = 16 * 1024;
 
@@ -77,8 +77,8 @@ impl Server {
 fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool> {
     // On some systems a stream inherits the mode of its listener. Reads with a timeout need blocking mode.
     stream.set_nonblocking(false)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_read_timeout(Some(CONNECTION_TIMEOUT))?;
+    stream.set_write_timeout(Some(CONNECTION_TIMEOUT))?;
     let mut request = Vec::new();
     let mut part = [0; 1024];
     while !request.windows(4).any(|end| end == b"\r\n\r\n") {

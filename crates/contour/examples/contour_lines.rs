@@ -1,6 +1,6 @@
 //! Error and coverage for moving contours, shared poses, points, the product form and primitives in space.
 //!
-//! `cargo run --release -p planish-contour --example contour_lines [runs] [part of a line's name]`
+//! `cargo run --release -p planish-contour --example contour_lines [runs] [part with_motion a line's name]`
 //!
 //! Writes one line per case as CSV to stdout. Errors are root mean squares divided by the stated σ, parameter
 //! by parameter. Coverage is the fraction of errors within 1.96 σ.
@@ -40,11 +40,17 @@ fn main() {
         });
     };
     let moving = |velocity: [f64; 3]| SensorOptions { velocity, ..still };
-    let of = |motion| ContourFitOptions { motion, ..ContourFitOptions::default() };
-    planar("circle moving", &circle, &moving([0.2, -0.1, 0.0]), &of(PlanarMotion::Linear), 200);
-    planar("ellipse moving", &ellipse, &moving([0.2, -0.1, 0.0]), &of(PlanarMotion::Linear), 200);
+    let with_motion = |motion| ContourFitOptions { motion, ..ContourFitOptions::default() };
+    planar("circle moving", &circle, &moving([0.2, -0.1, 0.0]), &with_motion(PlanarMotion::Linear), 200);
+    planar("ellipse moving", &ellipse, &moving([0.2, -0.1, 0.0]), &with_motion(PlanarMotion::Linear), 200);
     rigid(runs, &ellipse, &moving([0.2, -0.1, 0.1]));
-    planar("rectangle moving", &rectangle, &moving([0.2, -0.1, 0.0]), &of(PlanarMotion::Linear), 200);
+    planar(
+        "rectangle moving",
+        &rectangle,
+        &moving([0.2, -0.1, 0.0]),
+        &with_motion(PlanarMotion::Linear),
+        200,
+    );
     let shared = SensorOptions { sweep: 10, ..still };
     planar("circle; ten readings a pose", &circle, &shared, &ContourFitOptions::default(), 200);
     for (name, (kind, theta)) in

@@ -51,7 +51,7 @@ pub(crate) use fit::GatedResiduals;
 pub use fit::{ContourFit, bound, fit};
 pub use kind::{ContourKind, Outline};
 pub use options::{ContourFitOptions, Method};
-pub use parts::{contains, separate, usual_gap};
+pub use parts::{contains, separate, typical_gap};
 pub use reading::{ContourReading, ContourTarget, Form, PlanarMotion};
 pub use sides::Side;
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};

@@ -273,13 +273,13 @@ fn differences(
 #[must_use]
 pub fn block_diagonal(blocks: &[DMatrix<f64>]) -> DMatrix<f64> {
     let size = blocks.iter().map(DMatrix::nrows).sum();
-    let mut whole = DMatrix::zeros(size, size);
+    let mut covariance = DMatrix::zeros(size, size);
     let mut at = 0;
     for block in blocks {
-        whole.view_mut((at, at), block.shape()).copy_from(block);
+        covariance.view_mut((at, at), block.shape()).copy_from(block);
         at += block.nrows();
     }
-    whole
+    covariance
 }
 
 #[cfg(test)]

@@ -89,40 +89,40 @@ impl Progress for Silent {
 ///     }
 /// }
 ///
-/// let whole = Last(Cell::new(0.0));
-/// let second_half = ProgressPart::new(&whole, 0.5, 1.0);
+/// let parent = Last(Cell::new(0.0));
+/// let second_half = ProgressPart::new(&parent, 0.5, 1.0);
 /// second_half.advance("writing", 0.5);
-/// assert_eq!(whole.0.get(), 0.75);
+/// assert_eq!(parent.0.get(), 0.75);
 /// ```
 pub struct ProgressPart<'a> {
-    whole: &'a dyn Progress,
+    parent: &'a dyn Progress,
     from: f64,
     to: f64,
 }
 
 impl<'a> ProgressPart<'a> {
-    /// The part of `whole` between two of its shares.
+    /// The part of `parent` between two of its shares.
     #[must_use]
-    pub fn new(whole: &'a dyn Progress, from: f64, to: f64) -> Self {
-        Self { whole, from, to }
+    pub fn new(parent: &'a dyn Progress, from: f64, to: f64) -> Self {
+        Self { parent, from, to }
     }
 }
 
 impl Progress for ProgressPart<'_> {
     fn advance(&self, stage: &str, share: f64) {
-        self.whole.advance(stage, self.from + (self.to - self.from) * share);
+        self.parent.advance(stage, self.from + (self.to - self.from) * share);
     }
 
     fn rms(&self, rms: f64) {
         // Not scaled: residuals and counts belong to the stage, only shares to the whole job.
-        self.whole.rms(rms);
+        self.parent.rms(rms);
     }
 
     fn items(&self, done: usize, what: &'static str) {
-        self.whole.items(done, what);
+        self.parent.items(done, what);
     }
 
     fn interrupted(&self) -> bool {
-        self.whole.interrupted()
+        self.parent.interrupted()
     }
 }

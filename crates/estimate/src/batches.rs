@@ -203,8 +203,8 @@ mod tests {
         let batches = NestedBatches::new(&places);
         for batch in batches.batches(10) {
             for axis in 0..2 {
-                let of = batch.iter().map(|i| places[*i as usize][axis]);
-                let extent = of.clone().fold(0.0, f64::max) - of.fold(1.0, f64::min);
+                let along = batch.iter().map(|i| places[*i as usize][axis]);
+                let extent = along.clone().fold(0.0, f64::max) - along.fold(1.0, f64::min);
                 // A square cut into 2^10 pieces, which lie obliquely.
                 assert!(extent < 4.0 / 32.0, "{extent}");
             }
@@ -241,10 +241,10 @@ mod tests {
         for level in batches.products(&noise, 16) {
             assert!(level.mean().abs() < 4.0 * level.mean_sigma(), "{level:?}");
         }
-        let wavy: Vec<f64> = (places.iter().zip(&noise))
+        let with_waves: Vec<f64> = (places.iter().zip(&noise))
             .map(|(p, n)| n + 0.2 * 2.0_f64.sqrt() * (std::f64::consts::TAU * 2.0 * p[0]).sin())
             .collect();
-        let levels = batches.products(&wavy, 16);
+        let levels = batches.products(&with_waves, 16);
         let small = levels.iter().find(|level| level.size > 30.0).unwrap();
         assert!((small.mean() - 0.04).abs() < 4.0 * small.mean_sigma() + 0.004, "{small:?}");
         assert!(levels[0].mean_sigma() < 0.01);

@@ -271,8 +271,8 @@ fn deviation_of_columns(
 /// use planish_estimate::{Linear, MeasurementEquation};
 ///
 /// let sum = Linear::new(DMatrix::from_element(1, 2, 1.0), DVector::from_element(1, 3.0))?;
-/// let anywhere = DVector::from_vec(vec![7.0, -5.0]);
-/// let at = sum.linearized(&anywhere, &DVector::zeros(1))?;
+/// let state = DVector::from_vec(vec![7.0, -5.0]);
+/// let at = sum.linearized(&state, &DVector::zeros(1))?;
 /// let information = at.information(&DMatrix::from_element(1, 1, 0.25))?;
 /// assert_eq!(information.matrix, DMatrix::from_element(2, 2, 4.0));
 /// assert_eq!(information.vector, DVector::from_element(2, 12.0));

@@ -275,7 +275,7 @@ fn onto_equation<R: ImplicitReading + ?Sized>(
         return false;
     }
     for _ in 0..60 {
-        let (way, here) = (off(at, u), *at);
+        let (way, current) = (off(at, u), *at);
         if way.abs() <= 1e-9 * (1.0 + at.distance.abs()) {
             return true;
         }
@@ -283,10 +283,10 @@ fn onto_equation<R: ImplicitReading + ?Sized>(
         begun[..p].copy_from_slice(u);
         let nearer = (0..10).map(|halving| 0.5_f64.powi(halving)).any(|share| {
             for k in 0..p {
-                u[k] = begun[k] + share * way * here.normal[k];
+                u[k] = begun[k] + share * way * current.normal[k];
             }
             at.at(reading, branch, x, u, origin)
-                && off(at, u).abs() * at.slope < (1.0 - 0.1 * share) * way.abs() * here.slope
+                && off(at, u).abs() * at.slope < (1.0 - 0.1 * share) * way.abs() * current.slope
         });
         if !nearer {
             return false;

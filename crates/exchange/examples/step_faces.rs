@@ -52,11 +52,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             unit.map_or("none", |u| u.name()),
             mesh.parts.len(),
             mesh.faces,
-            mesh.left_out.len(),
+            mesh.unreadable.len(),
             sums[0],
             sums[1]
         );
-        for word in &mesh.left_out {
+        for word in &mesh.unreadable {
             eprintln!("  {word}");
         }
     }

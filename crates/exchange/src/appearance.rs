@@ -17,7 +17,7 @@ use planish_estimate::{Error, Result};
 
 use crate::Unit;
 use crate::atomic::{write_atomically, write_packed};
-use crate::output_set::recover_beside;
+use crate::output_set::recover_outputs_in_folder_of;
 use crate::source::read_text;
 
 /// Marks a corner without texture coordinates.
@@ -150,7 +150,7 @@ impl TexturedMesh {
 /// # Errors
 /// `Io` if the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    recover_beside(path);
+    recover_outputs_in_folder_of(path);
     std::fs::read(path)
         .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
 }
@@ -370,10 +370,10 @@ impl TriangleParts {
         let before = triangle.checked_sub(1);
         for (word, kind) in [("o", PartKind::Object), ("g", PartKind::Group), ("usemtl", PartKind::Material)]
         {
-            let here = self.names(mesh, Some(triangle), kind);
+            let names = self.names(mesh, Some(triangle), kind);
             // Names are repeated only when they change, as in files of other programs.
-            let changed = here != self.names(mesh, before, kind);
-            match &here[..] {
+            let changed = names != self.names(mesh, before, kind);
+            match &names[..] {
                 [] if kind == PartKind::Material && with_picture && (changed || before.is_none()) => {
                     writeln!(writer, "usemtl {UNNAMED_MATERIAL}")?;
                 }
@@ -389,8 +389,9 @@ impl TriangleParts {
 }
 
 fn check(mesh: &TexturedMesh) -> Result<()> {
-    let few =
-        |of: &[[u32; 3]], count: usize| of.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV);
+    let few = |triangles: &[[u32; 3]], count: usize| {
+        triangles.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV)
+    };
     let corners = mesh.triangles.iter().flatten().all(|&c| (c as usize) < mesh.points.len());
     let paired = mesh.uv_triangles.is_empty() || mesh.uv_triangles.len() == mesh.triangles.len();
     if corners && paired && few(&mesh.uv_triangles, mesh.uv.len()) {

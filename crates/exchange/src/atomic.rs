@@ -11,7 +11,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::output_set::{
-    folder_of, note_folder, recover, stage_file, stage_folder, temporary_file, temporary_folder,
+    folder_of, recover, remember_folder, stage_file, stage_folder, temporary_file, temporary_folder,
 };
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -48,7 +48,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
         let mut writer = BufWriter::new(&device);
         return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
     };
-    let temporary = temporary_file(&folder).map_err(|e| not_made(path, &folder, &e))?;
+    let temporary = temporary_file(&folder).map_err(|e| cannot_create(path, &folder, &e))?;
     let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
     write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
     drop(writer);
@@ -129,7 +129,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(failed(e)),
                 _ => {}
             }
-            temporary_file(&folder).map(drop).map_err(|e| not_made(path, &folder, &e))
+            temporary_file(&folder).map(drop).map_err(|e| cannot_create(path, &folder, &e))
         }
         Target::Device => OpenOptions::new().write(true).open(path).map(drop).map_err(failed),
     }
@@ -166,7 +166,7 @@ fn could_not_write(path: &Path, e: io::Error) -> Error {
 
 /// Error of a temporary file that could not be created. The folder is named, because the user has never seen
 /// the temporary name.
-fn not_made(path: &Path, folder: &Path, e: &io::Error) -> Error {
+fn cannot_create(path: &Path, folder: &Path, e: &io::Error) -> Error {
     Error::io(format!("{}: cannot create a file in the folder {}", path.display(), folder.display()))
         // Only the kind is kept, because the text of the original error contains the temporary path.
         .with_source(io::Error::from(e.kind()))
@@ -215,7 +215,7 @@ pub fn make_folder(path: &Path) -> Result<()> {
         path.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
     fs::create_dir_all(path)
         .map_err(|e| Error::io(format!("{}: could not be created", path.display())).with_source(e))?;
-    missing.iter().rev().for_each(|folder| note_folder(folder.to_path_buf()));
+    missing.iter().rev().for_each(|folder| remember_folder(folder.to_path_buf()));
     Ok(())
 }
 
@@ -276,7 +276,7 @@ impl PendingFolder {
         let folder = folder_of(&target);
         make_folder(&folder)?;
         recover(&folder);
-        let (made, lock) = temporary_folder(&folder).map_err(|e| not_made(path, &folder, &e))?;
+        let (made, lock) = temporary_folder(&folder).map_err(|e| cannot_create(path, &folder, &e))?;
         Ok(Self { made, lock, target })
     }
 

@@ -26,12 +26,12 @@ thread_local! {
 pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
     // The hook is global and stays installed; the flag of the thread decides, so that panics of other threads
     // are still printed.
-    static SILENT: Once = Once::new();
-    SILENT.call_once(|| {
-        let usual = panic::take_hook();
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let default_hook = panic::take_hook();
         panic::set_hook(Box::new(move |info| {
             if !DECODING.try_with(Cell::get).unwrap_or(false) {
-                usual(info);
+                default_hook(info);
             }
         }));
     });

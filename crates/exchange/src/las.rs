@@ -136,10 +136,10 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
         })?;
         for bytes in bytes.chunks_exact(usize::from(format.len())) {
             // Coordinates are the first three fields of every point format.
-            let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
+            let integer = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
             if !is_withheld(bytes, format.is_extended) {
                 let before = collector.len();
-                let place = [axes.x.direct(whole(0)), axes.y.direct(whole(4)), axes.z.direct(whole(8))];
+                let place = [axes.x.direct(integer(0)), axes.y.direct(integer(4)), axes.z.direct(integer(8))];
                 collector.push(&place, format_args!("point {point}"))?;
                 // Classes must match the kept points.
                 if collector.len() > before {
@@ -287,13 +287,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.laz");
         spiral(&path, 1, 3000);
-        let whole = fs::read(&path).unwrap();
-        let start = u32::from_le_bytes(whole[96..100].try_into().unwrap()) as usize;
+        let complete = fs::read(&path).unwrap();
+        let start = u32::from_le_bytes(complete[96..100].try_into().unwrap()) as usize;
         for k in 0..200 {
             // Constant bytes drive the decoder to the same symbol again and again.
-            let mut bytes = whole.clone();
-            let at = start + 40 + 61 * k % (whole.len() - start - 200);
-            bytes[at..whole.len() - 100].fill([0xff, 0, 0x7f][k % 3]);
+            let mut bytes = complete.clone();
+            let at = start + 40 + 61 * k % (complete.len() - start - 200);
+            bytes[at..complete.len() - 100].fill([0xff, 0, 0x7f][k % 3]);
             fs::write(&path, &bytes).unwrap();
             let _ = read_las(&path);
         }
@@ -303,7 +303,7 @@ mod tests {
     fn a_damaged_unused_layer_is_not_decoded() {
         let folder = tempfile::tempdir().unwrap();
         let path = file(folder.path(), "a.laz", true);
-        let whole = read_las(&path).unwrap();
+        let complete = read_las(&path).unwrap();
         let mut bytes = fs::read(&path).unwrap();
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
         // The first point and a count precede the sizes of nine layers; the last is that of the times.
@@ -314,7 +314,7 @@ mod tests {
         bytes[times..times + layers[8]].fill(0xff);
         fs::write(&path, &bytes).unwrap();
         let read = read_las(&path).unwrap();
-        assert!(read.points == whole.points && read.classes == whole.classes);
+        assert!(read.points == complete.points && read.classes == complete.classes);
     }
 
     /// Damages every number that makes the decoder allocate memory, in files of some kilobytes.

@@ -118,7 +118,7 @@ mod split_scans;
 pub use atomic::{PendingFolder, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};
 pub use checksum::sha256_of;
 pub use georeference::GeoReference;
-pub use output_set::{recover_beside, write_as_set};
+pub use output_set::{recover_outputs_in_folder_of, write_as_set};
 pub use planish_core::Unit;
 pub use scans::{InputFile, PosedScan, ScanSet, read_inputs};
 pub use source::{describe_extension, extension};

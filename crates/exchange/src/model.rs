@@ -231,12 +231,12 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             "the header declares {promised} bytes of tensors, found {found}: the file is cut off or damaged"
         )));
     }
-    let foreign = || {
+    let not_planish = || {
         Error::input("expected a model saved by Planish, found a safetensors file without metadata `planish`")
     };
     // Before the tensors, so that files of other programs and of newer versions are named as such, whatever
     // types their tensors have.
-    let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(foreign)?;
+    let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(not_planish)?;
     let metadata: Value = serde_json::from_str(text).map_err(|e| {
         Error::input("expected JSON in the metadata `planish`, found other text").with_source(e)
     })?;

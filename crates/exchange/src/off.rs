@@ -121,7 +121,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let mut rest = &counts[..];
     // The third count, of edges, is not read, because nothing needs it.
     let [vertices, polygons] =
-        [whole(&mut rest, at, "a number of vertices")?, whole(&mut rest, at, "a number of polygons")?];
+        [unsigned(&mut rest, at, "a number of vertices")?, unsigned(&mut rest, at, "a number of polygons")?];
     source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;
     source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), MIN_LINE_BYTES)?;
     if vertices > u64::from(u32::MAX) {
@@ -148,7 +148,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     for _ in 0..polygons {
         let at = line(source, &mut buffer, "a polygon")?;
         let mut rest = &buffer[..];
-        let count = whole(&mut rest, at, "a number of corners")?;
+        let count = unsigned(&mut rest, at, "a number of corners")?;
         // Each corner takes at least one byte of the line, so a larger count is damage.
         if count > buffer.len() as u64 {
             return Err(Error::input(format!(
@@ -157,7 +157,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         }
         corners.clear();
         for _ in 0..count {
-            let corner = whole(&mut rest, at, "the index of a vertex")?;
+            let corner = unsigned(&mut rest, at, "the index of a vertex")?;
             if corner >= vertices {
                 return Err(Error::input(format!(
                     "line {at}: expected the index of a vertex below {vertices}, found {corner}"
@@ -173,7 +173,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     Ok(PolygonMesh { points, triangles, ..PolygonMesh::default() })
 }
 
-fn whole(rest: &mut &[u8], line: u64, what: &str) -> Result<u64> {
+fn unsigned(rest: &mut &[u8], line: u64, what: &str) -> Result<u64> {
     let word = next_word(rest).unwrap_or_default();
     let text = std::str::from_utf8(word).unwrap_or_default();
     (text.parse()).map_err(|_| Error::input(format!("line {line}: expected {what}, found {}", shown(word))))

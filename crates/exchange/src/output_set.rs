@@ -193,7 +193,7 @@ fn stage(staged: Staged) -> Result<()> {
 }
 
 /// Remembers a folder that was made for outputs, to be removed if the set fails.
-pub(crate) fn note_folder(folder: PathBuf) {
+pub(crate) fn remember_folder(folder: PathBuf) {
     OPEN.with_borrow_mut(|open| {
         if let Some(set) = open {
             set.folders.push(folder);
@@ -277,11 +277,11 @@ fn write_manifests(staged: &[Staged], folders: &[PathBuf]) -> Result<Vec<(tempfi
 /// Completes or removes what killed processes have left in the folder of a file, once per process and folder.
 ///
 /// Reading a file does this too. Call it before the first look at a folder, for example before a listing.
-pub fn recover_beside(path: &Path) {
+pub fn recover_outputs_in_folder_of(path: &Path) {
     recover(&folder_of(path));
 }
 
-/// [`recover_beside`] by the folder. Failures are ignored: a folder that may not be changed is read as it is.
+/// [`recover_outputs_in_folder_of`] by the folder. Failures are ignored: a folder that may not be changed is read as it is.
 pub(crate) fn recover(folder: &Path) {
     let folder = absolute(folder);
     // A poisoned lock only means that another thread panicked while it added a folder.
@@ -305,13 +305,13 @@ fn recover_now(folder: &Path) -> io::Result<()> {
     }
     for path in manifests {
         // A manifest that is locked belongs to a running process.
-        if let Some(lock) = abandoned(&path) {
+        if let Some(lock) = abandoned_lock(&path) {
             recover_manifest(&path)?;
             drop(lock);
         }
     }
     for path in temporaries {
-        if let Some(lock) = abandoned(&path) {
+        if let Some(lock) = abandoned_lock(&path) {
             match path.is_dir() {
                 true => fs::remove_dir_all(&path)?,
                 false => fs::remove_file(&path)?,
@@ -324,7 +324,7 @@ fn recover_now(folder: &Path) -> io::Result<()> {
 }
 
 /// The lock of a file whose writer is gone. `None` if it is in use, or no longer there.
-fn abandoned(path: &Path) -> Option<File> {
+fn abandoned_lock(path: &Path) -> Option<File> {
     let file = File::open(path).ok()?;
     file.try_lock().ok()?;
     // Between opening and locking, its owner may have renamed or removed it.
@@ -342,7 +342,7 @@ fn recover_manifest(path: &Path) -> io::Result<()> {
             let record = Path::new(record);
             // Without the record, the set was never committed, or is complete.
             if record.exists() {
-                let Some(lock) = abandoned(record) else { return Ok(()) };
+                let Some(lock) = abandoned_lock(record) else { return Ok(()) };
                 recover_manifest(record)?;
                 drop(lock);
             }

@@ -134,11 +134,11 @@ impl PointColumns {
         };
         let (sigma_normal, sigma_curvature) = (named(SIGMA_NORMAL), named(SIGMA_CURVATURE));
         // A σ without its quantity points to a misspelt column, which would otherwise be ignored silently.
-        for (sigma, of, of_what) in [
+        for (sigma, has_quantity, of_what) in [
             (sigma_normal.map(|_| SIGMA_NORMAL), normal.is_some(), &NORMAL[..]),
             (sigma_curvature.map(|_| SIGMA_CURVATURE), curvature.is_some(), &CURVATURE[..]),
         ] {
-            if let (Some(sigma), false) = (sigma, of) {
+            if let (Some(sigma), false) = (sigma, has_quantity) {
                 return Err(Error::input(format!(
                     "expected the columns {} with {sigma}, which is their σ, found none",
                     of_what.join(" ")
@@ -361,13 +361,13 @@ pub(crate) fn grid_without(columns: usize, rows: usize, dropped: &[u64]) -> Rang
 fn is_positive_definite(c: &[f64; 6]) -> bool {
     let [xx, xy, xz, yy, yz, zz] = *c;
     // Relative to the largest variance, so that the unit of the file does not matter.
-    let least = 1e-14 * xx.max(yy).max(zz);
+    let min_pivot = 1e-14 * xx.max(yy).max(zz);
     // Pivots of the Cholesky factorisation; NaN fails every comparison.
     let (a, b) = (xy / xx, xz / xx);
     let p1 = yy - a * xy;
     let q = (yz - b * xy) / p1;
     let p2 = zz - b * xz - q * (yz - b * xy);
-    c.iter().all(|v| v.is_finite()) && xx > 0.0 && xx > least && p1 > least && p2 > least
+    c.iter().all(|v| v.is_finite()) && xx > 0.0 && xx > min_pivot && p1 > min_pivot && p2 > min_pivot
 }
 
 #[cfg(test)]

@@ -40,7 +40,7 @@ const MAX_CONTROLS: usize = 20_000;
 #[derive(Debug, Clone, PartialEq)]
 pub enum ControlsEntry {
     /// The default number.
-    Usual,
+    Default,
     /// A number of points, placed on the mesh.
     Count(usize),
     /// Given positions.
@@ -189,7 +189,7 @@ fn parse(text: &str) -> Result<PoseFile> {
     )?;
     let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
     let controls = match t.controls {
-        None => ControlsEntry::Usual,
+        None => ControlsEntry::Default,
         Some(ControlsTable::Count(count)) if (1..=MAX_CONTROLS).contains(&count) => {
             ControlsEntry::Count(count)
         }

@@ -32,7 +32,7 @@ use crate::xyz::read_points;
 use crate::{GeoReference, Unit, glb, obj, off, stl};
 
 /// A scan to be read, with the settings of its list entry.
-struct Wanted {
+struct RequestedScan {
     path: PathBuf,
     sensor: usize,
     pose: Option<Pose>,
@@ -46,7 +46,7 @@ struct Wanted {
     listed: Option<String>,
 }
 
-impl Wanted {
+impl RequestedScan {
     /// A scan without settings.
     fn new(path: PathBuf, sensor: usize) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl Wanted {
 /// The scans to read and the lists that name them.
 #[derive(Default)]
 struct Requests {
-    scans: Vec<Wanted>,
+    scans: Vec<RequestedScan>,
     /// Each list with the index of its first scan.
     lists: Vec<(usize, PathBuf)>,
 }
@@ -81,10 +81,10 @@ impl Requests {
                 self.lists.push((self.scans.len(), path.to_path_buf()));
                 let listed = read_conf(path)?;
                 let sensor = gathered.sensor(unnamed_sensor(), path)?;
-                self.scans.extend(listed.into_iter().map(|scan| Wanted {
+                self.scans.extend(listed.into_iter().map(|scan| RequestedScan {
                     pose: Some(scan.world_from_scanner),
                     listed: at(scan.line),
-                    ..Wanted::new(scan.path, sensor)
+                    ..RequestedScan::new(scan.path, sensor)
                 }));
             }
             "toml" => {
@@ -96,7 +96,7 @@ impl Requests {
                 // A job numbers its own sensors; the set has other indices.
                 let sensors = job.sensors.into_iter().map(|sensor| gathered.sensor(sensor, path));
                 let sensors = sensors.collect::<Result<Vec<_>>>()?;
-                self.scans.extend(job.scans.into_iter().map(|scan| Wanted {
+                self.scans.extend(job.scans.into_iter().map(|scan| RequestedScan {
                     pose: Some(scan.world_from_scanner),
                     sigma_translation: scan.sigma_translation,
                     sigma_rotation_deg: scan.sigma_rotation_deg,
@@ -104,12 +104,12 @@ impl Requests {
                     time_s: scan.time_s,
                     calibration: scan.calibration,
                     listed: at(scan.line),
-                    ..Wanted::new(scan.path, sensors[scan.sensor])
+                    ..RequestedScan::new(scan.path, sensors[scan.sensor])
                 }));
             }
             _ => {
                 let sensor = gathered.sensor(unnamed_sensor(), path)?;
-                self.scans.push(Wanted::new(path.to_path_buf(), sensor));
+                self.scans.push(RequestedScan::new(path.to_path_buf(), sensor));
             }
         }
         Ok(())
@@ -201,7 +201,7 @@ const SIGNATURES: [(&[u8], &str, &[&str]); 4] = [
 /// Error for a file whose first bytes show another format than its extension; none if they do not.
 ///
 /// Called only after the reader has failed, so that a valid file with odd first bytes is never rejected.
-fn misnamed(path: &Path) -> Option<Error> {
+fn format_mismatch(path: &Path) -> Option<Error> {
     let named = extension(path);
     let longest = SIGNATURES.iter().map(|(bytes, ..)| bytes.len()).max()?;
     // Unpacks gzip, so that the content is judged and not its wrapper.
@@ -224,7 +224,7 @@ fn misnamed(path: &Path) -> Option<Error> {
 fn read_single(path: &Path) -> Result<Read> {
     read_by_extension(path).map_err(|e| match e.kind() {
         // Errors of other kinds, such as a missing file, have nothing to do with the format.
-        ErrorKind::Input => misnamed(path).unwrap_or(e),
+        ErrorKind::Input => format_mismatch(path).unwrap_or(e),
         _ => e,
     })
 }
@@ -326,7 +326,12 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
 }
 
 /// Adds the scans of one file, the file itself and its calibration to the set.
-fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Result<Read>) -> Result<()> {
+fn add_file(
+    set: &mut ScanSet,
+    gathered: &mut Gathered,
+    wanted: RequestedScan,
+    read: Result<Read>,
+) -> Result<()> {
     let Read { scans, unit, calibration, georeference } = read.map_err(|e| match &wanted.listed {
         Some(list) => e.in_context(list),
         None => e,
@@ -361,7 +366,7 @@ fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Re
 }
 
 /// Adds scans of one file with the pose, viewing, time and sensor that its list specifies.
-fn add_scans(set: &mut ScanSet, wanted: &Wanted, scans: Vec<Scan>) -> Result<()> {
+fn add_scans(set: &mut ScanSet, wanted: &RequestedScan, scans: Vec<Scan>) -> Result<()> {
     let scans = scans.into_iter().map(split_scans).collect::<Result<Vec<_>>>();
     let scans = scans.map_err(|e| match &wanted.listed {
         Some(list) => e.in_context(list),
@@ -384,7 +389,7 @@ fn add_scans(set: &mut ScanSet, wanted: &Wanted, scans: Vec<Scan>) -> Result<()>
 }
 
 /// Rejects a file that is named twice, because its measurements would count twice.
-fn refuse_doubles(wanted: &[Wanted]) -> Result<()> {
+fn refuse_doubles(wanted: &[RequestedScan]) -> Result<()> {
     let mut seen = HashMap::new();
     for w in wanted {
         // A missing file is reported by its reader.

@@ -11,7 +11,7 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind as IoKind, Read};
 use std::path::Path;
 
-use crate::output_set::recover_beside;
+use crate::output_set::recover_outputs_in_folder_of;
 use flate2::read::MultiGzDecoder;
 use planish_estimate::{Error, Result};
 
@@ -43,7 +43,7 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
         _ => Error::io("could not be opened").with_source(e),
     };
     // A process that was killed while it published this file may have left the set half renamed.
-    recover_beside(path);
+    recover_outputs_in_folder_of(path);
     let metadata = fs::metadata(path).map_err(failed)?;
     // Checked first, because opening a folder succeeds on Linux and only reading from it fails.
     if metadata.is_dir() {
@@ -92,10 +92,10 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
         }
     }
     // A pipe cannot be rewound, so the bytes that were read are chained before the rest.
-    let whole = io::Cursor::new(first).take(found as u64).chain(file);
+    let content = io::Cursor::new(first).take(found as u64).chain(file);
     Ok(match first == GZIP {
-        true => Source::new(Box::new(Unpacked::new(whole)), None),
-        false => Source::new(Box::new(whole), length),
+        true => Source::new(Box::new(Unpacked::new(content)), None),
+        false => Source::new(Box::new(content), length),
     })
 }
 
@@ -253,11 +253,12 @@ impl<R: Read> Source<R> {
         }
     }
 
-    /// Number of entries to reserve for a declared count of records of at least `least` bytes each.
+    /// Number of entries to reserve for a declared count of records of at least `min_record_bytes` bytes
+    /// each.
     ///
     /// Never more than the rest of the file can hold; one buffer full if the length is unknown (gzip, pipes).
-    pub(crate) fn reserve(&self, promised: u64, least: u64) -> usize {
-        let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / least.max(1) + 1);
+    pub(crate) fn reserve(&self, promised: u64, min_record_bytes: u64) -> usize {
+        let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / min_record_bytes.max(1) + 1);
         usize::try_from(promised.min(holds)).unwrap_or(0)
     }
 

@@ -34,11 +34,11 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
     for (k, &part) in part.iter().enumerate() {
         points.entry(part).or_default().push(k);
     }
-    let mean = |of: &[usize]| {
+    let mean = |indices: &[usize]| {
         let times = times.as_ref()?;
         // Summed relative to the first, so that the mean of equal times is exactly that time.
-        let first = times[*of.first()?];
-        Some(first + of.iter().map(|&k| times[k] - first).sum::<f64>() / of.len() as f64)
+        let first = times[*indices.first()?];
+        Some(first + indices.iter().map(|&k| times[k] - first).sum::<f64>() / indices.len() as f64)
     };
     let by_time_alone = numbers.is_none();
     if points.len() < 2 || by_time_alone && points.len() * MIN_POINTS_PER_TIME > part.len() {
@@ -57,23 +57,23 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
     let mut dropped_not_finite = scan.dropped_not_finite;
     Ok(points
         .into_iter()
-        .map(|(part, of)| {
-            let time_s = mean(&of);
+        .map(|(part, indices)| {
+            let time_s = mean(&indices);
             let name = match (by_time_alone, time_s) {
                 (true, Some(time)) => format!("{}, time {time}", scan.name),
                 _ => format!("{}, scan {part}", scan.name),
             };
             Scan {
                 name,
-                points: of.iter().map(|&k| scan.points[k]).collect(),
-                sigma: pick(scan.sigma.as_ref(), &of),
-                covariance: pick(scan.covariance.as_ref(), &of),
-                normals: pick(scan.normals.as_ref(), &of),
-                sigma_normal_deg: pick(scan.sigma_normal_deg.as_ref(), &of),
-                curvatures: pick(scan.curvatures.as_ref(), &of),
-                sigma_curvature: pick(scan.sigma_curvature.as_ref(), &of),
-                classes: pick(scan.classes.as_ref(), &of),
-                parameters: pick(scan.parameters.as_ref(), &of),
+                points: indices.iter().map(|&k| scan.points[k]).collect(),
+                sigma: pick(scan.sigma.as_ref(), &indices),
+                covariance: pick(scan.covariance.as_ref(), &indices),
+                normals: pick(scan.normals.as_ref(), &indices),
+                sigma_normal_deg: pick(scan.sigma_normal_deg.as_ref(), &indices),
+                curvatures: pick(scan.curvatures.as_ref(), &indices),
+                sigma_curvature: pick(scan.sigma_curvature.as_ref(), &indices),
+                classes: pick(scan.classes.as_ref(), &indices),
+                parameters: pick(scan.parameters.as_ref(), &indices),
                 times_s: None,
                 scan_numbers: None,
                 grid: None,
@@ -87,8 +87,8 @@ pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
         .collect())
 }
 
-fn pick<T: Copy>(column: Option<&Vec<T>>, of: &[usize]) -> Option<Vec<T>> {
-    column.map(|all| of.iter().map(|&k| all[k]).collect())
+fn pick<T: Copy>(column: Option<&Vec<T>>, indices: &[usize]) -> Option<Vec<T>> {
+    column.map(|all| indices.iter().map(|&k| all[k]).collect())
 }
 
 /// Maps a finite number to bits that have the order of the numbers, for use as a key.

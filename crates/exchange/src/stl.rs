@@ -282,11 +282,11 @@ impl Soup {
 
     fn push(&mut self, corners: &[DVec3; 3], place: std::fmt::Arguments) -> Result<()> {
         let mut triangle = [0; 3];
-        let mut whole = true;
+        let mut is_complete = true;
         for (index, corner) in triangle.iter_mut().zip(corners) {
             if !corner.is_finite() {
                 // The other corners are still points of a scan.
-                whole = false;
+                is_complete = false;
                 self.dropped += 1;
                 self.first_dropped.get_or_insert_with(|| place.to_string());
                 continue;
@@ -303,7 +303,7 @@ impl Soup {
                 self.points.push(*corner);
             }
         }
-        if whole {
+        if is_complete {
             self.triangles.push(triangle);
         }
         Ok(())

@@ -114,8 +114,8 @@ mod tests {
             ..TexturedMesh::default()
         };
         let split = square.split();
-        let of = |v: &u32| square.points[*v as usize];
-        let points: Vec<DVec3> = split.vertex_of.iter().map(of).collect();
+        let point_of = |v: &u32| square.points[*v as usize];
+        let points: Vec<DVec3> = split.vertex_of.iter().map(point_of).collect();
         let sigma: Vec<f64> = split.vertex_of.iter().map(|v| f64::from(*v) + 1.0).collect();
         let picture = b"\xff\xd8 a JPEG".as_slice();
         let write = |picture: &[u8]| {

@@ -7,7 +7,7 @@
 //! ```toml
 //! unit = "mm"                     # unit of all lengths (optional)
 //! mask_threshold = 40             # the object is brighter (default: middle of the range of the mask)
-//! mask_least_share = 0.01         # removes specks and holes below this share of the pixels of the object
+//! mask_min_share = 0.01         # removes specks and holes below this share of the pixels of the object
 //! sigma_px = 0.5                  # σ of the border of a mask, across it (default 0.5)
 //! sigma_rotation_deg = 1.0        # σ of the pose about and along each axis (default: exact)
 //! sigma_translation = 5.0
@@ -28,7 +28,7 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be
+//! `mask_threshold`, `mask_min_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` can also be
 //! set in a view, and then apply to it alone. Paths are relative to the file.
 //!
 //! **Limits.** Lenses are assumed to be free of distortion.
@@ -67,7 +67,7 @@ pub struct ViewFile {
     /// Brightness above which a pixel of the mask belongs to the object.
     pub mask_threshold: Option<f64>,
     /// Maximum size of removed specks and holes, as a share of the pixels of the object.
-    pub mask_least_share: Option<f64>,
+    pub mask_min_share: Option<f64>,
     /// σ of the border of the mask, in pixels.
     pub sigma_px: f64,
     /// True if the view is used only to check the fit.
@@ -95,7 +95,8 @@ pub struct Views {
 struct Table {
     unit: Option<String>,
     mask_threshold: Option<f64>,
-    mask_least_share: Option<f64>,
+    #[serde(rename = "mask_least_share")]
+    mask_min_share: Option<f64>,
     sigma_px: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     sigma_translation: Option<f64>,
@@ -111,7 +112,8 @@ struct View {
     mask: Option<PathBuf>,
     contours: Option<PathBuf>,
     mask_threshold: Option<f64>,
-    mask_least_share: Option<f64>,
+    #[serde(rename = "mask_least_share")]
+    mask_min_share: Option<f64>,
     sigma_px: Option<f64>,
     sigma_rotation_deg: Option<f64>,
     sigma_translation: Option<f64>,
@@ -219,7 +221,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             contours,
             contour_starts,
             mask_threshold: view.mask_threshold.or(t.mask_threshold),
-            mask_least_share: view.mask_least_share.or(t.mask_least_share),
+            mask_min_share: view.mask_min_share.or(t.mask_min_share),
             sigma_px,
             held_out: view.held_out,
         });

@@ -38,8 +38,8 @@ fn area_and_volume_of_cad_files_agree_with_open_cascade() {
         assert_eq!(faces.unit(), Some(unit), "{file}");
         let fineness = Fineness { chord: 1e-4 * faces.size(), longest: f64::INFINITY };
         let read = faces.triangles(&fineness).unwrap();
-        assert_eq!((read.faces, read.parts.len()), (count, parts), "{file}: {:?}", read.left_out);
-        assert!(read.left_out.is_empty());
+        assert_eq!((read.faces, read.parts.len()), (count, parts), "{file}: {:?}", read.unreadable);
+        assert!(read.unreadable.is_empty());
         let (mut areas, mut volumes) = (0.0, 0.0);
         for part in read.parts {
             let mesh = TriangleMesh::try_new(part.points, part.triangles).unwrap();

@@ -217,7 +217,7 @@ fn half_area(bounds: &BoundingBox) -> f64 {
 pub(crate) fn squared_distance_to_box(p: DVec3, node: &Node) -> f64 {
     let mut sum = 0.0;
     for k in 0..3 {
-        let d = greater(greater(node.min[k] - p[k], p[k] - node.max[k]), 0.0);
+        let d = max_number(max_number(node.min[k] - p[k], p[k] - node.max[k]), 0.0);
         sum += d * d;
     }
     sum
@@ -225,13 +225,13 @@ pub(crate) fn squared_distance_to_box(p: DVec3, node: &Node) -> f64 {
 
 /// The greater of two numbers, `b` if one is NaN: a single machine instruction, unlike `f64::max`.
 #[inline(always)]
-pub(crate) fn greater(a: f64, b: f64) -> f64 {
+pub(crate) fn max_number(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
 /// The lesser of two numbers, `b` if one is NaN.
 #[inline(always)]
-pub(crate) fn lesser(a: f64, b: f64) -> f64 {
+pub(crate) fn min_number(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 

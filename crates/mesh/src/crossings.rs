@@ -4,7 +4,7 @@
 //! guaranteed: triangles that share a vertex or lie in one plane are not compared. Triangles that touch do
 //! not count.
 
-use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
+use crate::bvh::{Bvh, MAX_DEPTH, Node, max_number, min_number};
 use crate::search::MeshSearch;
 use planish_core::DVec3;
 use rayon::prelude::*;
@@ -78,8 +78,9 @@ impl MeshSearch {
     /// Intersections of the triangles of a leaf with those at later positions of the leaf order.
     fn crossings_of(&self, leaf: &Node) -> SelfCrossings {
         let Bvh { nodes, corners, .. } = &self.bvh;
-        let mine = leaf.first..leaf.first + leaf.count;
-        let of_mine: Vec<[DVec3; 2]> = mine.clone().map(|slot| box_of(&corners[slot as usize])).collect();
+        let own_slots = leaf.first..leaf.first + leaf.count;
+        let own_boxes: Vec<[DVec3; 2]> =
+            own_slots.clone().map(|slot| box_of(&corners[slot as usize])).collect();
         let mut found = SelfCrossings::default();
         let mut stack = [0_u32; MAX_DEPTH + 1];
         let mut height = 1;
@@ -98,28 +99,30 @@ impl MeshSearch {
                 height += 2;
                 continue;
             }
-            for there in node.first..node.first + node.count {
+            for other_slot in node.first..node.first + node.count {
                 // Each pair is tested once, from the triangle that comes first in leaf order.
-                if there <= leaf.first {
+                if other_slot <= leaf.first {
                     continue;
                 }
-                let theirs = &corners[there as usize];
-                let of_theirs = box_of(theirs);
-                if !meet(&[leaf.min, leaf.max], &of_theirs) {
+                let other_triangle = &corners[other_slot as usize];
+                let other_box = box_of(other_triangle);
+                if !meet(&[leaf.min, leaf.max], &other_box) {
                     continue;
                 }
-                for (here, of_ours) in mine.clone().zip(&of_mine).take_while(|(here, _)| *here < there) {
-                    if !meet(of_ours, &of_theirs) {
+                for (own_slot, own_box) in
+                    own_slots.clone().zip(&own_boxes).take_while(|(own_slot, _)| *own_slot < other_slot)
+                {
+                    if !meet(own_box, &other_box) {
                         continue;
                     }
-                    let ours = &corners[here as usize];
-                    let numbers = [here, there].map(|slot| self.bvh.triangles[slot as usize]);
+                    let own_triangle = &corners[own_slot as usize];
+                    let numbers = [own_slot, other_slot].map(|slot| self.bvh.triangles[slot as usize]);
                     let [a, b] = numbers.map(|t| self.vertices[t as usize]);
                     // Neighbours touch along what they share, which rounding could take for a crossing.
                     if a.iter().any(|v| b.contains(v)) {
                         continue;
                     }
-                    if let Some(place) = crossing(ours, theirs) {
+                    if let Some(place) = crossing(own_triangle, other_triangle) {
                         let first = [numbers[0].min(numbers[1]), numbers[0].max(numbers[1])];
                         found = found.with(SelfCrossings { pairs: 1, first, place });
                     }
@@ -140,13 +143,13 @@ fn box_of(t: &[DVec3; 3]) -> [DVec3; 2] {
     let extreme = |pick: fn(f64, f64) -> f64| {
         DVec3::from_array(std::array::from_fn(|k| pick(pick(t[0][k], t[1][k]), t[2][k])))
     };
-    [extreme(lesser), extreme(greater)]
+    [extreme(min_number), extreme(max_number)]
 }
 
 /// A point where an edge of one triangle pierces the other.
 fn crossing(a: &[DVec3; 3], b: &[DVec3; 3]) -> Option<DVec3> {
     let normal = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]);
-    let heights = |t: &[DVec3; 3], n: DVec3, of: &[DVec3; 3]| of.map(|p| n.dot(p - t[0]));
+    let heights = |t: &[DVec3; 3], n: DVec3, triangle: &[DVec3; 3]| triangle.map(|p| n.dot(p - t[0]));
     let one_side = |h: [f64; 3]| h.iter().all(|x| *x >= 0.0) || h.iter().all(|x| *x <= 0.0);
     let (of_b, of_a) = (normal(b), normal(a));
     let over_b = heights(b, of_b, a);

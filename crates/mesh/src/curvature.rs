@@ -196,16 +196,16 @@ mod tests {
     /// 0 and −1.
     #[test]
     fn curvature_matches_known_surfaces() {
-        let of = |mesh: &TriangleMesh| {
+        let curvature_of = |mesh: &TriangleMesh| {
             let sigma = vec![1e-4; mesh.positions.len()];
             vertex_curvature(mesh, &mesh.vertex_normals(), &sigma).unwrap()
         };
-        let ball = of(&icosphere(2.0, 4));
+        let ball = curvature_of(&icosphere(2.0, 4));
         assert!(ball.mean.iter().all(|h| (h + 0.5).abs() < 0.01));
         assert!(ball.gaussian.iter().all(|k| (k - 0.25).abs() < 0.01));
         assert!(ball.border.iter().all(|b| *b == 0));
         let tube = cylinder(0.5, 4.0, 60, 60, false);
-        let found = of(&tube);
+        let found = curvature_of(&tube);
         for (v, p) in tube.positions.iter().enumerate().filter(|(_, p)| p[2].abs() < 1.5) {
             assert!((found.mean[v] + 1.0).abs() < 0.03 && found.gaussian[v].abs() < 0.05, "{p:?}");
         }
@@ -213,7 +213,7 @@ mod tests {
         let mut saddle = grid_sheet(1.0, 1.0, 40, 40);
         saddle.positions.iter_mut().for_each(|p| p[2] = p[0] * p[1]);
         let middle = saddle.positions.iter().position(|p| p[0].abs() + p[1].abs() < 1e-9).unwrap();
-        let found = of(&saddle);
+        let found = curvature_of(&saddle);
         assert!(found.mean[middle].abs() < 1e-3 && (found.gaussian[middle] + 1.0).abs() < 0.01);
         assert!(vertex_curvature(&saddle, &[], &[]).is_err());
     }

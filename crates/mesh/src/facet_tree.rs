@@ -8,7 +8,7 @@
 //!
 //! Not guaranteed: an order of the facets, or that none beyond the slack is visited.
 
-use crate::bvh::{Bvh, MAX_DEPTH, Node, lesser, squared_distance_to_box};
+use crate::bvh::{Bvh, MAX_DEPTH, Node, min_number, squared_distance_to_box};
 use crate::packet::{Feet, LANES, Packet, PointPacket, TrianglePacket};
 use planish_core::DVec3;
 use pulp::{Simd, WithSimd};
@@ -128,18 +128,18 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
         let mut height = 1;
         while height > 0 {
             height -= 1;
-            let (mut here, to_here) = stack[height];
-            if to_here > limit {
+            let (mut index, distance) = stack[height];
+            if distance > limit {
                 continue;
             }
             loop {
-                let node = &nodes[here as usize];
+                let node = &nodes[index as usize];
                 if node.count > 0 {
                     let packet = &packets[node.first as usize];
                     packet.feet(simd, at, &mut feet);
                     let mut smallest = feet.squared_distance[0];
                     for lane in 1..LANES {
-                        smallest = lesser(feet.squared_distance[lane], smallest);
+                        smallest = min_number(feet.squared_distance[lane], smallest);
                     }
                     // One comparison skips the whole packet if nothing in it is near.
                     if smallest > limit {
@@ -187,7 +187,7 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
                     stack[height] = (far, to_far);
                     height += 1;
                 }
-                here = near;
+                index = near;
             }
         }
     }

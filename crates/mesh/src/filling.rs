@@ -17,7 +17,7 @@ pub(crate) use loops::close_loops;
 
 use crate::edges::edge;
 use crate::mesh::TriangleMesh;
-use cover::{Surroundings, least_cover};
+use cover::{Surroundings, minimal_cover};
 use fairing::{Goal, fair};
 use loops::border_loops;
 use planish_core::DVec3;
@@ -44,9 +44,9 @@ pub struct Filled {
     /// Number of filled holes.
     pub holes: usize,
     /// Number of outer borders, which stay open.
-    pub rims: usize,
+    pub outer_rims: usize,
     /// Number of holes with too many edges, which stay open.
-    pub larger: usize,
+    pub too_long: usize,
     /// Number of holes that cannot be covered without a non-manifold edge.
     pub uncovered: usize,
 }
@@ -95,15 +95,21 @@ pub fn fill_holes(
         )));
     }
     let normals = mesh.vertex_normals();
-    let mut filled =
-        Filled { mesh: mesh.clone(), sigma: sigma.to_vec(), holes: 0, rims: 0, larger: 0, uncovered: 0 };
+    let mut filled = Filled {
+        mesh: mesh.clone(),
+        sigma: sigma.to_vec(),
+        holes: 0,
+        outer_rims: 0,
+        too_long: 0,
+        uncovered: 0,
+    };
     let mut loops = Vec::new();
     // Which borders are holes is decided on the original mesh, before covers change its edges.
     for border in border_loops(&mesh.triangles) {
         if is_outer_border(&border, &mesh.positions, &normals) {
-            filled.rims += 1;
+            filled.outer_rims += 1;
         } else if border.len() > longest {
-            filled.larger += 1;
+            filled.too_long += 1;
         } else {
             loops.push(border);
         }
@@ -181,13 +187,13 @@ fn fill(
 ) -> Result<bool> {
     let positions = &filled.mesh.positions;
     // The border of a single triangle has three edges too, but covering it would double the triangle.
-    let lone = neighbourhood
+    let is_single_triangle = neighbourhood
         .triangles
         .get(&hole[0])
         .is_some_and(|all| hole.len() == 3 && all.len() == 1 && all[0].iter().all(|v| hole.contains(v)));
     // A cover must not repeat an edge of the mesh, or that edge would get three triangles.
     let surroundings = Surroundings { positions, normals, edges: &neighbourhood.edges };
-    let Some(cover) = least_cover(&surroundings, hole).filter(|_| !lone) else {
+    let Some(cover) = minimal_cover(&surroundings, hole).filter(|_| !is_single_triangle) else {
         return Ok(false);
     };
     // Local numbers: the border first, then the vertices of adjacent triangles. Each hole is then a small

@@ -66,8 +66,8 @@ pub(crate) fn flip(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) 
     triangles[t as usize] = [c, d, b];
     triangles[s as usize] = [d, c, a];
     let links = [(3 * t, 3 * s), (3 * t + 1, db), (3 * t + 2, bc), (3 * s + 1, ca), (3 * s + 2, ad)];
-    for (mine, theirs) in links {
-        link(opposite, mine, theirs);
+    for (first, second) in links {
+        link(opposite, first, second);
     }
     [t, s]
 }
@@ -87,19 +87,19 @@ pub(crate) fn split_triangle(
     triangles.extend([[b, c, vertex], [c, a, vertex]]);
     // The two new triangles have no neighbours yet; a neighbour across a border stays `NONE`.
     opposite.extend([NONE; 6]);
-    for (of, over) in [t, s, r].into_iter().zip(outer) {
-        link(opposite, 3 * of, over);
+    for (triangle, over) in [t, s, r].into_iter().zip(outer) {
+        link(opposite, 3 * triangle, over);
     }
-    for (of, next) in [(t, s), (s, r), (r, t)] {
-        link(opposite, 3 * of + 1, 3 * next + 2);
+    for (triangle, next) in [(t, s), (s, r), (r, t)] {
+        link(opposite, 3 * triangle + 1, 3 * next + 2);
     }
 }
 
 /// Makes two half-edges opposites of each other; the second may be [`NONE`].
-fn link(opposite: &mut [u32], mine: u32, theirs: u32) {
-    opposite[mine as usize] = theirs;
-    if theirs != NONE {
-        opposite[theirs as usize] = mine;
+fn link(opposite: &mut [u32], first: u32, second: u32) {
+    opposite[first as usize] = second;
+    if second != NONE {
+        opposite[second as usize] = first;
     }
 }
 
@@ -126,7 +126,7 @@ mod tests {
                     [corner(next_in_triangle(*over)), corner(*over)]
                 );
             }
-            let border = |of: &[u32]| of.iter().filter(|over| **over == NONE).count();
+            let border = |opposites: &[u32]| opposites.iter().filter(|over| **over == NONE).count();
             assert_eq!(border(&opposite), border(&opposites(&mesh.triangles)));
         }
     }

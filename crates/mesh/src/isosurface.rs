@@ -37,7 +37,7 @@ const BITS: u32 = 20;
 const TETRAHEDRA: [[u32; 4]; 6] =
     [[0, 1, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 2, 3, 7], [0, 4, 6, 7], [0, 1, 5, 7]];
 /// Even permutations of four corners, by the corner that comes first.
-const ALONE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
+const SINGLE_CORNER: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
 /// Even permutations of four corners, by the pair that comes first.
 const PAIRS: [[usize; 4]; 6] =
     [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
@@ -191,8 +191,8 @@ fn triangles_of(corners: [u32; 4], inside: &[bool], mirrored: bool, made: &mut V
     let count = is.iter().filter(|inside| **inside).count();
     match count {
         1 | 3 => {
-            let lone = (0..4).find(|&c| is[c] == (count == 1)).unwrap_or(0);
-            let [a, b, c, d] = ALONE[lone].map(|c| corners[c]);
+            let single_corner = (0..4).find(|&c| is[c] == (count == 1)).unwrap_or(0);
+            let [a, b, c, d] = SINGLE_CORNER[single_corner].map(|c| corners[c]);
             let edge = |to: u32| if count == 1 { [a, to] } else { [to, a] };
             push([edge(b), edge(c), edge(d)], count == 3);
         }
@@ -223,17 +223,17 @@ fn zero_between([inside, outside]: [(DVec3, f64); 2], value: impl Fn(DVec3) -> f
         if !(share > low && share < high) {
             share = 0.5 * (low + high);
         }
-        let here = value(at(share));
-        if here < 0.0 {
-            (low, below) = (share, here);
+        let found = value(at(share));
+        if found < 0.0 {
+            (low, below) = (share, found);
             above *= if last == 1 { 0.5 } else { 1.0 };
             last = 1;
         } else {
-            (high, above) = (share, here);
+            (high, above) = (share, found);
             below *= if last == 2 { 0.5 } else { 1.0 };
             last = 2;
         }
-        if high - low < ACCURACY || here.abs() <= small {
+        if high - low < ACCURACY || found.abs() <= small {
             break;
         }
     }
@@ -255,15 +255,15 @@ mod tests {
     #[test]
     fn a_ball_is_exact_at_vertices_with_and_without_culling() {
         let ball = |p: DVec3| p.length() - 1.0;
-        let whole = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
+        let unculled = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
         let culled =
             isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (at.length() - 1.0).abs() <= reach).unwrap();
-        assert_eq!(whole, culled);
-        let check = whole.check();
+        assert_eq!(unculled, culled);
+        let check = unculled.check();
         assert!(check.watertight && check.manifold && check.oriented);
         assert_eq!(check.euler_characteristic, 2);
-        assert!(whole.positions.iter().all(|p| (p.length() - 1.0).abs() < 1e-6));
-        let volume = whole.signed_volume().unwrap();
+        assert!(unculled.positions.iter().all(|p| (p.length() - 1.0).abs() < 1e-6));
+        let volume = unculled.signed_volume().unwrap();
         assert!((volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{volume}");
     }
 

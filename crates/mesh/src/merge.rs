@@ -190,20 +190,20 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
     patches
         .iter()
         .zip(&overlap.patches)
-        .map(|(patch, mine)| {
+        .map(|(patch, own_overlap)| {
             let at = |v: usize| {
-                let variance = mine.sigma[v] * mine.sigma[v];
+                let variance = own_overlap.sigma[v] * own_overlap.sigma[v];
                 // Not zero at the border: without another patch, the mean would be 0/0.
-                let own = taper(mine.to_border[v], mine.spacing[v]).max(1e-6);
+                let own = taper(own_overlap.to_border[v], own_overlap.spacing[v]).max(1e-6);
                 let (mut weight, mut squares, mut sum) = (own / variance, own * own / variance, 0.0);
                 // Feet beyond a border would extrapolate the other patch.
-                for foot in mine.feet(v).iter().filter(|f| !f.beside) {
-                    let (other, theirs) =
+                for foot in own_overlap.feet(v).iter().filter(|f| !f.beyond_border) {
+                    let (other, other_overlap) =
                         (&patches[foot.patch as usize].mesh, &overlap.patches[foot.patch as usize]);
                     let read =
                         |values: &[f64]| other.interpolate(values, foot.triangle as usize, foot.barycentric);
-                    let sigma = read(&theirs.sigma);
-                    let t = taper(read(&theirs.to_border), read(&theirs.spacing));
+                    let sigma = read(&other_overlap.sigma);
+                    let t = taper(read(&other_overlap.to_border), read(&other_overlap.spacing));
                     let w = t / (sigma * sigma);
                     weight += w;
                     squares += t * w;
@@ -211,7 +211,7 @@ pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVerti
                     // the sum.
                     sum += w * foot.height;
                 }
-                let position = patch.mesh.positions[v] + sum / weight * mine.normals[v];
+                let position = patch.mesh.positions[v] + sum / weight * own_overlap.normals[v];
                 (position, squares.sqrt() / weight)
             };
             let (positions, sigma) = (0..patch.mesh.positions.len()).into_par_iter().map(at).unzip();

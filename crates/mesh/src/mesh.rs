@@ -24,7 +24,7 @@ const FOLDED_COSINE: f64 = -0.5;
 ///
 /// The median makes the count independent of a change of scale. A smaller factor reports uneven stretching as
 /// spikes; a larger one misses small spikes.
-const STRETCHED: f64 = 4.0;
+const MAX_RELATIVE_GROWTH: f64 = 4.0;
 
 /// Folds and spikes after the vertices of a mesh were moved; see [`TriangleMesh::distortion`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -248,7 +248,8 @@ impl TriangleMesh {
         let median = stretches.get(stretches.len() / 2).copied().unwrap_or(1.0);
         Distortion {
             folds: (0..table.len()).filter(|edge| folded(*edge)).count(),
-            stretched: stretches.len() - stretches.partition_point(|stretch| *stretch <= STRETCHED * median),
+            stretched: stretches.len()
+                - stretches.partition_point(|stretch| *stretch <= MAX_RELATIVE_GROWTH * median),
         }
     }
 
@@ -372,8 +373,8 @@ mod tests {
         assert_eq!(double.surface_bounds(), ball.bounding_box());
         let none = Distortion { folds: 0, stretched: 0 };
         assert_eq!(ball.distortion(&ball.positions), none);
-        let larger: Vec<DVec3> = ball.positions.iter().map(|p| 9.0 * *p).collect();
-        assert_eq!(ball.distortion(&larger), none);
+        let scaled: Vec<DVec3> = ball.positions.iter().map(|p| 9.0 * *p).collect();
+        assert_eq!(ball.distortion(&scaled), none);
         let mut spiked = ball.positions.clone();
         spiked[0] = 3.0 * spiked[0];
         assert_eq!(ball.distortion(&spiked).stretched, 5);

@@ -7,7 +7,7 @@
 //! Reference: Woop, Benthin and Wald, *Watertight Ray/Triangle Intersection*, Journal of Computer Graphics
 //! Techniques 2013.
 
-use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
+use crate::bvh::{Bvh, MAX_DEPTH, Node, max_number, min_number};
 use crate::search::MeshSearch;
 use crate::triangle::{point_at, unit_normal};
 use planish_core::DVec3;
@@ -129,7 +129,7 @@ impl MeshSearch {
 
     /// True if the straight line between two points meets no triangle, except within `clearance` of its ends.
     #[must_use]
-    pub fn sees(&self, from: DVec3, to: DVec3, clearance: f64) -> bool {
+    pub fn is_unobstructed(&self, from: DVec3, to: DVec3, clearance: f64) -> bool {
         let length = from.distance(to);
         self.first_hit_between(from, to - from, clearance, length - clearance).is_none()
     }
@@ -176,8 +176,8 @@ impl Ray {
             // 0 · ∞ on a face of the box is NaN. The comparisons then keep the limits, and the box is
             // visited.
             let (low, high) = if self.inverse[k] >= 0.0 { (a, b) } else { (b, a) };
-            enter = greater(low, enter);
-            leave = lesser(high * BOX_SLACK, leave);
+            enter = max_number(low, enter);
+            leave = min_number(high * BOX_SLACK, leave);
         }
         (enter <= leave).then_some(enter)
     }
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_respected_and_invalid_rays_hit_nothing() {
+    fn limits_are_respected_and_invalid_rays_have_no_hit() {
         let sheet = search(&grid_sheet(1.0, 1.0, 1, 1));
         let (origin, down) = (DVec3::new(0.1, 0.2, 1.0), -7.0 * DVec3::Z);
         let at_one = |d| (sheet.first_hit(origin, d).unwrap().distance - 1.0).abs() < 1e-15;
@@ -322,7 +322,7 @@ mod tests {
         assert!(sheet.first_hit(origin, DVec3::new(f64::NAN, 0.0, 1.0)).is_none());
         assert!(sheet.first_hit(origin, DVec3::X).is_none());
         assert!(at_one(DVec3::new(0.0, 0.0, -1e-300)) && at_one(DVec3::new(0.0, 0.0, -1e300)));
-        assert!(!sheet.sees(origin, DVec3::new(0.1, 0.2, -1.0), 1e-9));
-        assert!(sheet.sees(origin, DVec3::new(0.1, 0.2, 0.0), 1e-9));
+        assert!(!sheet.is_unobstructed(origin, DVec3::new(0.1, 0.2, -1.0), 1e-9));
+        assert!(sheet.is_unobstructed(origin, DVec3::new(0.1, 0.2, 0.0), 1e-9));
     }
 }

@@ -86,20 +86,20 @@ pub fn triangle_shape(corners: &[DVec3; 3]) -> (f64, f64) {
 /// In an obtuse triangle, the obtuse corner has half of the area and the others a quarter each, so that the
 /// areas add up to that of the mesh (M. Meyer, M. Desbrun, P. Schröder, A. Barr, 2003, figure 4).
 pub(crate) fn mixed_area(corners: &[DVec3; 3], k: usize) -> f64 {
-    let whole = area(corners);
+    let triangle_area = area(corners);
     let [p, q, r] = [0, 1, 2].map(|i| corners[(k + i) % 3]);
     let cosines = [(q - p).dot(r - p), (r - q).dot(p - q), (p - r).dot(q - r)];
     // The circumcentre of an obtuse triangle is outside it, so areas by nearness would be negative or too
     // large.
     if cosines[0] <= 0.0 {
-        return 0.5 * whole;
+        return 0.5 * triangle_area;
     }
-    if cosines[1] <= 0.0 || cosines[2] <= 0.0 || whole == 0.0 {
-        return 0.25 * whole;
+    if cosines[1] <= 0.0 || cosines[2] <= 0.0 || triangle_area == 0.0 {
+        return 0.25 * triangle_area;
     }
     // (|pq|² cot r + |pr|² cot q) / 8, where each cotangent is the dot product over twice the area.
     let squared = |a: DVec3, b: DVec3| (a - b).length_squared();
-    (squared(p, q) * cosines[2] + squared(p, r) * cosines[1]) / (16.0 * whole)
+    (squared(p, q) * cosines[2] + squared(p, r) * cosines[1]) / (16.0 * triangle_area)
 }
 
 /// Smallest angle in radians: the one opposite to the shortest edge.
@@ -211,8 +211,8 @@ mod tests {
             [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 0.01, 0.0)],
         ];
         for t in triangles {
-            let least = angles(&t).into_iter().fold(f64::INFINITY, f64::min);
-            assert!((smallest_angle(&t) - least).abs() < 1e-14, "{t:?}");
+            let smallest = angles(&t).into_iter().fold(f64::INFINITY, f64::min);
+            assert!((smallest_angle(&t) - smallest).abs() < 1e-14, "{t:?}");
         }
         for flat in [[DVec3::ONE; 3], [DVec3::ZERO, DVec3::X, 3.0 * DVec3::X]] {
             assert_eq!(smallest_angle(&flat), 0.0);

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Number of rows in one parallel task; every task visits all triangles, so small bands would waste time.
-const BAND: usize = 64;
+const TASK_ROWS: usize = 64;
 /// Index of the triangle of an empty pixel.
-const NOTHING: u32 = u32::MAX;
+const NO_TRIANGLE: u32 = u32::MAX;
 
 /// A corner, projected into the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,10 +76,10 @@ impl DepthBuffer {
         corners: &[Projected],
         triangles: &[[u32; 3]],
     ) -> Self {
-        let empty = Place { nearness: 0.0, triangle: NOTHING, weights: [0.0; 2] };
+        let empty = Place { nearness: 0.0, triangle: NO_TRIANGLE, weights: [0.0; 2] };
         let mut places = vec![empty; columns * rows.len()];
-        (places.par_chunks_mut((BAND * columns).max(1)).enumerate()).for_each(|(band, places)| {
-            let first_row = rows.start + band * BAND;
+        (places.par_chunks_mut((TASK_ROWS * columns).max(1)).enumerate()).for_each(|(band, places)| {
+            let first_row = rows.start + band * TASK_ROWS;
             for (t, triangle) in triangles.iter().enumerate() {
                 let corners = triangle.map(|c| corners[c as usize]);
                 draw_triangle(places, columns, first_row, &corners, t as u32);
@@ -96,7 +96,7 @@ impl DepthBuffer {
     pub fn at(&self, column: usize, row: usize) -> Option<DepthVisibility> {
         let place = self.places[(row - self.first_row) * self.columns + column];
         let [b, c] = place.weights.map(f64::from);
-        (place.triangle != NOTHING).then(|| DepthVisibility {
+        (place.triangle != NO_TRIANGLE).then(|| DepthVisibility {
             triangle: place.triangle,
             barycentric: [1.0 - b - c, b, c],
             depth: 1.0 / place.nearness,

@@ -22,7 +22,7 @@ use std::f64::consts::PI;
 ///
 /// A smaller value is faster and less accurate. Barill et al. use 2 with terms of second order; 3 without
 /// them keeps errors below 0.02 (test `winding_numbers_match_exact_solid_angles`).
-const FAR: f64 = 3.0;
+const DIPOLE_DISTANCE: f64 = 3.0;
 
 /// A mesh prepared for winding numbers.
 ///
@@ -100,11 +100,11 @@ impl WindingNumbers {
         let mut height = 1;
         while height > 0 {
             height -= 1;
-            let here = stack[height] as usize;
-            let (node, dipole) = (&bvh.nodes[here], &self.dipoles[here]);
+            let index = stack[height] as usize;
+            let (node, dipole) = (&bvh.nodes[index], &self.dipoles[index]);
             let off = dipole.middle - at;
             let far = off.length();
-            if far > FAR * dipole.radius {
+            if far > DIPOLE_DISTANCE * dipole.radius {
                 sum += dipole.area.dot(off) / (far * far * far);
             } else if node.count > 0 {
                 let own = node.first as usize..(node.first + node.count) as usize;

@@ -77,20 +77,20 @@ fn main() {
         let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
         let (stages, begun) = (Stages::default(), Instant::now());
         let set = read_patches(&files, None, None, None).unwrap();
-        let whole = merge(set, &options, &stages).unwrap();
-        write_merged(&whole, &folder.path().join("whole.ply"), &stages).unwrap();
+        let merged = merge(set, &options, &stages).unwrap();
+        write_merged(&merged, &folder.path().join("whole.ply"), &stages).unwrap();
         let end = Instant::now();
-        let told = stages.0.borrow();
-        let ends = told.iter().skip(1).map(|(_, at)| *at).chain([end]);
+        let recorded = stages.0.borrow();
+        let ends = recorded.iter().skip(1).map(|(_, at)| *at).chain([end]);
         println!(
             "{method:?}: {:.2} s, {} triangles, {} edges of three and more, {} open, valences {:?}",
             (end - begun).as_secs_f64(),
-            whole.report.triangles,
-            whole.report.nonmanifold_edges,
-            whole.report.boundary_edges,
-            whole.report.valence,
+            merged.report.triangles,
+            merged.report.nonmanifold_edges,
+            merged.report.boundary_edges,
+            merged.report.valence,
         );
-        for ((stage, at), until) in told.iter().zip(ends) {
+        for ((stage, at), until) in recorded.iter().zip(ends) {
             println!("    {stage:<28} {:.2}", (until - *at).as_secs_f64());
         }
     }

@@ -76,10 +76,10 @@ fn main() {
         let one = reading(&mut random);
         let before = Instant::now();
         stream.push(&one).unwrap();
-        let took = before.elapsed();
-        latencies.add(took);
-        longest = longest.max(took);
-        spent += took;
+        let elapsed = before.elapsed();
+        latencies.add(elapsed);
+        longest = longest.max(elapsed);
+        spent += elapsed;
         if [total / 10, total / 2, total].contains(&k) {
             stream.surface().unwrap();
             let mut sigmas: Vec<f64> = (0..200)

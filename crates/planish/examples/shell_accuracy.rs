@@ -76,16 +76,16 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     let (bounds, axis) = longest_side(mesh)?;
     // A little off, as vertices of what is symmetric lie in the middle.
     let level = bounds.center()[axis] + 1e-4 * bounds.diagonal();
-    let whole = mesh.welded();
-    let normals = whole.vertex_normals();
-    let above: Vec<bool> = whole.positions.iter().map(|p| p[axis] > level).collect();
-    let (mut positions, mut triangles) = (whole.positions.clone(), Vec::new());
+    let welded = mesh.welded();
+    let normals = welded.vertex_normals();
+    let above: Vec<bool> = welded.positions.iter().map(|p| p[axis] > level).collect();
+    let (mut positions, mut triangles) = (welded.positions.clone(), Vec::new());
     // The place on an edge, and the edge of the flange beyond it.
     let mut cuts = HashMap::new();
     let mut cut = |from: u32, to: u32| -> [u32; 2] {
         let [a, b] = [from.min(to), from.max(to)];
         *cuts.entry([a, b]).or_insert_with(|| {
-            let [p, q] = [a, b].map(|v| whole.positions[v as usize]);
+            let [p, q] = [a, b].map(|v| welded.positions[v as usize]);
             let share = (level - p[axis]) / (q[axis] - p[axis]);
             let between = |p: DVec3, q: DVec3| p + share * (q - p);
             let mut outward = between(normals[a as usize], normals[b as usize]);
@@ -98,7 +98,7 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
         })
     };
     let mut flange = Vec::new();
-    for t in &whole.triangles {
+    for t in &welded.triangles {
         let side = t.map(|v| above[v as usize]);
         let Some(alone) = (0..3).find(|k| side[*k] != side[(k + 1) % 3] && side[*k] != side[(k + 2) % 3])
         else {
@@ -170,8 +170,8 @@ fn one(
         deformation.parameters(),
         controls.points.iter().flat_map(|p| {
             let p = *p - center;
-            let of = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-            [0, 1, 2].map(|k| of(&affine, k) + 0.015 * size * of(&wave, k).sin())
+            let applied = |matrix: &[f64; 9], k: usize| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
+            [0, 1, 2].map(|k| applied(&affine, k) + 0.015 * size * applied(&wave, k).sin())
         }),
     );
     let by = displacements(&deformation, &q);
@@ -218,11 +218,11 @@ fn one(
     }
     let r = deformation.reduction().ok_or_else(|| Error::input("no reduction"))?;
     let equations = r.tr_mul(&(information * r)) + made.smoothness_weight * k;
-    let told = (equations.cholesky())
+    let reference = (equations.cholesky())
         .ok_or_else(|| Error::undetermined("no fit by true places"))?
         .solve(&r.tr_mul(&vector));
-    let by = displacements(&deformation, &told);
-    let told: Vec<DVec3> = mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect();
+    let by = displacements(&deformation, &reference);
+    let reference: Vec<DVec3> = mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect();
 
     let search = MeshSearch::try_new(&truth)?;
     // Places spread over the area, not vertices: those crowd where a mesh is fine.
@@ -239,11 +239,11 @@ fn one(
             .collect()
     };
     let rms = |values: &[f64]| (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt();
-    let ours = heights(&made.positions);
-    let theirs = heights(&told);
+    let fitted_heights = heights(&made.positions);
+    let reference_heights = heights(&reference);
     let before = heights(&mesh.positions);
     let mut covered = 0;
-    for (place, height) in judged.iter().zip(&ours) {
+    for (place, height) in judged.iter().zip(&fitted_heights) {
         let corners = mesh.triangles[place.triangle as usize];
         let mut row = DVector::zeros(basis);
         for (vertex, w) in corners.iter().zip(place.barycentric) {
@@ -255,7 +255,7 @@ fn one(
     }
     let found = made.points.outliers.iter().zip(&good).filter(|(o, good)| **o && !**good).count();
     let lost = made.points.outliers.iter().zip(&good).filter(|(o, good)| **o && **good).count();
-    let of_good = good.iter().filter(|good| **good).count();
+    let good_count = good.iter().filter(|good| **good).count();
     let check = mesh.welded().check();
     let fins = match path.split_once(':') {
         Some(("fins", _)) => ", with a fin",
@@ -270,12 +270,12 @@ fn one(
         check.boundary_edges,
         check.nonmanifold_edges,
         rms(&before) / sigma,
-        rms(&ours) / sigma,
-        rms(&theirs) / sigma,
-        rms(&ours) / rms(&theirs),
+        rms(&fitted_heights) / sigma,
+        rms(&reference_heights) / sigma,
+        rms(&fitted_heights) / rms(&reference_heights),
         covered as f64 / judged.len() as f64,
-        found as f64 / (good.len() - of_good) as f64,
-        lost as f64 / of_good as f64
+        found as f64 / (good.len() - good_count) as f64,
+        lost as f64 / good_count as f64
     );
     Ok(())
 }

@@ -46,7 +46,7 @@ const SLANT: f64 = 0.75;
 const CAMERA_DIRECTION: DVec3 = DVec3::new(0.55, -0.75, 0.5);
 /// Minimum length of the sum of normals, relative to the area, of a surface that faces one way (a sheet). For
 /// a closed surface the sum is zero.
-const FACING: f64 = 0.5;
+const MIN_FACING: f64 = 0.5;
 /// Minimum size of the last frame relative to the picture. Larger first frames are clipped.
 const MIN_LAST_FRAME: f64 = 0.6;
 /// Fraction of ambient light.
@@ -231,7 +231,7 @@ impl FramePainter {
             facing += n;
             area += n.length();
         }
-        let towards = match facing.try_normalize().filter(|_| facing.length() > FACING * area) {
+        let towards = match facing.try_normalize().filter(|_| facing.length() > MIN_FACING * area) {
             Some(n) => {
                 let (_, side) = tangents(n);
                 (n - SLANT * side).try_normalize()
@@ -249,12 +249,12 @@ impl FramePainter {
         let diagonal = bounds.diagonal();
         let mut camera = Camera { at, axes: [right, up, from], focal: 1.0, middle: [0.0; 2], diagonal };
         let room = |points: &[DVec3]| {
-            let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
+            let extents = (points.iter()).fold([0.0_f64; 2], |extents, p| {
                 let [x, y] = camera.project(*p).at;
-                [most[0].max(x.abs()), most[1].max(y.abs())]
+                [extents[0].max(x.abs()), extents[1].max(y.abs())]
             });
             // 0.46 instead of 0.5 leaves a border.
-            let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / most[k].max(f64::MIN_POSITIVE));
+            let [x, y] = [0, 1].map(|k| 0.46 * PICTURE[k] as f64 / extents[k].max(f64::MIN_POSITIVE));
             x.min(y)
         };
         // A surface of few readings may be large. It must not make the last frame small.
@@ -329,8 +329,8 @@ impl FramePainter {
 
     fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &DepthVisibility) -> DVec3 {
         let corners = triangles[seen.triangle as usize].map(|c| c as usize);
-        let mix = |of: &dyn Fn(usize) -> DVec3| {
-            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * of(c))
+        let mix = |value: &dyn Fn(usize) -> DVec3| {
+            (corners.iter().zip(seen.barycentric)).fold(DVec3::ZERO, |sum, (&c, w)| sum + w * value(c))
         };
         let direction = mix(&|c| frame.points[c]) - self.camera.at;
         let cosine = mix(&|c| frame.normals[c])

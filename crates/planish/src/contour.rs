@@ -29,7 +29,7 @@ use crate::report::{ReportOutput, with_page};
 use page::contour_page;
 pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
 use planish_contour::planar::{
-    Choice, ContourReading, ContourTarget, auto_kinds, choose, separate, usual_gap,
+    Choice, ContourReading, ContourTarget, auto_kinds, choose, separate, typical_gap,
 };
 pub use planish_contour::planar::{ContourFitOptions, ContourKind, Form, Method, PlanarMotion};
 pub use planish_contour::primitive::PrimitiveKind;
@@ -125,7 +125,7 @@ impl Job for ContourJob {
     fn execute(&self, progress: &dyn Progress) -> Result<ContourReport> {
         match self.shapes.is_empty() {
             true => find_contours(self, progress),
-            false if self.constrain.is_asked_for() => Err(Error::unsupported(
+            false if self.constrain.has_task() => Err(Error::unsupported(
                 "expected contours in a plane for constraints, rounded lengths and graphs, found shapes in \
                  space",
             )
@@ -180,13 +180,13 @@ fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourRep
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
     let parts =
         parts_of(&read, job, progress, &mut findings).map_err(|e| e.in_context(job.input.display()))?;
-    let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();
+    let seen: Vec<_> = parts.iter().map(|part| measured_ends(part, &read.sightings)).collect();
     let mut report = report::report(&read, &parts, &seen, unit, findings);
     let mut drawn: Vec<DrawnContour> =
         parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
     // Constraints come after all contours, because they relate several of them.
     let mut graphs = None;
-    if job.constrain.is_asked_for() {
+    if job.constrain.has_task() {
         progress.check("constraining", 0.9)?;
         let found = constrained::constrained(&job.constrain, &parts, &seen, unit)
             .map_err(|e| e.in_context(job.input.display()))?;
@@ -247,7 +247,7 @@ fn parts_of(
     for (level, members) in groups {
         let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         // Per level, because levels may be sampled at different distances.
-        let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
+        let gap = job.gap.unwrap_or_else(|| typical_gap(&sightings));
         for cluster in separate(&sightings, gap) {
             // A level that consists of one small group is fitted: the user measured just these points.
             if cluster.len() < MIN_READINGS && cluster.len() < sightings.len() {
@@ -295,7 +295,7 @@ fn parts_of(
 }
 
 /// Ends of the measured part of a line.
-fn ends_seen(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
+fn measured_ends(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
     let fit = &part.choice.fit;
     if fit.kind != ContourKind::Line {
         return None;

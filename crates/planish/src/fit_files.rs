@@ -33,7 +33,7 @@ use std::time::Instant;
 
 /// Minimum value of the limit on control vertices. The coarsest surfaces have a few dozen, so a smaller limit
 /// is a mistake.
-pub const LEAST_COEFFICIENTS: usize = 16;
+pub const MIN_COEFFICIENTS: usize = 16;
 
 /// Maximum rms of added readings, relative to the size of the saved model. A smaller value would reject
 /// coarse sensors; a larger one would accept another object that lies nearby.
@@ -183,10 +183,10 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     let fitted = fitted.map_err(|e| with_inputs(e, job))?;
     // An update without used readings would return the old model, and a script would take that for success.
     if fitted.report.observations == 0 {
-        return Err(nothing_used(job, &fitted.report));
+        return Err(all_rejected_error(job, &fitted.report));
     }
     if let Some(earlier) = &earlier {
-        refuse_strangers(job, &earlier.model, &fitted.report)?;
+        reject_other_object(job, &earlier.model, &fitted.report)?;
     }
     progress.check("making outputs", 0.9)?;
     let posterior = fitted.posterior();
@@ -199,7 +199,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         report.findings.push(Finding::new(FindingCode::UnitAssumed, text).with_setting(Setting::Unit));
     }
     report.findings.extend(unclassified(job, &set));
-    report.findings.extend(unsteady(&report));
+    report.findings.extend(unsteady_motion_findings(&report));
     // Outputs are prepared in memory first. A failure in one of them then leaves no partial set of files.
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
@@ -280,12 +280,12 @@ fn options_of_fit(job: &FitJob, options: &FitOptions, set: &ScanSet) -> Result<F
 
 /// The input files, and a description of the contents of each.
 fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
-    let gave = |input: &InputFile| match (input.points, input.dropped_not_finite) {
+    let description = |input: &InputFile| match (input.points, input.dropped_not_finite) {
         (0, _) => "sensors and scans".to_owned(),
         (n, 0) => format!("{n} points"),
         (n, dropped) => format!("{n} points, {dropped} others are not finite"),
     };
-    let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
+    let scans = set.inputs.iter().map(|input| (input.path.clone(), description(input)));
     let model =
         job.task.model().into_iter().map(|path| (path.to_owned(), "the model that was updated".to_owned()));
     scans.chain(model).collect()
@@ -339,7 +339,7 @@ fn write(
 }
 
 /// Findings about scans that deviate from the steady motion of the object.
-fn unsteady(report: &FitReport) -> Vec<Finding> {
+fn unsteady_motion_findings(report: &FitReport) -> Vec<Finding> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MAX_INNOVATION);
     off.map(|pose| {
@@ -354,7 +354,7 @@ fn unsteady(report: &FitReport) -> Vec<Finding> {
 }
 
 /// Error if every reading was rejected: an unchanged model is not a result.
-fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
+fn all_rejected_error(job: &FitJob, report: &FitReport) -> Error {
     let causes: Vec<String> = report.rejected.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
     let surface = match job.task.model() {
         Some(model) => format!("the surface of {}", model.display()),
@@ -368,7 +368,7 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
 }
 
 /// Refuses readings that lie far from the saved model, relative to its size.
-fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
+fn reject_other_object(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
     // The gate does not catch this case: the estimated σ grows with the residuals, so nothing is rejected.
     if report.rms <= MAX_RMS_RATIO * size {
@@ -524,9 +524,9 @@ fn check_settings(job: &FitJob) -> Result<()> {
     if !(gate.is_finite() && gate >= 1.0) {
         return Err(Error::input(format!("expected a gate of at least 1 σ (4 is usual), found {gate}")));
     }
-    if max_coefficients < LEAST_COEFFICIENTS {
+    if max_coefficients < MIN_COEFFICIENTS {
         return Err(Error::input(format!(
-            "expected at least {LEAST_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
+            "expected at least {MIN_COEFFICIENTS} coefficients, found a limit of {max_coefficients}"
         )));
     }
     // With a larger share, too few readings would be left to fit.

@@ -9,7 +9,7 @@ use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::ply::read_contents;
-use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs, recover_beside};
+use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs, recover_outputs_in_folder_of};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
 use planish_surface::export::sigma_summary;
@@ -191,7 +191,8 @@ pub struct ModelInfo {
     /// Share of it that was measured.
     pub observed_area_fraction: f64,
     /// Share of it that was completed from measured parts.
-    pub invented_area_fraction: f64,
+    #[serde(rename = "invented_area_fraction")]
+    pub inferred_area_fraction: f64,
     /// Around the surface, at nine by nine points of every cell.
     #[serde(rename = "box")]
     pub bounds: Option<BoxInfo>,
@@ -222,7 +223,7 @@ pub struct ModelInfo {
 /// ```
 pub fn info(path: &Path, unit: Option<Unit>) -> Result<FileInfo> {
     // A killed run may have left outputs that are only partly renamed (docs/decisions/0087-output-sets.md).
-    recover_beside(path);
+    recover_outputs_in_folder_of(path);
     match extension(path).as_str() {
         "planish" => model(path),
         "ply" => {
@@ -422,7 +423,7 @@ fn model(path: &Path) -> Result<FileInfo> {
     let area: f64 = areas.iter().sum();
     let measured: f64 =
         areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
-    let invented: f64 = (areas.iter().zip(&model.observed))
+    let inferred: f64 = (areas.iter().zip(&model.observed))
         .filter(|(_, o)| **o == Observed::Inferred)
         // `sum()` of an empty iterator is −0, which would be printed with its sign.
         .fold(0.0, |sum, (a, _)| sum + a);
@@ -438,7 +439,7 @@ fn model(path: &Path) -> Result<FileInfo> {
             observations: model.observations,
             area,
             observed_area_fraction: measured / area,
-            invented_area_fraction: invented / area,
+            inferred_area_fraction: inferred / area,
             // Control vertices lie outside of a curved surface and would enlarge the box.
             bounds: bounds(&points_of_cells(surface)),
             sigma,

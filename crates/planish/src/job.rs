@@ -2,7 +2,7 @@
 
 use crate::output::check_outputs;
 use planish_core::{Progress, Result};
-use planish_exchange::{recover_beside, write_as_set};
+use planish_exchange::{recover_outputs_in_folder_of, write_as_set};
 use std::path::PathBuf;
 
 /// Work that reads files, computes a result and writes files.
@@ -55,7 +55,7 @@ pub trait Job {
         let (outputs, inputs) = (self.outputs()?, self.inputs()?);
         // An input may be an output of a killed run, whose renames are completed before anything is checked
         // or read.
-        inputs.iter().for_each(|path| recover_beside(path));
+        inputs.iter().for_each(|path| recover_outputs_in_folder_of(path));
         check_outputs(&outputs, &inputs)?;
         write_as_set(|| self.execute(progress))
     }

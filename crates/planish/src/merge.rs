@@ -44,7 +44,7 @@ use planish_mesh::{
     vertex_curvature,
 };
 use planish_surface::export::{KnownMesh, write_known_mesh};
-use ready::{Done, Ready};
+use ready::{MergeOutcome, Ready};
 use std::path::{Path, PathBuf};
 
 /// Patch number of vertices that fill holes. It is out of range of every list of patches, so they are never
@@ -205,52 +205,56 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         MergeMethod::Mean => mean,
     };
     progress.check("sewing", 0.7)?;
-    let mut sewn = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
+    let mut stitched_mesh = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
     // The bound is sewn in before holes are filled: a lid is a guess, and the hull is evidence.
     let completed = match &bound {
-        Some(bound) => Some(complete(&mut sewn, bound, &mut ready)?),
+        Some(bound) => Some(complete(&mut stitched_mesh, bound, &mut ready)?),
         None => None,
     };
-    let stitched = sewn.mesh.triangles.len() - sewn.kept;
+    let stitched = stitched_mesh.mesh.triangles.len() - stitched_mesh.kept;
     let filled = match options.fill {
         0 => None,
-        longest => Some(fill(&mut sewn, longest, &ProgressPart::new(progress, 0.75, 0.95))?),
+        longest => Some(fill(&mut stitched_mesh, longest, &ProgressPart::new(progress, 0.75, 0.95))?),
     };
     progress.check("checking", 0.95)?;
-    let kept = ready.kept(&sewn, &overlap);
+    let kept = ready.kept(&stitched_mesh, &overlap);
     // Fusing may resolve a crossing, so the user learns whether it is still there.
     if ready.crosses {
-        ready.findings.push(still_crossing(&sewn.mesh)?);
+        ready.findings.push(crossing_finding(&stitched_mesh.mesh)?);
     }
-    let done = Done { method, completed, filled, stitched, kept, inputs };
-    let report = ready.report(&sewn, &overlap, done);
+    let outcome = MergeOutcome { method, completed, filled, stitched, kept, inputs };
+    let report = ready.report(&stitched_mesh, &overlap, outcome);
     // Normals and curvature are those of the final mesh, after completion and filling.
-    let normals = sewn.mesh.vertex_normals();
+    let normals = stitched_mesh.mesh.vertex_normals();
     let curvature = match options.curvature {
-        true => Some(vertex_curvature(&sewn.mesh, &normals, &sewn.sigma)?),
+        true => Some(vertex_curvature(&stitched_mesh.mesh, &normals, &stitched_mesh.sigma)?),
         false => None,
     };
     Ok(Merged {
         normals,
         curvature,
-        observed: ready.observed(&sewn),
-        sigma: sewn.sigma,
-        mesh: sewn.mesh,
+        observed: ready.observed(&stitched_mesh),
+        sigma: stitched_mesh.sigma,
+        mesh: stitched_mesh.mesh,
         report,
     })
 }
 
 /// Stitches the bound to the merged surface where there is no patch.
-fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
-    let completed = completed(sewn, &bound.tidied.patch)?;
+fn complete(
+    stitched_mesh: &mut StitchedMesh,
+    bound: &NamedPatch,
+    ready: &mut Ready,
+) -> Result<CompletionReport> {
+    let completed = completed(stitched_mesh, &bound.tidied.patch)?;
     ready.findings.extend(facing_findings(completed.facing, &bound.name));
     // The number after the last patch stands for the bound.
-    *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
+    *stitched_mesh = joined(stitched_mesh, completed.merged, ready.patches.len() as u32);
     Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
 /// Finding about whether crossings of the patches remain in the merged mesh.
-fn still_crossing(mesh: &TriangleMesh) -> Result<Finding> {
+fn crossing_finding(mesh: &TriangleMesh) -> Result<Finding> {
     let text = match MeshSearch::try_new(mesh)?.self_crossings().pairs {
         0 => "the merged mesh does not intersect itself".to_owned(),
         pairs => format!("the merged mesh intersects itself as well, in {pairs} pairs of triangles"),
@@ -271,42 +275,42 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
 
 /// Restores the sources of the merged vertices in a completed mesh. Vertices of the bound get the patch
 /// number `bound`.
-fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> StitchedMesh {
-    for source in &mut whole.source {
+fn joined(merged: &StitchedMesh, mut completed: StitchedMesh, bound: u32) -> StitchedMesh {
+    for source in &mut completed.source {
         *source = match *source {
             (0, v) => merged.source[v as usize],
             (_, v) => (bound, v),
         };
     }
     // Triangles that sewed before are among those kept now.
-    whole.kept = whole.kept.saturating_sub(merged.mesh.triangles.len() - merged.kept);
-    whole.holes_closed += merged.holes_closed;
-    whole.fragments += merged.fragments;
-    let longest = whole.valence.len().max(merged.valence.len());
-    whole.valence.resize(longest, 0);
+    completed.kept = completed.kept.saturating_sub(merged.mesh.triangles.len() - merged.kept);
+    completed.holes_closed += merged.holes_closed;
+    completed.fragments += merged.fragments;
+    let longest = completed.valence.len().max(merged.valence.len());
+    completed.valence.resize(longest, 0);
     for (n, count) in merged.valence.iter().enumerate() {
-        whole.valence[n] += count;
+        completed.valence[n] += count;
     }
-    whole
+    completed
 }
 
 /// Fills holes of the stitched mesh. The new vertices belong to no patch.
-fn fill(sewn: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
-    let before = sewn.mesh.positions.len();
-    let triangles = sewn.mesh.triangles.len();
+fn fill(stitched_mesh: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
+    let before = stitched_mesh.mesh.positions.len();
+    let triangles = stitched_mesh.mesh.triangles.len();
     let watch = &mut |share: f64| progress.check("filling holes", share);
-    let filled = fill_holes(&sewn.mesh, &sewn.sigma, longest, watch)?;
+    let filled = fill_holes(&stitched_mesh.mesh, &stitched_mesh.sigma, longest, watch)?;
     let vertices = filled.mesh.positions.len() - before;
     let report = FillReport {
         holes: filled.holes,
         vertices,
         triangles: filled.mesh.triangles.len() - triangles,
-        outer_rims: filled.rims,
-        left_open: filled.larger + filled.uncovered,
+        outer_rims: filled.outer_rims,
+        unfilled: filled.too_long + filled.uncovered,
     };
-    sewn.source.extend((0..vertices as u32).map(|v| (NO_PATCH, v)));
-    sewn.stitched.resize(before + vertices, false);
-    sewn.mesh = filled.mesh;
-    sewn.sigma = filled.sigma;
+    stitched_mesh.source.extend((0..vertices as u32).map(|v| (NO_PATCH, v)));
+    stitched_mesh.stitched.resize(before + vertices, false);
+    stitched_mesh.mesh = filled.mesh;
+    stitched_mesh.sigma = filled.sigma;
     Ok(report)
 }

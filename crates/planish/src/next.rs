@@ -47,7 +47,7 @@ pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
 use directions::directions;
-use random::{Before, at_random};
+use random::{InitialState, at_random};
 
 /// Memory for the covariance columns of all candidates, in numbers (48 MB). A column has one number per node,
 /// so large models get fewer candidates.
@@ -146,8 +146,8 @@ pub struct NextReport {
     /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_left: Option<UnmeasurableSigma>,
+    #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
+    pub unresolved_shape: Option<UnmeasurableSigma>,
     /// Result of the same number of points drawn at random, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomDraws>,
@@ -170,7 +170,9 @@ impl UnmeasurableSigma {
     fn new(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
         let square = |place: &Place| model.unresolved_shape.get(place.leaf).copied().unwrap_or(0.0);
         let largest = places.iter().map(square).fold(0.0, f64::max);
-        let area = |of: &dyn Fn(&&Place) -> bool| places.iter().filter(of).map(|p| p.area).sum::<f64>();
+        let area = |is_counted: &dyn Fn(&&Place) -> bool| {
+            places.iter().filter(is_counted).map(|p| p.area).sum::<f64>()
+        };
         (largest > 0.0).then(|| Self {
             largest: largest.sqrt(),
             area_fraction: area(&|place| square(place) > 0.0) / area(&|_| true),
@@ -194,7 +196,7 @@ struct Place {
 
 impl Place {
     /// The row applied to a column over the nodes.
-    fn see(&self, column: &[f64]) -> f64 {
+    fn dot(&self, column: &[f64]) -> f64 {
         self.row.iter().map(|&(node, w)| w * column[node as usize]).sum()
     }
 }
@@ -236,7 +238,8 @@ pub fn next_points(
     let random = match options.against_random {
         0 => None,
         draws => {
-            let before = Before { factor: &factor, nodes, places: &places, variances: &variances, reading };
+            let before =
+                InitialState { factor: &factor, nodes, places: &places, variances: &variances, reading };
             Some(at_random(before, options, draws, progress)?)
         }
     };
@@ -258,10 +261,10 @@ pub fn next_points(
         let left: Vec<f64> = candidates
             .par_iter()
             .map(|candidate| {
-                let own = places[candidate.place].see(&candidate.column) + reading;
+                let own = places[candidate.place].dot(&candidate.column) + reading;
                 (places.iter().zip(&variances))
                     .map(|(place, variance)| {
-                        let after = variance - place.see(&candidate.column).powi(2) / own;
+                        let after = variance - place.dot(&candidate.column).powi(2) / own;
                         place.area * cost(options.objective, after)
                     })
                     .sum()
@@ -271,15 +274,15 @@ pub fn next_points(
             break;
         };
         let (at, column) = (candidates[best].place, candidates[best].column.clone());
-        let own = places[at].see(&column) + reading;
+        let own = places[at].dot(&column) + reading;
         for (place, variance) in places.iter().zip(&mut variances) {
             // Rounding can leave a small negative variance at a place that many points determine.
-            *variance = (*variance - place.see(&column).powi(2) / own).max(0.0);
+            *variance = (*variance - place.dot(&column).powi(2) / own).max(0.0);
         }
         candidates.par_iter_mut().for_each(|candidate| {
             // The columns of the other candidates change, too: the next choice must include the information
             // of this reading.
-            let share = places[candidate.place].see(&column) / own;
+            let share = places[candidate.place].dot(&column) / own;
             for (c, x) in candidate.column.iter_mut().zip(&column) {
                 *c -= share * x;
             }
@@ -300,7 +303,7 @@ pub fn next_points(
         mean_sigma: Change { before: before.1, after: after.1 },
         sigma,
         reached_goal: reached(&variances),
-        shape_left: UnmeasurableSigma::new(model, &places, &variances),
+        unresolved_shape: UnmeasurableSigma::new(model, &places, &variances),
         random,
     })
 }
@@ -528,13 +531,13 @@ fn chosen(places: &[Place], variances: &[f64], limit: usize) -> Vec<usize> {
     // random numbers, and dense cells do not attract more candidates than their area deserves.
     let weights: Vec<f64> = places.iter().zip(variances).map(|(p, v)| p.area * v).collect();
     let step = weights.iter().sum::<f64>() / (limit - 1) as f64;
-    let (mut sum, mut due) = (0.0, 0.5 * step);
+    let (mut sum, mut next_threshold) = (0.0, 0.5 * step);
     let mut found: Vec<usize> = Vec::with_capacity(limit);
     for (k, weight) in weights.iter().enumerate() {
         sum += weight;
-        if sum >= due {
+        if sum >= next_threshold {
             found.push(k);
-            due = ((sum / step).floor() + 1.0) * step;
+            next_threshold = ((sum / step).floor() + 1.0) * step;
         }
     }
     // Sampling may skip the place with the largest σ, and the objective is about just that place.

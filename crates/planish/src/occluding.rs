@@ -57,7 +57,7 @@ pub struct OccludingJob {
     /// Files of patches; each patch gets its number before the extension.
     pub patches: Vec<PathBuf>,
     /// Minimum number of points of a strip that becomes a patch.
-    pub least_points: usize,
+    pub min_points: usize,
     /// File of the visual hull.
     pub hull: Option<PathBuf>,
     /// A mesh whose outlines are compared with all masks.
@@ -76,7 +76,7 @@ impl Default for OccludingJob {
             views: PathBuf::new(),
             outputs: Vec::new(),
             patches: Vec::new(),
-            least_points: 200,
+            min_points: 200,
             hull: None,
             judged: None,
             options: OccludingOptions::default(),
@@ -100,7 +100,8 @@ pub struct ContourPatch {
     /// Its area.
     pub area: f64,
     /// Fraction of skipped places along its contours, between the first and the last in each view.
-    pub left_out_share: f64,
+    #[serde(rename = "left_out_share")]
+    pub missing_share: f64,
 }
 
 /// Overlap of surfaces with a mask: intersection over union of their pixels.
@@ -132,7 +133,8 @@ pub struct OccludingReport {
     /// Those that became points.
     pub observations: usize,
     /// The others, by cause.
-    pub left_out: BTreeMap<&'static str, usize>,
+    #[serde(rename = "left_out")]
+    pub rejected: BTreeMap<&'static str, usize>,
     /// χ² of the contours about local parabolas, over its degrees of freedom.
     pub chi2: f64,
     /// Number of connected strips of points.
@@ -298,7 +300,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         sigma_circle: of_points(&found, |p| p.sigma_circle),
         sigma: of_points(&found, OccludingPoint::sigma_along_normal),
         sigma_n_deg: of_points(&found, |p| p.sigma_normal_deg),
-        left_out: found.left_out,
+        rejected: found.rejected,
         unseen_share,
         patches,
         iou,
@@ -314,12 +316,12 @@ fn of_points(found: &OccludingContours, value: impl Fn(&OccludingPoint) -> f64) 
 }
 
 fn mask_options(view: &ViewFile) -> SilhouetteOptions {
-    let usual = SilhouetteOptions::default();
+    let defaults = SilhouetteOptions::default();
     SilhouetteOptions {
         threshold: view.mask_threshold,
-        least_share: view.mask_least_share.unwrap_or(usual.least_share),
+        min_share: view.mask_min_share.unwrap_or(defaults.min_share),
         sigma_px: view.sigma_px,
-        ..usual
+        ..defaults
     }
 }
 
@@ -398,14 +400,14 @@ fn agreements(
             let picture = read_brightness(path)?;
             let read = silhouette(&picture, &mask_options(view)).map_err(|e| e.in_context(path.display()))?;
             let mask = Mask { covered: read.mask, columns: read.columns, rows: read.rows };
-            let of = |mesh: &TriangleMesh| {
+            let agreement = |mesh: &TriangleMesh| {
                 intersection_over_union(mesh, &view.camera, &mask.covered, mask.columns, mask.rows)
             };
             Ok(OutlineAgreement {
                 view: view.name.clone(),
                 held_out: view.held_out,
-                hull: hull.map(|hull| of(&hull.mesh)),
-                judged: judged.map(of),
+                hull: hull.map(|hull| agreement(&hull.mesh)),
+                judged: judged.map(agreement),
             })
         })
         .collect()

@@ -357,7 +357,7 @@ mod tests {
     use planish_mesh::TriangleMesh;
 
     #[test]
-    fn the_extension_says_what_to_write() {
+    fn the_extension_selects_the_format() {
         for (name, format) in [
             ("a.step", OutputFormat::Step),
             ("a.STP.gz", OutputFormat::Step),

@@ -60,8 +60,8 @@ impl ReportOutput {
     /// The command, the version, the seed, and for every file that was read its contribution and a checksum.
     pub(crate) fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
         let mut files = Table::new(["file", "content", "SHA-256"]);
-        for (path, gave) in inputs {
-            files.row([file_name(path), gave.clone(), sha256_of(path)?], false);
+        for (path, description) in inputs {
+            files.row([file_name(path), description.clone(), sha256_of(path)?], false);
         }
         let mut blocks = vec![
             Block::Lines(self.command.clone()),

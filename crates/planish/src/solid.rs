@@ -143,7 +143,8 @@ pub struct UnexplainedLine {
     /// The entity by kind, handle and line of the file; none where a line is missing.
     pub entity: Option<String>,
     /// The problem, and its position in the view.
-    pub why: String,
+    #[serde(rename = "why")]
+    pub reason: String,
 }
 
 /// A solid whose lines differ from those of the drawing. It is not written.
@@ -162,7 +163,8 @@ pub struct RefusedSolid {
 pub struct DroppedCandidates {
     /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit
     /// together.
-    pub why: &'static str,
+    #[serde(rename = "why")]
+    pub reason: &'static str,
     /// Number of candidates.
     pub count: usize,
     /// The problem of the first of them, and its position.
@@ -250,7 +252,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
         unexplained: found
             .unexplained
             .into_iter()
-            .map(|u| UnexplainedLine { view: u.view.name(), entity: u.entity, why: u.why })
+            .map(|u| UnexplainedLine { view: u.view.name(), entity: u.entity, reason: u.reason })
             .collect(),
         refused,
         dropped: dropped(&found.rejected),
@@ -368,15 +370,15 @@ fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
     // Fixed order, so that reports can be compared.
     let reasons =
         [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];
-    let of = |(reason, why): (CandidateRejection, &'static str)| {
-        let mut all = rejected.iter().filter(|r| r.why == reason);
+    let summary = |(rejection, reason): (CandidateRejection, &'static str)| {
+        let mut all = rejected.iter().filter(|r| r.reason == rejection);
         all.next().map(|first| DroppedCandidates {
-            why,
+            reason,
             count: 1 + all.count(),
             first: first.message.clone(),
         })
     };
-    reasons.into_iter().filter_map(of).collect()
+    reasons.into_iter().filter_map(summary).collect()
 }
 
 fn line_of(difference: &Disagreement) -> UnexplainedLine {
@@ -387,7 +389,7 @@ fn line_of(difference: &Disagreement) -> UnexplainedLine {
     UnexplainedLine {
         view: difference.view.name(),
         entity: difference.entity.clone(),
-        why: format!("{} at {:.4} {:.4}{more}", difference.why, difference.at[0], difference.at[1]),
+        reason: format!("{} at {:.4} {:.4}{more}", difference.reason, difference.at[0], difference.at[1]),
     }
 }
 

@@ -376,9 +376,9 @@ fn pixels(
                     let corners = surface.triangles[triangle].map(|k| values[k as usize]);
                     // Kinds are not interpolated: between kinds 1 and 3 there is no kind 2.
                     scale.colour(if are_kinds {
-                        let most =
-                            (0..3).fold(0, |most, k| if weights[k] > weights[most] { k } else { most });
-                        corners[most]
+                        let nearest = (0..3)
+                            .fold(0, |nearest, k| if weights[k] > weights[nearest] { k } else { nearest });
+                        corners[nearest]
                     } else {
                         (0..3).map(|k| weights[k] * corners[k]).sum()
                     })
@@ -435,8 +435,8 @@ fn dot_width(positions: &[DVec3], camera: &Camera, [columns, rows]: [usize; 2]) 
     let area = filled.iter().filter(|f| **f).count() as f64 * cell[0] * cell[1];
     // The limits are those of 960 rows and shrink with the picture, but not below half, where dots would
     // vanish.
-    let [least, most] = DOT_WIDTHS.map(|w| w * rows.max(480) as f64 / 960.0);
-    (DOT_WIDTH * (area / inside.max(1) as f64).sqrt()).clamp(least, most)
+    let [min, max] = DOT_WIDTHS.map(|w| w * rows.max(480) as f64 / 960.0);
+    (DOT_WIDTH * (area / inside.max(1) as f64).sqrt()).clamp(min, max)
 }
 
 /// Pixels over the background, in screen colours.

@@ -33,7 +33,7 @@ pub const UNKNOWN: Colour = [0.6; 3];
 /// Fraction of the values at each end that lie beyond the scale, so that outliers do not use up its range.
 ///
 /// A larger fraction shows more contrast in the middle and hides more of the largest values.
-const BEYOND: f64 = 0.01;
+const CLIPPED_FRACTION: f64 = 0.01;
 /// The same for signed values, whose scale is symmetric: only the end with the larger values is cut.
 const BEYOND_SIGNED: f64 = 0.02;
 /// Ratio of the ends of a positive range above which the scale is logarithmic.
@@ -219,7 +219,7 @@ impl Scale {
                 })
             }
             (FieldKind::Sequential, Values::Numbers(values)) => {
-                let [low, high] = quantiles(values, [BEYOND, 1.0 - BEYOND]);
+                let [low, high] = quantiles(values, [CLIPPED_FRACTION, 1.0 - CLIPPED_FRACTION]);
                 let is_constant = high <= low;
                 // A scale needs a positive range, or every value would be 0/0.
                 let high =

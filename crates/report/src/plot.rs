@@ -238,14 +238,14 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
 /// Shares need not add up to one. Empty if their sum is not positive.
 #[must_use]
 pub fn shares(parts: &[(&str, f64, String)]) -> String {
-    let whole: f64 = parts.iter().map(|p| p.1).sum();
-    if whole <= 0.0 || !whole.is_finite() {
+    let total: f64 = parts.iter().map(|p| p.1).sum();
+    if total <= 0.0 || !total.is_finite() {
         return String::new();
     }
     let mut svg = format!(r#"<svg viewBox="0 0 {WIDTH} 46" role="img" font-size="12.5">"#);
     let (mut at, mut text) = (0.0, 0.0);
     for (name, share, colour) in parts.iter().filter(|p| p.1 > 0.0) {
-        let width = WIDTH * share / whole;
+        let width = WIDTH * share / total;
         let _ = write!(
             svg,
             "<rect x=\"{at:.1}\" y=\"0\" width=\"{width:.1}\" height=\"14\" fill=\"{colour}\"/><rect \
@@ -253,7 +253,7 @@ pub fn shares(parts: &[(&str, f64, String)]) -> String {
              class=\"plot-text\" x=\"{:.1}\" y=\"37\">{} {} %</text>",
             text + 16.0,
             escaped(name),
-            significant(100.0 * share / whole, 3)
+            significant(100.0 * share / total, 3)
         );
         at += width;
         // The width of text is estimated: fonts are unknown until the page is displayed.

@@ -110,7 +110,7 @@ const OBLIQUE_VIEW: DVec3 = DVec3::new(0.55, -0.75, 0.5);
 /// front.
 ///
 /// It is 0 for a closed surface and 1 for a plane. A hemisphere has 0.5 and is shown obliquely.
-const FACING: f64 = 0.6;
+const MIN_FACING: f64 = 0.6;
 
 impl Scene {
     /// Bounding box of the surfaces, or of everything if there is no surface. It determines the view.
@@ -247,7 +247,7 @@ impl Scene {
         }
         // Area vectors of a closed surface cancel, so their sum shows whether it faces one way.
         let towards = facing.length();
-        if towards <= FACING * area || area == 0.0 {
+        if towards <= MIN_FACING * area || area == 0.0 {
             return (OBLIQUE_VIEW, DVec3::Z);
         }
         let n = facing / towards;

@@ -14,12 +14,12 @@ pub struct EdgeOptions {
     /// σ of the Gaussian by which the image is smoothed, in pixels.
     pub smoothing_px: f64,
     /// Minimum gradient of an edge, as a share of the largest in the image.
-    pub least_share: f64,
+    pub min_share: f64,
 }
 
 impl Default for EdgeOptions {
     fn default() -> Self {
-        Self { smoothing_px: 1.0, least_share: 0.3 }
+        Self { smoothing_px: 1.0, min_share: 0.3 }
     }
 }
 
@@ -39,11 +39,11 @@ const MIN_SIGMAS: f64 = 6.0;
 /// square pixel is not a Gaussian.
 const RASTER_PX: f64 = 0.02;
 /// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
-const APART: f64 = 3.0;
+const MIN_DISTANCE_SIGMAS: f64 = 3.0;
 /// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
 const MIN_RADIUS: f64 = 6.0;
 /// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
-const NEAR: f64 = 6.0;
+const AVERAGING_RADIUS: f64 = 6.0;
 
 /// Finds points on the strongest edges of an image.
 ///
@@ -93,7 +93,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
     let minimum = MIN_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
     let strongest = field.magnitude.iter().copied().fold(0.0, f64::max);
-    let threshold = minimum.max(options.least_share * strongest);
+    let threshold = minimum.max(options.min_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
         return Err(Error::undetermined("expected edges above the noise of the image, found none"));
@@ -106,25 +106,25 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let sigma_at_one = noise * (3.0 / (16.0 * std::f64::consts::PI)).sqrt() * spread / s.powi(3);
     // Curvature is a second derivative; averaging over the neighbourhood makes its noise small enough for the
     // correction.
-    let grid = Buckets::new(&found, NEAR * s);
+    let grid = Buckets::new(&found, AVERAGING_RADIUS * s);
     let curvature: Vec<f64> = found
         .iter()
         .map(|edge| {
             let near: Vec<f64> =
-                grid.near(&found, edge.position, NEAR * s).map(|k| found[k].curvature).collect();
+                grid.near(&found, edge.position, AVERAGING_RADIUS * s).map(|k| found[k].curvature).collect();
             near.iter().sum::<f64>() / near.len() as f64
         })
         .collect();
     let corner: Vec<bool> = curvature.iter().map(|k| k.abs() * MIN_RADIUS * s > 1.0).collect();
     let mut kept: Vec<EdgePoint> = Vec::new();
-    let mut taken = vec![false; found.len()];
+    let mut is_kept = vec![false; found.len()];
     for (i, edge) in found.iter().enumerate() {
-        let beside_corner = grid.near(&found, edge.position, NEAR * s).any(|k| corner[k]);
+        let near_corner = grid.near(&found, edge.position, AVERAGING_RADIUS * s).any(|k| corner[k]);
         // Blur moves points near a corner inwards; points closer than the filter share its noise.
-        if beside_corner || grid.near(&found, edge.position, APART * s).any(|k| taken[k]) {
+        if near_corner || grid.near(&found, edge.position, MIN_DISTANCE_SIGMAS * s).any(|k| is_kept[k]) {
             continue;
         }
-        taken[i] = true;
+        is_kept[i] = true;
         // Away from the centre of curvature, which lies on the brighter side where κ is positive.
         let back = 0.5 * curvature[i] * spread;
         kept.push(EdgePoint {
@@ -179,16 +179,16 @@ impl Gradients {
                         .sum();
                 }
             }
-            let mut whole = vec![0.0; values.len()];
+            let mut smoothed = vec![0.0; values.len()];
             for row in 0..rows {
                 for (w, k) in down.iter().zip(-reach..) {
                     let from = clamp(row as i64 + k, rows) * columns;
                     for column in 0..columns {
-                        whole[row * columns + column] += w * half[from + column];
+                        smoothed[row * columns + column] += w * half[from + column];
                     }
                 }
             }
-            whole
+            smoothed
         };
         let by = [filtered(&slope, &smooth), filtered(&smooth, &slope)];
         let magnitude = by[0].iter().zip(&by[1]).map(|(x, y)| x.hypot(*y)).collect();
@@ -272,11 +272,11 @@ impl Buckets {
 fn noise_of(image: &Image) -> f64 {
     let mut responses = Vec::new();
     for row in 1..image.rows - 1 {
-        let [up, here, down] = [row - 1, row, row + 1].map(|r| image.row(r));
+        let [up, middle, down] = [row - 1, row, row + 1].map(|r| image.row(r));
         for k in 1..image.columns - 1 {
             let corners = up[k - 1] + up[k + 1] + down[k - 1] + down[k + 1];
-            let sides = up[k] + down[k] + here[k - 1] + here[k + 1];
-            responses.push(f64::from((corners - 2.0 * sides + 4.0 * here[k]).abs()));
+            let sides = up[k] + down[k] + middle[k - 1] + middle[k + 1];
+            responses.push(f64::from((corners - 2.0 * sides + 4.0 * middle[k]).abs()));
         }
     }
     let middle = responses.len() / 2;

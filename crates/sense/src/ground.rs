@@ -77,7 +77,7 @@ const MAX_CELLS: f64 = 4e8;
 const SPACINGS: f64 = 0.6;
 /// A cell deeper below all of its neighbours than this multiple of its side is an error, not a pit: the sides
 /// of the pit would be steeper than 79°.
-const DEEP: f32 = 5.0;
+const MAX_PIT_SLOPE: f32 = 5.0;
 
 /// Separates the bare earth from objects on it.
 ///
@@ -118,9 +118,9 @@ pub fn classify_ground(points: &[DVec3], options: &GroundOptions) -> Result<Vec<
     let filled = filled(lowest, &known);
     // Pits are hills of the raster upside down.
     let upside_down = filled.map(|z| -z);
-    let opened = opened(&upside_down, 1);
-    let deep: Vec<bool> = (upside_down.values.iter().zip(&opened.values))
-        .map(|(before, after)| before - after > DEEP * frame.cell as f32)
+    let opening = opening(&upside_down, 1);
+    let deep: Vec<bool> = (upside_down.values.iter().zip(&opening.values))
+        .map(|(before, after)| before - after > MAX_PIT_SLOPE * frame.cell as f32)
         .collect();
     let mut ground = known;
     for (known, deep) in ground.iter_mut().zip(&deep) {
@@ -130,7 +130,7 @@ pub fn classify_ground(points: &[DVec3], options: &GroundOptions) -> Result<Vec<
     // remove hills.
     let mut surface = filled.clone();
     for radius in radii((0.5 * widest / frame.cell).ceil() as usize) {
-        let lower = self::opened(&surface, radius);
+        let lower = self::opening(&surface, radius);
         let drop = (slope * radius as f64 * frame.cell) as f32;
         for ((before, after), ground) in surface.values.iter().zip(&lower.values).zip(&mut ground) {
             // A hill of the permitted slope loses at most slope times radius; a roof loses its whole height
@@ -350,7 +350,7 @@ impl Raster {
 }
 
 /// Erosion, then dilation, by a disc of this radius in cells. Removes hills that the disc does not fit into.
-fn opened(raster: &Raster, radius: usize) -> Raster {
+fn opening(raster: &Raster, radius: usize) -> Raster {
     let eroded = lowest_in_disc(raster, radius);
     lowest_in_disc(&eroded.map(|z| -z), radius).map(|z| -z)
 }

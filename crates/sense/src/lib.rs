@@ -52,7 +52,7 @@ pub use edges::{EdgeOptions, EdgePoint, edge_points};
 pub use ground::{Ground, GroundOptions, classify_ground};
 pub use image::Image;
 pub use normals::{
-    CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals,
+    CloudGeometry, PointFlag, ScanChecks, ScanGeometry, cloud_geometry, local_roughness, orient_normals,
     ray_at, scan_geometry,
 };
 pub use photometric::{

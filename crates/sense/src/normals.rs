@@ -17,7 +17,7 @@ use std::num::NonZero;
 
 /// Reason to distrust a point, found in the scan itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Suspicion {
+pub enum PointFlag {
     /// Nothing.
     None,
     /// A jump in depth to all of its neighbours: a gross error, or dust.
@@ -57,7 +57,7 @@ pub struct ScanGeometry {
     /// Unit normals, zero where unknown.
     pub normals: Vec<DVec3>,
     /// The mark of each point.
-    pub suspicion: Vec<Suspicion>,
+    pub flags: Vec<PointFlag>,
     /// True if the normals point towards the sensor.
     pub oriented: bool,
 }
@@ -87,15 +87,15 @@ pub fn ray_at(viewing: Viewing, p: DVec3) -> Option<DVec3> {
 pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
     let count = scan.points.len();
     let mut geometry =
-        ScanGeometry { normals: Vec::new(), suspicion: vec![Suspicion::None; count], oriented: true };
+        ScanGeometry { normals: Vec::new(), flags: vec![PointFlag::None; count], oriented: true };
     if let Some(grid) = &scan.grid {
         grid_geometry(scan, grid, checks, &mut geometry);
     } else {
         let cloud = cloud_geometry(&scan.points, checks.neighbours)?;
         geometry.normals = cloud.normals;
         geometry.oriented = scan.viewing != Viewing::Unknown;
-        for (mark, _) in geometry.suspicion.iter_mut().zip(cloud.isolated).filter(|(_, i)| *i) {
-            *mark = Suspicion::Isolated;
+        for (mark, _) in geometry.flags.iter_mut().zip(cloud.isolated).filter(|(_, i)| *i) {
+            *mark = PointFlag::Isolated;
         }
     }
     if let Some(normals) = &scan.normals {
@@ -112,11 +112,11 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
             *n = -(*n);
         }
         let facing = -n.dot(ray);
-        if geometry.suspicion[i] == Suspicion::None
+        if geometry.flags[i] == PointFlag::None
             && n.length() > 0.5
             && facing < checks.grazing_deg.to_radians().cos()
         {
-            geometry.suspicion[i] = Suspicion::Grazing;
+            geometry.flags[i] = PointFlag::Grazing;
         }
     }
     Ok(geometry)
@@ -201,11 +201,11 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
         }
     }
     geometry.normals = sums.iter().map(|&n| n.normalize_or_zero()).collect();
-    for (i, mark) in geometry.suspicion.iter_mut().enumerate() {
+    for (i, mark) in geometry.flags.iter_mut().enumerate() {
         if isolated[i] {
-            *mark = Suspicion::Isolated;
+            *mark = PointFlag::Isolated;
         } else if at_jump[i] {
-            *mark = Suspicion::DepthEdge;
+            *mark = PointFlag::DepthEdge;
         }
     }
 }
@@ -222,11 +222,11 @@ pub struct CloudGeometry {
 /// Minimum distance of a suspect point from its neighbours, as a multiple of the median over the cloud.
 /// Smaller values reject sparse parts of surfaces.
 const FAR_SPACINGS: f64 = 6.0;
-/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `FLAT`) and
-/// its neighbours surround it (offset over their spread at most `SURROUNDED`). This keeps sparse regions of a
-/// surface.
-const FLAT: f64 = 0.02;
-const SURROUNDED: f64 = 1.0;
+/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below
+/// `MAX_FLATNESS`) and its neighbours surround it (offset over their spread at most `MAX_OFFSET_SPREADS`).
+/// This keeps sparse regions of a surface.
+const MAX_FLATNESS: f64 = 0.02;
+const MAX_OFFSET_SPREADS: f64 = 1.0;
 
 /// Estimates normals as the direction of least variance of each point's `k` nearest neighbours, and finds
 /// isolated points.
@@ -257,25 +257,25 @@ pub fn cloud_geometry(points: &[DVec3], k: usize) -> Result<CloudGeometry> {
         .with_min_len(256)
         .map(|p| {
             let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute();
-            let some: Vec<DVec3> = near.iter().map(|n| points[n.item as usize]).collect();
+            let sample: Vec<DVec3> = near.iter().map(|n| points[n.item as usize]).collect();
             let distance = near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / near.len() as f64;
-            let (normal, flatness) = flattest_direction(&some);
-            let others: Vec<DVec3> = some.iter().copied().filter(|q| q != p).collect();
+            let (normal, flatness) = flattest_direction(&sample);
+            let others: Vec<DVec3> = sample.iter().copied().filter(|q| q != p).collect();
             let count = others.len().max(1) as f64;
             let middle = mean(&others);
             let spread = (others.iter().map(|q| (*q - middle).length_squared()).sum::<f64>() / count).sqrt();
             // Far from its neighbours alone is no evidence: sparse parts of a surface are, too.
-            let on_surface = flatness < FLAT && (*p - middle).length() <= SURROUNDED * spread;
+            let on_surface = flatness < MAX_FLATNESS && (*p - middle).length() <= MAX_OFFSET_SPREADS * spread;
             (normal, distance, on_surface)
         })
         .collect();
     let mut distances: Vec<f64> = found.iter().map(|(_, distance, _)| *distance).collect();
     let middle = distances.len() / 2;
-    let usual = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
     Ok(CloudGeometry {
         isolated: found
             .iter()
-            .map(|(_, distance, on_surface)| *distance > FAR_SPACINGS * usual && !on_surface)
+            .map(|(_, distance, on_surface)| *distance > FAR_SPACINGS * median && !on_surface)
             .collect(),
         normals: found.into_iter().map(|(normal, ..)| normal).collect(),
     })
@@ -287,15 +287,15 @@ pub fn cloud_geometry(points: &[DVec3], k: usize) -> Result<CloudGeometry> {
 /// unless the errors of neighbours are correlated. `None` for clouds that are too small.
 #[must_use]
 pub fn local_roughness(points: &[DVec3], k: usize) -> Option<f64> {
-    const ENOUGH: usize = 2000;
+    const MAX_SAMPLE: usize = 2000;
     if points.len() < 2 * k || k < 6 {
         return None;
     }
     let tree = tree(points).ok()?;
     let k = NonZero::new(k)?;
     // A sample of the points is sufficient for a median.
-    let some: Vec<DVec3> = points.iter().copied().step_by(points.len().div_ceil(ENOUGH)).collect();
-    let mut found: Vec<f64> = some
+    let sample: Vec<DVec3> = points.iter().copied().step_by(points.len().div_ceil(MAX_SAMPLE)).collect();
+    let mut found: Vec<f64> = sample
         .par_iter()
         .map(|p| {
             let near = tree.query(p.as_ref()).nearest_n::<SquaredEuclidean<f64>>(k).execute();
@@ -478,7 +478,7 @@ mod tests {
         let geometry = scan_geometry(&scan, &ScanChecks::default()).unwrap();
         for (i, p) in scan.points.iter().enumerate() {
             let at_step = p[0] == 9.0 || p[0] == 10.0;
-            assert_eq!(geometry.suspicion[i] == Suspicion::DepthEdge, at_step, "{p:?}");
+            assert_eq!(geometry.flags[i] == PointFlag::DepthEdge, at_step, "{p:?}");
             let n = geometry.normals[i];
             assert!((n[2] - 1.0 / 1.09_f64.sqrt()).abs() < 1e-12 && n[1] < 0.0, "{n:?}");
         }

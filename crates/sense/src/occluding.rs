@@ -86,11 +86,11 @@ pub struct OccludingOptions {
     /// Angle between contour and epipolar line below which a point is a frontier point, in degrees.
     pub frontier_deg: f64,
     /// Maximum angle between the lines of sight of matched points in adjacent views, in degrees.
-    pub most_turn_deg: f64,
+    pub max_turn_deg: f64,
     /// Maximum σ of a depth, as a share of the depth.
-    pub most_sigma_share: f64,
+    pub max_sigma_share: f64,
     /// Minimum number of points of a strip.
-    pub least_places: usize,
+    pub min_strip_points: usize,
 }
 
 impl Default for OccludingOptions {
@@ -98,9 +98,9 @@ impl Default for OccludingOptions {
         Self {
             half_window_px: 6.0,
             frontier_deg: 15.0,
-            most_turn_deg: 50.0,
-            most_sigma_share: 0.05,
-            least_places: 24,
+            max_turn_deg: 50.0,
+            max_sigma_share: 0.05,
+            min_strip_points: 24,
         }
     }
 }
@@ -161,7 +161,7 @@ pub struct OccludingContours {
     /// Number of points along contours that were tested.
     pub asked: usize,
     /// Number of rejected points by cause.
-    pub left_out: BTreeMap<&'static str, usize>,
+    pub rejected: BTreeMap<&'static str, usize>,
     /// Number of points with a match in an adjacent view.
     pub matched: usize,
     /// χ² of the contour points about their local parabolas, divided by the degrees of freedom. It is 1 if σ
@@ -265,11 +265,11 @@ pub fn occluding_contours(
     let ready: Vec<Ready<'_>> = views.iter().map(|view| ready(view, options)).collect::<Result<_>>()?;
     let centres: Vec<DVec3> = ready.iter().map(|r| r.eye.centre).collect();
     let (neighbours, sequences) = sequence(&centres);
-    let mut left_out: BTreeMap<&'static str, usize> = BTreeMap::new();
+    let mut rejected: BTreeMap<&'static str, usize> = BTreeMap::new();
     let mut found = Vec::with_capacity(views.len());
-    for (k, here) in ready.iter().enumerate() {
+    for (k, view) in ready.iter().enumerate() {
         progress(k as f64 / views.len() as f64)?;
-        let of_view: Vec<Vec<std::result::Result<matching::Found, &'static str>>> = here
+        let of_view: Vec<Vec<std::result::Result<matching::Found, &'static str>>> = view
             .lines
             .iter()
             .map(|line| {
@@ -282,7 +282,7 @@ pub fn occluding_contours(
                             return Err("end_of_sequence");
                         };
                         let others = [&ready[before], &ready[after]];
-                        let found = matching::matched(here, place, others, options)?;
+                        let found = matching::matched(view, place, others, options)?;
                         match matching::in_all_silhouettes(views, k, &ready, &found) {
                             true => Ok(found),
                             false => Err("outside_silhouette"),
@@ -298,10 +298,10 @@ pub fn occluding_contours(
     // Joining rejects further points. Causes are counted afterwards, so that each point is counted once.
     let joined = joining::joined(&ready, &neighbours, &mut found, options);
     for cause in found.iter().flatten().flatten().filter_map(|f| f.as_ref().err()) {
-        *left_out.entry(cause).or_default() += 1;
+        *rejected.entry(cause).or_default() += 1;
     }
     if joined.points.is_empty() {
-        let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
+        let causes: Vec<String> = (rejected.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
             "expected points with a depth on the contours of {} views, found none ({}): check that the \
              views are in the order of the camera's motion, and that it moves across the lines of sight",
@@ -319,7 +319,7 @@ pub fn occluding_contours(
         relaxed: joined.relaxed,
         triangles: joined.triangles,
         asked,
-        left_out,
+        rejected,
         matched,
         reduced_chi_square: chi2 / freedom,
         strips: joined.strips,
@@ -345,8 +345,8 @@ fn checked(views: &[ContourView], options: &OccludingOptions) -> Result<()> {
     let positive = [
         ("window", options.half_window_px),
         ("angle of frontier points", options.frontier_deg),
-        ("largest turn", options.most_turn_deg),
-        ("largest share of σ", options.most_sigma_share),
+        ("largest turn", options.max_turn_deg),
+        ("largest share of σ", options.max_sigma_share),
     ];
     match positive.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
         Some((name, value)) => {

@@ -77,11 +77,11 @@ impl LensCamera {
         // The polynomial has no closed inverse. The fixed point converges where the distortion grows slowly;
         // the result is checked below.
         for _ in 0..UNDISTORTIONS {
-            let there = self.distorted(straight);
-            straight = [0, 1].map(|k| straight[k] + seen[k] - there[k]);
+            let distorted = self.distorted(straight);
+            straight = [0, 1].map(|k| straight[k] + seen[k] - distorted[k]);
         }
-        let there = self.distorted(straight);
-        let near = (0..2).all(|k| (there[k] - seen[k]).abs() < 1e-9);
+        let distorted = self.distorted(straight);
+        let near = (0..2).all(|k| (distorted[k] - seen[k]).abs() < 1e-9);
         let r = rows(&self.pinhole.r);
         near.then(|| r[0] * straight[0] + r[1] * straight[1] + r[2])
     }
@@ -201,12 +201,12 @@ impl Rectification {
     ///
     /// # Errors
     /// `Input` for an image of a different size.
-    pub fn picture(&self, which: usize, taken: &Image) -> Result<Image> {
-        if [taken.columns, taken.rows] != self.sizes[which] {
+    pub fn picture(&self, which: usize, image: &Image) -> Result<Image> {
+        if [image.columns, image.rows] != self.sizes[which] {
             let [columns, rows] = self.sizes[which];
             return Err(Error::input(format!(
                 "expected an image of {columns} × {rows} pixels, found {} × {}",
-                taken.columns, taken.rows
+                image.columns, image.rows
             )));
         }
         let [columns, rows] = self.size;
@@ -214,7 +214,7 @@ impl Rectification {
         values.par_chunks_mut(columns).enumerate().for_each(|(v, row)| {
             for (u, value) in row.iter_mut().enumerate() {
                 let place = self.source(which, [u as f64, v as f64]);
-                *value = place.and_then(|[x, y]| taken.smoothly_between(x, y)).unwrap_or(0.0);
+                *value = place.and_then(|[x, y]| image.smoothly_between(x, y)).unwrap_or(0.0);
             }
         });
         Image::try_new(columns, rows, values)

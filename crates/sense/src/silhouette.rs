@@ -25,7 +25,7 @@ pub struct SilhouetteOptions {
     /// σ of a point across the border, in pixels.
     pub sigma_px: f64,
     /// Specks and holes smaller than this share of the object's pixels are filled.
-    pub least_share: f64,
+    pub min_share: f64,
     /// Approximate number of pixels returned inside, and outside.
     pub samples: usize,
 }
@@ -37,7 +37,7 @@ impl Default for SilhouetteOptions {
             smoothing_px: 1.0,
             apart_px: 3.0,
             sigma_px: 0.5,
-            least_share: 0.01,
+            min_share: 0.01,
             samples: 500,
         }
     }
@@ -64,7 +64,7 @@ pub struct Silhouette {
 
 /// Minimum distance of the inside and outside pixels from the border, in pixels; larger than the error of the
 /// border.
-const CLEAR: usize = 2;
+const MIN_BORDER_DISTANCE: usize = 2;
 /// Points closer than this to the end of the image are not on the border of the object, in pixels.
 pub(crate) const FRAME: f64 = 2.0;
 
@@ -96,10 +96,10 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
             )));
         }
     }
-    if !(0.0..=1.0).contains(&options.least_share) {
+    if !(0.0..=1.0).contains(&options.min_share) {
         return Err(Error::input(format!(
             "expected a minimum share of a part of a silhouette from 0 to 1, found {}",
-            options.least_share
+            options.min_share
         )));
     }
     let (columns, rows) = (picture.columns, picture.rows);
@@ -115,7 +115,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
              to {high}"
         )));
     }
-    let minimum = (options.least_share * object_pixels as f64) as usize;
+    let minimum = (options.min_share * object_pixels as f64) as usize;
     fill(&mut mask, columns, true, minimum);
     fill(&mut mask, columns, false, minimum);
     let values: Vec<f64> = mask.iter().map(|m| f64::from(u8::from(*m))).collect();
@@ -143,14 +143,14 @@ pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, minimum: usi
         part.push(start);
         seen[start] = true;
         let mut next = 0;
-        while let Some(&here) = part.get(next) {
+        while let Some(&pixel) = part.get(next) {
             next += 1;
-            let column = here % columns;
+            let column = pixel % columns;
             let sides = [
-                (column > 0).then(|| here - 1),
-                (column + 1 < columns).then(|| here + 1),
-                here.checked_sub(columns),
-                (here + columns < mask.len()).then_some(here + columns),
+                (column > 0).then(|| pixel - 1),
+                (column + 1 < columns).then(|| pixel + 1),
+                pixel.checked_sub(columns),
+                (pixel + columns < mask.len()).then_some(pixel + columns),
             ];
             for side in sides.into_iter().flatten() {
                 if !seen[side] && mask[side] == colour {
@@ -197,13 +197,13 @@ fn crossings(values: &[f64], columns: usize, rows: usize) -> Vec<[f64; 2]> {
     let mut found = Vec::new();
     for row in 0..rows {
         for column in 0..columns {
-            let here = values[row * columns + column] - 0.5;
+            let value = values[row * columns + column] - 0.5;
             let right =
                 (column + 1 < columns).then(|| (values[row * columns + column + 1] - 0.5, [1.0, 0.0]));
             let below = (row + 1 < rows).then(|| (values[(row + 1) * columns + column] - 0.5, [0.0, 1.0]));
-            for (there, way) in [right, below].into_iter().flatten() {
-                if (here > 0.0) != (there > 0.0) {
-                    let share = here / (here - there);
+            for (other, way) in [right, below].into_iter().flatten() {
+                if (value > 0.0) != (other > 0.0) {
+                    let share = value / (value - other);
                     let at = [column as f64 + share * way[0], row as f64 + share * way[1]];
                     let within = |x: f64, count: usize| x >= FRAME && x <= count as f64 - 1.0 - FRAME;
                     if within(at[0], columns) && within(at[1], rows) {
@@ -244,7 +244,7 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
             high[axis] = high[axis].max(at);
         }
     }
-    let margin = [0, 1].map(|k| (high[k].saturating_sub(low[k])) / 3 + CLEAR);
+    let margin = [0, 1].map(|k| (high[k].saturating_sub(low[k])) / 3 + MIN_BORDER_DISTANCE);
     let first = [0, 1].map(|k| low[k].saturating_sub(margin[k]));
     let last = [(high[0] + margin[0]).min(columns - 1), (high[1] + margin[1]).min(rows - 1)];
     let area = ((last[0] - first[0] + 1) * (last[1] - first[1] + 1)) as f64;
@@ -254,10 +254,12 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
         for column in (first[0]..=last[0]).step_by(step) {
             let own = mask[row * columns + column];
             // Pixels next to the border may be wrong; those with a margin are certain.
-            let clear = (row.saturating_sub(CLEAR)..=(row + CLEAR).min(rows - 1)).all(|r| {
-                (column.saturating_sub(CLEAR)..=(column + CLEAR).min(columns - 1))
-                    .all(|c| mask[r * columns + c] == own)
-            });
+            let clear = (row.saturating_sub(MIN_BORDER_DISTANCE)..=(row + MIN_BORDER_DISTANCE).min(rows - 1))
+                .all(|r| {
+                    (column.saturating_sub(MIN_BORDER_DISTANCE)
+                        ..=(column + MIN_BORDER_DISTANCE).min(columns - 1))
+                        .all(|c| mask[r * columns + c] == own)
+                });
             if clear {
                 let to = if own { &mut inside } else { &mut outside };
                 to.push([column as f64, row as f64]);
@@ -304,9 +306,9 @@ mod tests {
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
         let message = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
         assert!(message.contains("both sides"));
-        let odd = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
+        let invalid = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
         assert!(
-            silhouette(&disc([60.0, 50.0], 30.0), &odd)
+            silhouette(&disc([60.0, 50.0], 30.0), &invalid)
                 .unwrap_err()
                 .to_string()
                 .contains("distance of places")

@@ -37,13 +37,13 @@ const MAX_CELLS: usize = 6_000_000_000;
 const SPECKLE_STEP: f32 = 1.0;
 
 /// Largest σ of a disparity, in pixels. A window without texture adds nothing to the integer disparity.
-const LARGEST_SIGMA: f32 = 1.0;
+const MAX_SIGMA: f32 = 1.0;
 
 /// Options of [`match_stereo`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoOptions {
     /// Minimum disparity, in pixels.
-    pub least_disparity: i32,
+    pub min_disparity: i32,
     /// Number of integer disparities to search, from the minimum on.
     pub disparities: usize,
     /// Penalty P1 of a change of disparity by one between pixels. For comparison, a bit of the census costs
@@ -62,7 +62,7 @@ pub struct StereoOptions {
 impl Default for StereoOptions {
     fn default() -> Self {
         Self {
-            least_disparity: 0,
+            min_disparity: 0,
             disparities: 64,
             small_step: 45,
             large_step: 300,
@@ -134,11 +134,11 @@ pub fn match_stereo(
     let columns = left.columns;
     let disparities = options.disparities;
     let contrast = contrast(left);
-    let cost = MatchingCost::new(left, right, options.least_disparity);
+    let cost = MatchingCost::new(left, right, options.min_disparity);
     let penalties = Penalties { one: options.small_step, more: options.large_step, contrast };
     let sums = paths::sums(left, &cost, disparities, penalties, &mut |share| watch(0.7 * share))?;
-    let winners = winner::winners(&sums, columns, disparities, options.least_disparity, options.uniqueness);
-    let right_best = winner::right_winners(&sums, columns, disparities, options.least_disparity);
+    let winners = winner::winners(&sums, columns, disparities, options.min_disparity, options.uniqueness);
+    let right_best = winner::right_winners(&sums, columns, disparities, options.min_disparity);
     // The sums of costs are by far the largest array. They are freed before the refinement allocates.
     drop(sums);
     watch(0.8)?;
@@ -146,22 +146,24 @@ pub fn match_stereo(
     let mut rejected = StereoRejected::default();
     let mut first = vec![f32::NAN; winners.len()];
     for (k, w) in winners.iter().enumerate() {
-        let there = (k % columns) as i64 - i64::from(options.least_disparity) - i64::from(w.best);
-        let agrees = usize::try_from(there).ok().filter(|t| *t < columns).is_some_and(|there| {
-            let other = right_best[k - k % columns + there];
-            u32::from(other.abs_diff(w.best)) <= options.left_right
-        });
-        let rivals = (k % columns) as i64 - i64::from(options.least_disparity);
+        let right_column = (k % columns) as i64 - i64::from(options.min_disparity) - i64::from(w.best);
+        let agrees =
+            usize::try_from(right_column).ok().filter(|t| *t < columns).is_some_and(|right_column| {
+                let other = right_best[k - k % columns + right_column];
+                u32::from(other.abs_diff(w.best)) <= options.left_right
+            });
+        let tested_disparities = (k % columns) as i64 - i64::from(options.min_disparity);
         // Uniqueness compares with the other disparities. With few of them a chance match passes that test,
         // so the window must also have texture.
-        let by_chance = || rivals < MIN_RIVALS && local_range(left, k) < 0.5 * contrast;
+        let by_chance =
+            || tested_disparities < MIN_TESTED_DISPARITIES && local_range(left, k) < 0.5 * contrast;
         // Only the first test that fails is counted, so that the counts add up to the number of rejected
         // pixels.
         match () {
             () if !w.clear || by_chance() => rejected.ambiguous += 1,
             () if !agrees => rejected.left_right += 1,
             () if w.at_end => rejected.range += 1,
-            () => first[k] = w.between + options.least_disparity as f32,
+            () => first[k] = w.between + options.min_disparity as f32,
         }
     }
     // Small regions are removed before the refinement, because the plane of a window would be fitted to them.
@@ -185,10 +187,10 @@ pub fn match_stereo(
 
 /// Brightness, as a share of the bright pixels, below which texture is not used: differences there are mostly
 /// noise.
-const DARK: f32 = 0.06;
+const MIN_BRIGHTNESS: f32 = 0.06;
 /// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
 /// best, so more texture is required there: half the usual contrast.
-const MIN_RIVALS: i64 = 32;
+const MIN_TESTED_DISPARITIES: i64 = 32;
 
 /// Range of the values of the 5 × 5 pixels around a pixel.
 fn local_range(image: &Image, pixel: usize) -> f32 {
@@ -219,7 +221,7 @@ fn local_range(image: &Image, pixel: usize) -> f32 {
 fn sigma_of(refined: &subpixel::Refined) -> f32 {
     let terms = [
         0.11,
-        2.5 * refined.sigma.min(LARGEST_SIGMA),
+        2.5 * refined.sigma.min(MAX_SIGMA),
         1.2 * (1.0 - refined.support),
         0.7 * refined.moved,
         0.5 * refined.rough,
@@ -233,7 +235,7 @@ fn contrast(image: &Image) -> f32 {
     let mut values = image.values.clone();
     // A quantile instead of the maximum, which a single reflection would determine.
     let bright = values.len() * 99 / 100;
-    let dark = DARK * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
+    let dark = MIN_BRIGHTNESS * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
     let mut changes: Vec<f32> = (0..image.rows)
         .flat_map(|y| image.row(y).windows(2).filter(|w| w[0].min(w[1]) >= dark).map(|w| (w[1] - w[0]).abs()))
         .filter(|change| *change > 0.0)
@@ -271,11 +273,11 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
             options.small_step, options.large_step
         )));
     }
-    let reach = options.least_disparity.unsigned_abs() as usize;
+    let reach = options.min_disparity.unsigned_abs() as usize;
     if reach >= left.columns {
         return Err(Error::input(format!(
             "expected a minimum disparity below the images' width of {}, found {}",
-            left.columns, options.least_disparity
+            left.columns, options.min_disparity
         )));
     }
     if left.values.len().saturating_mul(options.disparities) > MAX_CELLS {

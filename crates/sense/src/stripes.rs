@@ -126,13 +126,13 @@ pub fn orientation(
             junction.image[0], junction.image[1]
         ))
     };
-    let of = |z: [f64; 6]| {
+    let solved_at = |z: [f64; 6]| {
         let junction = Junction { image: [z[0], z[1]], angles_rad: [z[2], z[3]], projector: [z[4], z[5]] };
         point_and_normal(camera, projector, stripes, &junction)
     };
     let [[x, y], [a, b], [u, v]] = [junction.image, junction.angles_rad, junction.projector];
     let z = [x, y, a, b, u, v];
-    let (point, normal) = of(z).ok_or_else(undetermined)?;
+    let (point, normal) = solved_at(z).ok_or_else(undetermined)?;
     let mut by = [(DVec3::ZERO, DVec3::ZERO); 6];
     for (k, derivative) in by.iter_mut().enumerate() {
         // Central differences: the derivative of the whole chain of planes by hand is long. The steps are in
@@ -141,20 +141,22 @@ pub fn orientation(
         let moved = |s: f64| {
             let mut z = z;
             z[k] += s;
-            of(z).ok_or_else(undetermined)
+            solved_at(z).ok_or_else(undetermined)
         };
         let (ahead, behind) = (moved(step)?, moved(-step)?);
         let slope = |a: DVec3, b: DVec3| 0.5 / step * (a - b);
         *derivative = (slope(ahead.0, behind.0), slope(ahead.1, behind.1));
     }
-    let carried = |of: &dyn Fn(usize) -> DVec3| {
+    let carried = |derivative: &dyn Fn(usize) -> DVec3| {
         SymmetricMatrix3::from_entries(|i, j| {
             // Errors of the two devices are independent, so the products between them are absent.
             let seen: f64 = (0..4)
-                .map(|k| (0..4).map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j]).sum::<f64>())
+                .map(|k| {
+                    (0..4).map(|l| derivative(k)[i] * covariance.image[k][l] * derivative(l)[j]).sum::<f64>()
+                })
                 .sum();
-            let thrown: f64 = (4..6).map(|k| of(k)[i] * of(k)[j]).sum();
-            seen + covariance.projector_px.powi(2) * thrown
+            let projected: f64 = (4..6).map(|k| derivative(k)[i] * derivative(k)[j]).sum();
+            seen + covariance.projector_px.powi(2) * projected
         })
     };
     let (of_point, of_normal) = (carried(&|k| by[k].0), carried(&|k| by[k].1));

@@ -102,12 +102,12 @@ fn main() {
             );
         }
     }
-    let mut anywhere = |count: usize| -> Vec<DVec3> {
+    let mut random_points = |count: usize| -> Vec<DVec3> {
         (0..count)
             .map(|_| DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0))))
             .collect()
     };
-    let (controls, vertices) = (anywhere(200), anywhere(50_000));
+    let (controls, vertices) = (random_points(200), random_points(50_000));
     let neighbours = NaturalNeighbours::new(&controls, &vertices).unwrap();
     let of_weights = shortest(|| {
         std::hint::black_box(neighbours.weights_of_all(&vertices).unwrap());

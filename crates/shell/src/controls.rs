@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 /// place more controls where the mesh bends, at the expense of flat regions.
 const BENDING: f64 = 2.0;
 /// The finest cell of the grids by which disconnected parts are joined, as a share of the mesh's size.
-const FINEST_CELL: f64 = 1.0 / 2048.0;
+const MIN_CELL: f64 = 1.0 / 2048.0;
 /// Relative tolerance of equal distances, so that rounding does not decide which vertex is chosen.
 const EQUAL_DISTANCE_TOLERANCE: f64 = 1e-9;
 /// Upper limit of a cotangent, so that thin triangles of controls do not dominate the stiffness.
@@ -100,18 +100,18 @@ impl EdgeGraph {
         let mut heap = BinaryHeap::from([Reverse((0_u64, source))]);
         far[source as usize] = 0.0;
         regions[source as usize] = region;
-        while let Some(Reverse((bits, here))) = heap.pop() {
+        while let Some(Reverse((bits, vertex))) = heap.pop() {
             // The bits of positive numbers are in the order of the numbers, and integers have a total order.
             let reached = f64::from_bits(bits);
-            if reached > far[here as usize] {
+            if reached > far[vertex as usize] {
                 continue;
             }
-            for &(to, length) in &self.to[self.start[here as usize]..self.start[here as usize + 1]] {
-                let by_here = reached + length;
-                if by_here < (1.0 - EQUAL_DISTANCE_TOLERANCE) * far[to as usize] {
-                    far[to as usize] = by_here;
+            for &(to, length) in &self.to[self.start[vertex as usize]..self.start[vertex as usize + 1]] {
+                let distance = reached + length;
+                if distance < (1.0 - EQUAL_DISTANCE_TOLERANCE) * far[to as usize] {
+                    far[to as usize] = distance;
                     regions[to as usize] = region;
-                    heap.push(Reverse((by_here.to_bits(), to)));
+                    heap.push(Reverse((distance.to_bits(), to)));
                 }
             }
         }
@@ -135,7 +135,7 @@ fn bridges(positions: &[DVec3], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
     let Some(bounds) = BoundingBox::around(used.iter().map(|v| positions[*v as usize])) else {
         return found;
     };
-    let mut cell = (bounds.diagonal() * FINEST_CELL).max(f64::MIN_POSITIVE);
+    let mut cell = (bounds.diagonal() * MIN_CELL).max(f64::MIN_POSITIVE);
     while count > 1 {
         // Cells instead of exact nearest pairs: a bridge that is a little too long only changes distances
         // along it.
@@ -207,17 +207,17 @@ pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: u
     }
     let (mut triangles, mut edges) = (BTreeSet::new(), BTreeSet::new());
     for t in &mesh.triangles {
-        let mut of = t.map(|v| regions[v as usize]);
+        let mut regions_of_corners = t.map(|v| regions[v as usize]);
         for k in 0..3 {
-            let [a, b] = [of[k], of[(k + 1) % 3]];
+            let [a, b] = [regions_of_corners[k], regions_of_corners[(k + 1) % 3]];
             if a != b {
                 edges.insert([a.min(b), a.max(b)]);
             }
         }
         // A triangle whose corners belong to three regions is dual to a triangle of their controls.
-        of.sort_unstable();
-        if of[0] != of[1] && of[1] != of[2] {
-            triangles.insert(of);
+        regions_of_corners.sort_unstable();
+        if regions_of_corners[0] != regions_of_corners[1] && regions_of_corners[1] != regions_of_corners[2] {
+            triangles.insert(regions_of_corners);
         }
     }
     for [a, b] in &graph.bridges {
@@ -350,15 +350,15 @@ mod tests {
         let eigen = stiffness(&made.points, &made.triangles, &made.edges).symmetric_eigen().eigenvalues;
         assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
         // Forty small parts next to a ball leave most controls to the ball.
-        let mut crumbs = icosphere(1.0, 3);
+        let mut mesh = icosphere(1.0, 3);
         for k in 0..40 {
-            let first = crumbs.positions.len() as u32;
+            let first = mesh.positions.len() as u32;
             let at = DVec3::new(1.01, 0.01 * f64::from(k), 0.0);
-            (crumbs.positions).extend([at, at.with_x(1.015), at.with_z(0.005)]);
-            crumbs.triangles.push([first, first + 1, first + 2]);
+            (mesh.positions).extend([at, at.with_x(1.015), at.with_z(0.005)]);
+            mesh.triangles.push([first, first + 1, first + 2]);
         }
         let ball = icosphere(1.0, 3).positions.len() as u32;
-        let made = automatic_controls(&crumbs, 30).unwrap();
+        let made = automatic_controls(&mesh, 30).unwrap();
         let of_ball = made.vertices.iter().filter(|v| **v < ball).count();
         assert!(of_ball > 20, "{of_ball}");
         let soup = TriangleMesh {

@@ -50,7 +50,7 @@ pub(crate) struct Cavity {
     pub border: Vec<BorderFace>,
     /// Number of searches, and for each tetrahedron the last search that tested it and its result.
     search: u32,
-    looked: Vec<(u32, bool)>,
+    tested: Vec<(u32, bool)>,
 }
 
 /// A Delaunay tetrahedralisation of points in a box. The first eight points are the corners of the box.
@@ -116,10 +116,10 @@ impl Delaunay {
     /// The corners of every tetrahedron, positively oriented.
     #[must_use]
     pub fn tetrahedra(&self) -> Vec<[u32; 4]> {
-        self.living().map(|(_, t)| t.corners).collect()
+        self.tetrahedra_in_use().map(|(_, t)| t.corners).collect()
     }
 
-    fn living(&self) -> impl Iterator<Item = (usize, &Tetrahedron)> {
+    fn tetrahedra_in_use(&self) -> impl Iterator<Item = (usize, &Tetrahedron)> {
         (self.tetrahedra.iter().enumerate()).filter(|(_, t)| t.corners[0] != OUTSIDE)
     }
 
@@ -168,15 +168,15 @@ impl Delaunay {
     /// The tetrahedron that contains a point, by a walk from another one. The walk ends because the
     /// tetrahedralisation is Delaunay (H. Edelsbrunner 1990).
     pub(crate) fn locate(&self, at: DVec3, start: u32) -> u32 {
-        let mut here = start;
+        let mut current = start;
         loop {
-            let t = &self.tetrahedra[here as usize];
+            let t = &self.tetrahedra[current as usize];
             // Exact predicates: with rounded ones the walk could cycle.
             let away = (0..4)
                 .find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
             match away {
-                Some(k) => here = t.neighbours[k],
-                None => return here,
+                Some(k) => current = t.neighbours[k],
+                None => return current,
             }
         }
     }
@@ -187,12 +187,12 @@ impl Delaunay {
         cavity.search += 1;
         // Marks carry the number of the search and need no clearing. A tetrahedron is tested once, although
         // up to four faces lead to it.
-        cavity.looked.resize(self.tetrahedra.len(), (0, false));
+        cavity.tested.resize(self.tetrahedra.len(), (0, false));
         let search = cavity.search;
         cavity.tetrahedra.clear();
         cavity.border.clear();
         cavity.tetrahedra.push(start);
-        cavity.looked[start as usize] = (search, true);
+        cavity.tested[start as usize] = (search, true);
         let mut next = 0;
         while let Some(&inside) = cavity.tetrahedra.get(next) {
             next += 1;
@@ -200,12 +200,12 @@ impl Delaunay {
             for k in 0..4 {
                 let outside = t.neighbours[k];
                 let in_conflict = outside != OUTSIDE && {
-                    let (when, answer) = cavity.looked[outside as usize];
+                    let (when, answer) = cavity.tested[outside as usize];
                     if when == search {
                         answer
                     } else {
                         let answer = self.in_conflict(outside, at);
-                        cavity.looked[outside as usize] = (search, answer);
+                        cavity.tested[outside as usize] = (search, answer);
                         if answer {
                             cavity.tetrahedra.push(outside);
                         }
@@ -323,7 +323,7 @@ mod tests {
     /// contains a point.
     fn judge(made: &Delaunay) {
         let mut volume = 0.0;
-        for (t, tetrahedron) in made.living() {
+        for (t, tetrahedron) in made.tetrahedra_in_use() {
             let [a, b, c, d] = tetrahedron.corners.map(|c| coordinates(made.points[c as usize]));
             let six = orient3d(a, b, c, d);
             assert!(six > 0.0, "{tetrahedron:?} is flat or turned");

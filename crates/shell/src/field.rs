@@ -162,7 +162,7 @@ impl Sums {
 
 /// The position of a point relative to the plane of a facet.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Over {
+pub(crate) struct FacetHeight {
     /// Height along `normal`.
     pub height: f64,
     pub normal: DVec3,
@@ -293,8 +293,8 @@ impl<'a> Shell<'a> {
             if near.distance < nearest {
                 // Terms are relative to the nearest facet so far; when a nearer one arrives, the sums are
                 // rescaled.
-                let fading = (-k * (nearest - near.distance)).exp();
-                (sum, heights) = (sum * fading, heights * fading);
+                let factor = (-k * (nearest - near.distance)).exp();
+                (sum, heights) = (sum * factor, heights * factor);
                 nearest = near.distance;
             }
             let share = weight * (-k * (near.distance - nearest)).exp();

@@ -154,28 +154,28 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
 
 /// Distance of a point from the zero surface nearby, to first order: value divided by slope.
 fn deviation(at: DVec3, cell: f64, value: &(impl Fn(DVec3) -> f64 + Sync)) -> f64 {
-    let here = value(at);
+    let at_point = value(at);
     let step = STEP * cell;
     // One-sided differences: the estimate is of first order anyway, and each value costs a search.
     let slope: DVec3 = DVec3::from_array(std::array::from_fn(|k| {
         let mut at = at;
         at[k] += step;
-        (value(at) - here) / step
+        (value(at) - at_point) / step
     }));
     // The value is a distance, whose slope is 1. On a ridge between two facets the difference is smaller.
-    here.abs() / slope.length().clamp(0.5, 1.0)
+    at_point.abs() / slope.length().clamp(0.5, 1.0)
 }
 
 /// A mesh with coincident vertices merged.
 fn welded(mesh: &TriangleMesh) -> TriangleMesh {
     let mut first: BTreeMap<[u64; 3], u32> = BTreeMap::new();
-    let of: Vec<u32> = (mesh.positions.iter().enumerate())
+    let merged_into: Vec<u32> = (mesh.positions.iter().enumerate())
         // Adding zero turns −0 into 0, whose bits differ.
         .map(|(v, p)| *first.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(v as u32))
         .collect();
     TriangleMesh {
         positions: mesh.positions.clone(),
-        triangles: mesh.triangles.iter().map(|t| t.map(|v| of[v as usize])).collect(),
+        triangles: mesh.triangles.iter().map(|t| t.map(|v| merged_into[v as usize])).collect(),
     }
 }
 

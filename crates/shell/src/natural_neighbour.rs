@@ -29,7 +29,7 @@ const BOX: f64 = 2.0;
 /// A point closer to a site than this share of the box coincides with it.
 const COINCIDENT: f64 = 1e-13;
 /// Sites closer to each other than this share of the box are merged.
-const MERGED: f64 = 1e-12;
+const MERGE_DISTANCE: f64 = 1e-12;
 /// Number of corners of the box, which are sites too.
 pub(crate) const BOX_CORNERS: usize = 8;
 /// Points per task: within a task each search starts where the last one ended.
@@ -111,7 +111,7 @@ impl NaturalNeighbours {
         let size = around.diagonal();
         let mut site_of = Vec::with_capacity(points.len());
         for point in points {
-            let near = nearest_site(&delaunay, *point).filter(|(_, off)| *off < MERGED * size);
+            let near = nearest_site(&delaunay, *point).filter(|(_, off)| *off < MERGE_DISTANCE * size);
             site_of.push(match near {
                 Some((site, _)) => site,
                 None => delaunay.insert(*point)?,
@@ -397,7 +397,7 @@ mod tests {
         let weights = neighbours.weights(at).unwrap();
         let sites: Vec<DVec3> = (0..points.len() as u32 + 8).map(|s| neighbours.site(s)).collect();
         let mut random = ChaCha8Rng::seed_from_u64(2);
-        let (mut stolen, mut of) = (0.0, vec![0.0; sites.len()]);
+        let (mut in_cell, mut of) = (0.0, vec![0.0; sites.len()]);
         for _ in 0..200_000 {
             let p: DVec3 = DVec3::from_array(std::array::from_fn(|k| at[k] + random.random_range(-0.4..0.4)));
             let (nearest, off) = (sites.iter().enumerate())
@@ -405,16 +405,16 @@ mod tests {
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .unwrap();
             if at.distance(p) < off {
-                stolen += 1.0;
+                in_cell += 1.0;
                 of[nearest] += 1.0;
             }
         }
         for (site, count) in of.iter().enumerate() {
             let stated = weights.iter().find(|w| w.site == site as u32).map_or(0.0, |w| w.weight);
             assert!(
-                (count / stolen - stated).abs() < 0.02,
+                (count / in_cell - stated).abs() < 0.02,
                 "site {site}: {} counted, {stated}",
-                count / stolen
+                count / in_cell
             );
         }
     }

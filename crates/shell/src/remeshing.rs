@@ -192,17 +192,17 @@ fn towards_neighbours(positions: &[DVec3], neighbours: &[Vec<u32>], share: f64) 
 /// vertices are removed.
 fn large_parts(mesh: &TriangleMesh, min_ratio: f64) -> TriangleMesh {
     // Intersecting constraint surfaces cut off small fragments.
-    let of = mesh.parts();
-    let count = of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);
+    let part_of = mesh.parts();
+    let count = part_of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);
     let mut volumes = vec![0.0; count];
-    for (t, part) in of.iter().enumerate() {
+    for (t, part) in part_of.iter().enumerate() {
         let [a, b, c] = mesh.corners(t);
         volumes[*part as usize] += a.dot(b.cross(c)) / 6.0;
     }
     let largest = volumes.iter().copied().fold(0.0, f64::max);
     let mut new_of = vec![u32::MAX; mesh.positions.len()];
     let mut kept = TriangleMesh::default();
-    for (triangle, part) in mesh.triangles.iter().zip(of) {
+    for (triangle, part) in mesh.triangles.iter().zip(part_of) {
         // A negative volume is a cavity, which stays filled.
         if volumes[part as usize] <= 0.0 || volumes[part as usize] < min_ratio * largest {
             continue;

@@ -91,7 +91,7 @@ pub struct TubeForm {
     /// Mean radius `r0` of the section.
     pub radius: f64,
     /// Amplitude `s` of the deviation from the plane of the arc.
-    pub sway: f64,
+    pub out_of_plane: f64,
     /// Waves of the radius.
     pub waves: Vec<TubeWave>,
 }
@@ -201,7 +201,7 @@ impl ClosedForm {
                     bend_radius: size / turn_rad,
                     turn_rad,
                     radius: 0.2 * size,
-                    sway: 0.05 * size * between(0.6, 1.0),
+                    out_of_plane: 0.05 * size * between(0.6, 1.0),
                     waves,
                 })
             }
@@ -368,10 +368,10 @@ impl TubeForm {
         r = r * self.radius;
         let phi = (v - 0.5) * self.turn_rad;
         let from_middle = r * theta.cos() + self.bend_radius;
-        let sway = ((v - 0.5) * TAU).sin() * self.sway;
+        let out_of_plane = ((v - 0.5) * TAU).sin() * self.out_of_plane;
         SecondOrder::jet([
             from_middle * phi.cos() - self.bend_radius,
-            r * theta.sin() + sway,
+            r * theta.sin() + out_of_plane,
             from_middle * phi.sin(),
         ])
     }

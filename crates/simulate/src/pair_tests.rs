@@ -47,7 +47,7 @@ fn count_and_median(scan: &Scan) -> (usize, f64) {
 fn converging_cameras_are_as_accurate_as_a_rectified_pair() {
     let ball = MeshSearch::try_new(&icosphere(RADIUS, 5)).unwrap();
     let places = [DVec3::new(-3.0, 0.0, -50.0), DVec3::new(3.0, 0.0, -50.0)];
-    let options = StereoOptions { least_disparity: -40, disparities: 120, ..StereoOptions::default() };
+    let options = StereoOptions { min_disparity: -40, disparities: 120, ..StereoOptions::default() };
     let choice = StereoPoints { max_sigma_px: 0.3, ..StereoPoints::default() };
     let matched =
         |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();

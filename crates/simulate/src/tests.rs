@@ -395,7 +395,7 @@ fn one_seed_gives_the_same_bytes_at_any_number_of_threads() {
 }
 
 #[test]
-fn a_written_scene_reads_back_as_it_was() {
+fn a_written_scene_reads_back_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     for (k, options) in [
         small(Shape::Ball),

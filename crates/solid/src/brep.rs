@@ -67,11 +67,11 @@ pub struct Face {
 }
 
 impl Face {
-    /// True if the face covers its whole sphere or torus. Each of its edges is then a seam, which the face
+    /// True if the face covers its complete sphere or torus. Each of its edges is then a seam, which the face
     /// uses twice.
     #[must_use]
-    pub fn is_whole(&self) -> bool {
-        // A sphere or torus without loops counts as whole, too.
+    pub fn is_untrimmed(&self) -> bool {
+        // A sphere or torus without loops counts as untrimmed, too.
         let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
         let is_closed = matches!(self.surface, FaceSurface::Sphere { .. } | FaceSurface::Torus { .. });
         is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
@@ -193,11 +193,11 @@ impl Solid {
         shells
     }
 
-    /// Adds a whole sphere or torus as a face, with seams where its parameters begin: a meridian of a sphere,
-    /// both circles of a torus.
+    /// Adds a complete sphere or torus as a face, with seams where its parameters begin: a meridian of a
+    /// sphere, both circles of a torus.
     ///
     /// A face needs a loop in STEP and in Euler's formula; seams make one.
-    pub(crate) fn add_whole(&mut self, surface: FaceSurface, outward: bool) {
+    pub(crate) fn add_untrimmed(&mut self, surface: FaceSurface, outward: bool) {
         use std::f64::consts::{FRAC_PI_2, TAU};
         let arc = |center: DVec3, p: DVec3, q: DVec3| {
             let [a, b] = [p, q].map(|p| p - center);

@@ -92,7 +92,7 @@ pub struct ConsistentViews {
 /// Share of the level below which the p-value of common ends shows that views are of different objects.
 ///
 /// A larger share rejects more views with underestimated σ; a smaller one accepts views of other objects.
-const FOREIGN: f64 = 0.01;
+const DIFFERENT_OBJECTS: f64 = 0.01;
 
 /// Matches the coordinates of noisy views and adjusts them to one geometry.
 ///
@@ -151,7 +151,7 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
         (ended.chi_square - alone.chi_square).max(0.0),
         ended.degrees.saturating_sub(alone.degrees),
     );
-    if p_value < FOREIGN * options.level {
+    if p_value < DIFFERENT_OBJECTS * options.level {
         return Err(levels::different_objects(&ends, &alone, views));
     }
     let candidates: Vec<Candidate> = levels::candidates(&places, &ended);

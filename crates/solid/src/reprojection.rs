@@ -58,7 +58,7 @@ pub struct Disagreement {
     /// First differing point, in view coordinates.
     pub at: [f64; 2],
     /// Description of the difference.
-    pub why: &'static str,
+    pub reason: &'static str,
     /// Number of sample points of this line that differ.
     pub places: usize,
 }

@@ -19,7 +19,7 @@ pub(crate) mod fill;
 pub(crate) mod polygon;
 #[cfg(test)]
 mod tests;
-mod whole;
+mod untrimmed;
 
 use crate::brep::{Coedge, Edge, EdgeCurve, Solid};
 pub use effort::{MAX_TRIANGLES, min_tolerance, triangles_needed};
@@ -174,8 +174,8 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     let mut points = Points::new(solid, tolerance);
     let mut triangles = Vec::new();
     for (index, face) in solid.faces.iter().enumerate() {
-        if face.is_whole() {
-            triangles.extend(whole::triangles(face, &mut points, tolerance));
+        if face.is_untrimmed() {
+            triangles.extend(untrimmed::triangles(face, &mut points, tolerance));
             continue;
         }
         let named = |e: Error| e.in_context(format!("face {index} ({})", face.surface.kind()));

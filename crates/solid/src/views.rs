@@ -90,12 +90,12 @@ const MAX_WALLS: usize = 24;
 /// Some tolerances are absolute lengths, such as the rounding of six decimals. Drawings outside of this range
 /// are scaled to a size from 100 to 1000. Scaling rounds coordinates, so it is avoided where it is not
 /// needed.
-const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
+const TYPICAL_SIZE: [f64; 2] = [0.1, 1e6];
 
 /// Distance below which edges and vertices touch, relative to the size of the drawing.
 ///
 /// A larger value reports narrow gaps as contacts; a smaller one misses contacts of inaccurate drawings.
-const TOUCHING: f64 = 2e-5;
+const CONTACT_DISTANCE: f64 = 2e-5;
 
 /// Maximum number of cell assignments that are turned into solids.
 ///
@@ -163,7 +163,7 @@ pub struct Unexplained {
     /// Name of the drawn entity; `None` if a line is missing from the drawing.
     pub entity: Option<String>,
     /// Description of the problem, with its position.
-    pub why: String,
+    pub reason: String,
 }
 
 /// The result of [`solve`].
@@ -192,7 +192,7 @@ pub enum CandidateRejection {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejected {
     /// The reason.
-    pub why: CandidateRejection,
+    pub reason: CandidateRejection,
     /// Description of the problem, with its position.
     pub message: String,
 }
@@ -234,7 +234,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
     // A drawing without a size cannot be scaled; the search reports what is wrong with it.
-    if !(size > 0.0 && size.is_finite()) || (USUAL_SIZE[0]..USUAL_SIZE[1]).contains(&size) {
+    if !(size > 0.0 && size.is_finite()) || (TYPICAL_SIZE[0]..TYPICAL_SIZE[1]).contains(&size) {
         return solve_scaled(drawing, 1.0);
     }
     // By a power of ten, so that round coordinates stay round: `representative` prefers round values.
@@ -388,8 +388,8 @@ fn solve_grid(
     }
     solutions.keep_manifold();
     if solutions.solutions.is_empty() {
-        let why = solutions.rejected.first().map_or("", |rejected| &rejected.message);
-        return Err(Error::undetermined(format!("no solid has these views: {why}")));
+        let reason = solutions.rejected.first().map_or("", |rejected| &rejected.message);
+        return Err(Error::undetermined(format!("no solid has these views: {reason}")));
     }
     Ok(solutions)
 }
@@ -427,7 +427,7 @@ fn unexplained(
             Unexplained {
                 view: view.kind,
                 entity: place.curve.map(|c| view.curves[c].entity.clone()),
-                why: format!(
+                reason: format!(
                     "{what} at {} {}{more}",
                     figure(scale * place.at[0]),
                     figure(scale * place.at[1])
@@ -451,13 +451,13 @@ fn solution(
     assignment: &search::Assignment,
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
-    let does_not_close = |message: String| Rejected { why: CandidateRejection::DoesNotClose, message };
+    let does_not_close = |message: String| Rejected { reason: CandidateRejection::DoesNotClose, message };
     let solid = boundary::boundary(cells, assignment)
         .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
         .map_err(|e| does_not_close(e.to_string()))?;
     // The check accepts a boundary that touches itself, since each part closes; contacts are found
     // separately.
-    let contacts = solid.contacts(TOUCHING * cells.plan.size);
+    let contacts = solid.contacts(CONTACT_DISTANCE * cells.plan.size);
     let touches = contacts.first().map(|contact| {
         let what = match (contact.is_between_bodies, contact.is_line) {
             (true, true) => "two bodies only touch along a line through",
@@ -467,7 +467,7 @@ fn solution(
         };
         let at = contact.at.to_array().map(|c| figure(scale * c)).join(" ");
         Rejected {
-            why: CandidateRejection::Touches,
+            reason: CandidateRejection::Touches,
             message: format!("{what} {at}, where it is not manifold"),
         }
     });

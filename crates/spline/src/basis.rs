@@ -124,9 +124,9 @@ impl UniformBasis {
             let mut above = 0.0;
             for k in (0..=top + 1).rev() {
                 let below = if k == 0 { 0.0 } else { values[k - 1] };
-                let here = if k > top { 0.0 } else { above };
+                let own = if k > top { 0.0 } else { above };
                 above = below;
-                values[k] = below - here;
+                values[k] = below - own;
             }
         }
         values
@@ -140,9 +140,9 @@ impl UniformBasis {
         let mut weight = scale;
         (0..=self.degree + 1)
             .map(|m| {
-                let here = weight;
+                let own = weight;
                 weight *= (self.degree + 1 - m) as f64 / (m + 1) as f64;
-                here
+                own
             })
             .collect()
     }
@@ -197,9 +197,9 @@ fn uniform_values(degree: usize, t: f64, values: &mut [f64; MAX_DEGREE + 1]) {
         // In place from the last piece down, so that each piece still finds the values of the lower degree.
         for k in (0..=p).rev() {
             let left = if k == 0 { 0.0 } else { values[k - 1] };
-            let here = if k == p { 0.0 } else { values[k] };
+            let own = if k == p { 0.0 } else { values[k] };
             // The support of piece k of degree p is the knots k−p ..= k+1 around the cell [0, 1].
-            values[k] = ((t + pf - k as f64) * left + (k as f64 + 1.0 - t) * here) / pf;
+            values[k] = ((t + pf - k as f64) * left + (k as f64 + 1.0 - t) * own) / pf;
         }
     }
 }

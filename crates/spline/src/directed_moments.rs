@@ -86,9 +86,9 @@ impl DirectedMoments {
 /// let information = sums.information(&SurfaceSystem::new(&space)?)?;
 /// // A shift along z is measured, one along x is not.
 /// let up = [0.0, 0.0, 1.0].repeat(space.node_count());
-/// let aside = [1.0, 0.0, 0.0].repeat(space.node_count());
+/// let shifted = [1.0, 0.0, 0.0].repeat(space.node_count());
 /// assert!((information.quadratic_form(&up)? - 4.0).abs() < 1e-12);
-/// assert_eq!(information.quadratic_form(&aside)?, 0.0);
+/// assert_eq!(information.quadratic_form(&shifted)?, 0.0);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone)]

@@ -295,7 +295,7 @@ impl Raster {
         }
         // Two sweeps, downwards and upwards, propagate nearest samples (Danielsson 1980).
         // Distances are those of the sample itself, not sums of steps between cells: errors do not add up.
-        let mut offer = |from: Option<usize>, cell: usize| {
+        let mut propose = |from: Option<usize>, cell: usize| {
             let Some(offered) = from.map(|from| self.sample[from]).filter(|&k| k != NO_SAMPLE) else {
                 return;
             };
@@ -307,24 +307,24 @@ impl Raster {
         for j in 0..rows {
             (0..columns).for_each(|i| {
                 let cell = j * columns + i;
-                offer(cell.checked_sub(columns), cell);
-                offer((i > 0).then(|| cell - 1), cell);
+                propose(cell.checked_sub(columns), cell);
+                propose((i > 0).then(|| cell - 1), cell);
             });
             // Each row is passed in both directions: one pass would not carry samples to the other side.
             (0..columns).rev().for_each(|i| {
                 let cell = j * columns + i;
-                offer((i + 1 < columns).then(|| cell + 1), cell);
+                propose((i + 1 < columns).then(|| cell + 1), cell);
             });
         }
         for j in (0..rows).rev() {
             (0..columns).rev().for_each(|i| {
                 let cell = j * columns + i;
-                offer((j + 1 < rows).then(|| cell + columns), cell);
-                offer((i + 1 < columns).then(|| cell + 1), cell);
+                propose((j + 1 < rows).then(|| cell + columns), cell);
+                propose((i + 1 < columns).then(|| cell + 1), cell);
             });
             (0..columns).for_each(|i| {
                 let cell = j * columns + i;
-                offer((i > 0).then(|| cell - 1), cell);
+                propose((i > 0).then(|| cell - 1), cell);
             });
         }
     }

@@ -233,9 +233,9 @@ mod tests {
         let misfit = |surface: &Surface| {
             let information = system.isometry(surface, &metric, &sigma).unwrap();
             let x = coordinates(surface.vertices());
-            let mut there = vec![0.0; x.len()];
-            information.multiply(x, &mut there).unwrap();
-            let gradient: Vec<f64> = information.vector().iter().zip(&there).map(|(a, b)| a - b).collect();
+            let mut product = vec![0.0; x.len()];
+            information.multiply(x, &mut product).unwrap();
+            let gradient: Vec<f64> = information.vector().iter().zip(&product).map(|(a, b)| a - b).collect();
             (information, gradient)
         };
         let size = |g: &[f64]| g.iter().map(|x| x * x).sum::<f64>().sqrt();

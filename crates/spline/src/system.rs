@@ -76,7 +76,7 @@ impl SurfaceSystem {
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
-    pub fn nothing(&self) -> Result<BlockInformation> {
+    pub fn zero_information(&self) -> Result<BlockInformation> {
         BlockInformation::zeros(Arc::clone(&self.pattern), 3, 1)
     }
 
@@ -92,7 +92,7 @@ impl SurfaceSystem {
         &self,
         fill: impl Fn(usize, &mut CellInformation) -> bool + Sync,
     ) -> Result<BlockInformation> {
-        let mut information = self.nothing()?;
+        let mut information = self.zero_information()?;
         self.add_elements(&mut information, CellInformation::default, |cell, leaf| {
             cell.clear();
             fill(leaf, cell).then(|| {

@@ -343,8 +343,8 @@ impl<'a> Lattice<'a> {
             let (mut end, mut step) = (start + width, own);
             if let Some(across) = across {
                 let (i, j) = if along_u { (at, across) } else { (across, at) };
-                let there = Cell { level: self.finest as u8, i: i as u32, j: j as u32 };
-                if let Some(neighbour) = space.leaf_over(there) {
+                let opposite = Cell { level: self.finest as u8, i: i as u32, j: j as u32 };
+                if let Some(neighbour) = space.leaf_over(opposite) {
                     let s = self.finest - u32::from(space.leaves()[neighbour].level);
                     // A side can have several finer neighbours, each with its own steps.
                     end = end.min(((at >> s) + 1) << s);

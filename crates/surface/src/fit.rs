@@ -359,7 +359,7 @@ fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
     let options =
         GroundOptions::for_unit(Unit::Metre.millimetres() / unit.unwrap_or(Unit::Metre).millimetres());
     match width {
-        GroundWidth::Usual => options,
+        GroundWidth::Default => options,
         GroundWidth::Widest(widest) => GroundOptions { widest, ..options },
     }
 }

@@ -11,7 +11,7 @@ mod reports;
 pub use knowledge::{Knowledge, VertexInformation};
 pub(crate) use point_sigmas::order_by_leaf;
 pub use point_sigmas::sigmas_along;
-pub use posterior::{LeafCovariance, NodeCovariance, Posterior, VertexMotion, WholeCovariance};
+pub use posterior::{GlobalCovariance, LeafCovariance, NodeCovariance, Posterior, VertexMotion};
 pub use reports::{ScanPoseReport, SensorReport, SigmaSummary};
 
 use planish_core::DVec3;
@@ -215,7 +215,7 @@ impl SurfaceModel {
             None => None,
             Some(ScanErrorInformation { coupling, corner }) => Some(Bordered::new(factor, coupling, corner)?),
         };
-        Ok(NodeCovariance::Nodes(WholeCovariance {
+        Ok(NodeCovariance::Nodes(GlobalCovariance {
             inverse: SelectedInverse::new(factor),
             motion: VertexMotion::Along(directions),
             shared: shared.map(|bordered| ScanErrorRows { rows: bordered.shared_rows(), bordered }),

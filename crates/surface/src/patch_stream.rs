@@ -60,12 +60,12 @@ pub(crate) struct PatchRules {
 
 impl PatchRules {
     fn criteria(self) -> SubdivisionCriteria {
-        let usual = SubdivisionCriteria::default();
+        let defaults = SubdivisionCriteria::default();
         SubdivisionCriteria {
-            curvature_variation: usual.curvature_variation.filter(|_| self.refine_by.curvature()),
-            chi_square: usual.chi_square.filter(|_| self.refine_by.residuals()),
+            curvature_variation: defaults.curvature_variation.filter(|_| self.refine_by.curvature()),
+            chi_square: defaults.chi_square.filter(|_| self.refine_by.residuals()),
             max_patches: self.max_coefficients / VERTICES_PER_PATCH,
-            ..usual
+            ..defaults
         }
     }
 }

@@ -66,8 +66,8 @@ pub(super) fn repair_glb_lengths(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     if bytes.len() < 28 || random.random() {
         return;
     }
-    let whole = (bytes.len() as u32).to_le_bytes();
-    bytes[8..12].copy_from_slice(&whole);
+    let length = (bytes.len() as u32).to_le_bytes();
+    bytes[8..12].copy_from_slice(&length);
     if let Some(at) = bytes.windows(4).position(|w| w == b"BIN\0").filter(|&at| at >= 24) {
         bytes[12..16].copy_from_slice(&((at - 24) as u32).to_le_bytes());
     }

@@ -212,12 +212,12 @@ pub fn e57s() -> Result<Vec<Vec<u8>>> {
     };
     let failed = |e: e57::Error| Error::io("no E57").with_source(e);
     let double = |name| Record { name, data_type: RecordDataType::F64 };
-    let whole = |name, max| Record { name, data_type: RecordDataType::Integer { min: 0, max } };
+    let integer = |name, max| Record { name, data_type: RecordDataType::Integer { min: 0, max } };
     let write = |path: &Path| -> e57::Result<()> {
         let mut writer = E57Writer::from_file(path, "file")?;
         let cartesian = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
         let mut records: Vec<Record> = cartesian.map(double).into();
-        records.push(whole(RecordName::CartesianInvalidState, 2));
+        records.push(integer(RecordName::CartesianInvalidState, 2));
         let mut cloud = writer.add_pointcloud("first", records)?;
         cloud.set_transform(Some(Transform {
             rotation: Quaternion { w: 0.6, x: 0.0, y: 0.0, z: 0.8 },
@@ -232,7 +232,7 @@ pub fn e57s() -> Result<Vec<Vec<u8>>> {
         let spherical =
             [RecordName::SphericalRange, RecordName::SphericalAzimuth, RecordName::SphericalElevation];
         let mut records: Vec<Record> = spherical.map(double).into();
-        records.extend([whole(RecordName::RowIndex, 1), whole(RecordName::ColumnIndex, 2)]);
+        records.extend([integer(RecordName::RowIndex, 1), integer(RecordName::ColumnIndex, 2)]);
         let mut cloud = writer.add_pointcloud("second", records)?;
         for k in 0..5_i64 {
             let mut values: Vec<RecordValue> = [2.0, 0.1 * k as f64, 0.2].map(RecordValue::Double).into();

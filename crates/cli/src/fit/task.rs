@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// # Errors
 /// `Unsupported` for options that exclude each other.
 pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
-    let ground = args.ground.map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest));
+    let ground = args.ground.map(|width| width.map_or(GroundWidth::Default, GroundWidth::Widest));
     if let Some(model) = &args.update {
         let options = UpdateOptions {
             filter: args.filter.map(Filter::from),

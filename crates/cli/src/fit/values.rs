@@ -74,7 +74,7 @@ pub fn depth(text: &str) -> Result<u8, String> {
 
 /// A maximum number of control vertices.
 pub fn max_coefficients(text: &str) -> Result<usize, String> {
-    let min = planish::fit_files::LEAST_COEFFICIENTS;
+    let min = planish::fit_files::MIN_COEFFICIENTS;
     match text.parse() {
         Ok(n) if n >= min => Ok(n),
         _ => Err(format!("expected a whole number of at least {min}")),

@@ -227,7 +227,7 @@ fn model_text(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
         ("measured", format!("{} of the area", percent(model.observed_area_fraction))),
         (
             "completed",
-            match model.invented_area_fraction {
+            match model.inferred_area_fraction {
                 // Exactly 0 if nothing was completed, so the comparison needs no tolerance.
                 0.0 => String::new(),
                 share => format!("{} of the area, inferred from other parts", percent(share)),

@@ -40,12 +40,12 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
         lines.line(filled_line(filled));
     }
     // Removed triangles are reported, because a user may miss a small part of the object.
-    if report.fragments_left_out > 0 {
+    if report.removed_fragments > 0 {
         lines.gap();
         lines.line(format!(
             "{} of a few triangles {} removed.",
-            counted(report.fragments_left_out, "fragment"),
-            if report.fragments_left_out == 1 { "was" } else { "were" }
+            counted(report.removed_fragments, "fragment"),
+            if report.removed_fragments == 1 { "was" } else { "were" }
         ));
     }
     lines.poses(&report.poses, unit);
@@ -187,8 +187,8 @@ fn filled_line(filled: &FillReport) -> String {
         count(filled.vertices)
     );
     // A hole that stays open is a reason to raise `--fill`, so the line names the option.
-    if filled.left_open > 0 {
-        words += &format!("; {} left open: more edges than --fill allows", counted(filled.left_open, "hole"));
+    if filled.unfilled > 0 {
+        words += &format!("; {} left open: more edges than --fill allows", counted(filled.unfilled, "hole"));
     }
     // The outer rim of a sheet is no hole; filling it would close the sheet.
     if filled.outer_rims > 0 {

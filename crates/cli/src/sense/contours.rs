@@ -53,9 +53,9 @@ pub struct ContoursArgs {
     #[arg(long, value_name = "MESH", value_hint = ValueHint::FilePath)]
     judge: Option<PathBuf>,
     /// Minimum number of points of a strip with a patch
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = values::count,
+    #[arg(long = "least-points", value_name = "N", default_value_t = 200, value_parser = values::count,
           allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
-    least_points: usize,
+    min_points: usize,
     /// Half width of the window that gives position and tangent of a contour, in pixels
     #[arg(long, value_name = "PIXELS", default_value_t = 6.0, value_parser = positive,
           allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
@@ -87,7 +87,7 @@ fn work(args: &ContoursArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         views: args.views.clone(),
         outputs: args.output.clone(),
         patches: args.patch.clone(),
-        least_points: args.least_points,
+        min_points: args.min_points,
         hull: args.hull.clone(),
         judged: args.judge.clone(),
         options: OccludingOptions {
@@ -125,7 +125,7 @@ fn text(done: &OccludingReport) -> String {
     lines.gap();
     let unit = done.unit.map_or("", Unit::name);
     // The keys are those of the JSON object, so that a cause has one name in both outputs.
-    let rejected: Vec<String> = (done.left_out.iter())
+    let rejected: Vec<String> = (done.rejected.iter())
         .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
         .collect();
     // One sequence is the normal case and needs no line.
@@ -177,7 +177,7 @@ fn patches(lines: &mut Lines, done: &OccludingReport, unit: &str) {
                 count(p.views),
                 significant(p.sigma, 3),
                 significant(p.area, 4),
-                percent(p.left_out_share),
+                percent(p.missing_share),
             ]
         })
         .collect();

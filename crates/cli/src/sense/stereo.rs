@@ -114,7 +114,7 @@ pub fn kind(args: &StereoArgs) -> Result<SenseKind> {
         options: StereoOptions {
             // The library counts disparities from the lowest one; on the command line a range is easier to
             // state.
-            least_disparity: first,
+            min_disparity: first,
             disparities,
             small_step: args.p1,
             large_step: args.p2,

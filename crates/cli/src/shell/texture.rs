@@ -6,7 +6,7 @@ use crate::numbers::{count, significant};
 use crate::summary::{self, Summary};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::progress::Progress;
-use planish::shell::texture::{ColourPlace, LARGEST_TEXTURE, ShellTextureJob, ShellTextureReport};
+use planish::shell::texture::{ColourPlace, MAX_TEXTURE_SIZE, ShellTextureJob, ShellTextureReport};
 use planish::{Job, Result};
 use std::path::PathBuf;
 
@@ -43,7 +43,7 @@ pub struct ShellTextureArgs {
     colours: ColourPlaceName,
     /// Width and height of the texture, in pixels [default: resolution of the images, at most 4096]
     #[arg(long, value_name = "PIXELS",
-          value_parser = clap::value_parser!(u64).range(1..=LARGEST_TEXTURE as u64))]
+          value_parser = clap::value_parser!(u64).range(1..=MAX_TEXTURE_SIZE as u64))]
     texture_size: Option<u64>,
     /// Output file: .ply (vertices), .glb, .obj (texture); repeatable
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
@@ -119,7 +119,7 @@ fn text(report: &ShellTextureReport) -> String {
     let rows: Vec<Vec<String>> = (report.views.iter())
         .map(|view| {
             vec![
-                match (view.held_out, view.left_out) {
+                match (view.held_out, view.is_rejected) {
                     // A held-out view takes no part, so it can be neither rejected nor counted as different.
                     (true, _) => format!("{} (held out)", view.view),
                     (_, true) => format!("{} (rejected)", view.view),
@@ -128,7 +128,7 @@ fn text(report: &ShellTextureReport) -> String {
                 count(view.seen),
                 match view.held_out {
                     true => String::new(),
-                    false => count(view.odd),
+                    false => count(view.outlier_vertices),
                 },
                 view.rms.map_or("–".to_owned(), |rms| significant(rms, 3)),
             ]

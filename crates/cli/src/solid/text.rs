@@ -79,7 +79,7 @@ fn unexplained(lines: &mut Lines, report: &SolidReport) {
     let cells = |u: &UnexplainedLine| {
         // A missing line is not in the file, so it has no name.
         let entity = u.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
-        vec![u.view.to_owned(), entity, u.why.clone()]
+        vec![u.view.to_owned(), entity, u.reason.clone()]
     };
     let rows: Vec<Vec<String>> = report.unexplained.iter().take(LINES_SHOWN).map(cells).collect();
     let columns = [("view", Align::Left), ("entity", Align::Left), ("reason", Align::Left)];

@@ -39,10 +39,10 @@ fn chapters() -> Vec<Chapter> {
 /// Targets of the links and images of a page.
 fn links(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
-    let mut fenced = false;
+    let mut in_code = false;
     for line in text.lines() {
-        fenced ^= line.starts_with("```");
-        if fenced || line.starts_with("    ") {
+        in_code ^= line.starts_with("```");
+        if in_code || line.starts_with("    ") {
             continue;
         }
         let mut rest = line;
@@ -232,10 +232,10 @@ fn agree(shown: &str, printed: &str) -> bool {
 fn tokens(line: &str) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
     for word in line.split_whitespace() {
-        let goes_on = word.len() >= 3
+        let is_continuation = word.len() >= 3
             && word.bytes().take(3).all(|b| b.is_ascii_digit())
             && all.last().is_some_and(|last| last.bytes().all(|b| b.is_ascii_digit()));
-        match (goes_on, all.last_mut()) {
+        match (is_continuation, all.last_mut()) {
             (true, Some(last)) => last.push_str(word),
             _ => all.push(word.to_owned()),
         }

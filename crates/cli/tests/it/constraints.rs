@@ -146,7 +146,7 @@ fn invalid_constraints_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
-    for (args, says) in [
+    for (args, expected) in [
         (
             &["--given", "P1P9 horizontal"][..],
             "constraint `P1P9 horizontal`: the drawing has no point `P9`: it has 4",
@@ -162,7 +162,7 @@ fn invalid_constraints_are_rejected() {
         let all = [&["contour", "seen/readings.csv", "--kind", "rectangle"], args].concat();
         let result = planish(at, &all);
         assert!(
-            result.code == 2 && result.stderr.contains(says),
+            result.code == 2 && result.stderr.contains(expected),
             "{args:?}: {} {}",
             result.code,
             result.stderr
@@ -186,7 +186,8 @@ fn contours_of_every_kind_are_constrained() {
         assert_eq!((&before["kind"], &before["order"]), (&after["kind"], &after["order"]), "{shape}");
         for name in before["order"].as_array().expect("names") {
             let name = name.as_str().expect("a name");
-            let value = |of: &Value, what: &str| of["parameters"][name][what].as_f64().expect("a number");
+            let value =
+                |result: &Value, what: &str| result["parameters"][name][what].as_f64().expect("a number");
             let off = (value(before, "value") - value(after, "value")).abs();
             assert!(off <= 4.0 * value(before, "sigma"), "{shape} {name}: {off}");
             assert!(value(after, "sigma") <= 1.0001 * value(before, "sigma") + 1e-9, "{shape} {name}");

@@ -245,8 +245,8 @@ fn bending_sheet_is_followed_and_animated() {
     assert!(refused.stderr.contains("(option --motion)"), "{}", refused.stderr);
 
     run(&["fit", "b/laser-3.ply", "--animate", "forming.glb"]);
-    let told = run(&["info", "forming.glb"]).stdout;
-    assert!(told.contains("triangles"), "{told}");
+    let info = run(&["info", "forming.glb"]).stdout;
+    assert!(info.contains("triangles"), "{info}");
     run(&["fit", "b/laser-3.ply", "--filter", "patch", "--animate", "frames"]);
     let frames = std::fs::read_dir(folder.path().join("frames")).expect("a folder").count();
     assert!((12..=25).contains(&frames), "{frames}");

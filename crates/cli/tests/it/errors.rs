@@ -77,11 +77,11 @@ fn refused(folder: &Path, line: &str) -> (i32, String) {
 
 /// The messages and exit codes of these commands, for a snapshot.
 fn refusals(folder: &Path, lines: &[&str]) -> String {
-    let say = |line: &&str| {
+    let masked = |line: &&str| {
         let (code, stderr) = refused(folder, line);
         format!("$ planish {line}\n{stderr}[exit {code}]\n\n")
     };
-    lines.iter().map(say).collect()
+    lines.iter().map(masked).collect()
 }
 
 #[test]

@@ -156,9 +156,9 @@ fn fill(folder: &Path) {
     let with_covariance =
         plane(|x, y, _| format!("{x},{y},0,1,{},0,1,0,1", if (x, y) == (3.0, 2.0) { 2 } else { 0 }));
     text("covariance.csv", &format!("x,y,z,cxx,cxy,cxz,cyy,cyz,czz\n{with_covariance}"));
-    let with_sigma = |odd: &str| {
+    let with_sigma = |value: &str| {
         let sigma = |x: f64, y: f64| {
-            if (x, y) == (3.0, 2.0) { odd.to_owned() } else { "0.1".to_owned() }
+            if (x, y) == (3.0, 2.0) { value.to_owned() } else { "0.1".to_owned() }
         };
         format!("x,y,z,sigma\n{}", plane(|x, y, z| format!("{x},{y},{z},{}", sigma(x, y))))
     };
@@ -206,18 +206,18 @@ fn fill_shells(folder: &Path) {
         |more: &str, k: &str, r: &str, t: &str| format!("[[view]]\n{more}\nK = {k}\nR = {r}\nt = {t}\n");
     let k = "[[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]";
     let r = "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]";
-    let usual = |more: &str| camera(more, k, r, "[0, 0, 5]");
+    let valid_camera = |more: &str| camera(more, k, r, "[0, 0, 5]");
     let mask = "mask = \"mask.pgm\"";
     text("flat.toml", &camera(mask, "[[0, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]", r, "[0, 0, 5]"));
     text("mirrored.toml", &camera(mask, k, "[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[0, 0, 5]"));
-    text("unknown_view.toml", &usual("mask = \"mask.pgm\"\nlens = 3"));
-    text("twice.toml", &(usual(mask) + &usual(mask)));
-    text("half_sigma.toml", &usual("mask = \"mask.pgm\"\nsigma_rotation_deg = 1"));
-    text("tracks.toml", &format!("tracks = \"tracks.csv\"\n{}", usual(mask)));
+    text("unknown_view.toml", &valid_camera("mask = \"mask.pgm\"\nlens = 3"));
+    text("twice.toml", &(valid_camera(mask) + &valid_camera(mask)));
+    text("half_sigma.toml", &valid_camera("mask = \"mask.pgm\"\nsigma_rotation_deg = 1"));
+    text("tracks.toml", &format!("tracks = \"tracks.csv\"\n{}", valid_camera(mask)));
     text("tracks.csv", "track,view,x,y\n1,mask,1,2\n1,other,1,2\n");
-    text("no_mask.toml", &usual("mask = \"gone.pgm\""));
-    text("white.toml", &usual("mask = \"white.pgm\""));
-    text("nothing.toml", &usual("name = \"a\""));
+    text("no_mask.toml", &valid_camera("mask = \"gone.pgm\""));
+    text("white.toml", &valid_camera("mask = \"white.pgm\""));
+    text("nothing.toml", &valid_camera("name = \"a\""));
     text("away_view.toml", &camera("image = \"mask.pgm\"", k, r, "[100, 0, 5]"));
     let pose = |head: &str, by: &str, rest: &str| {
         format!("{head}\n[[pose]]\nname = \"up\"\nmove = [{{ control = 0, by = {by} }}]\n{rest}\n")
@@ -250,13 +250,13 @@ fn fill_drawings(folder: &Path) {
     dxf("side.dxf", "", &rectangle(30.0, 20.0));
     dxf("double.dxf", "", &rectangle(80.0, 40.0));
     dxf("open.dxf", "", &sides(40.0, 20.0)[..3].concat());
-    let messy = format!(
+    let with_other_entities = format!(
         "{}{}0 LINE 5 7A 10 5 20 20 11 5 21 20 0 TEXT 5 7B 1 hello 0 HATCH 5 7C 0 DIMENSION 5 7D 70 32 13 0 \
          23 0 14 40 24 0 1 45 ",
         rectangle(40.0, 20.0),
         line([0.0, 0.0, 40.0, 0.0])
     );
-    dxf("messy.dxf", "", &messy);
+    dxf("messy.dxf", "", &with_other_entities);
     let mut nested = "0 BLOCK 2 b0 10 0 20 0 0 LINE 10 0 20 0 11 1 21 1 0 ENDBLK ".to_owned();
     for k in 1..10 {
         let inserts = format!("0 INSERT 2 b{} 10 0 20 0 ", k - 1).repeat(10);
@@ -264,11 +264,11 @@ fn fill_drawings(folder: &Path) {
     }
     dxf("blocks.dxf", &nested, "0 INSERT 5 1F 2 b9 10 0 20 0");
     dxf("gone_block.dxf", "", "0 INSERT 5 1F 2 bolt 10 0 20 0");
-    let mut laughs = "<!DOCTYPE svg [<!ENTITY a0 'M0 0'>".to_owned();
+    let mut entity_bomb = "<!DOCTYPE svg [<!ENTITY a0 'M0 0'>".to_owned();
     for k in 1..12 {
-        laughs += &format!("<!ENTITY a{k} '{}'>", format!("&a{};", k - 1).repeat(10));
+        entity_bomb += &format!("<!ENTITY a{k} '{}'>", format!("&a{};", k - 1).repeat(10));
     }
-    text("laughs.svg", &format!("{laughs}]><svg><text>&a11;</text></svg>"));
+    text("laughs.svg", &format!("{entity_bomb}]><svg><text>&a11;</text></svg>"));
     text("groups.svg", &format!("<svg>{}{}</svg>", "<g>".repeat(1000), "</g>".repeat(1000)));
     text("path.svg", "<svg>\n<path id='rim' d='M0 0 L 3 4e'/></svg>");
     std::fs::write(folder.join("picture.dxf"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").expect("a file");
@@ -285,7 +285,7 @@ fn steps(folder: &Path) {
         );
         std::fs::write(folder.join(name), text).expect("a file");
     };
-    let whole = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
+    let head = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
 #2=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#1))REPRESENTATION_CONTEXT('',''));
 #3=CARTESIAN_POINT('',(0.,0.,0.));
 #4=AXIS2_PLACEMENT_3D('',#3,$,$);
@@ -296,19 +296,19 @@ fn steps(folder: &Path) {
     step(
         "itself.step",
         &format!(
-            "{whole}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"
+            "{head}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"
         ),
     );
     step(
         "knots.step",
         &format!(
-            "{whole}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n\
+            "{head}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n\
              #10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,((#3,#3),(#3,#3)),.UNSPECIFIED.,\
              .F.,.F.,.F.,(1000000000,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
         ),
     );
     let mut parts = format!(
-        "{whole}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n"
+        "{head}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n"
     );
     for k in 1..=10 {
         let (map, inner) = (100 * k, if k == 1 { 20 } else { 100 * k - 99 });
@@ -320,8 +320,8 @@ fn steps(folder: &Path) {
         parts += &format!("#{}=SHAPE_REPRESENTATION('',({}),#2);\n", map + 1, items.join(","));
     }
     step("parts.step", &parts);
-    let whole = std::fs::read(folder.join("parts.step")).expect("a file");
-    std::fs::write(folder.join("half.step"), &whole[..whole.len() / 2]).expect("a file");
+    let complete = std::fs::read(folder.join("parts.step")).expect("a file");
+    std::fs::write(folder.join("half.step"), &complete[..complete.len() / 2]).expect("a file");
 }
 
 /// The content of an existing file.
@@ -425,7 +425,7 @@ fn interrupted_runs_leave_complete_old_or_new_files() {
     let outputs = ["a.planish", "a.ply", "a.step"].map(|name| folder.path().join(name));
     let begun = Instant::now();
     planish(folder.path(), &args).ok();
-    let whole = begun.elapsed();
+    let total = begun.elapsed();
     let new = outputs.clone().map(|path| std::fs::read(path).expect("an output"));
     let mut state = 7_u64;
     let mut random = || {
@@ -440,7 +440,7 @@ fn interrupted_runs_leave_complete_old_or_new_files() {
         let mut child = command(folder.path(), &args).stderr(Stdio::null()).spawn().expect("planish runs");
         // Files are written near the end.
         std::thread::sleep(
-            whole.mul_f64(0.5 + 0.6 * f64::from(random() % 1000) / 1000.0) - Duration::from_millis(1),
+            total.mul_f64(0.5 + 0.6 * f64::from(random() % 1000) / 1000.0) - Duration::from_millis(1),
         );
         let interrupted = run % 2 == 0;
         if interrupted {

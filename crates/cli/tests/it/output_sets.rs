@@ -44,16 +44,16 @@ fn a_killed_run_leaves_the_old_files_or_the_new_ones() {
     let new = contents(place);
     assert_eq!(new.keys().map(String::as_str).collect::<Vec<_>>(), ["a.glb", "a.obj", "a.step", "a.stl"]);
     let old: BTreeMap<String, Vec<u8>> = new.keys().map(|name| (name.clone(), b"old".to_vec())).collect();
-    let kills = 40_u32;
+    let runs = 40_u32;
     let mut ended = [0, 0];
-    for k in 0..kills {
+    for k in 0..runs {
         for (name, bytes) in &old {
             fs::write(place.join(name), bytes).expect("a file");
         }
         let mut child = bracket(place).spawn().expect("a run");
         // Runs write in their second half; the last kills come when most of them are done.
         std::thread::sleep(
-            time.mul_f64(0.4 + 0.9 * f64::from(k) / f64::from(kills)).max(Duration::from_micros(50)),
+            time.mul_f64(0.4 + 0.9 * f64::from(k) / f64::from(runs)).max(Duration::from_micros(50)),
         );
         child.kill().expect("a running or ended child");
         child.wait().expect("an end");

@@ -123,7 +123,7 @@ fn inconsistent_views_are_reported() {
     std::fs::write(at.join("inches.json"), side.to_string()).expect("a file");
     std::fs::write(at.join("broken.json"), "{ \"kind\": 3 }").expect("a file");
     std::fs::write(at.join("a.dxf"), "0\nEOF\n").expect("a file");
-    for (args, says) in [
+    for (args, expected) in [
         (&["front.json"][..], "found 1"),
         (
             &["front.json", "top.json", "scaled.json"],
@@ -150,7 +150,7 @@ fn inconsistent_views_are_reported() {
     ] {
         let result = planish(at, &[&["solid"], args].concat());
         assert!(
-            result.code == 2 && result.stderr.contains(says),
+            result.code == 2 && result.stderr.contains(expected),
             "{args:?}: {} {}",
             result.code,
             result.stderr

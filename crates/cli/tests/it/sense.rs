@@ -172,8 +172,8 @@ fn points_are_in_the_frame_of_the_calibration() {
         planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok().json()
     };
     let (level, views) = (run("cameras.toml", "a.ply"), run("views.toml", "b.ply"));
-    let share = |of: fn(&serde_json::Value) -> &serde_json::Value| {
-        of(&views).as_f64().expect("a number") / of(&level).as_f64().expect("a number")
+    let share = |field: fn(&serde_json::Value) -> &serde_json::Value| {
+        field(&views).as_f64().expect("a number") / field(&level).as_f64().expect("a number")
     };
     let (n, sigma) = (share(|v| &v["observations"]), share(|v| &v["sigma"]["median"]));
     // With two views, disparities outside the right image are rejected, which includes the worst ones.

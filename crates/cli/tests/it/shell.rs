@@ -11,8 +11,8 @@ fn lines(folder: &Path, name: &str, word: &str) -> Vec<String> {
 
 /// Numbers of the lines that begin with a word.
 fn numbers(folder: &Path, name: &str, word: &str) -> Vec<Vec<f64>> {
-    let of = |line: &String| line.split(' ').skip(1).map(|x| x.parse().expect("a number")).collect();
-    lines(folder, name, word).iter().map(of).collect()
+    let parsed = |line: &String| line.split(' ').skip(1).map(|x| x.parse().expect("a number")).collect();
+    lines(folder, name, word).iter().map(parsed).collect()
 }
 
 /// A tetrahedron in two parts, with texture coordinates, and one face missing.
@@ -73,10 +73,10 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
     ];
     let result = planish(folder.path(), &args).ok().json();
     assert!(result["poses"][0]["moved"] == 1 && result["rigid"][0]["vertices"] == 3, "{result}");
-    let of = |name: &str, word: &str| numbers(folder.path(), name, word);
-    assert_eq!(of("a.obj", "vt"), of("b.obj", "vt"));
+    let numbers_in = |name: &str, word: &str| numbers(folder.path(), name, word);
+    assert_eq!(numbers_in("a.obj", "vt"), numbers_in("b.obj", "vt"));
     assert_eq!(lines(folder.path(), "a.obj", "f"), lines(folder.path(), "b.obj", "f"));
-    let (before, after) = (of("a.obj", "v"), of("b.obj", "v"));
+    let (before, after) = (numbers_in("a.obj", "v"), numbers_in("b.obj", "v"));
     assert_eq!(after[3], [0.0, 0.0, 15.0]);
     let length =
         |points: &[Vec<f64>]| (0..3).map(|k| (points[0][k] - points[1][k]).powi(2)).sum::<f64>().sqrt();
@@ -232,8 +232,8 @@ fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
     let text = std::fs::read_to_string(folder.join(from)).expect("a file");
     let place = |line: &str| match line.strip_prefix("v ") {
         Some(rest) => {
-            let of: Vec<f64> = rest.split(' ').map(|x| x.parse().expect("a number")).collect();
-            format!("v {} {} {}", of[0] * by + shift, of[1] * by, of[2] * by)
+            let coordinates: Vec<f64> = rest.split(' ').map(|x| x.parse().expect("a number")).collect();
+            format!("v {} {} {}", coordinates[0] * by + shift, coordinates[1] * by, coordinates[2] * by)
         }
         None => line.to_owned(),
     };
@@ -273,19 +273,19 @@ fn implausible_inputs_are_reported() {
     assert!((double / wanted - 1.0).abs() < 1e-6, "{double}, {wanted}");
     // A camera of an image four times as large, and exchanged masks.
     let views = std::fs::read_to_string(at.join("bent/views.toml")).expect("a file");
-    let larger = views.replacen(
+    let scaled = views.replacen(
         "K = [[768.0, 0.0, 319.5], [0.0, 768.0, 239.5]",
         "K = [[3072.0, 0.0, 1278.0], [0.0, 3072.0, 958.0]",
         1,
     );
-    assert_ne!(larger, views);
-    std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
+    assert_ne!(scaled, views);
+    std::fs::write(at.join("bent/larger.toml"), scaled).expect("written");
     let result = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
     assert!(result.stderr.contains("the optical axis meets the image at 1278, 958"), "{}", result.stderr);
     assert!(result.stderr.contains("view mask01: the mesh hardly overlaps its mask"), "{}", result.stderr);
-    let odd = planish(
+    let refused = planish(
         at,
         &["shell", "fit", "bent/mesh.obj", "--points", "bent/points.ply", "--family", "stray.obj"],
     );
-    assert!(odd.code == 2 && odd.stderr.contains("--deformation modes"), "{}", odd.stderr);
+    assert!(refused.code == 2 && refused.stderr.contains("--deformation modes"), "{}", refused.stderr);
 }

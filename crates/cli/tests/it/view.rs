@@ -134,8 +134,8 @@ fn page_is_served_locally_until_ctrl_c() {
 #[test]
 fn port_in_use_is_reported() {
     let folder = tempfile::tempdir().expect("a folder");
-    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
-    let port = taken.local_addr().expect("a port").port().to_string();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let port = listener.local_addr().expect("a port").port().to_string();
     let result = planish(folder.path(), &["view", &pebble("truth.ply"), "--no-open", "--port", &port]);
     assert_eq!(result.code, 3, "{}", result.stderr);
     assert!(result.stderr.contains(&port) && result.stderr.contains("--port"), "{}", result.stderr);

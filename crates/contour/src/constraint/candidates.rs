@@ -71,8 +71,8 @@ pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
     }
     for (i, &a) in circles.iter().enumerate() {
         for &b in &circles[i + 1..] {
-            let larger = drawing.radius(a).max(drawing.radius(b));
-            add(Constraint::EqualRadius { a, b }, larger);
+            let max_radius = drawing.radius(a).max(drawing.radius(b));
+            add(Constraint::EqualRadius { a, b }, max_radius);
             // Circles drawn about one point are concentric by construction, and can never touch.
             if drawing.centre(a) != drawing.centre(b) {
                 add(Constraint::Concentric { a, b }, extent);

@@ -42,27 +42,27 @@ impl Incidence {
     /// block triangular form of a sparse matrix*.
     #[must_use]
     pub fn decomposition(&self) -> Decomposition {
-        let of = self.parameters_of_equations();
+        let parameters_of = self.parameters_of_equations();
         let pairs = self.matching();
         let mut equation_of = vec![None; self.parameters.len()];
-        let mut parameter_of = vec![None; of.len()];
+        let mut parameter_of = vec![None; parameters_of.len()];
         for &(parameter, equation) in &pairs {
             equation_of[parameter] = Some(equation);
             parameter_of[equation] = Some(parameter);
         }
         // The same search serves both sides, so it needs the transposed lists as well.
         let mut users = vec![Vec::new(); self.parameters.len()];
-        for (equation, list) in of.iter().enumerate() {
+        for (equation, list) in parameters_of.iter().enumerate() {
             list.iter().for_each(|&parameter| users[parameter].push(equation));
         }
-        let over = reached(&of, &parameter_of, &equation_of);
+        let over = reached(&parameters_of, &parameter_of, &equation_of);
         let under = reached(&users, &equation_of, &parameter_of);
         // No node is reached from both sides: such a path would augment the matching, which is maximum.
         let side = |count: usize, a: &[bool], b: &[bool]| -> [Vec<usize>; 3] {
             let pick = |wanted: (bool, bool)| (0..count).filter(|&i| (a[i], b[i]) == wanted).collect();
             [pick((true, false)), pick((false, false)), pick((false, true))]
         };
-        let equations = side(of.len(), &over.0, &under.1);
+        let equations = side(parameters_of.len(), &over.0, &under.1);
         let parameters = side(self.parameters.len(), &over.1, &under.0);
         let [over, well, under] = std::array::from_fn(|i| EquationBlock {
             equations: equations[i].clone(),
@@ -70,7 +70,7 @@ impl Incidence {
         });
         Decomposition {
             rank: pairs.len(),
-            blocks: blocks(&well, &of, &equation_of, &parameter_of),
+            blocks: blocks(&well, &parameters_of, &equation_of, &parameter_of),
             over,
             well,
             under,
@@ -103,17 +103,17 @@ fn reached(
 /// Strong components of the well-determined part, in the order of solving.
 fn blocks(
     well: &EquationBlock,
-    of: &[Vec<usize>],
+    parameters_of: &[Vec<usize>],
     equation_of: &[Option<usize>],
     parameter_of: &[Option<usize>],
 ) -> Vec<EquationBlock> {
     let mut graph = DiGraph::<usize, ()>::new();
-    let mut node_of = vec![None; of.len()];
+    let mut node_of = vec![None; parameters_of.len()];
     for &equation in &well.equations {
         node_of[equation] = Some(graph.add_node(equation));
     }
     for &equation in &well.equations {
-        for &parameter in &of[equation] {
+        for &parameter in &parameters_of[equation] {
             // An equation needs the parameters of others to be solved first: an arc to the equation of each.
             let needed = equation_of[parameter].and_then(|other| node_of[other]);
             if let (Some(from), Some(to)) = (node_of[equation], needed) {

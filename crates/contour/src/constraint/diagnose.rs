@@ -121,10 +121,10 @@ pub fn diagnose(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Resu
     // each other by accident.
     let generic = witness(&solved, &consistent);
     let equations = ConstraintEquations::new(&solved, &consistent);
-    let (_, here) = equations.residuals_and_jacobian(&solved.values());
+    let (_, at_solution) = equations.residuals_and_jacobian(&solved.values());
     let at_witness = match &generic {
         Some(values) => equations.residuals_and_jacobian(values).1,
-        None => here.clone(),
+        None => at_solution.clone(),
     };
     let rank = ranked(&at_witness);
     let place = generic.clone().unwrap_or_else(|| solved.values());
@@ -132,7 +132,7 @@ pub fn diagnose(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Resu
         parameters: drawing.parameters(),
         equations: all.len(),
         rank: rank.independent.len(),
-        rank_at_solution: ranked(&here).independent.len(),
+        rank_at_solution: ranked(&at_solution).independent.len(),
         freedoms: drawing.parameters() - rank.independent.len(),
         rigid_motions: free_motions(&at_witness, &rigid_motions(drawing, &place)),
         redundant: redundancies(&rank, &equations.owners(), &kept),

@@ -130,13 +130,13 @@ impl ParametricDrawing {
             )));
         }
         // Work on a copy: an error in a later bar must not leave half of the polygon behind.
-        let mut larger = self.clone();
-        let points: Vec<PointId> = vertices.iter().map(|&vertex| larger.point(vertex)).collect();
+        let mut extended = self.clone();
+        let points: Vec<PointId> = vertices.iter().map(|&vertex| extended.point(vertex)).collect();
         // The last bar returns to the first point.
         let next = points.iter().cycle().skip(1);
         let bars =
-            points.iter().zip(next).map(|(&start, &end)| larger.bar(start, end)).collect::<Result<_>>()?;
-        *self = larger;
+            points.iter().zip(next).map(|(&start, &end)| extended.bar(start, end)).collect::<Result<_>>()?;
+        *self = extended;
         Ok(bars)
     }
 

@@ -230,11 +230,11 @@ pub(super) fn is_linear(candidate: &Candidate, state: &State, reference: &DMatri
     let mut rest = vec![0.0; equations.len()];
     for (step, values) in &state.samples {
         // The step is the linear prediction; the sample after restoring the constraints is the truth.
-        let there = candidate.constraint.equations(&state.drawing, values.as_slice());
-        for (row, (here, there)) in equations.iter().zip(&there).enumerate() {
-            let predicted: f64 = here.gradient.iter().map(|&(i, slope)| slope * step[i]).sum();
+        let moved = candidate.constraint.equations(&state.drawing, values.as_slice());
+        for (row, (equation, moved)) in equations.iter().zip(&moved).enumerate() {
+            let predicted: f64 = equation.gradient.iter().map(|&(i, slope)| slope * step[i]).sum();
             linear[row] += predicted * predicted;
-            rest[row] += (there.residual - here.residual - predicted).powi(2);
+            rest[row] += (moved.residual - equation.residual - predicted).powi(2);
         }
     }
     let count = state.samples.len() as f64;

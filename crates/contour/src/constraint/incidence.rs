@@ -94,11 +94,11 @@ impl Incidence {
     /// equation twice.
     #[must_use]
     pub fn is_matching(&self, pairs: &[(usize, usize)]) -> bool {
-        let of = self.parameters_of_equations();
+        let parameters_of = self.parameters_of_equations();
         // Both sides need a check: a list of pairs can repeat either.
-        let mut seen = (vec![false; self.parameters.len()], vec![false; of.len()]);
+        let mut seen = (vec![false; self.parameters.len()], vec![false; parameters_of.len()]);
         pairs.iter().all(|&(parameter, equation)| {
-            let is_entry = of.get(equation).is_some_and(|list| list.contains(&parameter));
+            let is_entry = parameters_of.get(equation).is_some_and(|list| list.contains(&parameter));
             is_entry
                 && !std::mem::replace(&mut seen.0[parameter], true)
                 && !std::mem::replace(&mut seen.1[equation], true)
@@ -118,11 +118,11 @@ impl Incidence {
 
     /// Parameters of each equation, from the wanted entries.
     fn select(&self, wanted: impl Fn(&Entry) -> bool) -> Vec<Vec<usize>> {
-        let mut of = vec![Vec::new(); self.equations()];
+        let mut parameters_of = vec![Vec::new(); self.equations()];
         for entry in self.entries.iter().filter(|entry| wanted(entry)) {
-            of[entry.equation].push(entry.parameter);
+            parameters_of[entry.equation].push(entry.parameter);
         }
-        of
+        parameters_of
     }
 }
 

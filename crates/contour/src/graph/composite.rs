@@ -127,21 +127,23 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
     seen[0] = true;
     let mut edges: Vec<CompositeEdge> = Vec::new();
     let mut queue = VecDeque::from([0]);
-    while let Some(here) = queue.pop_front() {
+    while let Some(current) = queue.pop_front() {
         let mut steps: Vec<(bool, usize)> = (0..candidates.len())
-            .filter(|&there| there != here)
-            .filter_map(|there| Some((step(views, &candidates[here], &candidates[there])?, there)))
+            .filter(|&neighbour| neighbour != current)
+            .filter_map(|neighbour| {
+                Some((step(views, &candidates[current], &candidates[neighbour])?, neighbour))
+            })
             .collect();
         // Dimensioned edges first, as in the paper.
-        steps.sort_by_key(|&(has_distance, there)| (!has_distance, there));
-        for (has_distance, there) in steps {
-            if !std::mem::replace(&mut seen[there], true) {
-                order.push(there);
-                queue.push_back(there);
+        steps.sort_by_key(|&(has_distance, neighbour)| (!has_distance, neighbour));
+        for (has_distance, neighbour) in steps {
+            if !std::mem::replace(&mut seen[neighbour], true) {
+                order.push(neighbour);
+                queue.push_back(neighbour);
             }
             // Every edge is found from both of its ends.
-            if !edges.iter().any(|edge| (edge.a, edge.b) == (there, here)) {
-                edges.push(CompositeEdge { a: here, b: there, has_distance });
+            if !edges.iter().any(|edge| (edge.a, edge.b) == (neighbour, current)) {
+                edges.push(CompositeEdge { a: current, b: neighbour, has_distance });
             }
         }
     }

@@ -63,15 +63,15 @@ fn pairs(incidence: &Incidence, named: &[(&str, usize)]) -> Vec<(usize, usize)> 
         .collect()
 }
 
-fn perfect_matchings(of: &[Vec<usize>], used: &mut Vec<usize>) -> usize {
-    let Some(list) = of.get(used.len()) else {
+fn perfect_matchings(parameters_of: &[Vec<usize>], used: &mut Vec<usize>) -> usize {
+    let Some(list) = parameters_of.get(used.len()) else {
         return 1;
     };
     let mut count = 0;
     for &parameter in list {
         if !used.contains(&parameter) {
             used.push(parameter);
-            count += perfect_matchings(of, used);
+            count += perfect_matchings(parameters_of, used);
             used.pop();
         }
     }
@@ -134,14 +134,14 @@ fn printed_equations_have_the_same_zeros_and_ranks() {
         ],
     );
     let (drawing, constraints) = front();
-    let (_, ours) =
+    let (_, analytic) =
         ConstraintEquations::new(&drawing, &constraints).residuals_and_jacobian(&drawing.values());
     assert_eq!(squared.rank(1e-9), 6);
     for row in 0..6 {
-        let factor = squared.row(row).norm() / ours.row(row).norm();
-        let same = (squared.row(row) - ours.row(row) * factor)
+        let factor = squared.row(row).norm() / analytic.row(row).norm();
+        let same = (squared.row(row) - analytic.row(row) * factor)
             .norm()
-            .min((squared.row(row) + ours.row(row) * factor).norm());
+            .min((squared.row(row) + analytic.row(row) * factor).norm());
         assert!(same < 1e-12, "f{}", row + 1);
     }
 }
@@ -153,10 +153,13 @@ fn published_matching_is_valid_but_uses_vanishing_entries() {
     let published = pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 2), ("y3", 3)]);
     assert!(incidence.is_matching(&published));
     assert_eq!(incidence.vanishing(&published), pairs(&incidence, &[("x3", 2), ("y3", 3)]));
-    let ours = incidence.matching();
-    assert_eq!(ours.len(), 6);
-    assert!(incidence.is_matching(&ours) && incidence.vanishing(&ours).is_empty());
-    assert_eq!(ours, pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 3), ("y3", 2)]));
+    let maximum = incidence.matching();
+    assert_eq!(maximum.len(), 6);
+    assert!(incidence.is_matching(&maximum) && incidence.vanishing(&maximum).is_empty());
+    assert_eq!(
+        maximum,
+        pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 3), ("y3", 2)])
+    );
     assert_eq!(perfect_matchings(&incidence.parameters_of_equations(), &mut Vec::new()), 2);
     // The entries vanish at every prism, not just at this one.
     let generic = drawing.with_values(&witness(&drawing, &constraints).unwrap()).unwrap();
@@ -297,9 +300,9 @@ fn euler_tours_are_complete_where_the_printed_rule_omits_edges() {
     let walk = [0, 1, 2, 3, 1, 4, 0];
     let mut notes = vec![Vec::new(); 5];
     walk.windows(2).for_each(|step| notes[step[0]].push(step[1]));
-    let (mut here, mut steps) = (0, 0);
-    while let Some(there) = notes[here].pop() {
-        (here, steps) = (there, steps + 1);
+    let (mut current, mut steps) = (0, 0);
+    while let Some(neighbour) = notes[current].pop() {
+        (current, steps) = (neighbour, steps + 1);
     }
     assert!(steps < edges.len());
 }
@@ -341,7 +344,7 @@ fn postman_tours_are_as_short_as_any_pairing() {
 }
 
 #[test]
-fn many_odd_vertices_are_paired_greedily_and_the_result_says_so() {
+fn many_vertices_of_odd_degree_are_paired_greedily_and_this_is_reported() {
     // Eighteen spokes with a pendant each: all ends are odd, and each spoke is walked twice.
     let edges: Vec<TourEdge> = (1..=18).map(|i| edge(0, i, 1.0)).collect();
     let tour = postman_tour(&edges, 0).unwrap();

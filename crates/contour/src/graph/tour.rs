@@ -52,7 +52,7 @@ const MAX_EXACT: usize = 16;
 /// use planish_contour::graph::{TourEdge, postman_tour};
 ///
 /// let edge = |a, b, length| TourEdge { a, b, length };
-/// // A square with one diagonal: its ends are odd, and repeating it is shorter than two sides.
+/// // A square with one diagonal: its ends are odd_vertices, and repeating it is shorter than two sides.
 /// let edges = [edge(0, 1, 1.0), edge(1, 2, 1.0), edge(2, 3, 1.0), edge(3, 0, 1.0), edge(0, 2, 1.4)];
 /// let tour = postman_tour(&edges, 0)?;
 /// assert_eq!(tour.repeated, [4]);
@@ -76,23 +76,23 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         }
         graph.add_edge(nodes[edge.a], nodes[edge.b], i);
     }
-    let odd: Vec<usize> = (0..count).filter(|&vertex| degree(edges, vertex) % 2 == 1).collect();
-    let from: Vec<Vec<f64>> = odd
+    let odd_vertices: Vec<usize> = (0..count).filter(|&vertex| degree(edges, vertex) % 2 == 1).collect();
+    let from: Vec<Vec<f64>> = odd_vertices
         .iter()
         .map(|&vertex| {
             let found = dijkstra(&graph, nodes[vertex], None, |edge| edges[*edge.weight()].length);
             nodes.iter().map(|node| found.get(node).copied().unwrap_or(f64::INFINITY)).collect()
         })
         .collect();
-    let distance = |i: usize, j: usize| from[i][odd[j]];
-    let pairs = if odd.len() <= MAX_EXACT {
-        shortest_pairs(odd.len(), distance)
+    let distance = |i: usize, j: usize| from[i][odd_vertices[j]];
+    let pairs = if odd_vertices.len() <= MAX_EXACT {
+        shortest_pairs(odd_vertices.len(), distance)
     } else {
-        near_pairs(odd.len(), distance)
+        near_pairs(odd_vertices.len(), distance)
     };
     let mut repeated = Vec::new();
     for (i, j) in pairs {
-        repeated.extend(path_back(edges, &from[i], odd[i], odd[j])?);
+        repeated.extend(path_back(edges, &from[i], odd_vertices[i], odd_vertices[j])?);
     }
     // With the repeated edges as copies, all degrees are even; their indices are mapped back afterwards.
     let mut all = edges.to_vec();
@@ -104,7 +104,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         }
     }
     tour.repeated = repeated;
-    tour.is_shortest = odd.len() <= MAX_EXACT;
+    tour.is_shortest = odd_vertices.len() <= MAX_EXACT;
     Ok(tour)
 }
 
@@ -129,7 +129,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
 /// let edge = |a, b| TourEdge { a, b, length: 1.0 };
 /// let triangle = [edge(0, 1), edge(1, 2), edge(2, 0)];
 /// assert_eq!(euler_tour(&triangle, 0)?.edges.len(), 3);
-/// assert!(euler_tour(&triangle[..2], 0).is_err()); // vertices 0 and 2 have odd degree
+/// assert!(euler_tour(&triangle[..2], 0).is_err()); // vertices 0 and 2 have odd_vertices degree
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
@@ -143,9 +143,9 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         at[edge.a].push(i);
         at[edge.b].push(i);
     }
-    if let Some(odd) = (0..count).find(|&vertex| degree(edges, vertex) % 2 == 1) {
+    if let Some(odd_vertex) = (0..count).find(|&vertex| degree(edges, vertex) % 2 == 1) {
         return Err(Error::input(format!(
-            "vertex {odd} has odd degree, so no tour traverses every edge exactly once"
+            "vertex {odd_vertex} has odd degree, so no tour traverses every edge exactly once"
         )));
     }
     if at.get(start).is_none_or(Vec::is_empty) {
@@ -157,23 +157,23 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     let mut next = vec![0; count];
     let mut reached = vec![start];
     let mut waiting = 0;
-    let mut here = start;
+    let mut current = start;
     loop {
-        while at[here].get(next[here]).is_some_and(|&edge| used[edge]) {
-            next[here] += 1;
+        while at[current].get(next[current]).is_some_and(|&edge| used[edge]) {
+            next[current] += 1;
         }
-        match at[here].get(next[here]) {
+        match at[current].get(next[current]) {
             Some(&edge) => {
                 used[edge] = true;
-                let there = edges[edge].a + edges[edge].b - here;
-                notes[there].push((here, edge));
-                reached.push(there);
-                here = there;
+                let neighbour = edges[edge].a + edges[edge].b - current;
+                notes[neighbour].push((current, edge));
+                reached.push(neighbour);
+                current = neighbour;
             }
             // Stuck at the start of this walk, as all degrees are even: continue from the next visited
             // vertex.
             None if waiting < reached.len() => {
-                here = reached[waiting];
+                current = reached[waiting];
                 waiting += 1;
             }
             None => break,
@@ -192,11 +192,11 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         length: edges.iter().map(|edge| edge.length).sum(),
         is_shortest: true,
     };
-    let mut here = start;
-    while let Some((there, edge)) = notes[here].pop() {
+    let mut current = start;
+    while let Some((neighbour, edge)) = notes[current].pop() {
         tour.edges.push(edge);
-        tour.vertices.push(there);
-        here = there;
+        tour.vertices.push(neighbour);
+        current = neighbour;
     }
     Ok(tour)
 }
@@ -274,23 +274,23 @@ fn near_pairs(count: usize, distance: impl Fn(usize, usize) -> f64) -> Vec<(usiz
 /// Edges of a shortest path, traced back from its end by the distances from its start.
 fn path_back(edges: &[TourEdge], from_start: &[f64], start: usize, end: usize) -> Result<Vec<usize>> {
     let mut path = Vec::new();
-    let mut here = end;
-    while here != start {
+    let mut current = end;
+    while current != start {
         // Only edges to a vertex nearer to the start: rounding cannot lead into a cycle then.
         let step = edges
             .iter()
             .enumerate()
-            .filter(|(_, edge)| (edge.a == here) != (edge.b == here))
-            .map(|(i, edge)| (i, edge.a + edge.b - here, edge.length))
-            .filter(|&(_, there, _)| from_start[there] < from_start[here])
+            .filter(|(_, edge)| (edge.a == current) != (edge.b == current))
+            .map(|(i, edge)| (i, edge.a + edge.b - current, edge.length))
+            .filter(|&(_, neighbour, _)| from_start[neighbour] < from_start[current])
             .min_by(|a, b| (from_start[a.1] + a.2).total_cmp(&(from_start[b.1] + b.2)));
-        let Some((edge, there, _)) = step else {
+        let Some((edge, neighbour, _)) = step else {
             return Err(Error::input(format!(
                 "no path leads from vertex {start} to vertex {end}: the graph has several parts"
             )));
         };
         path.push(edge);
-        here = there;
+        current = neighbour;
     }
     Ok(path)
 }

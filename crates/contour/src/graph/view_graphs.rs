@@ -134,11 +134,11 @@ fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGrap
 
 /// The minimal graph: arcs from the other parameters of an equation to the one matched to it.
 fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
-    let of = incidence.parameters_of_equations();
+    let parameters_of = incidence.parameters_of_equations();
     let mut labels: BTreeMap<(usize, usize), Vec<String>> = BTreeMap::new();
     // An unmatched parameter gets no arc that enters: nothing determines it.
     for &(parameter, equation) in matching {
-        for &other in of[equation].iter().filter(|&&other| other != parameter) {
+        for &other in parameters_of[equation].iter().filter(|&&other| other != parameter) {
             labels.entry((other, parameter)).or_default().push(label(equation));
         }
     }

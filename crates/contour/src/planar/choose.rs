@@ -156,12 +156,13 @@ pub fn choose(
     if found.iter().any(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE) {
         found.retain(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE);
     }
-    let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
+    let min_bic = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
     // Equal numbers of unknowns are decided by BIC.
-    let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NEGLIGIBLE_BIC).min_by(|&a, &b| {
-        let unknowns = |k: usize| found[k].state.len();
-        (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
-    });
+    let simplest =
+        (0..found.len()).filter(|&k| found[k].bic() < min_bic + NEGLIGIBLE_BIC).min_by(|&a, &b| {
+            let unknowns = |k: usize| found[k].state.len();
+            (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
+        });
     let Some(simplest) = simplest else {
         return Err(none_fits(last));
     };
@@ -170,7 +171,7 @@ pub fn choose(
         found.into_iter().map(|one| Alternative { bic: one.bic(), kind: one.kind }).collect();
     alternatives.extend(
         // A rough BIC can be smaller than the best complete one, but an unfinished kind must not rank first.
-        rest.iter().map(|(kind, rough)| Alternative { bic: rough.bic.max(least), kind: (*kind).clone() }),
+        rest.iter().map(|(kind, rough)| Alternative { bic: rough.bic.max(min_bic), kind: (*kind).clone() }),
     );
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(Choice {

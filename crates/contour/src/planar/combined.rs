@@ -20,7 +20,7 @@ const READINGS_PER_UNKNOWN: usize = 4;
 /// Maximum distance of the refined state from the batch, in σ per parameter (root mean square).
 ///
 /// The bias that the refinement removes is a few σ at most. A maximum farther away belongs to another shape.
-const FARTHEST: f64 = 5.0;
+const MAX_SIGMAS: f64 = 5.0;
 
 /// The most likely contour near the batch result, or that result itself.
 ///
@@ -53,7 +53,7 @@ pub(super) fn combined(
     let Some(solved) = found.covariance.clone().cholesky().map(|c| c.solve(&off)) else {
         return Ok(found);
     };
-    let is_near = off.dot(&solved) < FARTHEST * FARTHEST * off.len() as f64;
+    let is_near = off.dot(&solved) < MAX_SIGMAS * MAX_SIGMAS * off.len() as f64;
     // The marginal likelihood has no distances; everything else comes from the batch.
     let candidate = ContourFit { state: better.state, covariance: better.covariance, ..found.clone() };
     if !is_near

@@ -30,8 +30,8 @@ fn mean_bias(kind: &ContourKind, theta: &[f64], parameter: usize, method: Method
 #[test]
 fn default_method_does_not_enlarge_a_circle() {
     let circle = [0.1, -0.2, 1.0];
-    let of = |method| mean_bias(&ContourKind::Circle, &circle, 2, method, 30);
-    let (default, batch) = (of(ContourFitOptions::default().method), of(Method::Batch));
+    let bias_of = |method| mean_bias(&ContourKind::Circle, &circle, 2, method, 30);
+    let (default, batch) = (bias_of(ContourFitOptions::default().method), bias_of(Method::Batch));
     // The mean of 30 runs has a standard deviation of 0.18.
     assert!(default.abs() < 0.35, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");
@@ -40,8 +40,8 @@ fn default_method_does_not_enlarge_a_circle() {
 #[test]
 fn default_method_does_not_lengthen_an_ellipse() {
     let ellipse = [0.1, -0.2, 1.0, 0.6, 0.5];
-    let of = |method| mean_bias(&ContourKind::Ellipse, &ellipse, 2, method, 24);
-    let (default, batch) = (of(ContourFitOptions::default().method), of(Method::Batch));
+    let bias_of = |method| mean_bias(&ContourKind::Ellipse, &ellipse, 2, method, 24);
+    let (default, batch) = (bias_of(ContourFitOptions::default().method), bias_of(Method::Batch));
     assert!(default.abs() < 0.5, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");
 }

@@ -118,7 +118,7 @@ fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihoo
 /// let circle = fit(&ContourKind::Circle, &readings, &ContourFitOptions::default())?;
 /// assert!((circle.state[2] - 5.0).abs() < 0.001);
 /// let sigma = circle.covariance[(2, 2)].sqrt();
-/// assert!((sigma - 0.01 / 60f64.sqrt()).abs() < 1e-4); // σ of the radius
+/// assert!((sigma - 0.01 / 60f64.sqrt()).abs() < 1e-4); // σ own the radius
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn fit(
@@ -477,8 +477,8 @@ impl GatedResiduals {
         let near = |d: &f64| d.is_finite() && gate.is_none_or(|g| d.abs() <= g);
         let used: Vec<bool> = distances.iter().map(near).collect();
         let squares: f64 = (distances.iter().zip(&used)).filter(|(_, u)| **u).map(|(d, _)| d * d).sum();
-        let left_out = used.iter().filter(|u| !**u).count() as f64;
-        Self { used, squares, log_likelihood: -0.5 * squares - left_out * gate_cost(gate) }
+        let rejected = used.iter().filter(|u| !**u).count() as f64;
+        Self { used, squares, log_likelihood: -0.5 * squares - rejected * gate_cost(gate) }
     }
 }
 
@@ -541,25 +541,25 @@ pub(super) fn batch(
         return Err(Error::undetermined("too few readings lie near the contour"));
     }
     let (equations, kept_groups) = equations(model, &kept);
-    let options_here = ImplicitOptions {
+    let final_options = ImplicitOptions {
         correct_bias: options.correct_bias,
         margin: corner_margin(model, readings.len(), options),
         ..plain
     };
-    let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &options_here)?;
+    let mut found = fit_implicit(&equations, shared(model, &kept_groups), &at, &final_options)?;
     let mut likelihood_found =
         marginal_likelihood(model, found.state.as_slice(), readings, outlier_gate(options));
-    if options_here.margin.is_some() && model.kind.pieces() > 2 {
+    if final_options.margin.is_some() && model.kind.pieces() > 2 {
         // If the margin removes many readings, the remaining ones may agree with another phase or size. Fit
         // all readings as well, and compare both results by the likelihood of all.
-        let all_count = ImplicitOptions { margin: None, ..options_here };
-        let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_count)?;
+        let all_readings_options = ImplicitOptions { margin: None, ..final_options };
+        let other = fit_implicit(&equations, shared(model, &kept_groups), &at, &all_readings_options)?;
         let likelihood_other =
             marginal_likelihood(model, other.state.as_slice(), readings, outlier_gate(options));
-        let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;
+        let is_lost = |own: f64, all: f64| own < all - MAX_MARGIN_LOSS;
         if other.covariance.is_some()
             && (likelihood_found.log_likelihood.zip(likelihood_other.log_likelihood))
-                .is_some_and(|(of, all)| is_lost(of, all))
+                .is_some_and(|(own, all)| is_lost(own, all))
         {
             (found, likelihood_found) = (other, likelihood_other);
         }
@@ -577,7 +577,7 @@ pub(super) fn batch(
             *used = distance.is_finite();
         }
     }
-    let left_out = used.iter().filter(|u| !**u).count() as f64;
+    let rejected = used.iter().filter(|u| !**u).count() as f64;
     Ok(ContourFit {
         kind: model.kind.clone(),
         state: found.state,
@@ -587,7 +587,7 @@ pub(super) fn batch(
         squares: 2.0 * found.loss,
         min_side_coverage: likelihood_found.min_side_coverage,
         log_likelihood: (likelihood_found.log_likelihood)
-            .unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
+            .unwrap_or(-found.loss - rejected * gate_cost(options.gate)),
         termination: found.termination,
         pivot: model.pivot,
         time_s: model.time_s,

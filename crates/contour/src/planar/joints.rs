@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 /// (decision record 0053).
 const SIGMA_RAD: f64 = 5.0 * PI / 180.0;
 /// Joints that turn by more than this many σ (15°) at the start are corners and get no equation.
-const CORNER: f64 = 3.0;
+const MAX_SMOOTH_TURN_SIGMAS: f64 = 3.0;
 
 /// A joint at which the outline does not turn, up to σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +67,10 @@ pub(crate) fn joints(kind: &ContourKind, theta: &[f64]) -> Vec<Joint> {
     (0..last)
         .map(|k| Joint { pieces: [k, (k + 1) % count], sigma_rad: SIGMA_RAD })
         .filter(|joint| joint.pieces.iter().any(|&k| arcs[k]))
-        .filter(|joint| joint.violation(kind, theta, &mut vec![0.0; theta.len()]).abs() <= CORNER * SIGMA_RAD)
+        .filter(|joint| {
+            joint.violation(kind, theta, &mut vec![0.0; theta.len()]).abs()
+                <= MAX_SMOOTH_TURN_SIGMAS * SIGMA_RAD
+        })
         .collect()
 }
 

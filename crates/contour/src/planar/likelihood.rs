@@ -7,7 +7,7 @@
 
 use super::curve::arc_circle;
 use super::kind::ContourKind;
-use super::parts::usual_gap;
+use super::parts::typical_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading};
 use planish_core::BoundingBox;
 use statrs::function::erf::erf;
@@ -93,7 +93,7 @@ pub(super) fn marginal_likelihood(
             MeasuredPoint { point, covariance }
         })
         .collect();
-    let gap = usual_gap(readings);
+    let gap = typical_gap(readings);
     let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &measured_points, gap);
     let observed = observed_lengths(&strokes, &measured_points, 0.5 * gap);
     let bounds: BoundingBox<[f64; 2]> = measured_points.iter().map(|measured| measured.point).collect();
@@ -147,8 +147,8 @@ pub(super) fn strokes(
                 (from, free) = (after, after - before);
             }
         }
-        let is_whole = free * semi[0].max(semi[1]) <= gap;
-        Stroke::Round { center, semi, turn, from, sweep: if is_whole { TAU } else { TAU - free } }
+        let is_closed = free * semi[0].max(semi[1]) <= gap;
+        Stroke::Round { center, semi, turn, from, sweep: if is_closed { TAU } else { TAU - free } }
     };
     match kind {
         ContourKind::Line => {
@@ -190,8 +190,8 @@ fn observed_lengths(strokes: &[Stroke], measured_points: &[MeasuredPoint], reach
         let squared = |measured: &MeasuredPoint| {
             (measured.point[0] - p[0]).powi(2) + (measured.point[1] - p[1]).powi(2)
         };
-        let least = measured_points.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
-        least.sqrt()
+        let min_squared = measured_points.iter().step_by(stride).map(squared).fold(f64::INFINITY, f64::min);
+        min_squared.sqrt()
     };
     let seen_length = |stroke: &Stroke| {
         let mut observed = 0.0;
@@ -338,16 +338,16 @@ impl Stroke {
                 let [xx, xy, yy] = measured.covariance;
                 let foot = foot(measured.point, *center, *semi, *turn);
                 let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-                let largest = (0.5 * (xx + yy) + spread).sqrt();
+                let max_sigma = (0.5 * (xx + yy) + spread).sqrt();
                 // Very elongated covariances would ask for far too many chords; the floor bounds them.
-                let least = (0.5 * (xx + yy) - spread).max(0.0).sqrt().max(0.05 * largest);
+                let min_sigma = (0.5 * (xx + yy) - spread).max(0.0).sqrt().max(0.05 * max_sigma);
                 let (long, short) = (semi[0].max(semi[1]), semi[0].min(semi[1]));
-                let near = (WINDOW * largest / short).min(PI);
+                let near = (WINDOW * max_sigma / short).min(PI);
                 // The part of the piece within the window. The sweep may cross ±π, so windows one turn apart
                 // are tried as well.
                 let (start, end) = if *sweep >= 0.0 { (*from, from + sweep) } else { (from + sweep, *from) };
                 // A chord of the angle t has the sagitta r t²/8.
-                let step = (8.0 * SAGITTA * least / long).sqrt();
+                let step = (8.0 * SAGITTA * min_sigma / long).sqrt();
                 let mut total = 0.0;
                 let mut middle = foot + TAU * ((start - near - foot) / TAU).ceil();
                 while middle - near < end {
@@ -430,11 +430,11 @@ mod tests {
             assert!((length - summed).abs() < 1e-6 * summed, "{length} {summed}");
             assert!((part - summed).abs() < 1e-6 * summed, "{part} {summed}");
             for p in [[0.5, 0.5], [-0.7, 0.1], [1.5, -1.2]] {
-                let least = (0..=count)
+                let sampled_min = (0..=count)
                     .map(|k| far(stroke.at(k as f64 / count as f64), p))
                     .fold(f64::INFINITY, f64::min);
                 let found = far(stroke.nearest(p), p);
-                assert!(found < least + 1e-4, "{p:?}: {found} {least}");
+                assert!(found < sampled_min + 1e-4, "{p:?}: {found} {sampled_min}");
             }
         }
     }

@@ -19,7 +19,7 @@
 
 use super::kind::ContourKind;
 use super::likelihood::{MeasuredPoint, Stroke, strokes};
-use super::parts::usual_gap;
+use super::parts::typical_gap;
 use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, PlanarMotion};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
@@ -51,9 +51,9 @@ const MAX_FOR_CURVATURE: usize = 4000;
 /// Circles and ellipses observed over at least this angle (rad) are treated as complete.
 ///
 /// The cells of unobserved parts then get almost no share. Below it, the arc ends at its last readings.
-const MIN_WHOLE_SWEEP: f64 = 0.6 * TAU;
+const MIN_CLOSED_SWEEP: f64 = 0.6 * TAU;
 /// Cells more than this many σ from a reading are skipped: e^(−24) is below any density that matters.
-const FARTHEST: f64 = 7.0;
+const MAX_SIGMAS: f64 = 7.0;
 /// Smallest number of readings per parallel task.
 const READINGS_PER_THREAD: usize = 256;
 
@@ -105,7 +105,7 @@ struct PlaceLikelihood<'a> {
     /// Start angle and sweep of a complete circle or ellipse; `None` if only a part was observed.
     ///
     /// They stay fixed, since ends that follow the readings would make the likelihood discontinuous in θ.
-    whole: Option<(f64, f64)>,
+    full_sweep: Option<(f64, f64)>,
     gap: f64,
     /// Density of outliers times the variance of a reading.
     outlier_density: f64,
@@ -134,7 +134,7 @@ impl<'a> PlaceLikelihood<'a> {
         gate: f64,
     ) -> Option<Self> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
-        let gap = usual_gap(readings);
+        let gap = typical_gap(readings);
         let measured_points = measured_points(model, readings, start.as_slice());
         let pieces =
             strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &measured_points, gap);
@@ -151,8 +151,8 @@ impl<'a> PlaceLikelihood<'a> {
                 to: (k as f64 + 1.0) / count,
             }));
         }
-        let whole = match pieces[..] {
-            [Stroke::Round { from, sweep, .. }] if sweep >= MIN_WHOLE_SWEEP => Some((from, TAU)),
+        let full_sweep = match pieces[..] {
+            [Stroke::Round { from, sweep, .. }] if sweep >= MIN_CLOSED_SWEEP => Some((from, TAU)),
             _ => None,
         };
         let sigma = (measured_points.iter().map(MeasuredPoint::variance).sum::<f64>()
@@ -160,7 +160,7 @@ impl<'a> PlaceLikelihood<'a> {
             .sqrt();
         // The density of an evenly read outline at the distance of the gate.
         let outlier_density = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self { model, readings, start, scale, cells, whole, gap, outlier_density })
+        Some(Self { model, readings, start, scale, cells, full_sweep, gap, outlier_density })
     }
 
     /// State of the whitened parameters.
@@ -180,8 +180,8 @@ impl<'a> PlaceLikelihood<'a> {
         let measured_points = measured_points(self.model, self.readings, state.as_slice());
         let mut pieces = strokes(&self.model.kind, self.theta(&state), &measured_points, self.gap);
         // `strokes` would end the arc at its last readings, which change with θ.
-        if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
-            (*from, *sweep) = whole;
+        if let (Some(full_sweep), [Stroke::Round { from, sweep, .. }]) = (self.full_sweep, &mut pieces[..]) {
+            (*from, *sweep) = full_sweep;
         }
         let parts: Vec<Part> = (self.cells.iter().zip(&shares(&at.weights)))
             .map(|(cell, share)| Part::new(&pieces[cell.piece], cell, *share))
@@ -308,11 +308,11 @@ impl<'a> PlaceLikelihood<'a> {
                 scores[(j, i)] = (ahead - behind) / (2.0 * STEP);
             }
         }
-        let here = self.terms(at);
+        let at_point = self.terms(at);
         // By a log-share, the score is exact: the probability of the cell minus its share (softmax).
         for i in 0..n {
             for (c, share) in shares.iter().enumerate() {
-                scores[(p + c, i)] = here.chances[(c, i)] - share;
+                scores[(p + c, i)] = at_point.chances[(c, i)] - share;
             }
         }
         let mut gradient = scores.column_sum();
@@ -350,7 +350,7 @@ impl<'a> PlaceLikelihood<'a> {
     fn curvature(&self, at: &At) -> DMatrix<f64> {
         let (p, k, n) = (at.u.len(), self.cells.len(), self.readings.len() as f64);
         let shares = shares(&at.weights);
-        let here = self.terms(at);
+        let at_point = self.terms(at);
         let sum = |terms: &Terms| terms.logs.iter().sum::<f64>();
         // Second differences divide by h² and need a larger spacing than first ones.
         let h = 2.0 * STEP;
@@ -358,7 +358,7 @@ impl<'a> PlaceLikelihood<'a> {
         let mut out = DMatrix::zeros(p + k, p + k);
         for i in 0..p {
             let [ahead, behind] = [h, -h].map(|h| self.terms(&at.moved(i, h)));
-            out[(i, i)] = (2.0 * sum(&here) - sum(&ahead) - sum(&behind)) / (h * h);
+            out[(i, i)] = (2.0 * sum(&at_point) - sum(&ahead) - sum(&behind)) / (h * h);
             let by = (behind.chances.column_sum() - ahead.chances.column_sum()) / (2.0 * h);
             for c in 0..k {
                 out[(i, p + c)] = by[c];
@@ -372,8 +372,8 @@ impl<'a> PlaceLikelihood<'a> {
             }
         }
         // For log-shares, the Hessian is that of a softmax mixture: probabilities and shares suffice.
-        let squares = &here.chances * here.chances.transpose();
-        let sums = here.chances.column_sum();
+        let squares = &at_point.chances * at_point.chances.transpose();
+        let sums = at_point.chances.column_sum();
         for a in 0..k {
             for b in 0..k {
                 out[(p + a, p + b)] = squares[(a, b)] - n * shares[a] * shares[b];
@@ -458,7 +458,7 @@ impl Part {
         // A bounding circle, since most cells are far from a reading and exponentials are costly.
         let away =
             (measured.point[0] - self.middle[0]).hypot(measured.point[1] - self.middle[1]) - self.reach;
-        if away > 0.0 && away * away > FARTHEST * FARTHEST * measured.variance() {
+        if away > 0.0 && away * away > MAX_SIGMAS * MAX_SIGMAS * measured.variance() {
             return 0.0;
         }
         self.rate * self.stroke.density(measured)

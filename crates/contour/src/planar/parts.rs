@@ -12,11 +12,11 @@ use std::collections::BTreeMap;
 ///
 /// # Examples
 /// ```
-/// use planish_contour::planar::{ContourKind, points, separate, usual_gap};
+/// use planish_contour::planar::{ContourKind, points, separate, typical_gap};
 ///
 /// let mut readings = points(&ContourKind::Circle, &[0.0, 0.0, 5.0], 200, 0.01, 1).noisy;
 /// readings.extend(points(&ContourKind::Circle, &[40.0, 0.0, 3.0], 100, 0.01, 2).noisy);
-/// let groups = separate(&readings, usual_gap(&readings));
+/// let groups = separate(&readings, typical_gap(&readings));
 /// assert_eq!(groups.iter().map(Vec::len).collect::<Vec<_>>(), [200, 100]);
 /// ```
 #[must_use]
@@ -69,7 +69,7 @@ pub fn separate(readings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
 /// The largest of `n` is about `ln n` times the mean; a margin of four means and at least 6 σ of noise are
 /// allowed for.
 #[must_use]
-pub fn usual_gap(readings: &[ContourReading]) -> f64 {
+pub fn typical_gap(readings: &[ContourReading]) -> f64 {
     let mut bounds = BoundingBox::EMPTY;
     let mut variance = 0.0;
     for reading in readings {

@@ -28,15 +28,15 @@ pub(super) fn split_seed(
     let stride = (readings.len() / wanted.max(1)).max(1);
     let mut counted = 0;
     let mut poses = Vec::new();
-    let mut taken = vec![false; readings.len()];
+    let mut is_seed = vec![false; readings.len()];
     for i in (0..readings.len()).step_by(stride) {
         if counted < wanted {
-            taken[i] = true;
+            is_seed[i] = true;
             poses.extend(readings[i].pose);
             counted += 1;
         }
     }
-    let in_seed = |i: usize| taken[i] || readings[i].pose.is_some_and(|p| poses.contains(&p));
+    let in_seed = |i: usize| is_seed[i] || readings[i].pose.is_some_and(|p| poses.contains(&p));
     let pick =
         |seed: bool| (0..readings.len()).filter(|&i| in_seed(i) == seed).map(|i| readings[i]).collect();
     (pick(true), pick(false))

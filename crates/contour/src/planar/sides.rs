@@ -52,9 +52,9 @@ impl ContourKind {
         pieces
             .filter_map(|piece| {
                 let side = self.side(theta, covariance, piece)?;
-                let ends_in_nothing = !self.is_closed() && (piece == 0 || piece == last);
+                let has_open_end = !self.is_closed() && (piece == 0 || piece == last);
                 // The radius of an arc at an open end is determined by its readings; its length is not.
-                (side.is_arc || !ends_in_nothing).then_some(side)
+                (side.is_arc || !has_open_end).then_some(side)
             })
             .collect()
     }

@@ -103,10 +103,10 @@ pub fn starts(kind: &ContourKind, readings: &[ContourReading]) -> Result<Vec<Vec
 fn with_sampled(curve: &Curve<'_>, mut starts: Vec<Vec<f64>>, points: &[[f64; 2]]) -> Vec<Vec<f64>> {
     // Without outliers, the least-median curve is a noisier version of the same start and would only cost
     // time.
-    const NEARER: f64 = 0.85;
+    const CLEARLY_SMALLER: f64 = 0.85;
     if let Some(sampled) = curve.least_median_curve(points) {
-        let least = starts.iter().map(|s| curve.median(s, points)).fold(f64::INFINITY, f64::min);
-        if curve.median(&sampled, points) < NEARER * least {
+        let min_median = starts.iter().map(|s| curve.median(s, points)).fold(f64::INFINITY, f64::min);
+        if curve.median(&sampled, points) < CLEARLY_SMALLER * min_median {
             starts.push(sampled);
         }
     }

@@ -204,8 +204,8 @@ fn covariance_intersection_is_never_overconfident() {
 #[test]
 fn covariance_intersection_combines_partial_beliefs() {
     let row = |design| Information::from_rows(&design, &scalar(1.0), &dvector![1.0]).unwrap();
-    let of = |data| Belief::from_information(Information::zero(2), data).unwrap();
-    let (first, second) = (of(row(dmatrix![1.0, 0.0])), of(row(dmatrix![0.0, 1.0])));
+    let belief_from = |data| Belief::from_information(Information::zero(2), data).unwrap();
+    let (first, second) = (belief_from(row(dmatrix![1.0, 0.0])), belief_from(row(dmatrix![0.0, 1.0])));
     let (fused, weight) = first.covariance_intersection(&second).unwrap();
     assert!((weight - 0.5).abs() < 1e-4);
     assert!((fused.covariance().unwrap()[(0, 0)] - 2.0).abs() < 1e-3);

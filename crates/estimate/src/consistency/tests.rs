@@ -26,7 +26,7 @@ fn bands_are_the_published_quantiles() {
 fn nees_of_simulated_linear_problems_lies_in_its_band_and_detects_overconfidence() {
     let mut random = Gaussian::seeded(61);
     let n = 4;
-    let (mut honest, mut overconfident) =
+    let (mut calibrated, mut overconfident) =
         (ChiSquareMean::new(4.0).unwrap(), ChiSquareMean::new(4.0).unwrap());
     for _ in 0..300 {
         let prior = random.covariance(n);
@@ -42,12 +42,12 @@ fn nees_of_simulated_linear_problems_lies_in_its_band_and_detects_overconfidence
             belief.update(&at, &noise).unwrap();
         }
         let (deviation, covariance) = (belief.mean().unwrap() - truth, belief.covariance().unwrap());
-        honest.add(normalized_squared(&deviation, &covariance).unwrap()).unwrap();
+        calibrated.add(normalized_squared(&deviation, &covariance).unwrap()).unwrap();
         overconfident.add(normalized_squared(&deviation, &(covariance * 0.8)).unwrap()).unwrap();
     }
-    assert!(honest.is_consistent(0.99).unwrap(), "{} {:?}", honest.mean(), honest.band(0.99));
+    assert!(calibrated.is_consistent(0.99).unwrap(), "{} {:?}", calibrated.mean(), calibrated.band(0.99));
     assert!(!overconfident.is_consistent(0.99).unwrap());
-    assert!((honest.reduced() - 1.0).abs() < 0.15);
+    assert!((calibrated.reduced() - 1.0).abs() < 0.15);
 }
 
 #[test]
@@ -85,12 +85,12 @@ fn binomial_band_is_the_published_one() {
     }
     assert_eq!(coverage.band(0.95).unwrap(), (0.3, 0.7));
     // Ten cases of equal weight count as ten; additional cases of small weight hardly count (Kish 1965).
-    let mut heavy = Coverage::of_interval(0.5).unwrap();
+    let mut weighted = Coverage::of_interval(0.5).unwrap();
     for _ in 0..10 {
-        heavy.add_weighted(0.0, 1.0, 2.0).unwrap();
-        heavy.add_weighted(0.0, 1.0, 1e-6).unwrap();
+        weighted.add_weighted(0.0, 1.0, 2.0).unwrap();
+        weighted.add_weighted(0.0, 1.0, 1e-6).unwrap();
     }
-    assert_eq!(heavy.band(0.95).unwrap(), (0.2, 0.8));
+    assert_eq!(weighted.band(0.95).unwrap(), (0.2, 0.8));
 }
 
 #[test]

@@ -532,17 +532,17 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         let mut previous = f64::INFINITY;
         for _ in 0..25 {
             let biases = self.biases(point);
-            let mut here = point.clone();
-            self.evaluate(&mut here, Some(&biases));
-            let Ok(factor) = ScaledCholesky::new(&here.normal) else {
+            let mut corrected = point.clone();
+            self.evaluate(&mut corrected, Some(&biases));
+            let Ok(factor) = ScaledCholesky::new(&corrected.normal) else {
                 return;
             };
-            let decrement = factor.inverse_form(&here.right).sqrt();
+            let decrement = factor.inverse_form(&corrected.right).sqrt();
             // The equations have no objective, so growth of the step is the only sign of divergence.
             if !decrement.is_finite() || decrement > 2.0 * previous {
                 return;
             }
-            *point = self.moved(&here, &factor.solve(&here.right));
+            *point = self.moved(&corrected, &factor.solve(&corrected.right));
             if decrement <= 1e-3 {
                 return;
             }

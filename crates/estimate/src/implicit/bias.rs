@@ -124,8 +124,8 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
         .clamp(-2.0 * curvature.abs(), 2.0 * curvature.abs());
     let (ahead, behind) = (0.5 * (curvature + sides[0]), 0.5 * (curvature + sides[1]));
     for k in 0..n {
-        let (here, forth, back) = (at.row[k], nodes[0].row[k], nodes[1].row[k]);
-        row_bias[k] = 0.5 * (ahead * (forth - here) - behind * (here - back)) / squared;
+        let (middle, ahead_row, behind_row) = (at.row[k], nodes[0].row[k], nodes[1].row[k]);
+        row_bias[k] = 0.5 * (ahead * (ahead_row - middle) - behind * (middle - behind_row)) / squared;
     }
     -rice(curvature) - 0.5 * rest + 0.125 * change
 }

@@ -227,7 +227,7 @@ fn all_schemes_agree_on_linear_equations() {
 }
 
 #[test]
-fn a_diverging_iteration_is_reported_and_invalid_input_changes_nothing() {
+fn a_diverging_iteration_is_reported_and_invalid_input_has_no_effect() {
     let equation = Explicit::new(dvector![4.0], 1, |x, prediction, jacobian| {
         prediction[0] = x[0] * x[0];
         jacobian[(0, 0)] = 2.0 * x[0];

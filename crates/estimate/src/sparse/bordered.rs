@@ -60,7 +60,7 @@ impl Bordered {
     /// let mut information = BlockInformation::zeros(pattern, 1, 1)?;
     /// information.add_element(&[0], &[4.0], &[12.0])?;
     /// let factor = CholeskyFactor::factorize(&symbolic, &information)?;
-    /// // z = x + p: the information of the offset plus that of the reading.
+    /// // z = x + p: the information range the offset plus that range the reading.
     /// let bordered = Bordered::new(&factor, &[4.0], &[4.0 + 4.0])?;
     /// let (mut x, mut p) = (vec![12.0], vec![12.0]);
     /// bordered.solve_in_place(&factor, &[4.0], &mut x, &mut p)?;
@@ -181,8 +181,8 @@ impl Bordered {
         let before = DMatrix::from_column_slice(m, m, &self.shared_information());
         let noise = DMatrix::from_column_slice(m, m, noise);
         let kept = with_eigenvalues(&self.complement.l(), &noise, |share| {
-            let trust = (NOISE_FRACTIONS.1 - share) / (NOISE_FRACTIONS.1 - NOISE_FRACTIONS.0);
-            (1.0 - share).max(0.0) * trust.clamp(0.0, 1.0)
+            let fade = (NOISE_FRACTIONS.1 - share) / (NOISE_FRACTIONS.1 - NOISE_FRACTIONS.0);
+            (1.0 - share).max(0.0) * fade.clamp(0.0, 1.0)
         });
         let floor = Cholesky::new(DMatrix::from_column_slice(m, m, floor)).ok_or_else(wrong)?;
         // The limit applies in the metric of `floor` itself. Limiting the entries could make the matrix
@@ -203,14 +203,14 @@ impl Bordered {
     ///
     /// # Errors
     /// `Input` when the prior is not positive definite or of another size.
-    pub fn undetermined(&self, of: Range<usize>, prior: &[f64], share: f64) -> Result<Vec<Vec<f64>>> {
-        let m = of.len();
+    pub fn undetermined(&self, range: Range<usize>, prior: &[f64], share: f64) -> Result<Vec<Vec<f64>>> {
+        let m = range.len();
         let wrong = || Error::input(format!("expected a positive definite prior of {m} × {m}"));
-        if prior.len() != m * m || of.end > self.shared() {
+        if prior.len() != m * m || range.end > self.shared() {
             return Err(wrong());
         }
         let l = Cholesky::new(DMatrix::from_column_slice(m, m, prior)).ok_or_else(wrong)?.l();
-        let covariance = self.complement.inverse().view((of.start, of.start), (m, m)).into_owned();
+        let covariance = self.complement.inverse().view((range.start, range.start), (m, m)).into_owned();
         // In units of the prior, eigenvalues are ratios of variances. They do not depend on units of the
         // unknowns.
         let whitened = l.transpose() * covariance * &l;

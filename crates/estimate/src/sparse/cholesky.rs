@@ -332,9 +332,10 @@ impl Breakdown {
         }
         let b = symbolic.block_size();
         let node = symbolic.old_from_new[self.unknown / b];
-        let of = if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
+        let unknown_text =
+            if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
         Error::undetermined(format!(
-            "the information is not positive definite: elimination breaks down at node {node}{of}. \
+            "the information is not positive definite: elimination breaks down at node {node}{unknown_text}. \
              Data and prior do not determine it: add data there or use a stronger prior"
         ))
     }
@@ -355,12 +356,12 @@ fn eliminate(
         assemble(symbolic, s, information, panel);
         let children = || updates.iter().zip(symbolic.children(s).iter().map(|&child| child as usize));
         for (update, child) in children() {
-            let here = |to| to < columns;
+            let selected = |to| to < columns;
             extend_add(
                 update,
                 symbolic.height(child),
                 symbolic.runs(child),
-                here,
+                selected,
                 panel,
                 columns + height,
                 0,
@@ -395,12 +396,12 @@ fn eliminate(
             let square = &mut update[..height * height];
             minus_square(below.rb(), square);
             for (update, child) in children() {
-                let here = |to| to >= columns;
+                let selected = |to| to >= columns;
                 extend_add(
                     update,
                     symbolic.height(child),
                     symbolic.runs(child),
-                    here,
+                    selected,
                     square,
                     height,
                     columns,
@@ -449,15 +450,15 @@ fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     });
 }
 
-/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that `here`
-/// selects.
+/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that
+/// `selected` accepts.
 ///
 /// `shift` is the first column and row of the target within the front.
 fn extend_add(
     child: &[f64],
     size: usize,
     runs: &[Run],
-    here: impl Fn(usize) -> bool,
+    selected: impl Fn(usize) -> bool,
     target: &mut [f64],
     stride: usize,
     shift: usize,
@@ -465,7 +466,7 @@ fn extend_add(
     for (at, run) in runs.iter().enumerate() {
         let (from, to, length) = (run.from as usize, run.to as usize, run.length as usize);
         for k in 0..length {
-            if !here(to + k) {
+            if !selected(to + k) {
                 continue;
             }
             let source = &child[(from + k) * size..(from + k + 1) * size];

@@ -155,8 +155,8 @@ impl Cut {
     /// Cost of a cut: the size of the separator, increased by the imbalance of the parts.
     fn cost(&self) -> f64 {
         let total = (self.low.len() + self.high.len() + self.separator.len()) as f64;
-        let larger = self.low.len().max(self.high.len()) as f64;
-        self.separator.len() as f64 * (1.0 + 2.0 * (larger / total - 0.5).max(0.0))
+        let larger_half = self.low.len().max(self.high.len()) as f64;
+        self.separator.len() as f64 * (1.0 + 2.0 * (larger_half / total - 0.5).max(0.0))
     }
 }
 

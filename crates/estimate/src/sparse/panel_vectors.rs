@@ -8,7 +8,7 @@
 use pulp::{Simd, WithSimd};
 
 /// Columns of a panel applied together, so that the vector is read and written once for all of them.
-const TOGETHER: usize = 4;
+const BLOCK_COLUMNS: usize = 4;
 
 /// `own ← L_CC⁻¹ own`, then `below ← below − L_RC own`.
 pub(super) struct Elimination<'a> {
@@ -28,8 +28,8 @@ impl WithSimd for Elimination<'_> {
         let Self { panel, stride, vectors, own, below } = self;
         let columns = own.len() / vectors.max(1);
         let height = stride - columns;
-        for k in (0..columns).step_by(TOGETHER) {
-            let width = TOGETHER.min(columns - k);
+        for k in (0..columns).step_by(BLOCK_COLUMNS) {
+            let width = BLOCK_COLUMNS.min(columns - k);
             let panel = &panel[k * stride..(k + width) * stride];
             for v in 0..vectors {
                 let (done, rest) = own[v * columns..(v + 1) * columns].split_at_mut(k + width);
@@ -68,8 +68,8 @@ impl WithSimd for BackSubstitution<'_> {
         let Self { panel, stride, vectors, own, known } = self;
         let columns = own.len() / vectors.max(1);
         let height = stride - columns;
-        for k in (0..columns).step_by(TOGETHER).rev() {
-            let width = TOGETHER.min(columns - k);
+        for k in (0..columns).step_by(BLOCK_COLUMNS).rev() {
+            let width = BLOCK_COLUMNS.min(columns - k);
             let panel = &panel[k * stride..(k + width) * stride];
             for v in 0..vectors {
                 let (before, rest) = own[v * columns..(v + 1) * columns].split_at_mut(k + width);
@@ -89,7 +89,7 @@ impl WithSimd for BackSubstitution<'_> {
     }
 }
 
-/// `y ← y − A x` for the rows from `first` on of at most [`TOGETHER`] columns.
+/// `y ← y − A x` for the rows from `first` on of at most [`BLOCK_COLUMNS`] columns.
 #[inline(always)]
 fn subtract_product<S: Simd>(
     simd: S,
@@ -126,7 +126,7 @@ fn subtract_product<S: Simd>(
     }
 }
 
-/// `x ← x − Aᵀ y` for the rows from `first` on of at most [`TOGETHER`] columns.
+/// `x ← x − Aᵀ y` for the rows from `first` on of at most [`BLOCK_COLUMNS`] columns.
 #[inline(always)]
 fn subtract_products<S: Simd>(
     simd: S,

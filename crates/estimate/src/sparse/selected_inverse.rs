@@ -17,7 +17,7 @@ use super::{BlockInformation, BlockPattern, CholeskyFactor, SymbolicFactor};
 use crate::{Error, Result};
 
 /// Columns of a product computed together. Fixed, so that results do not depend on the number of threads.
-const TOGETHER: usize = 64;
+const BLOCK_COLUMNS: usize = 64;
 
 /// Selected entries of the covariance `Z = Λ⁻¹`, exact up to rounding.
 ///
@@ -305,7 +305,7 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
     if height > 0 {
         let z_rows = MatRef::from_column_major_slice(&z_rows[..height * height], height, height);
         let mut gain = spare.take(height * columns);
-        by_columns(&mut gain[..height * columns], height, TOGETHER, |from, part| {
+        by_columns(&mut gain[..height * columns], height, BLOCK_COLUMNS, |from, part| {
             // The inverse of a lower triangle is zero above its diagonal.
             let width = part.len() / height;
             matmul(
@@ -369,7 +369,7 @@ fn gather(
 
 /// `C ← −A B`, in parallel over blocks of columns.
 fn minus_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, c: MatMut<'_, f64>) {
-    if c.ncols() > TOGETHER {
+    if c.ncols() > BLOCK_COLUMNS {
         // Halves of a fixed size, whatever the number of threads, so that the result has the same bytes.
         // Multiples of four columns fill the registers of the kernel.
         let half = (c.ncols() / 2).next_multiple_of(4);

@@ -86,14 +86,14 @@ fn gated_readings_give_the_sigma_of_all_readings() {
 fn merged_sums_equal_the_sums_of_all_readings() {
     let mut random = Gaussian::seeded(54);
     let values: Vec<f64> = (0..100).map(|_| random.number().powi(2)).collect();
-    let (mut whole, mut a, mut b) =
+    let (mut all, mut a, mut b) =
         (VarianceComponents::new(1), VarianceComponents::new(1), VarianceComponents::new(1));
     for (i, &square) in values.iter().enumerate() {
-        whole.add(0, square, 0.1).unwrap();
+        all.add(0, square, 0.1).unwrap();
         if i < 50 { &mut a } else { &mut b }.add(0, square, 0.1).unwrap();
     }
     a.merge(&b).unwrap();
-    assert!((a.component(0).unwrap().sigma_factor - whole.component(0).unwrap().sigma_factor).abs() < 1e-14);
+    assert!((a.component(0).unwrap().sigma_factor - all.component(0).unwrap().sigma_factor).abs() < 1e-14);
     assert!(a.merge(&VarianceComponents::new(2)).is_err());
 }
 

@@ -86,7 +86,7 @@ pub(crate) fn read_carmen<R: Read>(
             let range = value(2 + beam)?;
             // A scanner reports its maximum range where it receives no echo, which is not a measurement.
             if range < options.range[0] || range > options.range[1] {
-                read.left_out += 1;
+                read.ignored += 1;
                 continue;
             }
             // `FLASER` states no field of view; by convention it is half a turn about the heading.
@@ -110,7 +110,7 @@ pub(crate) fn read_carmen<R: Read>(
             };
             let [x, y] = sighting.point();
             match options.region {
-                Some([x0, y0, x1, y1]) if x < x0 || x > x1 || y < y0 || y > y1 => read.left_out += 1,
+                Some([x0, y0, x1, y1]) if x < x0 || x > x1 || y < y0 || y > y1 => read.ignored += 1,
                 _ => read.sightings.push(sighting),
             }
         }

@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn errors_name_the_mismatch() {
-        for (from, to, says) in [
+        for (from, to, expected) in [
             ("\"circle\"", "\"blob\"", "kind `blob`"),
             ("\"circle\"", "\"polygon-2\"", "kind `polygon-2`"),
             ("\"circle\"", "\"ellipse\"", "expected the order center_x center_y semi_major"),
@@ -241,7 +241,7 @@ mod tests {
             ("}", "", "expected contours as"),
         ] {
             let error = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
-            assert!(error.contains(says), "{from} → {to}: {error}");
+            assert!(error.contains(expected), "{from} → {to}: {error}");
         }
     }
 }

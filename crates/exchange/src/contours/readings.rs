@@ -34,7 +34,7 @@ pub struct ContourReadings {
     pub has_times: bool,
     /// Number of ignored readings: at the maximum range of the sensor, or outside the selected range or
     /// region.
-    pub left_out: usize,
+    pub ignored: usize,
     /// True if the format prescribes metres.
     pub in_metres: bool,
 }

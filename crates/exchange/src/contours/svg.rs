@@ -63,10 +63,11 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
     // A drawing of a single point has no extent; the minimum avoids a division by zero.
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(f64::MIN_POSITIVE);
     let scale = (WIDTH - 2.0 * MARGIN) / extent;
-    let [beside, above] = LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
-    let place = |p: [f64; 2]| [beside + scale * (p[0] - low[0]), above + scale * (high[1] - p[1])];
+    let [left_margin, top_margin] =
+        LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
+    let place = |p: [f64; 2]| [left_margin + scale * (p[0] - low[0]), top_margin + scale * (high[1] - p[1])];
     let (width, height) =
-        (2.0 * beside + scale * (high[0] - low[0]), 2.0 * above + scale * (high[1] - low[1]));
+        (2.0 * left_margin + scale * (high[0] - low[0]), 2.0 * top_margin + scale * (high[1] - low[1]));
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 \
          0 {width:.1} {height:.1}\">\n\
@@ -74,8 +75,8 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
     );
     for (p, used) in points {
         let [x, y] = place(*p);
-        let look = if *used { "fill=\"#888\"" } else { "fill=\"none\" stroke=\"#c33\"" };
-        let _ = writeln!(text, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\" {look}/>");
+        let style = if *used { "fill=\"#888\"" } else { "fill=\"none\" stroke=\"#c33\"" };
+        let _ = writeln!(text, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\" {style}/>");
     }
     for (vertices, bulges, closed) in &outlines {
         let _ = write!(text, "<path fill=\"none\" stroke=\"#0060a0\" stroke-width=\"2\" d=\"");

@@ -39,7 +39,7 @@ fn too_many<R: Read + Seek>(file: &mut R, length: u64) -> io::Result<Option<(u64
     let mut order = [0; 2];
     file.read_exact(&mut order)?;
     let big = order == *b"MM";
-    let whole = |file: &mut R, number: NumberType| -> io::Result<u64> {
+    let unsigned = |file: &mut R, number: NumberType| -> io::Result<u64> {
         let mut bytes = [0; 8];
         let bytes = &mut bytes[..number.size()];
         file.read_exact(bytes)?;
@@ -50,20 +50,20 @@ fn too_many<R: Read + Seek>(file: &mut R, length: u64) -> io::Result<Option<(u64
         } as u64)
     };
     // The version is 42 for TIFF and 43 for BigTIFF.
-    let wide = whole(file, NumberType::U16)? == 43;
+    let wide = unsigned(file, NumberType::U16)? == 43;
     let place = if wide { NumberType::U64 } else { NumberType::U32 };
     if wide {
         // Size of offsets (8) and a reserved word.
         file.seek(SeekFrom::Current(4))?;
     }
-    let first = whole(file, place)?;
+    let first = unsigned(file, place)?;
     file.seek(SeekFrom::Start(first))?;
     // A damaged number of tags needs no limit: reading beyond the end of the file fails and ends the loop.
-    let tags = whole(file, if wide { NumberType::U64 } else { NumberType::U16 })?;
+    let tags = unsigned(file, if wide { NumberType::U64 } else { NumberType::U16 })?;
     for _ in 0..tags {
-        let tag = whole(file, NumberType::U16)?;
+        let tag = unsigned(file, NumberType::U16)?;
         file.seek(SeekFrom::Current(2))?;
-        let count = whole(file, place)?;
+        let count = unsigned(file, place)?;
         file.seek(SeekFrom::Current(place.size() as i64))?;
         // A value takes at least one byte, so this holds for tags of any type.
         if count > length {

@@ -117,21 +117,21 @@ fn colour_images_and_damaged_files_are_rejected() {
     assert_eq!(image("a.png", &eight).unwrap().readings, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
     assert!(image("a.tif", b"II*\0").is_err() && image("a.png", b"no image").is_err());
     // The image data end before the last chunk, so a file cut off there is still complete.
-    let whole = png16();
-    for end in 0..whole.len() {
-        if let Ok(found) = image("a.png", &whole[..end]) {
+    let complete = png16();
+    for end in 0..complete.len() {
+        if let Ok(found) = image("a.png", &complete[..end]) {
             assert_eq!(found.readings, DEPTHS.map(f64::from), "{end}");
         }
     }
-    let whole = tiff32();
-    for end in 0..whole.len() {
-        if let Ok(found) = image("a.tif", &whole[..end]) {
+    let complete = tiff32();
+    for end in 0..complete.len() {
+        if let Ok(found) = image("a.tif", &complete[..end]) {
             assert_eq!(found.readings.len(), 6, "{end}");
         }
     }
-    let whole = npy();
-    for end in 0..whole.len() {
-        assert!(image("a.npy", &whole[..end]).is_err(), "{end}");
+    let complete = npy();
+    for end in 0..complete.len() {
+        assert!(image("a.npy", &complete[..end]).is_err(), "{end}");
     }
     // Width and height of the PNG header.
     let mut bomb = png16();
@@ -153,21 +153,21 @@ proptest! {
 
 #[test]
 fn impossible_tags_and_sizes_are_rejected_before_memory_is_allocated() {
-    let whole = tiff32();
+    let complete = tiff32();
     let read = |bytes: &[u8]| read_tiff(Cursor::new(bytes.to_vec()), Some(bytes.len() as u64));
-    assert_eq!(read(&whole).unwrap().readings.len(), 6);
-    let number = |at: usize| u32::from_le_bytes(whole[at..at + 4].try_into().unwrap()) as usize;
+    assert_eq!(read(&complete).unwrap().readings.len(), 6);
+    let number = |at: usize| u32::from_le_bytes(complete[at..at + 4].try_into().unwrap()) as usize;
     let first = number(4);
-    let tags = usize::from(whole[first]);
+    let tags = usize::from(complete[first]);
     // A tag of two bytes, a type of two, a count, a value.
     for at in (0..tags).map(|k| first + 2 + 12 * k) {
-        let mut bomb = whole.clone();
+        let mut bomb = complete.clone();
         bomb[at + 4..at + 8].copy_from_slice(&8_000_000_u32.to_le_bytes());
         let e = read(&bomb).err().expect("a damaged tag");
         assert!(e.kind() == ErrorKind::Input && e.to_string().contains("declares 8000000 values"), "{e}");
     }
-    let mut bomb = whole.clone();
-    let rows = (0..tags).map(|k| first + 2 + 12 * k).find(|&at| whole[at..at + 2] == [1, 1]).unwrap();
+    let mut bomb = complete.clone();
+    let rows = (0..tags).map(|k| first + 2 + 12 * k).find(|&at| complete[at..at + 2] == [1, 1]).unwrap();
     bomb[rows + 8..rows + 12].copy_from_slice(&80_000_u32.to_le_bytes());
     assert!(read(&bomb).is_err());
 }

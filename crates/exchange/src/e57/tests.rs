@@ -11,7 +11,7 @@ fn double(name: RecordName) -> Record {
     Record { name, data_type: RecordDataType::F64 }
 }
 
-fn whole(name: RecordName, max: i64) -> Record {
+fn integer(name: RecordName, max: i64) -> Record {
     Record { name, data_type: RecordDataType::Integer { min: 0, max } }
 }
 
@@ -24,7 +24,7 @@ fn file(folder: &Path) -> PathBuf {
         double(RecordName::CartesianX),
         double(RecordName::CartesianY),
         double(RecordName::CartesianZ),
-        whole(RecordName::CartesianInvalidState, 2),
+        integer(RecordName::CartesianInvalidState, 2),
     ];
     let mut cloud = writer.add_pointcloud("first", cartesian).unwrap();
     cloud.set_name(Some("door".to_owned()));
@@ -43,8 +43,8 @@ fn file(folder: &Path) -> PathBuf {
         double(RecordName::SphericalRange),
         double(RecordName::SphericalAzimuth),
         double(RecordName::SphericalElevation),
-        whole(RecordName::RowIndex, 1),
-        whole(RecordName::ColumnIndex, 2),
+        integer(RecordName::RowIndex, 1),
+        integer(RecordName::ColumnIndex, 2),
     ];
     let mut cloud = writer.add_pointcloud("second", spherical).unwrap();
     for k in 0..5_i64 {
@@ -106,9 +106,9 @@ fn read(bytes: &[u8]) -> Result<Vec<Scan>> {
 #[test]
 fn truncated_files_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
-    let whole = fs::read(file(folder.path())).unwrap();
-    for end in 0..whole.len() {
-        assert!(read(&whole[..end]).is_err(), "{end}");
+    let complete = fs::read(file(folder.path())).unwrap();
+    for end in 0..complete.len() {
+        assert!(read(&complete[..end]).is_err(), "{end}");
     }
 }
 
@@ -136,13 +136,13 @@ fn with_valid_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
 #[test]
 fn a_declared_count_beyond_the_data_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
-    let whole = fs::read(file(folder.path())).unwrap();
+    let complete = fs::read(file(folder.path())).unwrap();
     let from = b"recordCount=\"5\"";
-    let at = whole.windows(from.len()).position(|w| w == from).unwrap();
-    let mut bomb = whole.clone();
+    let at = complete.windows(from.len()).position(|w| w == from).unwrap();
+    let mut bomb = complete.clone();
     // The XML must keep its length, so the count can grow to one digit, 9.
     bomb[at + from.len() - 2] = b'9';
-    assert_eq!(with_valid_checksums(whole.clone()), whole);
+    assert_eq!(with_valid_checksums(complete.clone()), complete);
     let e = read(&with_valid_checksums(bomb)).unwrap_err().to_string();
     assert!(e.contains("point cloud 2: point 5 cannot be read"), "{e}");
 }

@@ -70,10 +70,10 @@ fn textured_from<R: Read>(source: &mut Source<R>) -> Result<(PolygonMesh, Option
     with_file(source, |file| {
         let (mesh, materials) = file.mesh(true)?;
         // One picture only, because `TexturedMesh` has one texture.
-        let most = (materials.iter())
+        let largest = (materials.iter())
             .filter_map(|(material, count)| file.picture(*material).map(|picture| (*count, picture)))
             .max_by_key(|(count, _)| *count);
-        Ok((mesh, most.map(|(_, picture)| picture.to_vec())))
+        Ok((mesh, largest.map(|(_, picture)| picture.to_vec())))
     })
 }
 
@@ -104,14 +104,14 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
             kept.len() as u32 - 1
         }));
     }
-    let of = |column: &[f64]| kept.iter().map(|v| column[*v]).collect();
+    let selected = |column: &[f64]| kept.iter().map(|v| column[*v]).collect();
     TexturedMesh {
         points: kept.iter().map(|v| mesh.points[*v]).collect(),
         triangles: (mesh.triangles.iter()).map(|t| t.map(|v| new[v as usize])).collect(),
         uv,
         uv_triangles: mesh.triangles,
         picture,
-        columns: (mesh.columns.iter()).map(|(name, column)| (name.clone(), of(column))).collect(),
+        columns: (mesh.columns.iter()).map(|(name, column)| (name.clone(), selected(column))).collect(),
         unit: mesh.unit,
         ..TexturedMesh::default()
     }
@@ -316,11 +316,12 @@ impl File<'_> {
             let positions = self.accessor(&attributes["POSITION"], FLOAT, "VEC3")?;
             let first = mesh.points.len();
             // A position takes twelve bytes.
-            let most = (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
-            if first.saturating_add(positions.count) > most {
+            let max_vertices =
+                (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
+            if first.saturating_add(positions.count) > max_vertices {
                 return Err(Error::input(format!(
-                    "expected at most {most} vertices for a file of this size, found more in repeated \
-                     meshes: export one copy"
+                    "expected at most {max_vertices} vertices for a file of this size, found more in \
+                     repeated meshes: export one copy"
                 )));
             }
             for vertex in 0..positions.count {

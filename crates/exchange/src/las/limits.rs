@@ -47,11 +47,11 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         let start = extended.start_of_first_evlr;
         let size = file
             .stream_position()
-            .and_then(|here| {
+            .and_then(|position| {
                 // The size of the data is at offset 20 of the header of the record.
                 file.seek(SeekFrom::Start(start.saturating_add(20)))?;
                 let size = u64_from(file)?;
-                file.seek(SeekFrom::Start(here))?;
+                file.seek(SeekFrom::Start(position))?;
                 Ok(size)
             })
             .map_err(|e| {
@@ -146,11 +146,11 @@ fn item_sizes(item: &LazItem) -> (u64, u64) {
 /// write beyond the record.
 fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     let size: u64 = items.iter().map(|item| item_sizes(item).0).sum();
-    let alike = items.iter().all(|item| {
+    let consistent = items.iter().all(|item| {
         let (size, layers) = item_sizes(item);
         u64::from(item.size()) == size && size > 0 && (layers > 0) == (item.version() >= 3)
     });
-    if items.is_empty() || !alike || size != record {
+    if items.is_empty() || !consistent || size != record {
         return Err(Error::input(format!(
             "the compressed items of a point: expected {record} bytes in all, found {size}: the file is \
              damaged"

@@ -61,7 +61,7 @@ enum Role {
     /// One number per point, for the column with the name of the array.
     Column,
     Viewpoint,
-    Nothing,
+    Unused,
 }
 
 const POSITIONS: &[&str] = &["x", "y", "z"];
@@ -74,7 +74,7 @@ fn role(name: &str) -> Role {
         "x" | "y" | "z" | "nx" | "ny" | "nz" | "sigma" | "sigma_n_deg" | "cxx" | "cxy" | "cxz" | "cyy"
         | "cyz" | "czz" => Role::Column,
         "viewpoint" => Role::Viewpoint,
-        _ => Role::Nothing,
+        _ => Role::Unused,
     }
 }
 

@@ -170,10 +170,10 @@ fn invalid_headers_are_reported() {
 #[test]
 fn truncated_files_are_rejected() {
     for columns_first in [false, true] {
-        let whole = file("'<f4'", columns_first, "(2, 3)", &[0; 24]);
-        for end in 0..whole.len() {
-            assert!(read(&whole[..end]).is_err(), "{end}");
-            assert!(scan_from(Source::new(&whole[..end], None), "a").is_err(), "{end}, of unknown length");
+        let complete = file("'<f4'", columns_first, "(2, 3)", &[0; 24]);
+        for end in 0..complete.len() {
+            assert!(read(&complete[..end]).is_err(), "{end}");
+            assert!(scan_from(Source::new(&complete[..end], None), "a").is_err(), "{end}, of unknown length");
         }
     }
 }
@@ -263,9 +263,9 @@ fn invalid_archives_are_reported() {
 
 #[test]
 fn truncated_archives_are_rejected() {
-    let whole = archive(&[("points", points()), ("sigma", points())], CompressionMethod::Deflated);
-    for end in 0..whole.len() {
-        assert!(read_archive(&whole[..end]).is_err(), "{end}");
+    let complete = archive(&[("points", points()), ("sigma", points())], CompressionMethod::Deflated);
+    for end in 0..complete.len() {
+        assert!(read_archive(&complete[..end]).is_err(), "{end}");
     }
 }
 

@@ -122,9 +122,9 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     for line in &appearance.libraries {
         // Exporters write names with blanks, but the format also allows several names per line. The whole
         // line is tried first.
-        let whole = folder.join(line);
-        let names: Vec<PathBuf> = match whole.is_file() {
-            true => vec![whole],
+        let single_path = folder.join(line);
+        let names: Vec<PathBuf> = match single_path.is_file() {
+            true => vec![single_path],
             false => line.split_ascii_whitespace().map(|name| folder.join(name)).collect(),
         };
         for name in names {

@@ -59,7 +59,7 @@ fn a_failure_or_panic_leaves_the_old_files_and_no_folder() {
 
 /// Stages files in two folders and stops as a killed process would: after `renames` renames, with `commit`
 /// only after the manifests.
-fn killed(folders: [&Path; 2], commit: bool, renames: usize) {
+fn interrupted_commit(folders: [&Path; 2], commit: bool, renames: usize) {
     let staged: Vec<Staged> = (0..4)
         .map(|k| {
             let mut file = temporary_file(folders[k % 2]).unwrap();
@@ -90,7 +90,7 @@ fn a_committed_set_is_completed_from_any_of_its_folders() {
             let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
             let paths = [folders[0].path(), folders[1].path()];
             (0..4).for_each(|k| fs::write(paths[k % 2].join(format!("{k}")), "old").unwrap());
-            killed(paths, true, renames);
+            interrupted_commit(paths, true, renames);
             recover_now(paths[first]).unwrap();
             for k in 0..4 {
                 assert_eq!(fs::read(paths[k % 2].join(format!("{k}"))).unwrap(), b"new", "{first} {renames}");
@@ -106,13 +106,13 @@ fn a_set_without_a_complete_manifest_is_removed() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path();
     (0..4).for_each(|k| fs::write(place.join(format!("{k}")), "old").unwrap());
-    killed([place, place], false, 0);
+    interrupted_commit([place, place], false, 0);
     temporary_folder(place).map(|(made, _)| fs::write(made.keep().join("0"), "frame").unwrap()).unwrap();
     recover_now(place).unwrap();
     assert_eq!(names(place), ["0", "1", "2", "3"]);
     // A manifest that was cut anywhere, or changed, counts as none.
     for cut in 0..60 {
-        killed([place, place], true, 0);
+        interrupted_commit([place, place], true, 0);
         let name = names(place).into_iter().find(|n| n.ends_with(MANIFEST)).unwrap();
         let bytes = fs::read(place.join(&name)).unwrap();
         let mut bytes = bytes[..bytes.len() * cut / 60].to_vec();

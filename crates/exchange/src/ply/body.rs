@@ -52,7 +52,7 @@ fn cut_off(place: Place, promised: u64) -> Error {
 }
 
 /// Minimum number of bytes of a row; lists count as empty.
-fn least_row(element: &Element, encoding: Encoding) -> u64 {
+fn min_row_bytes(element: &Element, encoding: Encoding) -> u64 {
     let sizes = element.properties.iter().map(|p| match encoding {
         // At least a digit, and a blank or line end.
         Encoding::Ascii => 2,
@@ -67,11 +67,12 @@ pub(crate) fn check_count<R: Read>(
     element: &Element,
     encoding: Encoding,
 ) -> Result<usize> {
-    let least = least_row(element, encoding);
+    let row_bytes = min_row_bytes(element, encoding);
     // The last line of a text file may lack its end.
-    let needed = element.count.saturating_mul(least).saturating_sub(u64::from(encoding == Encoding::Ascii));
+    let needed =
+        element.count.saturating_mul(row_bytes).saturating_sub(u64::from(encoding == Encoding::Ascii));
     source.check_promise(element.count, format_args!("records of `{}`", element.name), needed)?;
-    Ok(source.reserve(element.count, least))
+    Ok(source.reserve(element.count, row_bytes))
 }
 
 /// Reads the rows of an element in order. `wanted_list` is the index of the list whose items are returned.
@@ -111,7 +112,7 @@ pub(crate) fn skip_rows<R: Read>(
     check_count(source, element, encoding)?;
     let place = Place { element: &element.name, row: 0, line: None, byte: source.offset() };
     // Saturating: the count is not limited if the length of the file is unknown.
-    match source.skip(element.count.saturating_mul(least_row(element, encoding)))? {
+    match source.skip(element.count.saturating_mul(min_row_bytes(element, encoding)))? {
         true => Ok(()),
         false => Err(cut_off(place, element.count)),
     }

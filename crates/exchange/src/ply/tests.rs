@@ -78,7 +78,7 @@ fn every_type_reads_the_same_in_every_encoding() {
         property float32 x\nproperty float64 y\nproperty list uchar short l\nproperty double z\nelement \
         face 1\n\
         property uchar flag\nproperty list uint uint vertex_index\nelement after 1\nproperty short s";
-    let junk: [(&[f64], i8); 2] = [(&[1.0, 2.0], -3), (&[], 4)];
+    let invalid_elements: [(&[f64], i8); 2] = [(&[1.0, 2.0], -3), (&[], 4)];
     let body = |big: bool| {
         let mut out = Vec::new();
         macro_rules! put {
@@ -90,7 +90,7 @@ fn every_type_reads_the_same_in_every_encoding() {
                 out.extend_from_slice(&bytes);
             }};
         }
-        for (weights, c) in junk {
+        for (weights, c) in invalid_elements {
             put!(weights.len() as u16);
             for w in weights {
                 put!(w);

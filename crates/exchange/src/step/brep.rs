@@ -91,9 +91,9 @@ fn finite(points: &[DVec3]) -> Result<()> {
 fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()> {
     let ascending = knots.windows(2).all(|k| k[0].0 < k[1].0) && knots.iter().all(|k| k.0.is_finite());
     // More than degree + 1 equal knots would give a basis function that is zero everywhere.
-    let clamped_at_most = knots.iter().all(|k| (1..=degree + 1).contains(&k.1));
+    let multiplicities_valid = knots.iter().all(|k| (1..=degree + 1).contains(&k.1));
     let sum: usize = knots.iter().map(|k| k.1).sum();
-    if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
+    if degree == 0 || knots.len() < 2 || !ascending || !multiplicities_valid || sum != poles + degree + 1 {
         return Err(Error::input(format!(
             "expected ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, \
              found degree {degree}, {poles} poles, {} knots with multiplicities that sum to {sum}",

@@ -66,7 +66,7 @@ pub struct StepMesh {
     /// Number of triangulated faces; a face that an assembly contains several times counts as often.
     pub faces: usize,
     /// Faces that could not be read or triangulated: number in the file and reason.
-    pub left_out: Vec<String>,
+    pub unreadable: Vec<String>,
 }
 
 /// Reads the faces of a STEP file, which may be compressed by gzip.
@@ -75,7 +75,7 @@ pub struct StepMesh {
 /// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, if it is not a STEP file,
 /// if it is damaged in the description of a shape, or if it has no faces;
 /// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read. An invalid face is not an error, but listed
-/// in [`StepMesh::left_out`].
+/// in [`StepMesh::unreadable`].
 ///
 /// # Examples
 /// ```
@@ -100,7 +100,7 @@ pub struct StepMesh {
 /// ")?;
 /// let faces = read_step(&path)?;
 /// let mesh = faces.triangles(&faces.fineness(None))?;
-/// assert_eq!((mesh.faces, mesh.left_out.len()), (1, 0));
+/// assert_eq!((mesh.faces, mesh.unreadable.len()), (1, 0));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_step(path: &Path) -> Result<StepFaces> {
@@ -128,20 +128,20 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     let faces = read_step(path)?;
     let named = |e: Error| e.in_context(path.display());
     let mesh = faces.triangles(&faces.fineness(None)).map_err(named)?;
-    if let Some(first) = mesh.left_out.first() {
+    if let Some(first) = mesh.unreadable.first() {
         return Err(named(Error::unsupported(format!(
             "{} of {} faces cannot be read; the first is {first}",
-            mesh.left_out.len(),
-            mesh.left_out.len() + mesh.faces
+            mesh.unreadable.len(),
+            mesh.unreadable.len() + mesh.faces
         ))));
     }
-    let mut whole = PolygonMesh { unit: faces.unit(), ..PolygonMesh::default() };
+    let mut combined = PolygonMesh { unit: faces.unit(), ..PolygonMesh::default() };
     for part in mesh.parts {
-        let first = whole.points.len() as u32;
-        whole.points.extend(part.points);
-        whole.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+        let first = combined.points.len() as u32;
+        combined.points.extend(part.points);
+        combined.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
     }
-    Ok(whole)
+    Ok(combined)
 }
 
 /// Items other than faces, with their number by keyword.
@@ -184,11 +184,11 @@ impl StepFaces {
         let places = products.places(&index, &length, MAX_PARTS)?;
         let mut shapes = Vec::new();
         let mut ignored = Ignored::new();
-        let mut is_taken: HashSet<u64> = HashSet::new();
+        let mut read_items: HashSet<u64> = HashSet::new();
         for (id, representation) in products.specialised_first() {
             // Items of several representations are read once.
             let items: Vec<u64> =
-                representation.items.iter().copied().filter(|i| is_taken.insert(*i)).collect();
+                representation.items.iter().copied().filter(|i| read_items.insert(*i)).collect();
             let geometry = Geometry {
                 index: &index,
                 length: length(&representation.units),
@@ -238,10 +238,10 @@ impl StepFaces {
                 let face = &shape.faces[l.face];
                 format!("face {} ({}): {}", face.name, face.surface.kind(), l.reason)
             });
-            mesh.left_out
-                .extend(placed.read.left_out.iter().map(|(name, reason)| format!("face {name}: {reason}")));
+            mesh.unreadable
+                .extend(placed.read.unreadable.iter().map(|(name, reason)| format!("face {name}: {reason}")));
             // Once, however often the shape is placed.
-            mesh.left_out.extend(failed);
+            mesh.unreadable.extend(failed);
             for motion in &placed.motions {
                 for part in &made.parts {
                     mesh.faces += part.faces.len();
@@ -260,11 +260,11 @@ impl StepFaces {
                 }
             }
         }
-        match (mesh.parts.is_empty(), mesh.left_out.first()) {
+        match (mesh.parts.is_empty(), mesh.unreadable.first()) {
             (false, _) => Ok(mesh),
             (true, Some(first)) => Err(Error::input(format!(
                 "none of the {} faces can be read; the first is {first}",
-                mesh.left_out.len()
+                mesh.unreadable.len()
             ))),
             (true, None) => Err(Error::input("expected faces in the assembly, found none")),
         }
@@ -317,10 +317,10 @@ fn shapes_of(
 
 /// Shells of a file without representations, or its faces if it has no shells.
 fn loose_shells(geometry: Geometry) -> Result<Vec<ReadShape>> {
-    let of = |keyword: &str| geometry.index.of_keyword(keyword).to_vec();
-    let mut items = [of("CLOSED_SHELL"), of("OPEN_SHELL")].concat();
+    let instances_of = |keyword: &str| geometry.index.of_keyword(keyword).to_vec();
+    let mut items = [instances_of("CLOSED_SHELL"), instances_of("OPEN_SHELL")].concat();
     if items.is_empty() {
-        items = of("ADVANCED_FACE");
+        items = instances_of("ADVANCED_FACE");
     }
     shapes_of(geometry, &items, None, &mut Ignored::new())
 }

@@ -97,7 +97,7 @@ const MIN_GAP_RAD: f64 = TAU / 24.0;
 /// surface is unchanged if the face does not cross the seam, or covers the whole circumference.
 ///
 /// Open Cascade 7.9 reads a face of more than half of a cylinder that crosses the seam as the other part.
-fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
+fn with_turned_seam(solid: &Solid, face: &Face) -> FaceSurface {
     let FaceSurface::Cylinder { origin, axis, x, radius } = face.surface else {
         return face.surface;
     };
@@ -185,7 +185,7 @@ fn write_shell<W: Write>(
     let mut faces = Vec::with_capacity(shell.len());
     for &index in shell {
         let face = &solid.faces[index];
-        let surface = write_surface(out, &seam_aside(solid, face))?;
+        let surface = write_surface(out, &with_turned_seam(solid, face))?;
         let mut bounds = Vec::with_capacity(face.loops.len());
         for (k, ring) in face.loops.iter().enumerate() {
             let mut oriented = Vec::with_capacity(ring.len());
@@ -262,7 +262,7 @@ mod tests {
         // 185 degrees across angle 0.
         let (from, to) = (-100_f64.to_radians(), 85_f64.to_radians());
         let solid = part(from, to);
-        let turned = seam_aside(&solid, &solid.faces[0]);
+        let turned = with_turned_seam(&solid, &solid.faces[0]);
         let angle = |t: f64| turned.parameters(solid.edges[0].curve.point(t))[0].rem_euclid(TAU);
         let mut last = 0.0;
         for k in 0..=20 {
@@ -294,7 +294,7 @@ mod tests {
     fn the_seam_is_kept_if_the_face_does_not_cross_it_or_closes() {
         for (from, to) in [(0.5, 4.0), (0.0, TAU)] {
             let solid = part(from, to);
-            assert_eq!(seam_aside(&solid, &solid.faces[0]), solid.faces[0].surface);
+            assert_eq!(with_turned_seam(&solid, &solid.faces[0]), solid.faces[0].surface);
         }
     }
 }

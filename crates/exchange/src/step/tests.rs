@@ -248,27 +248,31 @@ fn all_references_are_valid() {
 
 #[test]
 fn inconsistent_shapes_are_rejected_by_name() {
-    let spoil = |change: fn(&mut Brep)| {
+    let error_after = |change: fn(&mut Brep)| {
         let mut brep = tube();
         change(&mut brep);
         let e = brep.check(1e-6).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Input);
         e.to_string()
     };
-    assert!(spoil(|b| b.faces.clear()).contains("at least one face"));
-    assert!(spoil(|b| b.edges[1].end = 9).contains("edge 1: expected a vertex below 4, found 9"));
+    assert!(error_after(|b| b.faces.clear()).contains("at least one face"));
+    assert!(error_after(|b| b.edges[1].end = 9).contains("edge 1: expected a vertex below 4, found 9"));
     assert!(
-        spoil(|b| b.vertices[3][0] += 0.1)
+        error_after(|b| b.vertices[3][0] += 0.1)
             .contains("edge 1: expected its curve to end at vertex 3, found a distance of 0.1")
     );
-    assert!(spoil(|b| b.faces[1].edges[0].0 = 77).contains("face 1: expected an edge below 6, found 77"));
-    assert!(spoil(|b| b.faces[1].edges[0].1 = false).contains("face 1: expected edge 4 to start at vertex"));
-    assert!(spoil(|b| b.faces[0].surface.poles[5][1] = f64::NAN).contains("face 0: expected finite"));
-    assert!(spoil(|b| b.faces[0].surface.knots_u[1].1 = 1).contains("face 0: along u"));
-    assert!(spoil(|b| b.edges[0].curve.knots.swap(0, 1)).contains("edge 0: expected ascending knots"));
-    assert!(spoil(|b| b.closed = true).contains("edge 2: expected one use in each direction"));
     assert!(
-        spoil(|b| b.faces.push(b.faces[0].clone()))
+        error_after(|b| b.faces[1].edges[0].0 = 77).contains("face 1: expected an edge below 6, found 77")
+    );
+    assert!(
+        error_after(|b| b.faces[1].edges[0].1 = false).contains("face 1: expected edge 4 to start at vertex")
+    );
+    assert!(error_after(|b| b.faces[0].surface.poles[5][1] = f64::NAN).contains("face 0: expected finite"));
+    assert!(error_after(|b| b.faces[0].surface.knots_u[1].1 = 1).contains("face 0: along u"));
+    assert!(error_after(|b| b.edges[0].curve.knots.swap(0, 1)).contains("edge 0: expected ascending knots"));
+    assert!(error_after(|b| b.closed = true).contains("edge 2: expected one use in each direction"));
+    assert!(
+        error_after(|b| b.faces.push(b.faces[0].clone()))
             .contains("face 2: expected edge 2 once in each direction")
     );
     let folder = tempfile::tempdir().unwrap();

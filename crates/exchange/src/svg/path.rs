@@ -38,14 +38,14 @@ impl<'a> Words<'a> {
         let mut end = 0;
         let (mut has_point, mut has_exponent) = (false, false);
         while let Some(byte) = bytes.get(end) {
-            let goes_on = match byte {
+            let continues = match byte {
                 b'0'..=b'9' => true,
                 b'+' | b'-' => end == 0 || matches!(bytes[end - 1], b'e' | b'E'),
                 b'.' => !std::mem::replace(&mut has_point, true) && !has_exponent,
                 b'e' | b'E' => !std::mem::replace(&mut has_exponent, true),
                 _ => false,
             };
-            if !goes_on {
+            if !continues {
                 break;
             }
             end += 1;

@@ -2,8 +2,8 @@
 //!
 //! In: a border loop, the normals along it, and the existing edges. Out: triangles of minimum area (G.
 //! Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), oriented against the loop.
-//! Cost O(n³) for up to [`LONG`] edges; longer loops are first split by short chords. Not guaranteed: that
-//! the triangles do not intersect anything; minimum area for long loops.
+//! Cost O(n³) for up to [`MAX_LOOP_EDGES`] edges; longer loops are first split by short chords. Not
+//! guaranteed: that the triangles do not intersect anything; minimum area for long loops.
 
 use crate::edges::edge;
 use planish_core::DVec3;
@@ -12,9 +12,9 @@ use std::collections::HashSet;
 /// Factor on the area of triangles that face against the normals of their corners, so that folds are avoided.
 ///
 /// A larger factor would accept much larger covers to avoid a slightly tilted triangle.
-const FOLDED: f64 = 4.0;
+const FOLD_PENALTY: f64 = 4.0;
 /// Maximum number of edges of a loop that is covered at once; longer ones are split, as the cost is cubic.
-const LONG: usize = 300;
+const MAX_LOOP_EDGES: usize = 300;
 /// Maximum number of vertices of a loop between which chords are searched; the cost is quadratic.
 const MAX_CHORD_ENDS: usize = 2000;
 
@@ -28,13 +28,13 @@ pub(super) struct Surroundings<'a> {
 
 /// The triangulation of minimum area without existing inner edges, oriented against the loop; `None` if there
 /// is none.
-pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
+pub(super) fn minimal_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let mut cover = Vec::with_capacity(vertices.len());
     let mut parts = vec![vertices.to_vec()];
     // Chords go into the cover as ordinary edges. Each part is a loop of its own, closed by the chord.
     while let Some(part) = parts.pop() {
-        if part.len() <= LONG {
-            cover.extend(least_of_short(around, &part)?);
+        if part.len() <= MAX_LOOP_EDGES {
+            cover.extend(minimal_cover_of_short(around, &part)?);
         } else {
             let [from, to] = best_chord(around, &part)?;
             let rest = part[to..].iter().chain(&part[..=from]).copied().collect();
@@ -61,8 +61,8 @@ fn best_chord(around: &Surroundings<'_>, vertices: &[u32]) -> Option<[usize; 2]>
         .map(|(_, chord)| chord)
 }
 
-/// [`least_cover`] of a short loop, by dynamic programming over spans of the loop.
-fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
+/// [`minimal_cover`] of a short loop, by dynamic programming over spans of the loop.
+fn minimal_cover_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let n = vertices.len();
     if n < 3 {
         return None;
@@ -72,7 +72,7 @@ fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u3
         // The triangle is k, j, i: against the loop.
         let up = (at(j) - at(k)).cross(at(i) - at(k));
         let facing: f64 = [i, j, k].iter().map(|v| around.normals[vertices[*v] as usize].dot(up)).sum();
-        up.length() * if facing > 0.0 { 1.0 } else { FOLDED }
+        up.length() * if facing > 0.0 { 1.0 } else { FOLD_PENALTY }
     };
     // Split fans have vertices at equal positions: an edge between them would have no length.
     let free = |i: usize, j: usize| at(i) != at(j) && !around.edges.contains(&edge(vertices[i], vertices[j]));

@@ -76,7 +76,8 @@ pub(super) fn fair(
     let mut information = BlockInformation::zeros(Arc::clone(&pattern), 1, 3)?;
     for (row, element) in rows.iter().zip(&elements) {
         let nodes = nodes(element);
-        let ours: Vec<f64> = element.iter().filter(|(v, _)| inner(*v).is_some()).map(|e| e.1).collect();
+        let coefficients: Vec<f64> =
+            element.iter().filter(|(v, _)| inner(*v).is_some()).map(|e| e.1).collect();
         let (mut known, area) = match goal {
             Goal::Even => (DVec3::ZERO, 1.0),
             Goal::MeanCurvature(h) => {
@@ -87,8 +88,9 @@ pub(super) fn fair(
         for (v, w) in element.iter().filter(|(v, _)| inner(*v).is_none()) {
             known += *w * positions[*v as usize];
         }
-        let matrix: Vec<f64> = ours.iter().flat_map(|a| ours.iter().map(move |b| a * b / area)).collect();
-        let vector: Vec<f64> = ours.iter().flat_map(|a| (-a * known / area).to_array()).collect();
+        let matrix: Vec<f64> =
+            coefficients.iter().flat_map(|a| coefficients.iter().map(move |b| a * b / area)).collect();
+        let vector: Vec<f64> = coefficients.iter().flat_map(|a| (-a * known / area).to_array()).collect();
         information.add_element(&nodes, &matrix, &vector)?;
     }
     // One matrix for all three coordinates.

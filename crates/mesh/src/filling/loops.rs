@@ -1,9 +1,9 @@
 //! Border loops, and closing of short ones without new vertices.
 //!
 //! In: triangles with manifold edges. Out: the loops of their border, and triangles over those that may be
-//! closed ([`least_cover`]). Not guaranteed: that the new triangles do not intersect anything.
+//! closed ([`minimal_cover`]). Not guaranteed: that the new triangles do not intersect anything.
 
-use super::cover::{Surroundings, least_cover};
+use super::cover::{Surroundings, minimal_cover};
 use crate::edges::edge;
 use crate::half_edges::{NONE, next_in_triangle, opposites};
 use planish_core::DVec3;
@@ -88,16 +88,17 @@ pub(crate) fn close_loops(
         }
     }
     // The border of a single triangle is not a hole.
-    let alone: HashSet<[u32; 3]> =
+    let single_triangles: HashSet<[u32; 3]> =
         triangles.iter().filter(|t| t.iter().all(|v| on_loop[*v as usize])).map(|t| sorted(*t)).collect();
     let mut closed = 0;
     for vertices in loops {
-        let lone = vertices.len() == 3 && alone.contains(&sorted([vertices[0], vertices[1], vertices[2]]));
-        if lone {
+        let is_single_triangle = vertices.len() == 3
+            && single_triangles.contains(&sorted([vertices[0], vertices[1], vertices[2]]));
+        if is_single_triangle {
             continue;
         }
         let around = Surroundings { positions, normals, edges: &edges };
-        if let Some(cover) = least_cover(&around, &vertices) {
+        if let Some(cover) = minimal_cover(&around, &vertices) {
             // Covers of later loops must not repeat the edges of this one.
             for t in &cover {
                 for k in 0..3 {

@@ -1,10 +1,10 @@
 //! Refines the cover of a hole to triangles like those around it.
 //!
 //! In: triangles between the vertices of a loop, and the edge length at each. Out: triangles with additional
-//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GRADE`]), so that a large
-//! hole needs few triangles. The method splits triangles at their centroid and flips edges (P. Liepa,
-//! *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices lie on a
-//! plausible surface; fairing moves them.
+//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GROWTH_PER_DISTANCE`]), so
+//! that a large hole needs few triangles. The method splits triangles at their centroid and flips edges (P.
+//! Liepa, *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices
+//! lie on a plausible surface; fairing moves them.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, flip, opposites, split_triangle};
@@ -14,7 +14,7 @@ use std::collections::HashSet;
 
 /// Growth of the edge length per distance from the border. Larger values need fewer triangles but are
 /// coarser.
-const GRADE: f64 = 0.2;
+const GROWTH_PER_DISTANCE: f64 = 0.2;
 /// A triangle is split if its centroid is farther from each corner than this number of edge lengths (Liepa:
 /// √2 times the distance must exceed the length).
 const SPLIT_DISTANCE: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -60,7 +60,7 @@ impl Lid {
                 let at = corners.map(|v| self.positions[v as usize]);
                 let middle = 1.0 / 3.0 * (at[0] + (at[1] + at[2]));
                 let away = at.map(|p| p.distance(middle));
-                let graded = |k: usize| lengths[corners[k] as usize] + GRADE * away[k];
+                let graded = |k: usize| lengths[corners[k] as usize] + GROWTH_PER_DISTANCE * away[k];
                 // The smallest of the three: a long edge at one corner must not hide the density at
                 // another.
                 let length = graded(0).min(graded(1)).min(graded(2));

@@ -16,7 +16,7 @@ fn open_ball(below: f64) -> TriangleMesh {
     used.mesh
 }
 
-fn filled(mesh: &TriangleMesh, longest: usize) -> Filled {
+fn fill(mesh: &TriangleMesh, longest: usize) -> Filled {
     fill_holes(mesh, &vec![0.001; mesh.positions.len()], longest, &mut |_| Ok(())).unwrap()
 }
 
@@ -27,28 +27,28 @@ fn the_cover_of_a_ball_continues_its_curvature() {
     for (below, tolerance) in [(0.9, 0.001), (0.7, 0.005), (0.3, 0.02)] {
         let ball = open_ball(below);
         let n = ball.positions.len();
-        let done = filled(&ball, 10_000);
-        let check = done.mesh.check();
+        let filled = fill(&ball, 10_000);
+        let check = filled.mesh.check();
         assert!(check.watertight && check.oriented && check.manifold, "{below}: {check:?}");
-        assert_eq!((done.holes, done.rims, done.larger, done.uncovered), (1, 0, 0, 0));
-        assert_eq!(&done.mesh.positions[..n], &ball.positions[..]);
+        assert_eq!((filled.holes, filled.outer_rims, filled.too_long, filled.uncovered), (1, 0, 0, 0));
+        assert_eq!(&filled.mesh.positions[..n], &ball.positions[..]);
         let (mut worst, mut over) = (0.0_f64, 0.0_f64);
-        for (p, s) in done.mesh.positions.iter().zip(&done.sigma).skip(n) {
+        for (p, s) in filled.mesh.positions.iter().zip(&filled.sigma).skip(n) {
             let off = (p.length() - 1.0).abs();
             worst = worst.max(off);
             over = over.max(off / s);
         }
-        let angles: Vec<f64> = (ball.triangles.len()..done.mesh.triangles.len())
-            .map(|t| crate::triangle_shape(&done.mesh.corners(t)).0)
+        let angles: Vec<f64> = (ball.triangles.len()..filled.mesh.triangles.len())
+            .map(|t| crate::triangle_shape(&filled.mesh.corners(t)).0)
             .collect();
         let small = angles.iter().filter(|a| **a < 0.35).count();
         println!(
             "below {below}: {} vertices, off by {worst:.4}, {over:.2} σ; {small} of {} angles below 20°",
-            done.mesh.positions.len() - n,
+            filled.mesh.positions.len() - n,
             angles.len()
         );
         assert!(
-            done.mesh.positions.len() > n + 20 && worst < tolerance && over < 1.0,
+            filled.mesh.positions.len() > n + 20 && worst < tolerance && over < 1.0,
             "{below}: {worst}, {over}"
         );
         assert!(20 * small < angles.len(), "{small} of {}", angles.len());
@@ -69,8 +69,8 @@ fn sigma_of_a_cover_includes_noise_at_its_border() {
             let off = sigma * 12_f64.sqrt() * (rng.random::<f64>() - 0.5);
             *p = (1.0 + off) * *p;
         }
-        let done = fill_holes(&ball, &vec![sigma; n], 10_000, &mut |_| Ok(())).unwrap();
-        let over: Vec<f64> = (done.mesh.positions.iter().zip(&done.sigma).skip(n))
+        let filled = fill_holes(&ball, &vec![sigma; n], 10_000, &mut |_| Ok(())).unwrap();
+        let over: Vec<f64> = (filled.mesh.positions.iter().zip(&filled.sigma).skip(n))
             .map(|(p, s)| (p.length() - 1.0).abs() / s)
             .collect();
         println!("{sigma}: {:.2} σ at most", over.iter().copied().fold(0.0, f64::max));
@@ -87,32 +87,32 @@ fn outer_rims_stay_open() {
     let mut sheet = grid_sheet(2.0, 2.0, 41, 41);
     sheet.triangles.retain(|t| t.iter().any(|v| sheet.positions[*v as usize].length() > 0.5));
     let sheet = crate::MergePatch::make_manifold(&sheet, &[]).unwrap().patch.mesh;
-    let done = filled(&sheet, 10_000);
-    assert_eq!((done.holes, done.rims), (1, 1));
-    assert!(done.mesh.positions.iter().all(|p| p[2].abs() < 1e-9));
-    assert!((done.mesh.area() - 4.0).abs() < 1e-9);
+    let filled = fill(&sheet, 10_000);
+    assert_eq!((filled.holes, filled.outer_rims), (1, 1));
+    assert!(filled.mesh.positions.iter().all(|p| p[2].abs() < 1e-9));
+    assert!((filled.mesh.area() - 4.0).abs() < 1e-9);
     let dome = open_ball(-0.5);
     let turned = TriangleMesh::try_new(
         dome.positions.iter().map(|p| DVec3::new(p.x, -p.y, -p.z)).collect(),
         dome.triangles.clone(),
     );
-    assert_eq!(filled(&turned.unwrap(), 10_000).rims, 1);
-    let tube = filled(&cylinder(1.0, 3.0, 40, 20, false), 40);
+    assert_eq!(fill(&turned.unwrap(), 10_000).outer_rims, 1);
+    let tube = fill(&cylinder(1.0, 3.0, 40, 20, false), 40);
     assert!(tube.mesh.check().watertight && tube.holes == 2);
-    assert_eq!(filled(&cylinder(1.0, 3.0, 40, 20, false), 39).larger, 2);
+    assert_eq!(fill(&cylinder(1.0, 3.0, 40, 20, false), 39).too_long, 2);
     // The border of a single triangle is not a hole.
-    let lone = TriangleMesh::try_new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap();
-    assert_eq!((filled(&lone, 10).holes, filled(&lone, 10).rims), (0, 1));
+    let triangle = TriangleMesh::try_new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]]).unwrap();
+    assert_eq!((fill(&triangle, 10).holes, fill(&triangle, 10).outer_rims), (0, 1));
 }
 
 /// A long loop is split before it is covered, in reasonable time, and can be interrupted.
 #[test]
 fn long_loops_are_covered_too() {
     let tube = cylinder(1.0, 0.02, 3000, 3, false);
-    let done = filled(&tube, 10_000);
-    let check = done.mesh.check();
+    let filled = fill(&tube, 10_000);
+    let check = filled.mesh.check();
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
-    assert!(done.mesh.positions.len() < 60_000, "{}", done.mesh.positions.len());
+    assert!(filled.mesh.positions.len() < 60_000, "{}", filled.mesh.positions.len());
     let sigma = vec![0.001; tube.positions.len()];
     let stopped = fill_holes(&tube, &sigma, 10_000, &mut |_| Err(Error::interrupted()));
     assert_eq!(stopped.unwrap_err().kind(), ErrorKind::Interrupted);

@@ -30,16 +30,16 @@ pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
     let neighbours = Neighbours::from_mesh(mesh);
     // The heap needs a total order, which floats lack. Non-negative floats compare like their bits.
     while let Some(Reverse((bits, v))) = queue.pop() {
-        let here = f64::from_bits(bits);
+        let distance = f64::from_bits(bits);
         // The heap has no decrease-key: a shorter path to this vertex was processed before.
-        if here > far[v as usize] {
+        if distance > far[v as usize] {
             continue;
         }
         for &to in neighbours.of_vertex(v) {
-            let there = here + mesh.positions[v as usize].distance(mesh.positions[to as usize]);
-            if there < far[to as usize] && there < limit {
-                far[to as usize] = there;
-                queue.push(Reverse((there.to_bits(), to)));
+            let longer = distance + mesh.positions[v as usize].distance(mesh.positions[to as usize]);
+            if longer < far[to as usize] && longer < limit {
+                far[to as usize] = longer;
+                queue.push(Reverse((longer.to_bits(), to)));
             }
         }
     }

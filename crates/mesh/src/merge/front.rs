@@ -42,15 +42,15 @@ struct Border {
     previous: Vec<u32>,
     open: Vec<bool>,
     /// Open edges that start at a vertex.
-    leaving: HashMap<u32, Vec<u32>>,
+    outgoing: HashMap<u32, Vec<u32>>,
     /// Edges with both ends on the border, the smaller index first.
     edges: HashSet<[u32; 2]>,
 }
 
-/// A triangle that can be added to an edge: its third corner is the start of `leaving`.
+/// A triangle that can be added to an edge: its third corner is the start of `outgoing`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Candidate {
-    leaving: u32,
+    outgoing: u32,
     radius: f64,
 }
 
@@ -78,9 +78,9 @@ pub(super) fn stitch(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
             continue;
         }
         let (a, b, c) =
-            (border.from[edge as usize], border.to[edge as usize], border.from[best.leaving as usize]);
+            (border.from[edge as usize], border.to[edge as usize], border.from[best.outgoing as usize]);
         triangles.push([b, a, c]);
-        for changed in border.glue(edge, best.leaving).into_iter().flatten() {
+        for changed in border.add_triangle(edge, best.outgoing).into_iter().flatten() {
             for around in [border.previous[changed as usize], changed, border.next[changed as usize]] {
                 if let Some(best) = candidate(seam, &border, &grid, around) {
                     queue.push(Reverse((best.radius.to_bits(), around)));
@@ -100,7 +100,7 @@ impl Border {
             next: Vec::new(),
             previous: Vec::new(),
             open: Vec::new(),
-            leaving: HashMap::new(),
+            outgoing: HashMap::new(),
             edges: HashSet::new(),
         };
         let corner = |half: u32| triangles[half as usize / 3][half as usize % 3];
@@ -109,7 +109,7 @@ impl Border {
             number.insert(half, edge);
             border.from.push(corner(half));
             border.to.push(corner(next_in_triangle(half)));
-            border.leaving.entry(corner(half)).or_default().push(edge);
+            border.outgoing.entry(corner(half)).or_default().push(edge);
         }
         border.next = vec![NONE; border.from.len()];
         border.previous = vec![NONE; border.from.len()];
@@ -139,23 +139,23 @@ impl Border {
         border
     }
 
-    /// Adds the triangle of `edge` and the start of `leaving`. Returns the new open edges.
-    fn glue(&mut self, edge: u32, leaving: u32) -> [Option<u32>; 2] {
-        let (e, g) = (edge as usize, leaving as usize);
-        let (before, after, arriving) = (self.previous[e], self.next[e], self.previous[g]);
+    /// Adds the triangle of `edge` and the start of `outgoing`. Returns the new open edges.
+    fn add_triangle(&mut self, edge: u32, outgoing: u32) -> [Option<u32>; 2] {
+        let (e, g) = (edge as usize, outgoing as usize);
+        let (before, after, incoming) = (self.previous[e], self.next[e], self.previous[g]);
         let (a, b, c) = (self.from[e], self.to[e], self.from[g]);
         self.close(edge);
         // Each of the two other sides closes an edge of the border or becomes a new one. Corners are compared
         // as edges of the border, not as vertices: a vertex can be on the border twice, and only the matching
         // occurrence may be closed.
-        let first = if before == leaving {
-            self.close(leaving);
+        let first = if before == outgoing {
+            self.close(outgoing);
             None
         } else {
             Some(self.open_edge(a, c))
         };
-        let second = if after == arriving {
-            self.close(arriving);
+        let second = if after == incoming {
+            self.close(incoming);
             None
         } else {
             Some(self.open_edge(c, b))
@@ -163,16 +163,16 @@ impl Border {
         match (first, second) {
             (Some(x), Some(y)) => {
                 self.link(before, x);
-                self.link(x, leaving);
-                self.link(arriving, y);
+                self.link(x, outgoing);
+                self.link(incoming, y);
                 self.link(y, after);
             }
             (Some(x), None) => {
                 self.link(before, x);
-                self.link(x, leaving);
+                self.link(x, outgoing);
             }
             (None, Some(y)) => {
-                self.link(arriving, y);
+                self.link(incoming, y);
                 self.link(y, after);
             }
             (None, None) => {}
@@ -192,15 +192,15 @@ impl Border {
         self.next.push(NONE);
         self.previous.push(NONE);
         self.open.push(true);
-        self.leaving.entry(from).or_default().push(edge);
+        self.outgoing.entry(from).or_default().push(edge);
         self.edges.insert([from.min(to), from.max(to)]);
         edge
     }
 
     fn close(&mut self, edge: u32) {
         self.open[edge as usize] = false;
-        if let Some(leaving) = self.leaving.get_mut(&self.from[edge as usize]) {
-            leaving.retain(|e| *e != edge);
+        if let Some(outgoing) = self.outgoing.get_mut(&self.from[edge as usize]) {
+            outgoing.retain(|e| *e != edge);
         }
     }
 
@@ -232,7 +232,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     // Border vertices in reach, on the same side of the surface.
     let mut near: Vec<(u32, [f64; 2])> = Vec::new();
     grid.visit(middle, grid.reach + 0.5 * length, |v| {
-        if normal_at(v).dot(up) > 0.0 && !border.leaving[&v].is_empty() {
+        if normal_at(v).dot(up) > 0.0 && !border.outgoing[&v].is_empty() {
             near.push((v, flat(at(v))));
         }
     });
@@ -265,14 +265,14 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     seen.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
     for (cosine, c) in seen {
         let place = flat(at(c));
-        for &leaving in &border.leaving[&c] {
-            let arriving = border.previous[leaving as usize];
-            let (is_next, is_previous) = (border.next[e] == arriving, border.previous[e] == leaving);
+        for &outgoing in &border.outgoing[&c] {
+            let incoming = border.previous[outgoing as usize];
+            let (is_next, is_previous) = (border.next[e] == incoming, border.previous[e] == outgoing);
             if !is_next && border.joined(b, c) || !is_previous && border.joined(a, c) {
                 continue;
             }
             // The triangle must lie in the open sector of each of its corners.
-            let (p, n) = (border.from[arriving as usize], border.to[leaving as usize]);
+            let (p, n) = (border.from[incoming as usize], border.to[outgoing as usize]);
             let sectors = within(seam, c, [p, b, a, n])
                 && within(seam, a, [before, c, b, b])
                 && within(seam, b, [a, a, c, after]);
@@ -281,7 +281,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
             }
             // The two new edges must not cross other border edges. Only edges with an end in reach can do so.
             let crosses = near.iter().any(|&(v, _)| {
-                border.leaving[&v].iter().any(|&other| {
+                border.outgoing[&v].iter().any(|&other| {
                     let w = border.to[other as usize];
                     if other == edge || normal_at(w).dot(up) <= 0.0 {
                         return false;
@@ -296,7 +296,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
                 continue;
             }
             let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-            return Some(Candidate { leaving, radius: length / (2.0 * sine).max(1e-12) });
+            return Some(Candidate { outgoing, radius: length / (2.0 * sine).max(1e-12) });
         }
     }
     None

@@ -31,7 +31,7 @@ const SHAPE_ANGLE_RAD: f64 = 0.5;
 const MAX_ANGLE_RAD: f64 = 1.2;
 /// Maximum distance to a border, in edges, that is computed. Points farther inside are assigned to a patch by
 /// other criteria.
-pub(super) const FAR: f64 = 10.0;
+pub(super) const MAX_BORDER_DISTANCE: f64 = 10.0;
 /// Distance beyond a border, in edges, up to which a vertex counts as overlapping.
 ///
 /// Triangles between the border and a nearer vertex would be slivers.
@@ -58,7 +58,7 @@ pub struct OverlapFoot {
     /// Height of the foot point along the normal of the vertex.
     pub height: f64,
     /// True if the vertex lies beyond the border of the other patch, by less than half an edge.
-    pub beside: bool,
+    pub beyond_border: bool,
 }
 
 /// One patch with its foot points on the others.
@@ -156,9 +156,9 @@ impl Overlap {
             estimate_sigma(patches, searches, &mut known);
         }
         // Noise of the vertices tilts the normals by about 2σ over an edge, which θ has to allow for.
-        let theta = |of: &PatchOverlap| {
+        let theta = |overlap: &PatchOverlap| {
             options.theta_rad.unwrap_or_else(|| {
-                let (sigma, spacing) = (median(&of.sigma), median(&of.spacing));
+                let (sigma, spacing) = (median(&overlap.sigma), median(&overlap.spacing));
                 (SHAPE_ANGLE_RAD + GATE * (2.0 * sigma / spacing).atan()).min(MAX_ANGLE_RAD)
             })
         };
@@ -188,7 +188,7 @@ impl Overlap {
             }
         }
         let spacing: Vec<f64> = sum.iter().zip(&count).map(|(s, n)| s / f64::from((*n).max(1))).collect();
-        let limit = FAR * median(&spacing);
+        let limit = MAX_BORDER_DISTANCE * median(&spacing);
         PatchOverlap {
             normals: mesh.vertex_normals(),
             sigma: patch.sigma.clone(),
@@ -262,11 +262,11 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
             .into_par_iter()
             .step_by(step)
             .flat_map_iter(|v| {
-                let (mine, p) = (&known[i], patches[i].mesh.positions[v]);
+                let (own, p) = (&known[i], patches[i].mesh.positions[v]);
                 (0..patches.len()).filter(move |j| *j != i).filter_map(move |j| {
                     let foot = searches[j].closest_compatible_within(
                         p,
-                        mine.normals[v],
+                        own.normals[v],
                         SHAPE_ANGLE_RAD,
                         2.0 * spacing,
                     )?;
@@ -275,14 +275,14 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
                     if foot.on_boundary {
                         return None;
                     }
-                    let height = (foot.point - p).dot(mine.normals[v]).abs();
+                    let height = (foot.point - p).dot(own.normals[v]).abs();
                     let corners = patches[j].mesh.triangles[foot.triangle as usize];
                     let squares = foot.barycentric.map(|b| b * b);
                     Some(match patches[j].sigma.is_empty() {
                         true => [height, 1.0 + squares.iter().sum::<f64>(), 0.0],
                         false => {
-                            let there = corners.map(|c| patches[j].sigma[c as usize].powi(2));
-                            [height, 1.0, (0..3).map(|k| squares[k] * there[k]).sum()]
+                            let variances = corners.map(|c| patches[j].sigma[c as usize].powi(2));
+                            [height, 1.0, (0..3).map(|k| squares[k] * variances[k]).sum()]
                         }
                     })
                 })
@@ -330,16 +330,16 @@ fn feet_of(
 ) -> (Vec<u32>, Vec<OverlapFoot>) {
     let largest: Vec<f64> = known.iter().map(|k| k.sigma.iter().copied().fold(0.0, f64::max)).collect();
     let boxes: Vec<Option<BoundingBox>> = patches.iter().map(|p| p.mesh.bounding_box()).collect();
-    let mine = &known[i];
+    let own = &known[i];
     let of_vertex = |v: usize| -> Vec<OverlapFoot> {
-        let (p, n, sigma) = (patches[i].mesh.positions[v], mine.normals[v], mine.sigma[v]);
+        let (p, n, sigma) = (patches[i].mesh.positions[v], own.normals[v], own.sigma[v]);
         let mut feet = Vec::new();
         for j in (0..patches.len()).filter(|j| *j != i) {
             // The search distance uses the largest σ of the other patch; the σ at the foot decides
             // afterwards.
-            let beside = BEYOND_BORDER * mine.spacing[v];
+            let beyond_border = BEYOND_BORDER * own.spacing[v];
             let max_epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
-            let reach = max_epsilon.max(beside);
+            let reach = max_epsilon.max(beyond_border);
             // The box rejects most vertices of partly overlapping patches before a search starts.
             let inside = boxes[j]
                 .is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
@@ -347,20 +347,21 @@ fn feet_of(
                 continue;
             }
             let theta = thetas[i].max(thetas[j]);
-            let Some(foot) = searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beside))
+            let Some(foot) =
+                searches[j].closest_compatible_within(p, n, theta, max_epsilon.hypot(beyond_border))
             else {
                 continue;
             };
-            let sigma_there =
+            let other_sigma =
                 patches[j].mesh.interpolate(&known[j].sigma, foot.triangle as usize, foot.barycentric);
-            let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(sigma_there));
+            let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(other_sigma));
             let to = foot.point - p;
             let height = to.dot(n);
-            let aside = to.cross(n).length();
+            let lateral = to.cross(n).length();
             // At a border, the distance has a part along the surface, which says nothing about the fit of
             // both surfaces: height and lateral distance have limits of their own.
             let found = if foot.on_boundary {
-                height.abs() <= epsilon && aside <= beside
+                height.abs() <= epsilon && lateral <= beyond_border
             } else {
                 foot.distance <= epsilon
             };
@@ -370,7 +371,7 @@ fn feet_of(
                     triangle: foot.triangle,
                     barycentric: foot.barycentric,
                     height,
-                    beside: foot.on_boundary && aside > 1e-6 * mine.spacing[v],
+                    beyond_border: foot.on_boundary && lateral > 1e-6 * own.spacing[v],
                 });
             }
         }
@@ -399,24 +400,24 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
         for j in i + 1..patches.len() {
             let on = |k: usize, other: usize, v: usize| {
                 let feet = known[k].feet(v).iter();
-                feet.copied().find(|f| f.patch as usize == other && !f.beside)
+                feet.copied().find(|f| f.patch as usize == other && !f.beyond_border)
             };
             let of_patch = |k: usize, other: usize| -> Vec<(usize, OverlapFoot)> {
                 (0..patches[k].mesh.positions.len())
                     .filter_map(|v| on(k, other, v).map(|foot| (v, foot)))
                     .collect()
             };
-            let (mine, theirs) = (of_patch(i, j), of_patch(j, i));
-            if mine.is_empty() && theirs.is_empty() {
+            let (own_feet, feet_on_this) = (of_patch(i, j), of_patch(j, i));
+            if own_feet.is_empty() && feet_on_this.is_empty() {
                 continue;
             }
             let mesh = &patches[i].mesh;
             let corners = |foot: &OverlapFoot| mesh.triangles[foot.triangle as usize];
             let mut shared = vec![false; mesh.positions.len()];
-            for (v, _) in &mine {
+            for (v, _) in &own_feet {
                 shared[*v] = true;
             }
-            for (_, foot) in &theirs {
+            for (_, foot) in &feet_on_this {
                 for c in corners(foot) {
                     shared[c as usize] = true;
                 }
@@ -434,9 +435,9 @@ fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonR
             }
             // Ordered by label, so that sums and results have a fixed order.
             let mut sums: std::collections::BTreeMap<u32, (usize, f64)> = std::collections::BTreeMap::new();
-            let of_mine = mine.iter().map(|(v, foot)| (*v as u32, foot.height));
-            let of_theirs = theirs.iter().map(|(_, foot)| (corners(foot)[0], foot.height));
-            for (vertex, height) in of_mine.chain(of_theirs) {
+            let own_heights = own_feet.iter().map(|(v, foot)| (*v as u32, foot.height));
+            let heights_on_this = feet_on_this.iter().map(|(_, foot)| (corners(foot)[0], foot.height));
+            for (vertex, height) in own_heights.chain(heights_on_this) {
                 let sum = sums.entry(label.root(vertex)).or_default();
                 sum.0 += 1;
                 sum.1 += height * height;

@@ -4,14 +4,14 @@
 //! whose corners have a higher score than the other patches at the same point, unless they lie on or beside a
 //! kept triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
 //!
-//! The score is the distance to the border of the patch, in its edges and at most [`FAR`], so that a seam
-//! runs at equal distances from both borders. A patch that is finer than another by the factor
+//! The score is the distance to the border of the patch, in its edges and at most [`MAX_BORDER_DISTANCE`], so
+//! that a seam runs at equal distances from both borders. A patch that is finer than another by the factor
 //! [`FINER_RATIO`] wins from [`TAPER`] edges inside its border on, because it shows detail between the
 //! vertices of the other. Among almost equal scores the earlier patch wins by a fraction of an edge. The
 //! score of a point does not depend on the patch that it is compared with, so that one of any three patches
 //! always wins.
 
-use super::overlap::{FAR, median};
+use super::overlap::{MAX_BORDER_DISTANCE, median};
 use super::{MergePatch, Overlap, TAPER};
 
 /// Ratio of edge lengths from which a patch counts as finer than another.
@@ -22,11 +22,11 @@ const FINER_RATIO: f64 = 1.8;
 ///
 /// Without it, two scans from one viewpoint, which are equally far inside but for noise, become a patchwork
 /// with holes (test `two_scans_from_one_viewpoint_leave_no_holes`).
-const EARLIER_BONUS: f64 = 0.5;
+const PRECEDENCE: f64 = 0.5;
 /// Maximum advantage of the first patch over the last, in edges.
 ///
 /// It limits the sum over many patches, so that the first one does not win at its own border.
-const MAX_EARLIER_BONUS: f64 = 2.0;
+const MAX_PRECEDENCE: f64 = 2.0;
 
 /// Parameters of the score of a patch.
 #[derive(Debug, Clone, Copy)]
@@ -60,12 +60,12 @@ impl Score {
             levels[i] = level;
         }
         let count = edges.len();
-        let step = EARLIER_BONUS.min(MAX_EARLIER_BONUS / count.saturating_sub(1).max(1) as f64);
+        let step = PRECEDENCE.min(MAX_PRECEDENCE / count.saturating_sub(1).max(1) as f64);
         (0..count)
             .map(|i| Self {
                 edge: edges[i],
                 earlier: step * (count - 1 - i) as f64,
-                finer: 2.0 * FAR * f64::from(levels[i]),
+                finer: 2.0 * MAX_BORDER_DISTANCE * f64::from(levels[i]),
             })
             .collect()
     }
@@ -78,9 +78,9 @@ impl Score {
         // Infinite or NaN: interpolation of infinite distances gives ∞ · 0.
         let without_border = !within.is_finite();
         if without_border {
-            FAR + MAX_EARLIER_BONUS + 1.0 + self.finer + self.earlier
+            MAX_BORDER_DISTANCE + MAX_PRECEDENCE + 1.0 + self.finer + self.earlier
         } else {
-            within.min(FAR) + finer + self.earlier
+            within.min(MAX_BORDER_DISTANCE) + finer + self.earlier
         }
     }
 }
@@ -94,22 +94,22 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
     let mut all = Vec::with_capacity(patches.len());
     // One patch after the other: what an earlier patch keeps, a later one must leave.
     for (i, patch) in patches.iter().enumerate() {
-        let mine = &overlap.patches[i];
+        let own_overlap = &overlap.patches[i];
         let owned: Vec<bool> = (0..patch.mesh.positions.len())
             .map(|v| {
-                let here = scores[i].at(mine.to_border[v]);
-                mine.feet(v).iter().all(|foot| {
+                let own_score = scores[i].at(own_overlap.to_border[v]);
+                own_overlap.feet(v).iter().all(|foot| {
                     let j = foot.patch as usize;
                     let corners = patches[j].mesh.triangles[foot.triangle as usize];
                     if j < i && corners.iter().any(|c| in_kept[j][*c as usize]) {
                         return false;
                     }
-                    let there = patches[j].mesh.interpolate(
+                    let other_border = patches[j].mesh.interpolate(
                         &overlap.patches[j].to_border,
                         foot.triangle as usize,
                         foot.barycentric,
                     );
-                    foot.beside || here > scores[j].at(there)
+                    foot.beyond_border || own_score > scores[j].at(other_border)
                 })
             })
             .collect();
@@ -128,7 +128,7 @@ pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<V
         // A fine patch can lie within a single triangle of a coarse one, whose corners are then all outside
         // it.
         for v in (0..patch.mesh.positions.len()).filter(|v| in_kept[i][*v]) {
-            for foot in mine.feet(v).iter().filter(|f| f.patch as usize > i && !f.beside) {
+            for foot in own_overlap.feet(v).iter().filter(|f| f.patch as usize > i && !f.beyond_border) {
                 covered[foot.patch as usize][foot.triangle as usize] = true;
             }
         }

@@ -103,8 +103,8 @@ pub fn noise_correlation(patches: &[MergePatch], overlap: &Overlap) -> Vec<Noise
                     let size = 1.0 + s.pairs / s.members;
                     // The expected sum of products is ρ times the pairs, plus (1 − ρ) times what shared
                     // corners contribute.
-                    let alike = (s.products - s.white) / (s.pairs - s.white);
-                    (size.ln(), alike.clamp(0.0, 1.0))
+                    let correlation = (s.products - s.white) / (s.pairs - s.white);
+                    (size.ln(), correlation.clamp(0.0, 1.0))
                 })
                 .collect();
             NoiseCorrelation { curve }
@@ -114,24 +114,25 @@ pub fn noise_correlation(patches: &[MergePatch], overlap: &Overlap) -> Vec<Noise
 
 /// Differences of patch `j` from patch `i`, at the vertices of `i`.
 fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) -> Vec<Difference> {
-    let (mine, theirs) = (&overlap.patches[i], &overlap.patches[j]);
+    let (own_overlap, other_overlap) = (&overlap.patches[i], &overlap.patches[j]);
     let (mesh, other) = (&patches[i].mesh, &patches[j].mesh);
     (0..mesh.positions.len())
         .filter_map(|v| {
-            let foot = mine.feet(v).iter().find(|f| f.patch as usize == j && !f.beside)?;
-            let there = other.interpolate(&theirs.sigma, foot.triangle as usize, foot.barycentric);
-            let own = mine.sigma[v] * mine.sigma[v];
-            let variance = own + there * there;
+            let foot = own_overlap.feet(v).iter().find(|f| f.patch as usize == j && !f.beyond_border)?;
+            let other_sigma =
+                other.interpolate(&other_overlap.sigma, foot.triangle as usize, foot.barycentric);
+            let own = own_overlap.sigma[v] * own_overlap.sigma[v];
+            let variance = own + other_sigma * other_sigma;
             let both = variance.sqrt();
             let triangle = other.triangles[foot.triangle as usize];
             Some(Difference {
                 // The position of the weighted mean: its error is independent of the difference, so that
                 // forming batches by position does not select differences.
-                at: mesh.positions[v] + foot.height * own / variance * mine.normals[v],
+                at: mesh.positions[v] + foot.height * own / variance * own_overlap.normals[v],
                 height: foot.height / both,
                 corners: std::array::from_fn(|k| {
                     let corner = triangle[k];
-                    (corner, foot.barycentric[k] * theirs.sigma[corner as usize] / both)
+                    (corner, foot.barycentric[k] * other_overlap.sigma[corner as usize] / both)
                 }),
             })
         })

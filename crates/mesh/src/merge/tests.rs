@@ -101,7 +101,7 @@ fn overlapping_sheets_become_one_with_the_same_outline() {
 }
 
 #[test]
-fn duplicate_and_contained_patches_change_nothing() {
+fn duplicate_and_contained_patches_are_ignored() {
     let sheet = grid_sheet(10.0, 10.0, 31, 31);
     let small = grid_sheet(3.0, 3.0, 12, 12);
     let (_, zipped) = merge(&[sheet.clone(), sheet.clone(), small], 0.01, &OverlapOptions::default());

@@ -34,7 +34,7 @@ const LIMITS: [Limits; 4] = [
     Limits { flat: 0.2, well_shaped_rad: 0.1, worse: 0.2, sequence: 9 },
 ];
 /// Distance in edges within which a change makes another attempt at a vertex worthwhile.
-const NEAR: usize = 3;
+const RETRY_RADIUS: usize = 3;
 /// Maximum number of flips tried for one vertex; bounds the cost of the search.
 const MAX_TRIED: usize = 4_000;
 /// Additional weight of edges beyond six at the vertices that should have six at most.
@@ -63,7 +63,7 @@ pub(super) fn even_out(
     wanted: &[bool],
     steps: usize,
 ) -> (usize, Vec<u32>) {
-    let mut net = Net::new(positions, triangles, wanted, steps);
+    let mut net = FlipMesh::new(positions, triangles, wanted, steps);
     // Single flips that improve the sum, until none is left. After a flip, the edges of both triangles are
     // worth another test.
     let free = |half: &u32| net.free[net.corner(*half) as usize];
@@ -88,14 +88,14 @@ pub(super) fn even_out(
                 let at = v as usize;
                 if !wanted[at]
                     || net.valence[at] <= 6
-                    || !net.near(v, NEAR).into_iter().any(|w| changed[w as usize] > tried[at])
+                    || !net.near(v, RETRY_RADIUS).into_iter().any(|w| changed[w as usize] > tried[at])
                 {
                     continue;
                 }
                 (net.tried, tried[at]) = (0, changes);
                 net.trail.clear();
                 net.find_room(v, limits.sequence);
-                if net.relieve(&[v], limits.sequence, 0) {
+                if net.reduce_valence(&[v], limits.sequence, 0) {
                     changes += 1;
                     for w in net.trail.iter().flatten() {
                         changed[*w as usize] = changes;
@@ -111,7 +111,7 @@ pub(super) fn even_out(
 }
 
 /// Triangles with their adjacency and valences.
-struct Net<'a> {
+struct FlipMesh<'a> {
     positions: &'a [DVec3],
     triangles: &'a mut [[u32; 3]],
     wanted: &'a [bool],
@@ -133,7 +133,7 @@ struct Net<'a> {
     room: HashMap<u32, usize>,
 }
 
-impl<'a> Net<'a> {
+impl<'a> FlipMesh<'a> {
     fn new(positions: &'a [DVec3], triangles: &'a mut [[u32; 3]], wanted: &'a [bool], steps: usize) -> Self {
         let mut free = wanted.to_vec();
         for _ in 0..steps {
@@ -339,7 +339,7 @@ impl<'a> Net<'a> {
     ///
     /// `others` also have too many edges. Flips that leave few such vertices, close to vertices with room,
     /// come first.
-    fn promising(&self, vertex: u32, others: &[u32], flips: usize, change: i64) -> Vec<u32> {
+    fn flip_candidates(&self, vertex: u32, others: &[u32], flips: usize, change: i64) -> Vec<u32> {
         let mut ends: Vec<(usize, usize, u32)> = (self.leaving(vertex).into_iter())
             .filter_map(|half| {
                 let (more, [.., c, d]) = self.change(half)?;
@@ -364,11 +364,11 @@ impl<'a> Net<'a> {
 
     /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as
     /// a result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
-    fn relieve(&mut self, too_many: &[u32], flips: usize, change: i64) -> bool {
+    fn reduce_valence(&mut self, too_many: &[u32], flips: usize, change: i64) -> bool {
         let Some((vertex, others)) = too_many.split_last() else {
             return false;
         };
-        for end in self.promising(*vertex, others, flips, change) {
+        for end in self.flip_candidates(*vertex, others, flips, change) {
             // Undone flips renumber half-edges, so the edge is found again by its end.
             let edge = self.leaving(*vertex).into_iter().find(|h| self.end(*h) == end);
             let Some((edge, (more, around))) = edge.and_then(|h| Some((h, self.change(h)?))) else {
@@ -390,7 +390,7 @@ impl<'a> Net<'a> {
             let mut left = too_many.to_vec();
             left.extend([c, d].iter().filter(|v| !too_many.contains(v)));
             left.retain(|v| self.has_too_many(*v));
-            if self.relieve(&left, flips - 1, change + more) {
+            if self.reduce_valence(&left, flips - 1, change + more) {
                 return true;
             }
             let back = self.leaving(c).into_iter().find(|h| self.end(*h) == d);

@@ -10,7 +10,7 @@ fn any(random: &mut ChaCha8Rng) -> DVec3 {
 }
 
 /// Random triangles, one in three without area.
-fn rubble(count: u32, seed: u64) -> TriangleMesh {
+fn random_triangles(count: u32, seed: u64) -> TriangleMesh {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut positions = Vec::new();
     for t in 0..count {
@@ -59,7 +59,7 @@ fn reference_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
 
 #[test]
 fn closest_agrees_with_all_triangles() {
-    let mesh = rubble(600, 1);
+    let mesh = random_triangles(600, 1);
     let search = MeshSearch::try_new(&mesh).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(2);
     for round in 0..3000 {
@@ -89,7 +89,7 @@ fn closest_agrees_with_all_triangles() {
 
 #[test]
 fn hints_bounds_and_batches_do_not_change_the_answer() {
-    let mesh = rubble(900, 3);
+    let mesh = random_triangles(900, 3);
     let search = MeshSearch::try_new(&mesh).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut points: Vec<DVec3> = (0..2000).map(|_| any(&mut random)).collect();

@@ -55,7 +55,11 @@ pub(crate) fn compare_page(
         figures,
         scene: Some(scene),
         drawings: Vec::new(),
-        sections: vec![deviations(report, unit), consistency(&normalised, report), skipped_points(report)],
+        sections: vec![
+            distance_section(report, unit),
+            coverage_section(&normalised, report),
+            section_of_skipped(report),
+        ],
     })
 }
 
@@ -187,7 +191,7 @@ fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
     }
 }
 
-fn deviations(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
+fn distance_section(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
     let rms = unit.head("rms");
     let mut table = Table::new(["", &rms, "mean", "median |d|", "95 % |d|", "largest |d|", "points"]);
     for (name, found) in [("model to reference", &report.forward), ("reference to model", &report.backward)] {
@@ -198,7 +202,7 @@ fn deviations(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
     Section::new("Deviations", vec![Block::Table(table)])
 }
 
-fn consistency(normalised: &[f64], report: &ComparisonReport) -> Section {
+fn coverage_section(normalised: &[f64], report: &ComparisonReport) -> Section {
     // The plot is empty if no deviation has a σ.
     let svg = plot::normalised_residuals(normalised);
     let blocks = if svg.is_empty() {
@@ -226,7 +230,7 @@ fn consistency(normalised: &[f64], report: &ComparisonReport) -> Section {
     Section::new("Consistency of σ", blocks)
 }
 
-fn skipped_points(report: &ComparisonReport) -> Section {
+fn section_of_skipped(report: &ComparisonReport) -> Section {
     let skipped = report.skipped;
     let causes = [
         (skipped.model_not_observed, "points of the model that were not measured or belong to another part"),

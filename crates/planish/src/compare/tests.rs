@@ -36,7 +36,7 @@ fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 #[test]
-fn a_model_outside_its_reference_is_positive_both_ways() {
+fn a_model_outside_its_reference_is_positive_in_both_directions() {
     let small = icosphere(0.9, 4);
     for model in [
         measured(Shape::Ball),
@@ -53,7 +53,7 @@ fn a_model_outside_its_reference_is_positive_both_ways() {
 }
 
 #[test]
-fn signs_follow_the_references_normals_then_the_models() {
+fn signs_follow_the_normals_of_the_reference_then_of_the_model() {
     let model = measured(Shape::Ball);
     let small = icosphere(0.9, 3);
     let inward: Vec<DVec3> = small.vertex_normals().into_iter().map(|n| -n).collect();
@@ -126,7 +126,7 @@ fn coverage(stated: f64, reference_sigma: f64) -> f64 {
 }
 
 #[test]
-fn ninety_five_per_cent_are_covered_where_sigma_is_true() {
+fn a_correct_sigma_covers_ninety_five_per_cent() {
     // Sixty fits of some forty degrees of freedom each: the mean is known to half a per cent.
     let found = coverage(1.0, 0.0);
     assert!((0.94..0.97).contains(&found), "{found}");
@@ -164,17 +164,17 @@ fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
 }
 
 #[test]
-fn nothing_is_compared_beyond_a_border() {
+fn points_beyond_a_border_are_not_compared() {
     let model = measured(Shape::Sheet);
     // Three points over the sheet, two outside of it.
-    let beside = vec![
+    let shifted = vec![
         DVec3::new(0.0, 0.0, 0.1),
         DVec3::new(0.5, 0.2, 0.1),
         DVec3::new(-0.5, 0.2, 0.1),
         DVec3::new(1.5, 0.0, 0.1),
         DVec3::new(0.0, -2.0, 0.1),
     ];
-    let report = compared(&model, points(beside));
+    let report = compared(&model, points(shifted));
     let backward = report.backward.unwrap();
     assert_eq!((backward.n, report.skipped.reference_beyond_border), (3, 2));
     // The model is below them, and its normal points up.
@@ -187,7 +187,7 @@ fn nothing_is_compared_beyond_a_border() {
 }
 
 #[test]
-fn only_what_was_measured_is_compared() {
+fn only_measured_parts_are_compared() {
     let surface = refined_surface(Shape::Sheet);
     let left = |leaf: usize| surface.leaf_point(leaf, 0.5, 0.5)[0] < 0.0;
     let model = Compared::Surface(Box::new(model_of(surface.clone(), left)));
@@ -234,7 +234,7 @@ fn a_reference_in_another_unit_is_converted() {
 }
 
 #[test]
-fn two_things_apart_share_nothing_to_compare() {
+fn objects_without_overlap_cannot_be_compared() {
     let model = measured(Shape::Sheet);
     let e = compare(&model, points(vec![DVec3::new(50.0, 0.0, 0.0)]), &CompareOptions::default(), &Silent)
         .unwrap_err();
@@ -243,7 +243,7 @@ fn two_things_apart_share_nothing_to_compare() {
 }
 
 #[test]
-fn columns_that_cannot_be_are_refused_by_vertex() {
+fn impossible_columns_are_rejected_with_their_vertex() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, columns: &str, values: &str| {
         let properties: String = columns.split(' ').map(|c| format!("property double {c}\n")).collect();

@@ -40,7 +40,7 @@ pub struct ConstrainJob {
 impl ConstrainJob {
     /// Whether there is anything to do.
     #[must_use]
-    pub fn is_asked_for(&self) -> bool {
+    pub fn has_task(&self) -> bool {
         self.propose || self.snap.is_some() || !self.given.is_empty() || !self.graphs.is_empty()
     }
 }

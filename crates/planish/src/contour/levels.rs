@@ -9,7 +9,7 @@ use serde::Serialize;
 
 /// Confidence of the test that compares levels. Levels that pass are treated as equal. A higher value merges
 /// levels that differ; a lower one separates equal levels by chance. Guarded by the test
-/// `levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution`.
+/// `equal_levels_form_a_prism_and_coaxial_circles_a_revolution`.
 const CONFIDENCE: f64 = 0.99;
 
 /// How the main contours of the levels are related.
@@ -55,7 +55,7 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
         return None;
     }
     let levels: Vec<f64> = main.iter().filter_map(|p| p.level).collect();
-    let nothing = LevelRelation {
+    let no_relation = LevelRelation {
         relation: Relation::None,
         levels: levels.clone(),
         chi_square: f64::NAN,
@@ -66,12 +66,12 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
     let kind = &main[0].choice.fit.kind;
     // Different kinds have no parameters in common that could be compared.
     if main.iter().any(|p| p.choice.fit.kind != *kind) {
-        return Some(nothing);
+        return Some(no_relation);
     }
     let all = kind.parameters();
     let compared = compare(&main, all, levels.clone());
     let Some(prism) = compared else {
-        return Some(nothing);
+        return Some(no_relation);
     };
     // The stricter relation first: a prism of circles is also a solid of revolution.
     if prism.chi_square <= prism.limit {

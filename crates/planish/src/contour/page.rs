@@ -170,7 +170,7 @@ mod tests {
     use super::with_sigma;
 
     #[test]
-    fn values_have_the_digits_that_sigma_leaves() {
+    fn digits_of_values_follow_from_sigma() {
         assert_eq!(with_sigma(12.3456, 0.0123), "12.346 ± 0.012");
         assert_eq!(with_sigma(-0.000_001, 0.02), "0.000 ± 0.020");
         assert_eq!(with_sigma(-0.5, 0.02), "-0.500 ± 0.020");

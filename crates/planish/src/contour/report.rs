@@ -88,7 +88,8 @@ pub struct ContourReport {
     #[serde(serialize_with = "unit_name")]
     pub unit: Option<Unit>,
     /// Number of readings that were skipped before the fit.
-    pub left_out: usize,
+    #[serde(rename = "left_out")]
+    pub ignored: usize,
     /// What a user should know; files that hold the contours leave it out.
     #[serde(skip)]
     pub findings: Vec<Finding>,
@@ -150,7 +151,7 @@ pub(super) fn report(
         constrained: None,
         contours,
         unit,
-        left_out: read.left_out,
+        ignored: read.ignored,
         findings,
     }
 }

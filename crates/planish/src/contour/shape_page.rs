@@ -144,7 +144,7 @@ mod tests {
 
     /// Readings without errors are on the drawn triangles of their shape.
     #[test]
-    fn what_is_drawn_is_the_shape() {
+    fn the_drawing_shows_the_shape() {
         let sensor = SpaceSensor {
             standoff: 10.0,
             sigma_position: 1e-3,

@@ -25,13 +25,13 @@ struct Size {
 /// The sizes of a contour: those of its bars and circles where relations were imposed, else its parameters.
 fn sizes_of(report: &ContourReport, contour: usize) -> Vec<Size> {
     if let Some(found) = &report.constrained {
-        let of = |sizes: &[crate::contour::ReportedSize], is_radius: bool| -> Vec<Size> {
+        let sizes_of = |sizes: &[crate::contour::ReportedSize], is_radius: bool| -> Vec<Size> {
             let own = sizes.iter().filter(|size| size.contour == contour);
             own.map(|size| Size { name: size.name.clone(), value: size.value, sigma: size.sigma, is_radius })
                 .collect()
         };
-        let mut sizes = of(&found.bars, false);
-        sizes.extend(of(&found.circles, true));
+        let mut sizes = sizes_of(&found.bars, false);
+        sizes.extend(sizes_of(&found.circles, true));
         return sizes;
     }
     let part = report.contours.get(contour);
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_stand_outside() {
+    fn labels_are_outside() {
         assert_eq!(outwards([0.0, 1.0], [0.0; 2], [3.0, 0.0]), [0.0, 1.0]);
         assert_eq!(outwards([0.0, -1.0], [0.0; 2], [3.0, 0.0]), [0.0, -1.0]);
     }

@@ -72,7 +72,7 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
         levels: None,
         unit: job.unit,
         // Readings in space are not separated into groups, so none is a stray.
-        left_out: 0,
+        ignored: 0,
     };
     report.findings.extend(judge(&report));
     progress.check(WRITING_STAGE, 0.95)?;

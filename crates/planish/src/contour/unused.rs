@@ -26,7 +26,7 @@ pub(super) enum Readings {
 /// `Input`, naming the option and the file.
 pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> {
     // Settings with a default cannot be absent. Stating the default explicitly is not noticed, and harmless.
-    let usual = CarmenOptions::default();
+    let defaults = CarmenOptions::default();
     let SigmaDefaults { position, heading_deg, range, point } = job.sigma;
     let (is_log, is_picture) = (readings == Readings::Log, readings == Readings::Picture);
     let has_poses = !matches!(readings, Readings::Points | Readings::Picture);
@@ -34,9 +34,9 @@ pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> 
     // Setting, name, whether it is given, whether the readings can use it, and its purpose.
     let options = [
         (Setting::Region, "a region", job.carmen.region.is_some(), is_log, "logs of scans"),
-        (Setting::Scan, "the first scan", job.carmen.first != usual.first, is_log, "logs of scans"),
-        (Setting::Scans, "the number of scans", job.carmen.count != usual.count, is_log, "logs of scans"),
-        (Setting::RangeGate, "a gate of ranges", job.carmen.range != usual.range, is_log, "logs of scans"),
+        (Setting::Scan, "the first scan", job.carmen.first != defaults.first, is_log, "logs of scans"),
+        (Setting::Scans, "the number of scans", job.carmen.count != defaults.count, is_log, "logs of scans"),
+        (Setting::RangeGate, "a gate of ranges", job.carmen.range != defaults.range, is_log, "logs of scans"),
         (Setting::PixelSize, "the size of a pixel", job.pixel.is_some(), is_picture, "pictures"),
         (Setting::SigmaPoint, "σ of points", point.is_some(), has_points, "readings that are points"),
         (Setting::SigmaPosition, "σ of positions", position.is_some(), has_poses, "readings from poses"),

@@ -35,16 +35,16 @@ pub(crate) fn fit_page(
     let (mut scene, tolerance) =
         model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;
     // The plan is made from the model as it is written, so it agrees with `planish next`.
-    let next = what_next(fit)?;
+    let next = next_points_for(fit)?;
     if let Some(next) = &next {
         scene.marks = next_marks(&next.points, unit);
         "next measurements".clone_into(&mut scene.marks_name);
     }
     let scans = fit.readings.as_ref().map_or(&[][..], |readings| &readings.scans);
-    let mut sections = vec![inputs(report, scans, unit), quality(fit, report, gate, unit)];
+    let mut sections = vec![input_section(report, scans, unit), quality_section(fit, report, gate, unit)];
     // Findings come first on the page; the sections give their evidence in the order of the work.
-    sections.extend(completed_parts(report));
-    sections.push(next_steps(report, next.as_ref(), model_unit, unit));
+    sections.extend(completion_section(report));
+    sections.push(advice_section(report, next.as_ref(), model_unit, unit));
     sections.push(Section::new(
         "About the 3D view",
         vec![Block::Text(format!(
@@ -102,7 +102,7 @@ fn false_sigma(sensor: &SensorReport) -> Option<f64> {
     sensor.sigma_stated.filter(|_| sensor.sigma_used_is_estimated)
 }
 
-fn inputs(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
+fn input_section(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let share = share_rejected(scans);
     if !scans.is_empty() {
@@ -130,15 +130,16 @@ fn inputs(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Sec
     blocks.push(Block::Text(if total == 0 {
         "No reading was rejected.".to_owned()
     } else {
-        let causes: Vec<String> =
-            (report.rejected.iter()).map(|(cause, n)| format!("{} {}", count(*n), why(cause))).collect();
+        let causes: Vec<String> = (report.rejected.iter())
+            .map(|(cause, n)| format!("{} {}", count(*n), cause_text(cause)))
+            .collect();
         format!("{} rejected: {}.", counted(total, "reading"), causes.join(", "))
     }));
     Section::new("Inputs", blocks)
 }
 
 /// Causes in words.
-fn why(cause: &str) -> String {
+fn cause_text(cause: &str) -> String {
     match cause {
         // Keys of the summary, in words. A new key is shown as it is.
         "depth_edge" => "at depth edges".to_owned(),
@@ -154,7 +155,7 @@ fn why(cause: &str) -> String {
     }
 }
 
-fn quality(fit: &Fit, report: &FitReport, gate: f64, unit: SmallUnit<'_>) -> Section {
+fn quality_section(fit: &Fit, report: &FitReport, gate: f64, unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let positions: Vec<&SensorReport> = report.sensors.iter().filter(|s| s.quantity == "position").collect();
     // Without a stated σ there is nothing to compare.
@@ -246,7 +247,7 @@ fn quality(fit: &Fit, report: &FitReport, gate: f64, unit: SmallUnit<'_>) -> Sec
 }
 
 /// The section about parts that were completed from measured parts.
-fn completed_parts(report: &FitReport) -> Option<Section> {
+fn completion_section(report: &FitReport) -> Option<Section> {
     let found = report.propagation.as_ref()?;
     let mut blocks = Vec::new();
     if let Some(symmetry) = &found.symmetry {
@@ -272,7 +273,7 @@ fn completed_parts(report: &FitReport) -> Option<Section> {
 }
 
 /// The best next points to measure, or none for a model that does not support it.
-fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
+fn next_points_for(fit: &Fit) -> Result<Option<NextReport>> {
     let options = NextOptions { count: NEXT_POINTS, ..NextOptions::default() };
     match next_points(&fit.model, &options, &Silent) {
         Ok(next) => Ok(Some(next)),
@@ -282,7 +283,7 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
     }
 }
 
-fn next_steps(
+fn advice_section(
     report: &FitReport,
     next: Option<&NextReport>,
     model_unit: &str,

@@ -306,17 +306,17 @@ fn unaligned<'a>(
 /// without overlap.
 fn distance_scales(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
     // Both directions count: a small patch has few vertices, but the others have many beside it.
-    let mine = || rows.iter().filter(|r| r.here == k || r.there == k);
-    let off: Vec<f64> = mine().map(|r| r.distance).collect();
+    let own_residuals = || rows.iter().filter(|r| r.patch == k || r.other == k);
+    let off: Vec<f64> = own_residuals().map(|r| r.distance).collect();
     if off.is_empty() {
         return Ok((0.0, 0.0));
     }
-    let normalised: Vec<f64> = mine().map(Residual::normalised).collect();
+    let normalised: Vec<f64> = own_residuals().map(Residual::normalised).collect();
     Ok((median_magnitude_scale(&off)?, median_magnitude_scale(&normalised)?))
 }
 
 fn residual_count(k: usize, rows: &[Residual]) -> usize {
-    rows.iter().filter(|r| r.here == k || r.there == k).count()
+    rows.iter().filter(|r| r.patch == k || r.other == k).count()
 }
 
 fn motion(

@@ -77,7 +77,8 @@ pub(super) fn refitted(
     progress: &dyn Progress,
 ) -> Result<Vec<FusedVertices>> {
     let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::from_mesh(&p.mesh)).collect();
-    let shared = |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beside);
+    let shared =
+        |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beyond_border);
     let mut weight: Vec<Vec<f64>> = patches.iter().map(|p| vec![0.0; p.mesh.positions.len()]).collect();
     let mut moved: Vec<Vec<DVec3>> =
         patches.iter().map(|p| vec![DVec3::ZERO; p.mesh.positions.len()]).collect();
@@ -141,7 +142,7 @@ pub(super) fn refitted(
             let to = 1.0 / w * moved[p][v];
             let share = match how {
                 Refit::Shared => 1.0,
-                Refit::Information => within_others(patches, overlap, place),
+                Refit::Information => blend_factor(patches, overlap, place),
             };
             let from = fused.positions[v];
             fused.positions[v] = from + share * (to - from);
@@ -165,15 +166,15 @@ fn by_position(patches: &[MergePatch], a: Place, b: Place) -> Ordering {
 }
 
 /// Blending factor of a vertex: 0 at the borders of the other patches, 1 a few edges inside.
-fn within_others(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64 {
+fn blend_factor(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64 {
     overlap.patches[p as usize]
         .feet(v as usize)
         .iter()
-        .filter(|f| !f.beside)
+        .filter(|f| !f.beyond_border)
         .map(|f| {
-            let (mesh, of) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
+            let (mesh, other_overlap) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
             let read = |values: &[f64]| mesh.interpolate(values, f.triangle as usize, f.barycentric);
-            planish_mesh::taper(read(&of.to_border), BLEND_WIDTH * read(&of.spacing))
+            planish_mesh::taper(read(&other_overlap.to_border), BLEND_WIDTH * read(&other_overlap.spacing))
         })
         .fold(0.0, f64::max)
 }
@@ -183,13 +184,13 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         return Ok(Vec::new());
     }
     let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
-    let of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
+    let overlap_of = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
     let count = piece.members.len() as f64;
     let mut middle = DVec3::ZERO;
     let mut axis = DVec3::ZERO;
     let mut spacing = 0.0;
     for (place, _) in &piece.members {
-        let (known, v) = of(*place);
+        let (known, v) = overlap_of(*place);
         middle += at(*place);
         axis += known.normals[v];
         spacing += known.spacing[v];
@@ -200,8 +201,8 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     };
     // The axis most perpendicular to `z` gives a cross product far from zero.
     let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
-    let aside: DVec3 = DVec3::from_array(std::array::from_fn(|k| f64::from(u8::from(k == smallest))));
-    let Some(x) = aside.cross(z).try_normalize() else {
+    let axis: DVec3 = DVec3::from_array(std::array::from_fn(|k| f64::from(u8::from(k == smallest))));
+    let Some(x) = axis.cross(z).try_normalize() else {
         return Ok(Vec::new());
     };
     let y = z.cross(x);
@@ -214,7 +215,7 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         .iter()
         .map(|(member, _)| {
             let (place, height) = frame(*member);
-            let (known, v) = of(*member);
+            let (known, v) = overlap_of(*member);
             // σ along the normal, converted to the axis of the height field. The limit of 0.2 keeps steep
             // vertices from losing all weight.
             let along = known.sigma[v] / known.normals[v].dot(z).max(0.2);
@@ -279,24 +280,24 @@ impl Walk {
         self.walks += 1;
         let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
         let known = |(p, v): Place| (&overlap.patches[p as usize], v as usize);
-        let (of, v) = known(first);
-        let (middle, normal, radius) = (at(first), of.normals[v], RADIUS_EDGES * of.spacing[v]);
+        let (overlap, v) = known(first);
+        let (middle, normal, radius) = (at(first), overlap.normals[v], RADIUS_EDGES * overlap.spacing[v]);
         let mut members = Vec::new();
         let mut queue = vec![first];
         self.met[first.0 as usize][first.1 as usize] = self.walks;
         while let Some(place) = queue.pop() {
             let far = at(place).distance(middle) / radius;
-            let (of, v) = known(place);
-            if far >= 1.0 || of.normals[v].dot(normal) < MIN_COSINE || !belongs(place) {
+            let (overlap, v) = known(place);
+            if far >= 1.0 || overlap.normals[v].dot(normal) < MIN_COSINE || !belongs(place) {
                 continue;
             }
             let w = 1.0 - far * far;
             members.push((place, w * w));
-            let mine = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
-            let others = of.feet(v).iter().filter(|f| !f.beside).flat_map(|f| {
+            let own_neighbours = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
+            let other_patches = overlap.feet(v).iter().filter(|f| !f.beyond_border).flat_map(|f| {
                 patches[f.patch as usize].mesh.triangles[f.triangle as usize].map(|end| (f.patch, end))
             });
-            for to in mine.chain(others) {
+            for to in own_neighbours.chain(other_patches) {
                 let met = &mut self.met[to.0 as usize][to.1 as usize];
                 if *met != self.walks {
                     *met = self.walks;

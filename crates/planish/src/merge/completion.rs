@@ -51,7 +51,7 @@ pub(super) struct Facing {
 /// A completed mesh, and the part of it that comes from the bound.
 pub(super) struct Completed {
     /// The completed mesh. In its sources, patch 0 is the merged surface and 1 is the bound.
-    pub whole: StitchedMesh,
+    pub merged: StitchedMesh,
     /// Vertices that are the bound's.
     pub vertices: usize,
     /// Triangles that were removed because they lie outside the bound.
@@ -96,7 +96,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
         false => bound.sigma.clone(),
     };
     let rest = MergePatch::make_manifold(&mesh, &sigma)?.patch;
-    let whole = if rest.mesh.triangles.is_empty() {
+    let completed = if rest.mesh.triangles.is_empty() {
         let count = first.mesh.positions.len();
         StitchedMesh {
             kept: first.mesh.triangles.len(),
@@ -120,20 +120,20 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
         stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: MAX_NOTCH_EDGES })?
     };
     // Stitching may have closed holes outside the bound, so the limits are applied again.
-    let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
+    let (last, kept_vertices, again) = within(&completed.mesh, &completed.sigma, limits)?;
     carved += again;
-    let whole = StitchedMesh {
-        source: (of_whole.iter().map(|v| whole.source[*v as usize]))
+    let completed = StitchedMesh {
+        source: (kept_vertices.iter().map(|v| completed.source[*v as usize]))
             .map(|(patch, v)| (patch, if patch == 0 { source[v as usize] } else { v }))
             .collect(),
-        stitched: of_whole.iter().map(|v| whole.stitched[*v as usize]).collect(),
-        kept: whole.kept.min(last.mesh.triangles.len()),
+        stitched: kept_vertices.iter().map(|v| completed.stitched[*v as usize]).collect(),
+        kept: completed.kept.min(last.mesh.triangles.len()),
         mesh: last.mesh,
         sigma: last.sigma,
-        ..whole
+        ..completed
     };
-    let vertices = whole.source.iter().filter(|(patch, _)| *patch == 1).count();
-    Ok(Completed { whole, vertices, carved, facing })
+    let vertices = completed.source.iter().filter(|(patch, _)| *patch == 1).count();
+    Ok(Completed { merged: completed, vertices, carved, facing })
 }
 
 /// Findings about which way patches faced.
@@ -196,12 +196,12 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
 
 /// For each vertex, the smallest vertex of its connected part.
 fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
-    let mut of = DisjointSets::new(mesh.positions.len());
+    let mut sets = DisjointSets::new(mesh.positions.len());
     for [a, b, c] in &mesh.triangles {
-        of.join(*a, *b);
-        of.join(*a, *c);
+        sets.join(*a, *b);
+        sets.join(*a, *c);
     }
-    of.into_roots()
+    sets.into_roots()
 }
 
 /// Triangles inside the bound, the original numbers of their vertices, and the number of removed triangles.
@@ -275,15 +275,15 @@ mod tests {
             };
             let bound = MergePatch { mesh: bound, sigma: Vec::new() };
             let done = completed(&merged, &bound).unwrap();
-            let check = done.whole.mesh.check();
+            let check = done.merged.mesh.check();
             assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");
-            assert!(done.whole.mesh.signed_volume().unwrap() > 0.0);
+            assert!(done.merged.mesh.signed_volume().unwrap() > 0.0);
             assert!(done.vertices > 100);
-            for (p, (source, _)) in done.whole.mesh.positions.iter().zip(&done.whole.source) {
+            for (p, (source, _)) in done.merged.mesh.positions.iter().zip(&done.merged.source) {
                 let radius = if *source == 0 { 10.0 } else { 10.3 };
                 assert!((p.length() - radius).abs() < 1e-9, "{p:?}");
             }
-            let kept = done.whole.source.iter().filter(|(source, _)| *source == 0).count();
+            let kept = done.merged.source.iter().filter(|(source, _)| *source == 0).count();
             assert_eq!((kept, done.carved), (count - 3, 1));
             // The ball, and the triangle far off.
             let turned = if inwards { 2 } else { 0 };
@@ -293,7 +293,7 @@ mod tests {
 
     /// A sheet on edge to the bound faces neither way.
     #[test]
-    fn what_stands_on_edge_is_not_told() {
+    fn a_sheet_facing_neither_side_is_not_turned() {
         let mut upright = planish_mesh::grid_sheet(4.0, 4.0, 5, 5);
         upright.positions.iter_mut().for_each(|p| *p = DVec3::new(0.0, p[0], p[1]));
         let before = upright.clone();

@@ -18,7 +18,7 @@ const MAX_SAMPLES: usize = 2000;
 
 /// Patches with stated σ overlap if their distance is at most this many σ of the difference. A larger value
 /// would pair the two sides of a thin plate. Guarded by the test
-/// `the_sides_of_a_thin_plate_are_not_turned_over`.
+/// `sides_of_a_thin_plate_keep_their_orientation`.
 const MAX_SIGMAS: f64 = 5.0;
 /// Lower limit of that distance, as a fraction of two edge lengths: chord errors of coarse meshes may exceed
 /// σ.
@@ -37,10 +37,7 @@ const MAX_SIGMA_PER_EDGE: f64 = 0.4;
 ///
 /// # Errors
 /// `Input` if fewer than two patches remain.
-pub(super) fn leave_out_copies(
-    named: Vec<NamedPatch>,
-    findings: &mut Vec<Finding>,
-) -> Result<Vec<NamedPatch>> {
+pub(super) fn drop_copies(named: Vec<NamedPatch>, findings: &mut Vec<Finding>) -> Result<Vec<NamedPatch>> {
     let mut kept: Vec<(NamedPatch, Option<BoundingBox>)> = Vec::with_capacity(named.len());
     let mut copies = Vec::new();
     for patch in named {
@@ -61,8 +58,8 @@ pub(super) fn leave_out_copies(
         }
     }
     if kept.len() < 2 {
-        let why: String = copies.iter().map(|copy| format!(" ({copy} and counts once)")).collect();
-        return Err(Error::input(format!("expected at least two patches, found {}{why}", kept.len())));
+        let copied: String = copies.iter().map(|copy| format!(" ({copy} and counts once)")).collect();
+        return Err(Error::input(format!("expected at least two patches, found {}{copied}", kept.len())));
     }
     findings.extend(copies.into_iter().map(|copy| {
         let text = format!("{copy}: it was ignored, because it adds no information");
@@ -107,7 +104,7 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
 /// (`misaligned`), they may be 2 % of their size apart. Otherwise, patches with stated σ overlap only within
 /// a few σ, so that the two sides of a plate keep their orientations. Returns which patches were flipped, and
 /// a search structure for each patch in its final orientation.
-pub(super) fn turn_alike(
+pub(super) fn orient_patches(
     patches: &mut [MergePatch],
     misaligned: bool,
 ) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
@@ -129,13 +126,13 @@ pub(super) fn turn_alike(
             _ => edges,
         };
         for p in mesh.positions.iter().step_by(step) {
-            let Some(here) = searches[i].closest_within(*p, edges) else {
+            let Some(own_foot) = searches[i].closest_within(*p, edges) else {
                 continue;
             };
             for j in (0..count).filter(|j| *j != i) {
                 let reach = match (misaligned, sigma[i], sigma[j]) {
-                    (false, Some(mine), Some(theirs)) => {
-                        reach.min((MAX_SIGMAS * mine.hypot(theirs)).max(CHORD * edges))
+                    (false, Some(own_sigma), Some(other_sigma)) => {
+                        reach.min((MAX_SIGMAS * own_sigma.hypot(other_sigma)).max(CHORD * edges))
                     }
                     _ => reach,
                 };
@@ -144,7 +141,7 @@ pub(super) fn turn_alike(
                     // not above it.
                     && !foot.on_boundary
                 {
-                    let cosine = here.normal.dot(foot.normal);
+                    let cosine = own_foot.normal.dot(foot.normal);
                     agree[i * count + j] += cosine;
                     agree[j * count + i] += cosine;
                 }
@@ -198,7 +195,7 @@ pub(super) fn turn_alike(
 ///
 /// Heights between unrelated surfaces are uniform over the search distance of two edges, so their σ is about
 /// one edge.
-pub(super) fn unalike(
+pub(super) fn mismatched_patches(
     patches: &[MergePatch],
     overlap: &Overlap,
     names: &[String],
@@ -207,9 +204,9 @@ pub(super) fn unalike(
     let estimated = patches.iter().zip(&overlap.patches).zip(names);
     estimated
         .filter(|((patch, _), _)| patch.sigma.is_empty())
-        .filter_map(|((_, of), name)| {
-            let sigma = *of.sigma.first()?;
-            let mut spacing = of.spacing.clone();
+        .filter_map(|((_, overlap), name)| {
+            let sigma = *overlap.sigma.first()?;
+            let mut spacing = overlap.spacing.clone();
             let middle = spacing.len() / 2;
             let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
             (sigma > MAX_SIGMA_PER_EDGE * *edge).then(|| {
@@ -234,10 +231,10 @@ pub(super) fn nearest(
 ) -> String {
     let mut best: Option<(f64, usize, usize)> = None;
     for (j, search) in searches.iter().enumerate() {
-        for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
+        for (i, patch) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
             // Only a message depends on this distance, so samples are enough.
-            let step = (here.mesh.positions.len() / MAX_SAMPLES).max(1);
-            for p in here.mesh.positions.iter().step_by(step) {
+            let step = (patch.mesh.positions.len() / MAX_SAMPLES).max(1);
+            for p in patch.mesh.positions.iter().step_by(step) {
                 if let Some(foot) = search.closest(*p)
                     && best.is_none_or(|(d, ..)| foot.distance < d)
                 {
@@ -248,12 +245,12 @@ pub(super) fn nearest(
     }
     match best {
         Some((d, i, j)) => {
-            let (here, there) = (&names[i], &names[j]);
+            let (first, second) = (&names[i], &names[j]);
             // Three decimals show nothing of an object that is a thousandth of a unit large.
             match d {
-                0.0 => format!("{here} and {there} touch, but do not overlap"),
-                d if d < 1e-3 => format!("{here} and {there} come within {d:.2e} {unit}"),
-                d => format!("{here} and {there} come within {d:.3} {unit}"),
+                0.0 => format!("{first} and {second} touch, but do not overlap"),
+                d if d < 1e-3 => format!("{first} and {second} come within {d:.2e} {unit}"),
+                d => format!("{first} and {second} come within {d:.3} {unit}"),
             }
         }
         None => "no patch has vertices".to_owned(),

@@ -32,7 +32,8 @@ pub struct PatchReport {
     /// Number of its vertices in the merged mesh.
     pub vertices_kept: usize,
     /// Whether the patch was flipped because it faced against the patches that it overlaps.
-    pub turned_over: bool,
+    #[serde(rename = "turned_over")]
+    pub reversed: bool,
     /// Median of its σ; estimated if none was stated.
     pub sigma: f64,
 }
@@ -73,7 +74,8 @@ pub struct FillReport {
     /// Outer boundaries, such as that of a sheet; they were left open.
     pub outer_rims: usize,
     /// Holes with more edges than were allowed, and those that could not be covered: they were left open.
-    pub left_open: usize,
+    #[serde(rename = "left_open")]
+    pub unfilled: usize,
 }
 
 /// The figures of a merge.
@@ -117,7 +119,8 @@ pub struct MergeReport {
     /// Holes of the seams that were closed.
     pub holes_closed: usize,
     /// Number of removed fragments of a few triangles.
-    pub fragments_left_out: usize,
+    #[serde(rename = "fragments_left_out")]
+    pub removed_fragments: usize,
     /// `valence[n]`: vertices of seams where n edges meet.
     pub valence: Vec<usize>,
     /// The shapes of all triangles.

@@ -83,9 +83,9 @@ fn patches(report: &MergeReport, unit: SmallUnit<'_>) -> Table {
                 count(patch.triangles),
                 count(patch.vertices_kept),
                 unit.number(patch.sigma, 3),
-                if patch.turned_over { "yes" } else { "no" }.to_owned(),
+                if patch.reversed { "yes" } else { "no" }.to_owned(),
             ],
-            patch.turned_over,
+            patch.reversed,
         );
     }
     patches

@@ -171,14 +171,14 @@ fn of_faces(
     let unit = faces.unit().or(unit);
     let chord = chord.map(|chord| chord.in_unit(unit.unwrap_or(Unit::Millimetre)));
     let mesh = faces.triangles(&faces.fineness(chord)).map_err(|e| e.in_context(path.display()))?;
-    if let Some(first) = mesh.left_out.first() {
+    if let Some(first) = mesh.unreadable.first() {
         findings.push(Finding::new(
             FindingCode::FacesSkipped,
             format!(
                 "{}: {} of {} faces are skipped, the first: {first}",
                 path.display(),
-                mesh.left_out.len(),
-                mesh.left_out.len() + mesh.faces
+                mesh.unreadable.len(),
+                mesh.unreadable.len() + mesh.faces
             ),
         ));
     }
@@ -289,8 +289,8 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[DVec3]) -> Vec<[u32; 3]> {
                     }
                 }
                 _ => {
-                    let there: Vec<usize> = corners.into_iter().flatten().collect();
-                    if let [a, b, c] = there[..] {
+                    let present: Vec<usize> = corners.into_iter().flatten().collect();
+                    if let [a, b, c] = present[..] {
                         triangles.push([a, b, c]);
                     }
                 }
@@ -333,13 +333,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn older_files_of_cad_are_refused_with_a_way_out() {
+    fn older_cad_files_are_rejected_with_advice() {
         let folder = tempfile::tempdir().unwrap();
         let iges = folder.path().join("part.IGES");
         std::fs::write(&iges, "an older part\n").unwrap();
         let refused = read_patches(&[iges], None, None, None).unwrap_err();
         assert_eq!(refused.kind(), planish_estimate::ErrorKind::Unsupported);
-        let said = refused.to_string();
-        assert!(said.contains("part.IGES") && said.contains(".stl"), "{said}");
+        let message = refused.to_string();
+        assert!(message.contains("part.IGES") && message.contains(".stl"), "{message}");
     }
 }

@@ -5,7 +5,7 @@
 //! of the files. Not guaranteed: patches in unrelated frames are not registered.
 
 use super::align::align;
-use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalike};
+use super::inspection::{crossings, drop_copies, mismatched_patches, nearest, orient_patches};
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};
@@ -40,7 +40,7 @@ pub(super) struct Ready {
 }
 
 /// Results of the stages after the preparation.
-pub(super) struct Done {
+pub(super) struct MergeOutcome {
     pub method: MergeMethod,
     pub completed: Option<CompletionReport>,
     pub filled: Option<FillReport>,
@@ -65,12 +65,12 @@ impl Ready {
             ));
         }
         // Copies first: they would make any orientation and any overlap look certain.
-        let named = leave_out_copies(named, &mut findings)?;
+        let named = drop_copies(named, &mut findings)?;
         let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
         let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
         let (mut patches, numbers): (Vec<MergePatch>, Vec<Vec<u32>>) =
             named.into_iter().map(|p| (p.tidied.patch, p.tidied.triangles)).unzip();
-        let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
+        let (turned, mut searches) = orient_patches(&mut patches, options.align)?;
         // Before the alignment, so that triangles are named as in the files.
         let crossed = crossings(&searches, &names, &numbers);
         let crosses = !crossed.is_empty();
@@ -87,8 +87,8 @@ impl Ready {
         let poses = match options.align {
             true => {
                 let part = ProgressPart::new(progress, 0.1, 0.3);
-                let (poses, told) = align(&mut patches, &mut searches, &names, &part)?;
-                findings.extend(told);
+                let (poses, pose_findings) = align(&mut patches, &mut searches, &names, &part)?;
+                findings.extend(pose_findings);
                 poses
             }
             false => Vec::new(),
@@ -143,16 +143,16 @@ impl Ready {
         }
         // With an ε of the user, differences are as large as allowed.
         if options.epsilon.is_none() {
-            self.findings.extend(unalike(&self.patches, &overlap, &in_space, self.unit));
+            self.findings.extend(mismatched_patches(&self.patches, &overlap, &in_space, self.unit));
         }
         Ok(overlap)
     }
 
     /// Number of vertices of the merged mesh from each patch, with a warning for patches that contribute
     /// none.
-    pub fn kept(&mut self, sewn: &StitchedMesh, overlap: &Overlap) -> Vec<usize> {
+    pub fn kept(&mut self, stitched_mesh: &StitchedMesh, overlap: &Overlap) -> Vec<usize> {
         let mut kept = vec![0; self.patches.len()];
-        for (patch, _) in &sewn.source {
+        for (patch, _) in &stitched_mesh.source {
             if let Some(kept) = kept.get_mut(*patch as usize) {
                 *kept += 1;
             }
@@ -174,8 +174,8 @@ impl Ready {
     }
 
     /// 1 for vertices that were measured, 2 for those that were completed or fill a hole.
-    pub fn observed(&self, sewn: &StitchedMesh) -> Vec<u8> {
-        let of = |(patch, v): &(u32, u32)| {
+    pub fn observed(&self, stitched_mesh: &StitchedMesh) -> Vec<u8> {
+        let observed_of = |(patch, v): &(u32, u32)| {
             // Numbers beyond the patches stand for the bound and for filled holes.
             let Some(file) = self.order.get(*patch as usize) else {
                 return 2;
@@ -183,16 +183,21 @@ impl Ready {
             // An empty list means that everything was measured.
             self.observed[*file].get(*v as usize).copied().unwrap_or(1)
         };
-        sewn.source.iter().map(of).collect()
+        stitched_mesh.source.iter().map(observed_of).collect()
     }
 
     /// The report, in the order of the files.
-    pub fn report(&self, sewn: &StitchedMesh, overlap: &Overlap, done: Done) -> MergeReport {
-        let check = sewn.mesh.check();
+    pub fn report(
+        &self,
+        stitched_mesh: &StitchedMesh,
+        overlap: &Overlap,
+        outcome: MergeOutcome,
+    ) -> MergeReport {
+        let check = stitched_mesh.mesh.check();
         // Position of each file's patch in the order in space.
-        let mut stands = vec![0; self.order.len()];
+        let mut position_of = vec![0; self.order.len()];
         for (at, k) in self.order.iter().enumerate() {
-            stands[*k] = at;
+            position_of[*k] = at;
         }
         let region = |r: &planish_mesh::CommonRegion| {
             // The order of a pair in space is of no meaning for the user.
@@ -202,12 +207,12 @@ impl Ready {
         let patch = |(k, at): (usize, &usize)| PatchReport {
             name: self.names[k].clone(),
             triangles: self.patches[*at].mesh.triangles.len(),
-            vertices_kept: done.kept[*at],
-            turned_over: self.turned[k],
+            vertices_kept: outcome.kept[*at],
+            reversed: self.turned[k],
             sigma: SigmaSummary::from_values(overlap.patches[*at].sigma.clone()).median,
         };
         let mut report = MergeReport {
-            method: done.method,
+            method: outcome.method,
             vertices: check.vertices,
             triangles: check.triangles,
             boundary_edges: check.boundary_edges,
@@ -215,18 +220,18 @@ impl Ready {
             watertight: check.watertight,
             parts: check.components,
             regions: overlap.regions.iter().map(region).collect(),
-            patches: stands.iter().enumerate().map(patch).collect(),
+            patches: position_of.iter().enumerate().map(patch).collect(),
             poses: self.poses.clone(),
-            completed: done.completed,
-            filled: done.filled,
+            completed: outcome.completed,
+            filled: outcome.filled,
             sigma_estimated: overlap.sigma_estimated,
-            sigma: SigmaSummary::from_values(sewn.sigma.clone()),
-            stitched_triangles: done.stitched,
-            holes_closed: sewn.holes_closed,
-            fragments_left_out: sewn.fragments,
-            valence: sewn.valence.clone(),
-            quality: quality(&sewn.mesh),
-            inputs: done.inputs,
+            sigma: SigmaSummary::from_values(stitched_mesh.sigma.clone()),
+            stitched_triangles: outcome.stitched,
+            holes_closed: stitched_mesh.holes_closed,
+            removed_fragments: stitched_mesh.fragments,
+            valence: stitched_mesh.valence.clone(),
+            quality: quality(&stitched_mesh.mesh),
+            inputs: outcome.inputs,
             unit: self.unit,
             findings: self.findings.clone(),
         };
@@ -288,9 +293,9 @@ fn order_in_space(patches: &[MergePatch]) -> Vec<usize> {
     order
 }
 
-fn in_order<T>(of: Vec<T>, order: &[usize]) -> Vec<T> {
-    let mut of: Vec<Option<T>> = of.into_iter().map(Some).collect();
-    order.iter().filter_map(|k| of[*k].take()).collect()
+fn in_order<T>(values: Vec<T>, order: &[usize]) -> Vec<T> {
+    let mut values: Vec<Option<T>> = values.into_iter().map(Some).collect();
+    order.iter().filter_map(|k| values[*k].take()).collect()
 }
 
 fn quality(mesh: &TriangleMesh) -> Option<TriangleQuality> {

@@ -59,7 +59,7 @@ const MAX_IGNORED_PART: f64 = 0.01;
 /// The largest part of a mesh, a mask of its vertices, and the number of ignored parts.
 fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)> {
     let parts = mesh.parts();
-    let count = parts.iter().max().map_or(0, |most| *most as usize + 1);
+    let count = parts.iter().max().map_or(0, |last| *last as usize + 1);
     let second = parts.iter().filter(|part| **part == 1).count();
     if second as f64 > MAX_IGNORED_PART * parts.len() as f64 {
         return Err(Error::unsupported(format!(
@@ -69,8 +69,8 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
         )));
     }
     let mut largest = mesh.clone();
-    let mut of = parts.iter();
-    largest.triangles.retain(|_| of.next() == Some(&0));
+    let mut part_of = parts.iter();
+    largest.triangles.retain(|_| part_of.next() == Some(&0));
     let mut in_part = vec![false; mesh.positions.len()];
     for v in largest.triangles.iter().flatten() {
         in_part[*v as usize] = true;
@@ -84,12 +84,12 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
 /// # Errors
 /// `Unsupported` for a mesh of several parts; otherwise those of [`fit`].
 pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
-    let (largest, in_part, left_out) = largest_part(&merged.mesh)?;
+    let (largest, in_part, other_parts) = largest_part(&merged.mesh)?;
     let mut findings = Vec::new();
-    if left_out > 0 {
+    if other_parts > 0 {
         findings.push(Finding::new(
             FindingCode::SplinePartsOmitted,
-            format!("the spline omits {left_out} small parts of the merged surface"),
+            format!("the spline omits {other_parts} small parts of the merged surface"),
         ));
     }
     let check = largest.check();
@@ -138,10 +138,10 @@ impl Vertices {
         let measured: Vec<usize> =
             // Filled holes are not data. The spline closes them by its own smoothness.
             (0..in_part.len()).filter(|&v| in_part[v] && merged.observed[v] == 1).collect();
-        let of = |values: &[DVec3]| measured.iter().map(|&v| values[v]).collect();
+        let selected = |values: &[DVec3]| measured.iter().map(|&v| values[v]).collect();
         Self {
-            points: of(&merged.mesh.positions),
-            normals: of(&merged.normals),
+            points: selected(&merged.mesh.positions),
+            normals: selected(&merged.normals),
             sigma: measured.iter().map(|&v| merged.sigma[v]).collect(),
         }
     }
@@ -172,7 +172,7 @@ impl Vertices {
 }
 
 /// Result of [`carry_sigma`].
-struct Carried {
+struct CarriedSigma {
     /// Root mean square distance of the vertices from the surface.
     rms: f64,
     /// σ of the resulting surface at the vertices.
@@ -182,7 +182,7 @@ struct Carried {
 }
 
 /// Gives a model that was fitted with independent vertices the σ of the vertices.
-fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried> {
+fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<CarriedSigma> {
     let Vertices { points, normals, sigma } = vertices;
     // It was estimated from residuals of vertices taken as independent. Below, it is replaced by the excess
     // of σ of the mesh.
@@ -231,7 +231,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     // All variances of the coefficients are the fit's times the factor; each cell adds its own.
     let now = (of_fit.iter().zip(&leaf))
         .map(|(own, leaf)| (factor * own * own + model.unresolved_shape[*leaf as usize]).sqrt());
-    Ok(Carried {
+    Ok(CarriedSigma {
         rms: (square / inside.len() as f64).sqrt(),
         sigma: SigmaSummary::from_values(now.collect()),
         factor,

@@ -20,7 +20,7 @@ pub(super) fn judge_points(next: &NextReport, unit: Unit) -> Vec<Finding> {
         }
         None => {}
     }
-    found.extend(next.shape_left.map(|left| unresolved_shape(left, unit)));
+    found.extend(next.unresolved_shape.map(|left| unresolved_shape(left, unit)));
     found
 }
 
@@ -45,7 +45,7 @@ pub(super) fn judge_views(next: &ViewsReport, wanted: usize, unit: Unit) -> Vec<
             format!("{} of {wanted} chosen: further views would not reduce σ", counted(planned, "view"));
         found.push(Finding::new(FindingCode::FewerViews, text));
     }
-    found.extend(next.shape_left.map(|left| unresolved_shape(left, unit)));
+    found.extend(next.unresolved_shape.map(|left| unresolved_shape(left, unit)));
     if let Some(place) = next.worst_unseen.filter(|_| next.unseen > 0.0) {
         let text = format!(
             "{} of the area is visible from none of the {} candidate poses; its largest σ is {} at {}",

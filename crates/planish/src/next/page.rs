@@ -13,7 +13,7 @@ use planish_surface::model::SurfaceModel;
 use std::path::Path;
 
 /// Length of a drawn line of sight, relative to the diagonal of the model's box.
-const SIGHT: f64 = 0.3;
+const SIGHT_LENGTH: f64 = 0.3;
 
 /// A σ before and after the measurements.
 fn change(what: &str, sigma: Change, unit: SmallUnit<'_>) -> Figure {
@@ -163,7 +163,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         // An axis may miss the model if only the border of the field of view sees it.
         let met = search.first_hit(at, axis).map_or_else(|| bounds.center(), |hit| hit.point);
         // A short line is enough to show the direction. The sensor itself may be far away.
-        sights.push([met, met - SIGHT * bounds.diagonal() * axis]);
+        sights.push([met, met - SIGHT_LENGTH * bounds.diagonal() * axis]);
         let far = at.distance(met);
         let [[left, right], [top, bottom]] = sensor.borders;
         let corners = [[left, top], [right, top], [right, bottom], [left, bottom]]

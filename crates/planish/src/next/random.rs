@@ -30,7 +30,7 @@ pub struct RandomDraws {
 
 /// State of a model before the planned readings.
 #[derive(Clone, Copy)]
-pub(super) struct Before<'a> {
+pub(super) struct InitialState<'a> {
     /// Factor of the model's information, and its number of nodes.
     pub factor: &'a CholeskyFactor,
     pub nodes: usize,
@@ -43,12 +43,12 @@ pub(super) struct Before<'a> {
 
 /// Draws sets of `options.count` places and evaluates the first 1, 2, 3 … places of each.
 pub(super) fn at_random(
-    before: Before<'_>,
+    before: InitialState<'_>,
     options: &NextOptions,
     draws: usize,
     progress: &dyn Progress,
 ) -> Result<RandomDraws> {
-    let Before { factor, nodes, places, .. } = before;
+    let InitialState { factor, nodes, places, .. } = before;
     let mut sums: Vec<f64> = Vec::with_capacity(places.len());
     for place in places {
         sums.push(sums.last().copied().unwrap_or(0.0) + place.area);
@@ -79,7 +79,7 @@ pub(super) fn at_random(
                 let mut seen: Vec<Vec<f64>> =
                     columns(factor, nodes, places, at.clone(), &planish_core::Silent)?
                         .iter()
-                        .map(|c| places.iter().map(|place| place.see(&c.column)).collect())
+                        .map(|c| places.iter().map(|place| place.dot(&c.column)).collect())
                         .collect();
                 Ok(one_by_one(before, &at, &mut seen))
             })
@@ -106,7 +106,7 @@ pub(super) fn at_random(
 /// The largest σ after each reading. `seen[k]` is the covariance of every place with reading `k`, and is
 /// updated in place.
 fn one_by_one(
-    Before { places, variances, reading, .. }: Before<'_>,
+    InitialState { places, variances, reading, .. }: InitialState<'_>,
     at: &[usize],
     seen: &mut [Vec<f64>],
 ) -> Vec<f64> {

@@ -56,7 +56,7 @@ pub(super) struct Reading {
 /// All readings of a pose, and the number of rays that each represents.
 pub(super) struct Readings {
     pub(super) readings: Vec<Reading>,
-    pub(super) stands_for: f64,
+    pub(super) rays_per_reading: f64,
 }
 
 impl Readings {
@@ -65,7 +65,7 @@ impl Readings {
         let mut of_leaf = vec![Vec::new(); leaves];
         for r in &self.readings {
             let weights = leaf_weights(r.local[0], r.local[1]);
-            let information = self.stands_for / r.variance;
+            let information = self.rays_per_reading / r.variance;
             of_leaf[r.leaf as usize].push((weights, r.normal, r.normal.dot(r.point), information));
         }
         of_leaf
@@ -104,7 +104,7 @@ impl<'a> Sight<'a> {
     }
 
     /// Coordinates of a visible place in the sensor's frame, and the cosine of its incidence angle.
-    pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<(DVec3, f64)> {
+    pub(super) fn visible_coordinates(&self, pose: &Pose, place: &Place) -> Option<(DVec3, f64)> {
         let local = pose.inverse().apply(place.position);
         // Cheap tests first. The line of sight costs most and is evaluated last.
         if !self.sensor.reaches(local) {
@@ -112,7 +112,7 @@ impl<'a> Sight<'a> {
         }
         let ray = (place.position - pose.translation).try_normalize()?;
         let cosine = -ray.dot(place.normal);
-        let open = || self.mesh.sees(pose.translation, place.position, self.clearance);
+        let open = || self.mesh.is_unobstructed(pose.translation, place.position, self.clearance);
         (self.sensor.accepts(cosine) && open()).then_some((local, cosine))
     }
 
@@ -132,7 +132,7 @@ impl<'a> Sight<'a> {
                 })
             })
             .collect();
-        Readings { readings, stands_for: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64 }
+        Readings { readings, rays_per_reading: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64 }
     }
 
     fn reading(&self, origin: DVec3, ray: DVec3) -> Option<Reading> {
@@ -187,7 +187,7 @@ impl<'a> Sight<'a> {
             .filter_map(|&(target, towards, far)| {
                 let origin = target + far * towards;
                 let free = self.mesh.closest_within(origin, near).is_none();
-                if free { looking(origin, -towards) } else { None }
+                if free { pose_looking_along(origin, -towards) } else { None }
             })
             .collect()
     }
@@ -212,8 +212,8 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
     while found.len() < TARGETS.min(representatives.len()) {
         let at = representatives[next];
         found.push(at);
-        for (least, &other) in nearest.iter_mut().zip(representatives) {
-            *least = least.min(places[at].position.distance(places[other].position));
+        for (distance, &other) in nearest.iter_mut().zip(representatives) {
+            *distance = distance.min(places[at].position.distance(places[other].position));
         }
         // Reversed, because `max_by` returns the last of equal ones: the first is wanted.
         next = (0..nearest.len()).rev().max_by(|&a, &b| nearest[a].total_cmp(&nearest[b])).unwrap_or(0);
@@ -223,7 +223,7 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
 
 /// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it
 /// is written.
-pub(super) fn looking(origin: DVec3, z: DVec3) -> Option<Pose> {
+pub(super) fn pose_looking_along(origin: DVec3, z: DVec3) -> Option<Pose> {
     // Near the vertical, the horizontal axis would be undetermined.
     let up = if z[2].abs() > 0.95 { DVec3::Y } else { DVec3::Z };
     let x = z.cross(up).try_normalize()?;

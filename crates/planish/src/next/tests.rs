@@ -18,8 +18,8 @@ fn model() -> SurfaceModel {
     let points = (0..3_000).filter_map(|_| {
         let (x, y): (f64, f64) = (4.0 * random.random::<f64>(), 3.0 * random.random::<f64>());
         let noise: f64 = StandardNormal.sample(&mut random);
-        let seldom = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
-        (!seldom).then_some(DVec3::new(x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise))
+        let is_sparse = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
+        (!is_sparse).then_some(DVec3::new(x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise))
     });
     let scan = Scan { name: "cloud".to_owned(), points: points.collect(), ..Scan::default() };
     let set = ScanSet {
@@ -36,7 +36,7 @@ fn model() -> SurfaceModel {
 }
 
 #[test]
-fn sigma_after_is_that_of_the_information_with_the_readings_added() {
+fn sigma_after_points_matches_the_updated_information() {
     let mut model = model();
     let options = NextOptions { count: 6, sigma: Some(0.004), ..NextOptions::default() };
     let report = next_points(&model, &options, &Silent).unwrap();
@@ -78,14 +78,14 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
 
 /// Readings cannot reduce σ of unresolved shape. The report must state it, so that `info` and `next` agree.
 #[test]
-fn shape_that_no_reading_lowers_is_told() {
+fn unresolved_shape_above_the_goal_is_reported() {
     let mut model = model();
     model.unresolved_shape = vec![0.0; model.observed.len()];
     let options = NextOptions { count: 2, sigma: Some(0.004), ..NextOptions::default() };
-    assert_eq!(next_points(&model, &options, &Silent).unwrap().shape_left, None);
+    assert_eq!(next_points(&model, &options, &Silent).unwrap().unresolved_shape, None);
     model.unresolved_shape[3] = 0.25;
     let report = next_points(&model, &options, &Silent).unwrap();
-    let left = report.shape_left.unwrap();
+    let left = report.unresolved_shape.unwrap();
     assert_eq!(left.largest, 0.5);
     assert!(left.area_fraction > 0.0 && left.area_fraction < 0.1, "{left:?}");
     assert!(report.worst_sigma.after < 0.2 && left.worst_sigma_after >= 0.5, "{report:?}");
@@ -118,7 +118,7 @@ fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
 }
 
 #[test]
-fn chosen_points_do_what_twice_as_many_random_ones_do() {
+fn chosen_points_equal_twice_as_many_random_ones() {
     let model = model();
     let options = NextOptions { count: 8, sigma: Some(0.004), ..NextOptions::default() };
     let chosen = next_points(&model, &options, &Silent).unwrap().worst_sigma.after;
@@ -128,7 +128,7 @@ fn chosen_points_do_what_twice_as_many_random_ones_do() {
 }
 
 #[test]
-fn a_goal_stops_it_and_a_region_bounds_it() {
+fn the_goal_ends_the_selection_and_the_region_limits_it() {
     let model = model();
     let options = NextOptions {
         count: 500,
@@ -143,8 +143,8 @@ fn a_goal_stops_it_and_a_region_bounds_it() {
     assert_eq!(report.reached_goal, Some(true));
     assert!(report.worst_sigma.after <= goal && report.points.len() < 200, "{}", report.points.len());
     assert!(report.points.iter().all(|p| p.position[0] >= 2.2 && p.position[1] >= 1.7));
-    let nowhere = NextOptions { region: Some([DVec3::splat(50.0), DVec3::splat(60.0)]), ..options };
-    assert!(next_points(&model, &nowhere, &Silent).is_err());
+    let outside = NextOptions { region: Some([DVec3::splat(50.0), DVec3::splat(60.0)]), ..options };
+    assert!(next_points(&model, &outside, &Silent).is_err());
 }
 
 /// A sensor for objects of about size one.
@@ -172,7 +172,7 @@ fn ring() -> SurfaceModel {
 }
 
 #[test]
-fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
+fn sigma_after_views_matches_the_updated_information() {
     let mut model = ring();
     let (sensor, options) = (camera(), NextOptions { count: 2, ..NextOptions::default() });
     let report = next_views(&model, &sensor, &options, &Silent).unwrap();
@@ -185,14 +185,15 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
     let sight = sight::Sight::new(&unknown, &sensor).unwrap();
     for view in &report.views {
         let pose = Pose::from_quaternion_xyzw(view.quaternion_xyzw, view.translation).unwrap();
-        let taken = sight.readings(&pose);
-        assert_eq!(taken.readings.len(), view.readings);
+        let visible = sight.readings(&pose);
+        assert_eq!(visible.readings.len(), view.readings);
         let more = system.accumulate(|leaf, cell| {
-            let here = taken.readings.iter().filter(|r| r.leaf as usize == leaf);
-            here.map(|r| {
-                cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance)
-            })
-            .count()
+            let of_leaf = visible.readings.iter().filter(|r| r.leaf as usize == leaf);
+            of_leaf
+                .map(|r| {
+                    cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance)
+                })
+                .count()
                 > 0
         });
         model.known.information_mut().unwrap().data.add_scaled(&more.unwrap(), 1.0).unwrap();
@@ -208,7 +209,7 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
 }
 
 #[test]
-fn many_threads_choose_the_same_views_as_one() {
+fn the_chosen_views_do_not_depend_on_the_number_of_threads() {
     let model = ring();
     let options = NextOptions { count: 2, ..NextOptions::default() };
     let with = |threads: usize| {
@@ -219,15 +220,15 @@ fn many_threads_choose_the_same_views_as_one() {
 }
 
 #[test]
-fn what_stands_behind_something_is_not_read() {
+fn hidden_points_are_not_measured() {
     let model = ring();
     let sensor = ViewSensor { max_incidence_rad: 1.5, ..camera() };
     let sight = sight::Sight::new(&model, &sensor).unwrap();
     // From the side, level with the ring: its near part hides the far one's middle, and the hole.
-    let pose = sight::looking(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-1.0, 0.0, 0.0)).unwrap();
-    let taken = sight.readings(&pose);
-    assert!(taken.readings.len() > 200);
-    for r in &taken.readings {
+    let pose = sight::pose_looking_along(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-1.0, 0.0, 0.0)).unwrap();
+    let visible = sight.readings(&pose);
+    assert!(visible.readings.len() > 200);
+    for r in &visible.readings {
         let hidden = r.point[0] < 0.9 && r.point[1].abs() < 0.3 && r.point[2].abs() < 0.3;
         assert!(!hidden && r.normal.dot(pose.translation - r.point) > 0.0, "{r:?}");
     }
@@ -236,13 +237,13 @@ fn what_stands_behind_something_is_not_read() {
     for place in &places {
         let hidden =
             place.position[0] < 0.9 && place.position[1].abs() < 0.3 && place.position[2].abs() < 0.3;
-        assert!(!(hidden && sight.sees(&pose, place).is_some()), "{:?}", place.position);
+        assert!(!(hidden && sight.visible_coordinates(&pose, place).is_some()), "{:?}", place.position);
     }
-    assert!(places.iter().filter(|p| sight.sees(&pose, p).is_some()).count() > 10);
+    assert!(places.iter().filter(|p| sight.visible_coordinates(&pose, p).is_some()).count() > 10);
 }
 
 #[test]
-fn a_view_from_behind_or_from_too_far_sees_nothing() {
+fn views_from_behind_or_too_far_away_measure_no_points() {
     let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 3 == 0);
     let sensor = camera();
     let sight = sight::Sight::new(&model, &sensor).unwrap();
@@ -250,7 +251,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
     let normal = model.surface.leaf_jet(0, 0.5, 0.5).normal().unwrap();
     let readings = |far: f64| {
         let towards = if far > 0.0 { -1.0 } else { 1.0 };
-        let pose = sight::looking(middle + far * normal, towards * normal).unwrap();
+        let pose = sight::pose_looking_along(middle + far * normal, towards * normal).unwrap();
         sight.readings(&pose).readings.len()
     };
     assert!(readings(2.5) > 100);
@@ -258,7 +259,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
 }
 
 #[test]
-fn what_no_pose_sees_is_reported() {
+fn parts_invisible_from_all_poses_are_reported() {
     // Only readings within about 1° of the normal: this excludes most of a torus from every pose.
     let sensor = ViewSensor { max_incidence_rad: 0.02, ..camera() };
     let options = NextOptions { count: 2, ..NextOptions::default() };
@@ -274,7 +275,7 @@ fn what_no_pose_sees_is_reported() {
 }
 
 #[test]
-fn the_draws_at_random_do_what_their_readings_do() {
+fn random_draws_match_their_readings() {
     let model = model();
     let options = NextOptions { count: 6, sigma: Some(0.004), against_random: 9, ..NextOptions::default() };
     let report = next_points(&model, &options, &Silent).unwrap();

@@ -84,8 +84,8 @@ pub struct ViewsReport {
     /// Whether the goal is reached; none if no goal was given.
     pub reached_goal: Option<bool>,
     /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_left: Option<UnmeasurableSigma>,
+    #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
+    pub unresolved_shape: Option<UnmeasurableSigma>,
 }
 
 /// Chooses poses one after the other. The options `sigma` and `against_random` are ignored.
@@ -113,13 +113,13 @@ pub fn next_views(
     let representatives = Representatives::new(&places, &variances);
     // Visibility does not depend on the views chosen so far, so it is computed once.
     let candidates = candidates(&sight, sensor, &places, &representatives, progress)?;
-    let seeable = seen_by_any(&sight, &places, &candidates, progress)?;
+    let visible_from_any = seen_by_any(&sight, &places, &candidates, progress)?;
     let before = figures(&places, &variances);
     let area: f64 = places.iter().map(|p| p.area).sum();
     let share = |seen: &[bool]| {
-        let of = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
+        let areas = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
         // `sum()` of an empty iterator is −0, which would be printed with its sign.
-        of.fold(0.0, |sum, a| sum + a) / area
+        areas.fold(0.0, |sum, a| sum + a) / area
     };
     let mut seen_so_far = vec![false; places.len()];
     let mut views: Vec<NextView> = Vec::new();
@@ -137,8 +137,8 @@ pub fn next_views(
         let pose = candidates[best].pose;
         // The comparison used representatives. The chosen view is added with all its rays, so that σ after it
         // is exact.
-        let taken = sight.readings(&pose);
-        let of_leaf = taken.by_leaf(model.surface.space().leaves().len());
+        let visible = sight.readings(&pose);
+        let of_leaf = visible.by_leaf(model.surface.space().leaves().len());
         let more = system.accumulate_along(&directions, |leaf, add| {
             for (weights, normal, value, information) in &of_leaf[leaf] {
                 add(weights, *normal, *value, *information);
@@ -149,12 +149,13 @@ pub fn next_views(
         factor = factor.refactorize(&information)?;
         variances = variances_of(model, &factor, directions.clone(), &places)?;
         // All places, not only representatives: the reported area must be that of the surface.
-        let seen: Vec<bool> = (places.par_iter()).map(|p| sight.sees(&pose, p).is_some()).collect();
+        let seen: Vec<bool> =
+            (places.par_iter()).map(|p| sight.visible_coordinates(&pose, p).is_some()).collect();
         seen_so_far.iter_mut().zip(&seen).for_each(|(all, new)| *all |= new);
         let (worst, mean) = figures(&places, &variances);
         // Weighted by rays, because a job file has one σ for all readings of the sensor.
-        noise += taken.stands_for * taken.readings.iter().map(|r| r.sigma_along).sum::<f64>();
-        let count = taken.stands_for * taken.readings.len() as f64;
+        noise += visible.rays_per_reading * visible.readings.iter().map(|r| r.sigma_along).sum::<f64>();
+        let count = visible.rays_per_reading * visible.readings.len() as f64;
         readings += count;
         views.push(NextView {
             translation: pose.translation,
@@ -167,7 +168,7 @@ pub fn next_views(
         });
     }
     let after = figures(&places, &variances);
-    let unseen: Vec<bool> = seeable.iter().map(|s| !s).collect();
+    let unseen: Vec<bool> = visible_from_any.iter().map(|s| !s).collect();
     let worst_unseen =
         (0..places.len()).filter(|&k| unseen[k]).max_by(|&a, &b| variances[a].total_cmp(&variances[b]));
     progress.advance("done", 1.0);
@@ -184,7 +185,7 @@ pub fn next_views(
         }),
         sigma_along: (readings > 0.0).then(|| noise / readings),
         reached_goal: reached(&variances),
-        shape_left: UnmeasurableSigma::new(model, &places, &variances),
+        unresolved_shape: UnmeasurableSigma::new(model, &places, &variances),
     })
 }
 
@@ -221,7 +222,7 @@ impl Representatives {
     fn covariance(&self, factor: &CholeskyFactor, nodes: usize, places: &[Place]) -> Result<DMatrix<f64>> {
         let columns = columns(factor, nodes, places, self.places.clone(), &Silent)?;
         let n = self.places.len();
-        Ok(DMatrix::from_fn(n, n, |i, j| places[self.places[i]].see(&columns[j].column)))
+        Ok(DMatrix::from_fn(n, n, |i, j| places[self.places[i]].dot(&columns[j].column)))
     }
 }
 
@@ -246,7 +247,7 @@ fn candidates(
         found.par_extend(part.par_iter().filter_map(|pose| {
             let information = |k: usize| {
                 let place = &places[representatives.places[k]];
-                let (local, cosine) = sight.sees(pose, place)?;
+                let (local, cosine) = sight.visible_coordinates(pose, place)?;
                 let range = local.length_squared().sqrt();
                 // A representative counts with all rays that meet its area.
                 let rays = sensor.rays_on(local, representatives.areas[k], cosine);
@@ -277,7 +278,7 @@ fn seen_by_any(
         progress.check("lines of sight", 0.25 + 0.15 * (64 * k) as f64 / candidates.len() as f64)?;
         progress.items(64 * k, "views");
         seen.par_iter_mut().zip(places).with_min_len(16).for_each(|(seen, place)| {
-            *seen = *seen || part.iter().any(|view| sight.sees(&view.pose, place).is_some());
+            *seen = *seen || part.iter().any(|view| sight.visible_coordinates(&view.pose, place).is_some());
         });
     }
     Ok(seen)
@@ -291,16 +292,16 @@ fn best_of(
     objective: Objective,
 ) -> Option<usize> {
     let total = |variance: &dyn Fn(usize) -> f64| -> f64 {
-        let of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
-        representatives.areas.iter().enumerate().map(of).sum()
+        let cost_of = |(k, area): (usize, &f64)| area * cost(objective, variance(k).max(0.0));
+        representatives.areas.iter().enumerate().map(cost_of).sum()
     };
     // All candidates start from the same covariance, so it is computed once per view and not once per
     // candidate.
     let now = total(&|k| covariance[(k, k)]);
     let left: Vec<f64> = candidates
         .par_iter()
-        .map(|view| match taken_away(covariance, &view.seen) {
-            Some(less) => total(&|k| covariance[(k, k)] - less[k]),
+        .map(|view| match variance_reductions(covariance, &view.seen) {
+            Some(reduction) => total(&|k| covariance[(k, k)] - reduction[k]),
             // A factorisation that fails by rounding only excludes its candidate.
             None => f64::INFINITY,
         })
@@ -313,7 +314,7 @@ fn best_of(
 
 /// Reduction of the variance of each representative by readings of some: the diagonal of `K_·B (K_BB + R)⁻¹
 /// K_B·`.
-fn taken_away(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
+fn variance_reductions(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
     let own = DMatrix::from_fn(seen.len(), seen.len(), |i, j| {
         let reading = if i == j { 1.0 / seen[i].1 } else { 0.0 };
         covariance[(seen[i].0, seen[j].0)] + reading

@@ -48,7 +48,7 @@ pub(super) fn patches(
     for strip in 0..found.strips {
         let of_strip: Vec<&OccludingPoint> = found.points.iter().filter(|p| p.strip == strip).collect();
         // Strips are sorted by size: all that follow are smaller.
-        if of_strip.len() < job.least_points {
+        if of_strip.len() < job.min_points {
             break;
         }
         let Ok((mesh, sigma)) = found.patch(strip) else {
@@ -92,7 +92,7 @@ pub(super) fn patches(
                 views: of_strip.iter().map(|p| p.view).collect::<BTreeSet<_>>().len(),
                 sigma: sorted[sorted.len() / 2],
                 area: mesh.area(),
-                left_out_share: left_out(&of_strip),
+                missing_share: missing_share_of(&of_strip),
             },
             mesh,
             sigma,
@@ -103,7 +103,7 @@ pub(super) fn patches(
 }
 
 /// Share of missing places along the contours, between the first and the last place of the strip in each.
-fn left_out(points: &[&OccludingPoint]) -> f64 {
+fn missing_share_of(points: &[&OccludingPoint]) -> f64 {
     // For each contour of a view: first place, last place, and number of points.
     let mut runs: BTreeMap<(usize, usize), (usize, usize, usize)> = BTreeMap::new();
     for p in points {
@@ -111,8 +111,8 @@ fn left_out(points: &[&OccludingPoint]) -> f64 {
         *run = (run.0.min(p.place), run.1.max(p.place), run.2 + 1);
     }
     let all: usize = runs.values().map(|(first, last, _)| last - first + 1).sum();
-    let there: usize = runs.values().map(|run| run.2).sum();
-    1.0 - there as f64 / all.max(1) as f64
+    let present: usize = runs.values().map(|run| run.2).sum();
+    1.0 - present as f64 / all.max(1) as f64
 }
 
 fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSet {

@@ -17,9 +17,9 @@ const MAX_LINES: usize = 60_000;
 
 /// A smaller unit in which most of the lengths are readable, if there is one.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
-    let most = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
+    let largest = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
     // A factor of 1 would only repeat the unit of the model.
-    Some(SmallUnit::for_length(unit, most)).filter(|small| small.factor != 1.0)
+    Some(SmallUnit::for_length(unit, largest)).filter(|small| small.factor != 1.0)
 }
 
 /// A field of numbers.
@@ -83,9 +83,9 @@ pub(crate) fn model_scene_of(
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
     readings: Option<&ResidualSample>,
-    most_triangles: u64,
+    max_triangles: u64,
 ) -> Result<(Scene, f64)> {
-    let placed = placed_mesh(model, posterior, tolerance, most_triangles)?;
+    let placed = placed_mesh(model, posterior, tolerance, max_triangles)?;
     let unit = model.unit.name();
     let tolerance = placed.mesh.tolerance;
     let mut scene = Scene {
@@ -173,7 +173,7 @@ fn surface_shown(
     if let Some(readings) = readings.filter(|r| r.scans.len() > 1) {
         let number: Vec<u16> =
             (leaf.iter()).map(|&leaf| readings.seen_by[leaf as usize].len() as u16).collect();
-        let most = number.iter().copied().max().unwrap_or(0);
+        let max_scans = number.iter().copied().max().unwrap_or(0);
         let name = |n: u16| match n {
             1 => "1 scan".to_owned(),
             n => format!("{n} scans"),
@@ -181,7 +181,7 @@ fn surface_shown(
         fields.push(kinds(
             "scans",
             "number of scans",
-            FieldKind::Steps((0..=most).map(|n| (n, name(n))).collect()),
+            FieldKind::Steps((0..=max_scans).map(|n| (n, name(n))).collect()),
             number,
         ));
         fields.extend(sensor_field(&leaf, readings));

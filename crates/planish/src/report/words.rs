@@ -19,7 +19,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_read_well() {
+    fn lengths_have_suitable_units_and_digits() {
         let small = SmallUnit::for_length("m", 0.0012);
         assert_eq!((small.text(0.0012), small.head("rms")), ("1.20 mm".to_owned(), "rms / mm".to_owned()));
         assert_eq!(SmallUnit::for_length("m", 2.0).text(2.0), "2.00 m");

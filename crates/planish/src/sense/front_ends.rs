@@ -25,7 +25,7 @@ pub(super) fn stereo(
 ) -> Result<Sensed> {
     let known = calibration.map(read_stereo_calibration).transpose()?;
     let mut images = [read_brightness(left)?, read_brightness(right)?];
-    let blame = || format!("{}, {}", left.display(), right.display());
+    let sources = || format!("{}, {}", left.display(), right.display());
     let rectification = match &known {
         Some(StereoCalibration { cameras: StereoCameras::Views(rig), .. }) => {
             progress.check("rectifying", 0.0)?;
@@ -39,7 +39,7 @@ pub(super) fn stereo(
     };
     let mut map =
         match_stereo(&images[0], &images[1], options, &mut |share| progress.check("matching", share))
-            .map_err(|e| in_context(e, blame()))?;
+            .map_err(|e| in_context(e, sources()))?;
     // Rectified pictures have empty corners, in which anything matches.
     let outside = rectification.as_ref().map_or(0, |r| r.without_outside(&mut map));
     let scan = match (&rectification, &known) {
@@ -49,7 +49,7 @@ pub(super) fn stereo(
         }
         _ => None,
     };
-    let scan = scan.transpose().map_err(|e| e.in_context(blame()))?;
+    let scan = scan.transpose().map_err(|e| e.in_context(sources()))?;
     let known_unit = known.and_then(|c| c.unit);
     let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
     // An error: an empty scan would be fitted to nothing later, far from the cause.
@@ -58,7 +58,7 @@ pub(super) fn stereo(
             "{}: found no reliable disparity: check that the images are rectified (or the calibration has \
              the poses of both cameras), that the left image comes first, and that the search range of \
              disparities is wide enough, also below 0",
-            blame()
+            sources()
         )));
     }
     let StereoRejected { ambiguous, left_right, speckle, range } = map.rejected;
@@ -165,14 +165,14 @@ pub(super) fn photometric(
         }
     }
     progress.check("lights", 0.1)?;
-    let blame = |e: Error| e.in_context(calibration.display());
+    let with_calibration = |e: Error| e.in_context(calibration.display());
     let mut more_inputs = Vec::new();
     let lights = match &known.source {
         LightSource::Directions(lights) => from_arrays(lights).to_vec(),
         // A mirror ball shows the lights. Its pictures are inputs that only the calibration names.
         LightSource::Ball { images, mask } => {
             more_inputs.extend(images.iter().chain([mask]).cloned());
-            lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(blame)?
+            lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(with_calibration)?
         }
     };
     let options = PhotometricOptions {
@@ -181,18 +181,18 @@ pub(super) fn photometric(
         ..PhotometricOptions::default()
     };
     progress.check("normals", 0.2)?;
-    let map = photometric_normals(&pictures, &lights, mask.as_ref(), &options).map_err(blame)?;
+    let map = photometric_normals(&pictures, &lights, mask.as_ref(), &options).map_err(with_calibration)?;
     let mut sensed = of_normals(&map, known.pixel_size)?;
     sensed.ambient = Some(map.ambient);
     sensed.sigma_brightness = Some(map.sigma_brightness);
     sensed.unit = known.unit;
     sensed.more_inputs = more_inputs;
-    sensed.findings = unlike_brightness(&map, known.sigma_brightness);
+    sensed.findings = brightness_findings(&map, known.sigma_brightness);
     Ok(sensed)
 }
 
 /// Residuals that the stated σ of brightness, or any matte surface, does not explain.
-fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
+fn brightness_findings(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<Finding> {
     // Three lights determine the normal exactly and leave no residual.
     let Some(found) = map.sigma_of_residuals else {
         return Vec::new();

@@ -360,13 +360,13 @@ impl Run<'_> {
         }
         let progress = self.progress;
         progress.check("flowing", 0.0)?;
-        let made = rough_start::flown(self.job, mesh, &mut self.units, &mut |rounds| {
+        let made = rough_start::rough_start_mesh(self.job, mesh, &mut self.units, &mut |rounds| {
             progress.items(rounds, "rounds");
             // The number of rounds is unknown, so the share only approaches its end.
             progress.check("flowing", FITTING_PROGRESS.0 * rounds as f64 / (rounds + 3) as f64)
         })?;
         // Remeshing changes the vertices, so texture coordinates and groups no longer belong to any.
-        let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.findings);
+        let appearance = rough_start::without_appearance(appearance, &made.mesh, &mut self.findings);
         Ok(Start { given, mesh: made.mesh, appearance, sigma: made.sigma, flow: Some(made.report) })
     }
 
@@ -448,7 +448,7 @@ impl Run<'_> {
             observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
             sigma: SigmaSummary::from_values(measured),
             smoothness_weight: fit.smoothness_weight,
-            lack_of_fit: fit.unresolved_shape,
+            unresolved_shape: fit.unresolved_shape,
             iterations: fit.iterations,
             flow: start.flow,
             frames,
@@ -462,8 +462,9 @@ impl Run<'_> {
             written: self.written,
             findings: self.findings,
         };
-        let believed = self.job.believe_sigma;
-        let outcome = inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, believed);
+        let trusts_sigma = self.job.believe_sigma;
+        let outcome =
+            inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, trusts_sigma);
         done.findings.extend(outcome);
         let ending = inspection::ending(&done);
         done.findings.extend(ending);
@@ -498,7 +499,7 @@ fn frame_report(
         rms_silhouettes_px: ReadingsReport::from_source(&fit.outlines).map(|r| r.rms),
         iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
         // In σ of all parameters together, so that the figure does not depend on the unit.
-        surprise: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
+        prediction_error: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
         sigma: SigmaSummary::from_values(sigma.to_vec()).median,
     }
 }

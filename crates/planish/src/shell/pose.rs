@@ -180,7 +180,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let controls = match &poses.controls {
         ControlsEntry::Count(count) => automatic_controls(&mesh, *count)?.points,
-        ControlsEntry::Usual => automatic_controls(&mesh, DEFAULT_CONTROLS)?.points,
+        ControlsEntry::Default => automatic_controls(&mesh, DEFAULT_CONTROLS)?.points,
         ControlsEntry::Points(points) => from_arrays(points).to_vec(),
     };
     // Parts are resolved before the deformation is built: a misspelt name must not cost that time.

@@ -43,7 +43,7 @@ use view::ColourView;
 /// ones take long to load.
 const DEFAULT_SIDES: [usize; 2] = [256, 4096];
 /// Maximum side of a texture, in pixels. It bounds memory, which grows with the square of the side.
-pub const LARGEST_TEXTURE: usize = 8192;
+pub const MAX_TEXTURE_SIZE: usize = 8192;
 /// Maximum fraction of jointly seen places at which a view may be an outlier. Beyond it, the view is
 /// rejected. A picture of another object is an outlier nearly everywhere (test `texture`).
 const MAX_OUTLIER_FRACTION: f64 = 0.5;
@@ -87,9 +87,11 @@ pub struct ColourViewReport {
     /// Number of vertices that the view sees.
     pub seen: usize,
     /// Number of vertices at which it is an outlier.
-    pub odd: usize,
+    #[serde(rename = "odd")]
+    pub outlier_vertices: usize,
     /// Whether the view was rejected because it differs at too many places.
-    pub left_out: bool,
+    #[serde(rename = "left_out")]
+    pub is_rejected: bool,
     /// Root mean square difference of its image from the resulting colours, from 0 to 255, over the pixels
     /// of the mesh away from its outlines.
     pub rms: Option<f64>,
@@ -207,11 +209,11 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     progress.check("judging", 0.8)?;
     // Judged by what is written: the texture if there is one, otherwise the vertices.
     let reports = judge(&scene, &statistics, &coloured, texture.as_ref());
-    for view in reports.iter().filter(|view| view.left_out) {
+    for view in reports.iter().filter(|view| view.is_rejected) {
         let text = format!(
             "view `{}` differs from the others at {} of the {} vertices that it sees, and is not used: its \
              image or camera may belong to another view",
-            view.view, view.odd, view.seen
+            view.view, view.outlier_vertices, view.seen
         );
         findings.push(Finding::new(FindingCode::ViewInconsistent, text));
     }
@@ -285,7 +287,7 @@ fn read(
     file.unit = file.unit.or(job.unit);
     // If either states no unit, both are assumed to share one.
     let by = match (file.unit, read.unit) {
-        (Some(own), Some(theirs)) => own.millimetres() / theirs.millimetres(),
+        (Some(own), Some(target)) => own.millimetres() / target.millimetres(),
         _ => 1.0,
     };
     // Only this copy for the views is scaled; outputs keep the unit of the mesh.
@@ -335,7 +337,7 @@ struct ViewStatistics {
     /// For each view, the number of vertices that it sees, and at how many of them it is an outlier.
     counted: Vec<[usize; 2]>,
     /// Share of the vertices seen by three or more views at which each view is an outlier.
-    odd: Vec<f64>,
+    outlier_shares: Vec<f64>,
 }
 
 /// Blended colours of the vertices, and the views that they come from.
@@ -366,14 +368,14 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let counted = (0..count)
         .map(|k| {
             let seen = colours.iter().filter(|s| s.iter().any(|one| one.view == k)).count();
-            [seen, blended.iter().flatten().filter(|b| b.odd.contains(&k)).count()]
+            [seen, blended.iter().flatten().filter(|b| b.outliers.contains(&k)).count()]
         })
         .collect();
-    let odd = blend::odd_shares(count, &colours, &blended);
+    let outlier_shares = blend::outlier_shares(count, &colours, &blended);
     // Frees the samples of all views before they are made again.
     drop(colours);
     let all_used = used.len();
-    used.retain(|k| odd[*k] <= MAX_OUTLIER_FRACTION);
+    used.retain(|k| outlier_shares[*k] <= MAX_OUTLIER_FRACTION);
     if used.len() < all_used {
         // The statistics stay those of the first pass, because rejected views have none in the second.
         (_, sigma, blended) = blend_from(&used);
@@ -394,7 +396,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
         // The file has one byte per vertex for the number of views.
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
     };
-    Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
+    Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, outlier_shares }, coloured, seen })
 }
 
 /// Differences between the pictures of all views and the resulting colours.
@@ -417,8 +419,8 @@ fn judge(
             } else {
                 statistics.counted[k][0]
             },
-            odd: statistics.counted[k][1],
-            left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
+            outlier_vertices: statistics.counted[k][1],
+            is_rejected: statistics.outlier_shares[k] > MAX_OUTLIER_FRACTION,
             // Also for held-out views: theirs is the only independent difference.
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),

@@ -163,9 +163,9 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<Finding> {
 /// Moves the lower left corner of a view to the origin.
 fn place_at_origin(curves: &mut [DrawnCurve]) {
     let points = || curves.iter().flat_map(|c| c.curve.points());
-    let least = [0, 1].map(|k| points().map(|p| p[k]).fold(f64::MAX, f64::min));
+    let corner = [0, 1].map(|k| points().map(|p| p[k]).fold(f64::MAX, f64::min));
     for drawn in curves {
-        drawn.curve = drawn.curve.moved(|p| [p[0] - least[0], p[1] - least[1]], false);
+        drawn.curve = drawn.curve.moved(|p| [p[0] - corner[0], p[1] - corner[1]], false);
     }
 }
 

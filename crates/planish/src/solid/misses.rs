@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn both_ends_and_both_sizes_are_named_with_a_tolerance_that_joins_them() {
+    fn nearly_equal_sizes_and_ends_are_reported_with_a_sufficient_tolerance() {
         let paths = ["front.dxf", "top.dxf"].map(PathBuf::from);
         let open = Drawing {
             views: vec![

@@ -232,7 +232,7 @@ impl Noisy {
     pub(super) fn explain(&self, error: Error) -> Error {
         let drawing = &self.consistent.drawing;
         let x = drawing.values();
-        let leaning = drawing.bars().filter_map(|bar| {
+        let tilted_bars = drawing.bars().filter_map(|bar| {
             let each = [Constraint::Horizontal { bar }, Constraint::Vertical { bar }];
             let off =
                 each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
@@ -249,9 +249,9 @@ impl Noisy {
                 )
             })
         });
-        let leaning: Vec<String> = leaning.collect();
+        let tilted_bars: Vec<String> = tilted_bars.collect();
         // Without a leaning bar, the usual reason is that contours lack inner edges.
-        if leaning.is_empty() {
+        if tilted_bars.is_empty() {
             return error.in_context(
                 "contours are outlines without inner edges: the views of a solid that has inner edges \
                  differ from them",
@@ -261,7 +261,7 @@ impl Noisy {
             .in_context(format!(
                 "{}: if a side is upright, specify it as a constraint of its contour, or lower the \
                  significance level",
-                leaning.join(", ")
+                tilted_bars.join(", ")
             ))
             .with_setting(Setting::Given)
             .with_setting(Setting::Level)

@@ -156,7 +156,7 @@ fn lines_table(lines: &[UnexplainedLine]) -> Table {
     let mut table = Table::new(["view", "entity", "reason"]);
     for line in lines.iter().take(MAX_LINES) {
         let entity = line.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
-        table.row([line.view.to_owned(), entity, line.why.clone()], false);
+        table.row([line.view.to_owned(), entity, line.reason.clone()], false);
     }
     table
 }

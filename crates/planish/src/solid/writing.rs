@@ -66,7 +66,7 @@ fn too_fine(solid: &Solid, tolerance: f64) -> Error {
 
 /// Refuses STL if the spacing of its 32-bit numbers, far from the origin, exceeds the mesh tolerance.
 fn refuse_coarse_numbers(job: &SolidJob, positions: &[DVec3], tolerance: f64) -> Result<()> {
-    let farthest = positions.iter().fold(0.0, |most: f64, p| most.max(p.abs().max_element()));
+    let farthest = positions.iter().fold(0.0, |max: f64, p| max.max(p.abs().max_element()));
     let apart = farthest * f64::from(f32::EPSILON);
     match job.outputs.iter().find(|output| extension(output) == "stl") {
         Some(output) if apart > tolerance => Err(Error::unsupported(format!(

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn named_views_look_from_where_they_say() {
+    fn named_views_have_their_directions() {
         let z = Up::default();
         let axes = |text: &str, up: Up| axes_at(&text.parse().unwrap(), up);
         close(axes("front", z)[2], DVec3::new(0.0, -1.0, 0.0));
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_are_read_or_refused_with_what_is_needed() {
+    fn cameras_are_parsed_or_rejected_with_the_expected_form() {
         let read = |text: &str| text.parse::<CameraAngles>();
         assert_eq!(read("-30,20,2").unwrap().zoom, 2.0);
         assert_eq!(read("top,1.5").unwrap(), CameraAngles { zoom: 1.5, ..read("top").unwrap() });
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn all_of_a_thing_is_within_the_frame() {
+    fn the_object_is_completely_within_the_frame() {
         let points: Vec<DVec3> = (0..8)
             .map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from))
             .map(|[x, y, z]| DVec3::new(5.0 * x + 100.0, y, 3.0 * z))

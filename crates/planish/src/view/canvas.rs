@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_are_as_wide_as_they_say_and_stay_inside() {
+    fn texts_have_the_stated_width_and_stay_inside() {
         let mut canvas = blank(200, 40);
         canvas.text([100.0, 30.0], "0.015 mm", 20.0, Anchor::Middle, [0.0; 3]);
         let half = 0.5 * canvas.width("0.015 mm", 20.0);
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_have_the_area_that_they_should_have() {
+    fn drawn_shapes_have_the_expected_area() {
         let mut canvas = blank(100, 100);
         canvas.rounded([[10.0, 10.0], [50.0, 30.0]], 5.0, |_| [0.0; 3]);
         let area = 40.0 * 20.0 - (4.0 - std::f64::consts::PI) * 25.0;

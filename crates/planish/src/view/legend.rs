@@ -6,7 +6,7 @@ use planish_core::DVec3;
 use planish_report::colour::{Colour, ColourKind, Range, Scale};
 
 const INK: Colour = [0.11, 0.115, 0.125];
-const SOFT: Colour = [0.36, 0.375, 0.41];
+const MUTED: Colour = [0.36, 0.375, 0.41];
 /// Maximum number of kinds that a legend names; the others are counted. More do not fit into one line.
 const MAX_KINDS: usize = 8;
 
@@ -59,10 +59,10 @@ pub(super) fn draw(canvas: &mut Canvas, legend: &Legend, camera: &Camera) {
     }
     let size = 0.9 * em;
     if end == left {
-        canvas.text([left, bottom], &legend.size, size, Anchor::Left, SOFT);
+        canvas.text([left, bottom], &legend.size, size, Anchor::Left, MUTED);
     // The size is omitted if it does not fit. The scale is more important.
     } else if right - end > canvas.width(&legend.size, size) + 2.0 * em {
-        canvas.text([right, bottom], &legend.size, size, Anchor::Right, SOFT);
+        canvas.text([right, bottom], &legend.size, size, Anchor::Right, MUTED);
     }
 }
 
@@ -75,11 +75,11 @@ fn bar(canvas: &mut Canvas, range: &Range, [left, bottom]: [f64; 2], width: f64,
     let size = 0.85 * em;
     for tick in &range.ticks {
         let x = left + tick.place * width;
-        canvas.line([x, top + 0.8 * em], [x, top + 1.0 * em], (0.06 * em).max(1.0), SOFT);
+        canvas.line([x, top + 0.8 * em], [x, top + 1.0 * em], (0.06 * em).max(1.0), MUTED);
         // Labels at the ends stay over the bar.
         let half = 0.5 * canvas.width(&tick.label, size);
         let middle = if 2.0 * half < width { x.clamp(left + half, left + width - half) } else { x };
-        canvas.text([middle, bottom], &tick.label, size, Anchor::Middle, SOFT);
+        canvas.text([middle, bottom], &tick.label, size, Anchor::Middle, MUTED);
     }
 }
 
@@ -94,7 +94,7 @@ fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], roo
         let is_full = k == MAX_KINDS || x + width > left + room - if rest > 1 { 5.0 * em } else { 0.0 };
         if is_full && k > 0 {
             let text = format!("and {rest} more");
-            canvas.text([x, bottom], &text, size, Anchor::Left, SOFT);
+            canvas.text([x, bottom], &text, size, Anchor::Left, MUTED);
             return x + canvas.width(&text, size);
         }
         let colour = kind.colour;

@@ -160,7 +160,7 @@ fn pixel(
     for seen in samples.flatten() {
         // Shapes are in the order of their first triangle.
         let which = prepared.partition_point(|p| p.first <= seen.triangle as usize) - 1;
-        let (light, normal) = lit(&prepared[which], camera, &seen);
+        let (light, normal) = illumination(&prepared[which], camera, &seen);
         mean.light += light;
         mean.normal += normal;
         mean.depth += seen.depth;
@@ -183,11 +183,11 @@ fn pixel(
 }
 
 /// Linear light of a sample, and its normal towards the camera.
-fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
-    let index = seen.triangle as usize - of.first;
-    match of.shape {
+fn illumination(prepared: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> (DVec3, DVec3) {
+    let index = seen.triangle as usize - prepared.first;
+    match prepared.shape {
         Shape::Surface { colour, .. } => {
-            let corners = &of.normals[index];
+            let corners = &prepared.normals[index];
             let mixed = (corners.iter().zip(seen.barycentric))
                 .fold(DVec3::ZERO, |sum, (n, w)| sum + w * n.as_dvec3());
             let normal = towards_camera(mixed.try_normalize().unwrap_or(DVec3::Z));
@@ -342,11 +342,11 @@ fn obscurance(
     let on_screen = reach * camera.focal / pixel.depth;
     let mut sum = 0.0;
     for off in spiral {
-        let there = [middle[0] + on_screen * off[0], middle[1] + on_screen * off[1]];
-        let Some(other) = covered(pixels, size, there) else {
+        let sample = [middle[0] + on_screen * off[0], middle[1] + on_screen * off[1]];
+        let Some(other) = covered(pixels, size, sample) else {
             continue;
         };
-        let off = camera.place(there.map(|x| x.floor() + 0.5), other.depth) - place;
+        let off = camera.place(sample.map(|x| x.floor() + 0.5), other.depth) - place;
         let square = off.length_squared();
         // Only nearby surface obscures. The offset keeps a place from obscuring itself.
         let above = off.dot(pixel.normal) - 0.002 * camera.diagonal;

@@ -90,7 +90,7 @@ fn curve_point(curve: &BsplineCurve, share: f64) -> DVec3 {
 }
 
 #[test]
-fn faces_are_the_surface_and_neighbours_share_their_edges() {
+fn faces_match_the_surface_and_neighbours_share_edges() {
     for shape in SHAPES {
         for (grid, rounds) in [([4, 4], 0), ([9, 5], 0), ([8, 6], 2), ([7, 6], 3)] {
             let surface = bumpy(shape, 1.0, grid, rounds);
@@ -130,7 +130,7 @@ fn faces_are_the_surface_and_neighbours_share_their_edges() {
 }
 
 #[test]
-fn faces_and_edges_are_as_many_as_the_topology_says() {
+fn numbers_of_faces_and_edges_match_the_topology() {
     let counts = |brep: &Brep| (brep.faces.len(), brep.edges.len(), brep.vertices.len());
     for (shape, few, many) in [
         (Shape::Sheet, (1, 4, 4), (48, 110, 63)),
@@ -184,7 +184,7 @@ fn open_cascade(files: &[PathBuf]) -> Option<Vec<serde_json::Value>> {
 }
 
 #[test]
-fn what_is_written_reads_back_as_the_surface() {
+fn written_surfaces_read_back_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     for shape in SHAPES {
         let surface = bumpy(shape, 100.0, [12, 8], 1);
@@ -195,7 +195,7 @@ fn what_is_written_reads_back_as_the_surface() {
             let faces = read_step(&path).unwrap();
             let chord = 0.02;
             let read = faces.triangles(&faces.fineness(Some(chord))).unwrap();
-            assert_eq!((read.parts.len(), read.faces, read.left_out.len()), (1, brep.faces.len(), 0));
+            assert_eq!((read.parts.len(), read.faces, read.unreadable.len()), (1, brep.faces.len(), 0));
             let mesh =
                 TriangleMesh::try_new(read.parts[0].points.clone(), read.parts[0].triangles.clone()).unwrap();
             let check = mesh.check();
@@ -217,7 +217,7 @@ fn what_is_written_reads_back_as_the_surface() {
 }
 
 #[test]
-fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
+fn open_cascade_confirms_validity_area_and_box_of_every_shape() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("brep");
     std::fs::create_dir_all(&folder).unwrap();
     let mut files = Vec::new();
@@ -277,12 +277,12 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
             &TessellationOptions { tolerance: 1e-3 / millimetres, ..TessellationOptions::default() },
         )
         .unwrap();
-        let ours = BoundingBox::from_points(&mesh.positions).unwrap();
+        let bounds = BoundingBox::from_points(&mesh.positions).unwrap();
         for d in 0..3 {
-            for (k, bound) in [ours.min[d], ours.max[d]].into_iter().enumerate() {
-                let theirs = result["box"][k][d].as_f64().unwrap();
-                let apart = (theirs - bound * millimetres).abs();
-                assert!(apart < 2e-3, "{name}: box {theirs}, ours {}", bound * millimetres);
+            for (k, bound) in [bounds.min[d], bounds.max[d]].into_iter().enumerate() {
+                let reference = result["box"][k][d].as_f64().unwrap();
+                let apart = (reference - bound * millimetres).abs();
+                assert!(apart < 2e-3, "{name}: box {reference}, ours {}", bound * millimetres);
             }
         }
     }

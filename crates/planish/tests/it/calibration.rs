@@ -124,7 +124,7 @@ fn cramer_rao_ratio(shape: Shape, runs: u64) -> f64 {
 
 /// (b) Truth drawn from the prior: NEES per degree of freedom, its 99.9 % band, and error over the posterior
 /// bound.
-fn posterior_honesty(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
+fn posterior_consistency(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
     let base = refined_base(shape);
     let system = SurfaceSystem::new(base.space()).unwrap();
     let mut prior = system.thin_plate(&base).unwrap().expanded(3).unwrap();
@@ -174,7 +174,7 @@ fn estimates_without_a_prior_reach_the_cramer_rao_bound() {
 #[test]
 fn errors_of_truths_from_the_prior_have_the_posterior_covariance() {
     for shape in SHAPES {
-        let (nees, band, ratio) = posterior_honesty(shape, 20);
+        let (nees, band, ratio) = posterior_consistency(shape, 20);
         assert!(band.contains(nees), "{shape:?}: NEES {nees} outside {band:?}");
         assert!((ratio - 1.0).abs() < 0.1, "{shape:?}: error is {ratio} of the posterior bound");
     }
@@ -182,10 +182,10 @@ fn errors_of_truths_from_the_prior_have_the_posterior_covariance() {
 
 #[test]
 #[ignore = "two hundred draws a shape: run by `just nightly`"]
-fn two_hundred_draws_reach_both_bounds() {
+fn errors_of_two_hundred_draws_reach_both_bounds() {
     for shape in SHAPES {
         let ratio = cramer_rao_ratio(shape, 200);
-        let (nees, band, posterior) = posterior_honesty(shape, 200);
+        let (nees, band, posterior) = posterior_consistency(shape, 200);
         println!(
             "{:5}  RMSE/CRB {ratio:.4}   NEES/dof {nees:.4} in [{:.4}, {:.4}]   RMSE/posterior \
              {posterior:.4}",

@@ -60,7 +60,7 @@ fn error(fit: &Fit) -> f64 {
 }
 
 #[test]
-fn dust_changes_little() {
+fn dust_has_little_influence() {
     let clean = error(&run(&set_of(sheet(5000, 1), None)));
     assert!(clean < 0.3 * SIGMA, "{clean}");
     let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -77,7 +77,7 @@ fn dust_changes_little() {
 }
 
 #[test]
-fn a_sigma_stated_a_thousand_times_too_large_or_small_is_found_out() {
+fn a_sigma_wrong_by_a_factor_of_a_thousand_is_detected() {
     let clean = error(&run(&set_of(sheet(5000, 3), None)));
     for factor in [1e-3, 0.01, 10.0, 100.0, 1e3] {
         let fit = run(&set_of(sheet(5000, 3), Some(factor * SIGMA)));
@@ -108,7 +108,7 @@ fn normals_of_zero_are_unknown_normals() {
 }
 
 #[test]
-fn clouds_without_a_side_are_added_whatever_side_was_guessed() {
+fn clouds_without_orientation_are_added_for_either_assumed_side() {
     for seed in 10..18 {
         let points = sheet(4000, seed);
         let first = run(&set_of(points[..2000].to_vec(), None));
@@ -120,7 +120,7 @@ fn clouds_without_a_side_are_added_whatever_side_was_guessed() {
 }
 
 #[test]
-fn few_readings_without_sigma_that_the_model_knows_already_are_no_proof_of_their_own_noise() {
+fn few_known_readings_do_not_determine_their_own_noise() {
     let points = sheet(4000, 11);
     let first = run(&set_of(points.clone(), Some(SIGMA)));
     let again = points.into_iter().step_by(400).collect();
@@ -133,12 +133,16 @@ fn few_readings_without_sigma_that_the_model_knows_already_are_no_proof_of_their
 }
 
 #[test]
-fn no_more_coefficients_than_allowed() {
+fn the_limit_of_coefficients_is_respected() {
     let set = set_of(sheet(3000, 6), None);
-    for most in [25, 40, 100, 150] {
-        let options = FitOptions { max_coefficients: most, ..FitOptions::default() };
+    for max_coefficients in [25, 40, 100, 150] {
+        let options = FitOptions { max_coefficients, ..FitOptions::default() };
         let made = fit(&set, &options, &Silent).unwrap();
-        assert!(made.report.coefficients <= most, "{} of {most}", made.report.coefficients);
+        assert!(
+            made.report.coefficients <= max_coefficients,
+            "{} of {max_coefficients}",
+            made.report.coefficients
+        );
     }
     let options = FitOptions { max_coefficients: 20, ..FitOptions::default() };
     assert!(fit(&set, &options, &Silent).is_err());
@@ -146,7 +150,7 @@ fn no_more_coefficients_than_allowed() {
 
 /// A map's coordinates: seven digits before the point must not cost the last ones behind it.
 #[test]
-fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
+fn a_fit_far_from_the_origin_equals_one_near_it_and_can_be_updated() {
     let far = DVec3::new(6.5e5, 4.25e6, -1024.0);
     let moved = |points: &[DVec3]| -> Vec<DVec3> {
         let moved = points.iter().map(|p| p + far);
@@ -180,7 +184,7 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
 /// Ground whose mesh faces down is dark in every viewer, and half of its readings would lie on the other
 /// side.
 #[test]
-fn a_sheet_of_points_without_sides_faces_up() {
+fn a_sheet_of_points_without_orientation_faces_up() {
     let options = FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() };
     for turned in [false, true] {
         let points = sheet(3000, 8)

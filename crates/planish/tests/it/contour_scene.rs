@@ -10,7 +10,7 @@ use planish_exchange::ply::read_scan;
 /// Points of the scene's contours lie on the object to within their σ, for both shapes, and follow from
 /// the masks alone, too.
 #[test]
-fn points_of_the_scene_lie_on_the_thing() {
+fn points_of_the_scene_lie_on_the_object() {
     for shape in [ContoursShape::Hyperboloid, ContoursShape::Carafe] {
         let folder = tempfile::tempdir().unwrap();
         let options = ContoursOptions { shape, views: 11, sigma_px: 0.2, seed: 4, unit: Unit::Millimetre };
@@ -21,7 +21,7 @@ fn points_of_the_scene_lie_on_the_thing() {
             views: made.views[0].clone(),
             outputs: vec![output.clone()],
             patches: Vec::new(),
-            least_points: 200,
+            min_points: 200,
             hull: None,
             judged: None,
             options: OccludingOptions::default(),

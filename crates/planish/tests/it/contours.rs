@@ -42,7 +42,7 @@ fn is_near(report: &ContourReport, contour: usize, name: &str, truth: f64) {
 }
 
 #[test]
-fn levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution() {
+fn equal_levels_form_a_prism_and_coaxial_circles_a_revolution() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("levels.csv");
     let rectangle = [10.0, 5.0, 40.0, 25.0, 0.3];
@@ -55,14 +55,14 @@ fn levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution() {
     write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, circle(15.0, 2))]);
     let report = job(path.clone(), &[ContourKind::Circle]).run(&Silent).unwrap();
     assert_eq!(report.levels.unwrap().relation, Relation::Revolution);
-    let aside = points(&ContourKind::Circle, &[5.0, -2.0, 15.0], 150, 0.2, 4).noisy;
-    write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, aside)]);
+    let shifted = points(&ContourKind::Circle, &[5.0, -2.0, 15.0], 150, 0.2, 4).noisy;
+    write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, shifted)]);
     let report = job(path, &[ContourKind::Circle]).run(&Silent).unwrap();
     assert_eq!(report.levels.unwrap().relation, Relation::None);
 }
 
 #[test]
-fn a_plate_with_holes_is_told_as_one() {
+fn a_plate_with_holes_is_recognised() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("plate.csv");
     let plate = points(&ContourKind::Rectangle, &[0.0, 0.0, 80.0, 50.0, 0.2], 500, 0.1, 1).noisy;
@@ -70,9 +70,9 @@ fn a_plate_with_holes_is_told_as_one() {
     let right = points(&ContourKind::Slot, &[18.0, 4.0, 24.0, 10.0, 0.2], 200, 0.1, 3).noisy;
     write_points(&path, &[(0.0, [plate, left, right].concat())]);
     let report = ContourJob { gap: Some(5.0), ..job(path, &[]) }.run(&Silent).unwrap();
-    let said: Vec<(&str, Option<usize>)> =
+    let kinds: Vec<(&str, Option<usize>)> =
         report.contours.iter().map(|c| (c.kind.as_str(), c.hole_of)).collect();
-    assert_eq!(said, [("rectangle", None), ("slot", Some(0)), ("circle", Some(0))]);
+    assert_eq!(kinds, [("rectangle", None), ("slot", Some(0)), ("circle", Some(0))]);
     is_near(&report, 0, "width", 80.0);
     is_near(&report, 2, "radius", 6.0);
 }
@@ -93,7 +93,7 @@ fn scene(kind: ContourKind, velocity: DVec3, noise: f64, folder: &Path) -> PathB
 }
 
 #[test]
-fn the_product_of_the_sides_finds_the_rectangle_too() {
+fn the_product_of_the_sides_also_identifies_the_rectangle() {
     let folder = tempfile::tempdir().unwrap();
     let path = scene(ContourKind::Rectangle, DVec3::ZERO, 0.2, folder.path());
     let mut job = job(path, &[ContourKind::Rectangle]);
@@ -104,7 +104,7 @@ fn the_product_of_the_sides_finds_the_rectangle_too() {
 }
 
 #[test]
-fn a_thing_that_moves_and_turns_is_found_with_its_motion() {
+fn a_moving_and_turning_object_is_found_with_its_motion() {
     let folder = tempfile::tempdir().unwrap();
     let turn = 8f64.to_radians();
     let path = scene(ContourKind::Rectangle, DVec3::new(6.0, -3.0, turn), 0.3, folder.path());
@@ -222,8 +222,8 @@ fn a_room_of_a_carmen_log_has_walls() {
         let ranges = (0..180).map(|k| {
             let angle = facing + (f64::from(k) - 90.0).to_radians();
             let (sin, cos) = angle.sin_cos();
-            let wobble = 0.01 * (f64::from(k) * 12.9898).sin();
-            (3.0 / cos.abs()).min(2.0 / sin.abs()) + wobble
+            let noise = 0.01 * (f64::from(k) * 12.9898).sin();
+            (3.0 / cos.abs()).min(2.0 / sin.abs()) + noise
         });
         let ranges: Vec<String> = ranges.map(|r| format!("{r:.4}")).collect();
         writeln!(text, "FLASER 180 {} 0 0 {facing} 0 0 {facing} 0 host 0", ranges.join(" ")).unwrap();
@@ -239,7 +239,7 @@ fn a_room_of_a_carmen_log_has_walls() {
 }
 
 #[test]
-fn an_open_outline_is_a_chain_with_its_ends() {
+fn an_open_outline_is_a_chain_with_two_ends() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bracket.csv");
     // A bracket, of which one side is seen.
@@ -321,7 +321,7 @@ fn corridors_of_a_measured_log_have_walls() {
 #[test]
 fn bad_readings_are_refused_with_file_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, text, says) in [
+    for (name, text, expected) in [
         ("empty.csv", "", "the file is empty"),
         ("blank.csv", "\n\n", "expected a header `x,y,heading_deg,range` or `x,y`, found no readings"),
         ("header.csv", "x,y,sigma\n", "expected readings after the header, found none"),
@@ -368,7 +368,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         let output = folder.path().join("out.json");
         let job = ContourJob { outputs: vec![output.clone()], ..job(path, &[ContourKind::Circle]) };
         let refused = job.run(&Silent).unwrap_err().to_string();
-        assert!(refused.contains(says) && refused.contains(name), "{name}: {refused}");
+        assert!(refused.contains(expected) && refused.contains(name), "{name}: {refused}");
         assert!(!output.exists(), "{name}: an output was left behind");
     }
 }

@@ -98,7 +98,7 @@ fn the_patch_filter_agrees_with_the_global_one_and_both_cover_the_truth() {
 /// A session of half the scans and one of the others must know about as much as one of all, and take them at
 /// the same σ.
 #[test]
-fn another_days_scans_go_on_with_the_patch_filter() {
+fn scans_of_another_day_update_the_patch_filter() {
     let scene = scene(Shape::Ball, 7);
     let all = fitted(&scene, Filter::Patch);
     let mut first = scene.set.clone();
@@ -107,19 +107,20 @@ fn another_days_scans_go_on_with_the_patch_filter() {
     second.scans = vec![last];
     let options =
         FitOptions { strategy: strategy(Filter::Patch), shape: Some(Shape::Ball), ..FitOptions::default() };
-    let yesterday = fit(&first, &options, &Silent).unwrap();
-    let today = planish::fit::update(&yesterday.model, &second, &UpdateOptions::default(), &Silent).unwrap();
-    assert!(today.model.known.filter().is_some());
-    assert!(today.report.observed_area_fraction >= yesterday.report.observed_area_fraction);
-    let ratio = today.report.sigma.median / all.report.sigma.median;
+    let first_fit = fit(&first, &options, &Silent).unwrap();
+    let updated =
+        planish::fit::update(&first_fit.model, &second, &UpdateOptions::default(), &Silent).unwrap();
+    assert!(updated.model.known.filter().is_some());
+    assert!(updated.report.observed_area_fraction >= first_fit.report.observed_area_fraction);
+    let ratio = updated.report.sigma.median / all.report.sigma.median;
     // Cells that were refined late have a larger σ; a coarser model has a smaller one.
-    println!("{ratio:.2} times the σ of one session, {:?} held out", today.report.held_out);
+    println!("{ratio:.2} times the σ of one session, {:?} held out", updated.report.held_out);
     assert!((0.5..1.4).contains(&ratio), "{ratio} times the σ of one session");
-    let judged = today.report.held_out.rms_normalised;
+    let judged = updated.report.held_out.rms_normalised;
     assert!((0.9..1.15).contains(&judged), "held-out readings are {judged} of their σ off");
-    assert_eq!(today.model.observations, yesterday.report.observations + today.report.observations);
+    assert_eq!(updated.model.observations, first_fit.report.observations + updated.report.observations);
     let refused = UpdateOptions { filter: Some(Filter::Global), ..UpdateOptions::default() };
-    let e = planish::fit::update(&yesterday.model, &second, &refused, &Silent).err().unwrap();
+    let e = planish::fit::update(&first_fit.model, &second, &refused, &Silent).err().unwrap();
     assert!(e.to_string().contains("patch filter"), "{e}");
 }
 
@@ -143,12 +144,12 @@ fn criteria_and_depth_are_kept_and_reported() {
                 let causes: Vec<&str> =
                     report.refined.iter().flat_map(|l| l.causes.keys().copied()).collect();
                 assert_eq!(causes.is_empty(), depth == 0, "{name}: {causes:?}");
-                let unasked = match refine_by {
+                let disabled_cause = match refine_by {
                     RefineBy::Residuals => Some("curvature"),
                     RefineBy::Curvature => Some("residuals"),
                     RefineBy::Both | RefineBy::Roughness => None,
                 };
-                assert!(unasked.is_none_or(|cause| !causes.contains(&cause)), "{name}: {causes:?}");
+                assert!(disabled_cause.is_none_or(|cause| !causes.contains(&cause)), "{name}: {causes:?}");
                 let divided: usize = report.refined.iter().map(|l| l.divided).sum();
                 if filter == Filter::Global {
                     // Every division makes three leaves more.

@@ -24,7 +24,7 @@ fn cones() -> Option<PathBuf> {
 }
 
 #[test]
-fn gross_errors_are_few_and_stand_where_sigma_is_large() {
+fn gross_errors_are_few_and_occur_where_sigma_is_large() {
     let Some(folder) = cones() else { return };
     let out = tempfile::tempdir().unwrap();
     let path = out.path().join("cones.npy");

@@ -5,6 +5,7 @@
 
 mod common;
 
+mod accuracy;
 mod brep;
 mod calibration;
 mod clouds;
@@ -13,14 +14,13 @@ mod contours;
 mod filters;
 mod freeform;
 mod front_ends;
-mod honesty;
 mod merge;
 mod poses;
 mod propagation;
 mod quantities;
+mod reported;
 mod reports;
 mod rough_start;
-mod shape_left;
 mod shells;
 mod solids;
 mod sphere_figures;
@@ -28,5 +28,5 @@ mod stripes;
 mod terrain;
 mod tessellation;
 mod texture;
-mod told;
+mod unresolved_shape;
 mod view;

@@ -23,7 +23,7 @@ fn radius(d: DVec3) -> f64 {
 
 /// The part of the swollen ball about an axis, with noise along the normals' rays, of which a share is waves
 /// nine edges long and longer.
-fn patch(name: &str, axis: DVec3, least: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
+fn patch(name: &str, axis: DVec3, lowest: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
     let mut ball = icosphere(1.0, 5);
     let (s, c) = turn.sin_cos();
     for p in &mut ball.positions {
@@ -32,7 +32,7 @@ fn patch(name: &str, axis: DVec3, least: f64, turn: f64, smooth: f64, rng: &mut 
         let DVec3 { x, y, z } = *p;
         *p = DVec3::new(x, c * y - s * z, s * y + c * z);
     }
-    ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= least));
+    ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize].dot(axis) >= lowest));
     let waves: Vec<(DVec3, f64)> = (0..12)
         .map(|_| {
             let d = DVec3::new(normal(rng), normal(rng), normal(rng)).try_normalize().expect("a direction");
@@ -78,14 +78,14 @@ fn four_patches_with(smooth: f64) -> Vec<NamedPatch> {
 fn merged(patches: Vec<NamedPatch>, method: MergeMethod) -> Merged {
     let set = PatchSet { patches, ..PatchSet::default() };
     let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
-    merge(set, &options, &Silent).expect("a whole")
+    merge(set, &options, &Silent).expect("a merged mesh")
 }
 
 /// Root mean square errors, over σ and as they are.
-fn errors(whole: &Merged) -> (f64, f64) {
-    let n = whole.mesh.positions.len() as f64;
+fn errors(merged: &Merged) -> (f64, f64) {
+    let n = merged.mesh.positions.len() as f64;
     let (mut normalized, mut squares) = (0.0, 0.0);
-    for (p, s) in whole.mesh.positions.iter().zip(&whole.sigma) {
+    for (p, s) in merged.mesh.positions.iter().zip(&merged.sigma) {
         let d = p.try_normalize().expect("a direction");
         let off = p.length() - radius(d);
         squares += off * off / n;
@@ -95,13 +95,13 @@ fn errors(whole: &Merged) -> (f64, f64) {
 }
 
 #[test]
-fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
+fn a_merged_mesh_is_more_accurate_than_its_patches_and_sigma_is_calibrated() {
     let mut rms = Vec::new();
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
-        let whole = merged(four_patches(), method);
-        let report = &whole.report;
+        let merged = merged(four_patches(), method);
+        let report = &merged.report;
         assert!(report.watertight && report.nonmanifold_edges == 0, "{method:?}: {report:?}");
-        let (normalized, error) = errors(&whole);
+        let (normalized, error) = errors(&merged);
         println!(
             "{method:?}: rms {error:.5} for σ {SIGMA}, over σ {normalized:.3}, {} triangles",
             report.triangles
@@ -115,7 +115,7 @@ fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
 /// A refit does not reduce correlated noise, and σ includes this. Patches of models and of scans with pose
 /// errors have such noise.
 #[test]
-fn sigma_is_true_where_neighbours_are_off_together() {
+fn sigma_is_correct_for_correlated_errors_of_neighbours() {
     for smooth in [0.5, 1.0] {
         for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
             let (normalized, error) = errors(&merged(four_patches_with(smooth), method));
@@ -128,7 +128,7 @@ fn sigma_is_true_where_neighbours_are_off_together() {
 /// A hole in all patches is filled with continued curvature, marked, and within its σ. The output includes
 /// its curvature.
 #[test]
-fn a_hole_is_filled_as_the_surface_goes_on() {
+fn a_hole_is_filled_with_continued_curvature() {
     let mut patches = four_patches();
     for patch in &mut patches {
         let mut mesh = patch.tidied.patch.mesh.clone();
@@ -138,23 +138,23 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
     }
     let set = PatchSet { patches, ..PatchSet::default() };
     let options = MergeOptions { fill: 1000, curvature: true, ..MergeOptions::default() };
-    let whole = merge(set, &options, &Silent).expect("a whole");
-    let report = &whole.report;
+    let merged = merge(set, &options, &Silent).expect("a merged mesh");
+    let report = &merged.report;
     let filled = report.filled.as_ref().expect("lids");
     assert!(report.watertight && report.nonmanifold_edges == 0, "{report:?}");
-    assert_eq!((filled.holes, filled.outer_rims, filled.left_open), (1, 0, 0), "{filled:?}");
-    let lid: Vec<usize> = (0..whole.mesh.positions.len()).filter(|v| whole.observed[*v] == 2).collect();
+    assert_eq!((filled.holes, filled.outer_rims, filled.unfilled), (1, 0, 0), "{filled:?}");
+    let lid: Vec<usize> = (0..merged.mesh.positions.len()).filter(|v| merged.observed[*v] == 2).collect();
     assert_eq!(lid.len(), filled.vertices);
     let off = |v: usize| {
-        let p = whole.mesh.positions[v];
+        let p = merged.mesh.positions[v];
         (p.length() - radius(p.try_normalize().expect("a direction"))).abs()
     };
-    let covered = lid.iter().filter(|v| off(**v) < 1.96 * whole.sigma[**v]).count();
+    let covered = lid.iter().filter(|v| off(**v) < 1.96 * merged.sigma[**v]).count();
     let worst = lid.iter().map(|v| off(*v)).fold(0.0, f64::max);
     println!("{} vertices, {covered} within 1.96 σ, off by {worst:.3} at most", lid.len());
     // A flat lid is off by 1.5.
     assert!(lid.len() > 100 && worst < 0.5 && 100 * covered >= 95 * lid.len());
-    let curvature = whole.curvature.expect("curvature");
+    let curvature = merged.curvature.expect("curvature");
     let mean: f64 = lid.iter().map(|v| curvature.mean[*v]).sum::<f64>() / lid.len() as f64;
     assert!((mean + 0.1).abs() < 0.04, "{mean}");
 }
@@ -162,7 +162,7 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
 /// The two sides of a plate thinner than an edge keep their orientations if σ separates them. A sheet that
 /// faces against an overlapping one is reversed.
 #[test]
-fn the_sides_of_a_thin_plate_are_not_turned_over() {
+fn sides_of_a_thin_plate_keep_their_orientation() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut side = |from: f64, height: f64, down: bool| {
         let mut mesh = planish_mesh::grid_sheet(40.0, 30.0, 40, 30);
@@ -181,11 +181,11 @@ fn the_sides_of_a_thin_plate_are_not_turned_over() {
     };
     let plate =
         vec![side(0.0, 0.0, false), side(25.3, 0.0, false), side(0.0, -0.35, true), side(25.3, -0.35, true)];
-    let whole = merged(plate, MergeMethod::Mean);
-    assert!(whole.report.patches.iter().all(|p| !p.turned_over), "{:?}", whole.report);
-    assert!(whole.report.parts == 2 && whole.report.nonmanifold_edges == 0);
+    let joined = merged(plate, MergeMethod::Mean);
+    assert!(joined.report.patches.iter().all(|p| !p.reversed), "{:?}", joined.report);
+    assert!(joined.report.parts == 2 && joined.report.nonmanifold_edges == 0);
     let turned = merged(vec![side(0.0, 0.0, false), side(25.3, 0.0, true)], MergeMethod::Mean);
-    assert!(turned.report.patches.iter().any(|p| p.turned_over) && turned.report.parts == 1);
+    assert!(turned.report.patches.iter().any(|p| p.reversed) && turned.report.parts == 1);
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
 }
 
 #[test]
-fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
+fn other_topologies_than_sheet_tube_and_ball_stay_meshes() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut patches = four_patches();
     patches.truncate(2);
@@ -271,23 +271,23 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
 /// A patch with a pose error makes two layers or a step. After alignment, the result is as good as with the
 /// correct pose.
 #[test]
-fn patches_that_are_off_are_brought_together_first() {
+fn misaligned_patches_are_aligned_first() {
     let mut patches = four_patches();
     let off = Pose::from_rotation_vector(DVec3::new(0.006, -0.004, 0.005), DVec3::new(0.08, -0.06, 0.1));
     for p in &mut patches[2].tidied.patch.mesh.positions {
         *p = off.apply(*p);
     }
     let set = PatchSet { patches, ..PatchSet::default() };
-    let whole = |align: bool| {
+    let merged = |align: bool| {
         let options = MergeOptions { align, ..MergeOptions::default() };
         merge(set.clone(), &options, &Silent)
     };
-    let whole_of_aligned = whole(true).expect("a whole");
-    let (normalized, rms) = errors(&whole_of_aligned);
-    let pose = &whole_of_aligned.report.poses[2];
+    let aligned = merged(true).expect("a merged mesh");
+    let (normalized, rms) = errors(&aligned);
+    let pose = &aligned.report.poses[2];
     println!("rms {rms:.4}, over σ {normalized:.2}; moved by {:?}", pose.moved);
     assert!(normalized < 1.3, "{normalized}");
-    assert!(whole_of_aligned.report.watertight);
-    let left = whole(false).map_or(f64::INFINITY, |left| errors(&left).0);
+    assert!(aligned.report.watertight);
+    let left = merged(false).map_or(f64::INFINITY, |left| errors(&left).0);
     assert!(left > 1.5 * normalized, "{left} {normalized}");
 }

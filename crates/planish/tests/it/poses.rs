@@ -38,7 +38,12 @@ fn scene(shape: Shape, seed: u64) -> ScanScene {
 }
 
 /// Turns and moves every scan but the first by errors of these σ, and says so in what is stated.
-fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotation_deg: f64) -> Vec<Pose> {
+fn perturb_poses(
+    scene: &mut ScanScene,
+    seed: u64,
+    sigma_translation: f64,
+    sigma_rotation_deg: f64,
+) -> Vec<Pose> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truths = Vec::new();
     for (s, posed) in scene.set.scans.iter_mut().enumerate() {
@@ -80,11 +85,11 @@ fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
 }
 
 #[test]
-fn poses_come_back_within_their_covariance() {
+fn poses_are_recovered_within_their_covariance() {
     let (mut all, mut worst) = (Vec::new(), 0.0_f64);
     for seed in 0..2 {
         let mut scene = scene(Shape::Ball, seed);
-        let truths = shake(&mut scene, 100 + seed, 0.5, 0.5);
+        let truths = perturb_poses(&mut scene, 100 + seed, 0.5, 0.5);
         let fitted = fit_scene(&scene, false);
         for (report, truth) in fitted.report.poses.iter().zip(&truths).skip(1) {
             let e = squared_error(report, truth);
@@ -180,7 +185,7 @@ fn height(fitted: &Fit) -> (f64, f64) {
 }
 
 #[test]
-fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
+fn a_constant_error_of_a_scan_is_in_the_covariance() {
     const BIAS: f64 = 0.1;
     let (mut with, mut without) = (Vec::new(), Vec::new());
     for seed in 0..12 {
@@ -206,7 +211,7 @@ fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
 }
 
 #[test]
-fn an_update_keeps_what_earlier_scans_share() {
+fn an_update_keeps_the_shared_errors_of_earlier_scans() {
     // A biased session, then an unbiased one over the same place: the biases of the first are found out by
     // the second.
     let mut rng = ChaCha8Rng::seed_from_u64(40);
@@ -217,10 +222,10 @@ fn an_update_keeps_what_earlier_scans_share() {
     let exact = biased_plane(&mut rng, 0.02, 0.0);
     let both = update(&first.model, &exact, &UpdateOptions::default(), &Silent).unwrap();
     // As if the first session's scans had erred independently.
-    let mut believed = first.model.clone();
-    *believed.known.scan_errors_mut().unwrap() = None;
-    let misled = update(&believed, &exact, &UpdateOptions::default(), &Silent).unwrap();
-    let [before, after, wrong] = [&first, &both, &misled].map(height);
+    let mut without_errors = first.model.clone();
+    *without_errors.known.scan_errors_mut().unwrap() = None;
+    let overconfident = update(&without_errors, &exact, &UpdateOptions::default(), &Silent).unwrap();
+    let [before, after, wrong] = [&first, &both, &overconfident].map(height);
     println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
     assert!(before.1 > 0.15 && after.1 < 0.05 * before.1);
     assert!(after.0.abs() < 4.0 * after.1, "{after:?}");
@@ -231,9 +236,9 @@ fn an_update_keeps_what_earlier_scans_share() {
 }
 
 #[test]
-fn align_brings_scans_back_that_nobody_said_were_off() {
+fn align_corrects_scans_without_stated_pose_errors() {
     let mut scene = scene(Shape::Ball, 7);
-    let truths = shake(&mut scene, 3, 1.0, 0.6);
+    let truths = perturb_poses(&mut scene, 3, 1.0, 0.6);
     for posed in &mut scene.set.scans {
         (posed.sigma_translation, posed.sigma_rotation_deg) = (None, None);
     }
@@ -250,12 +255,12 @@ fn align_brings_scans_back_that_nobody_said_were_off() {
 
 #[test]
 #[ignore = "25 s: run by `just nightly`"]
-fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
+fn pose_covariances_of_a_mixed_set_are_calibrated() {
     let mut all = Vec::new();
     for seed in [7, 8] {
         let mixed = ScanSceneOptions { seed, ..ScanSceneOptions::default() };
         let mut scene = scans(&mixed).unwrap();
-        let truths = shake(&mut scene, seed, 0.2, 0.1);
+        let truths = perturb_poses(&mut scene, seed, 0.2, 0.1);
         for posed in &mut scene.set.scans {
             (posed.sigma_translation, posed.sigma_rotation_deg) = (None, None);
         }

@@ -55,13 +55,13 @@ fn with_symmetry(symmetry: Option<SymmetryChoice>) -> FitOptions {
 }
 
 #[test]
-fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
+fn the_unobserved_side_of_a_vessel_is_completed_by_its_symmetry() {
     let scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     let truth = vessel_truth(&scene);
     let plain = fit(&scene.set, &FitOptions::default(), &Silent).unwrap();
     let options = with_symmetry(full_rotation());
-    let whole = fit(&scene.set, &options, &Silent).unwrap();
-    let found = whole.report.propagation.clone().unwrap();
+    let completed = fit(&scene.set, &options, &Silent).unwrap();
+    let found = completed.report.propagation.clone().unwrap();
     let symmetry = found.symmetry.unwrap();
     // The axis is z.
     assert!(symmetry.direction[2].abs() > 0.99999, "{symmetry:?}");
@@ -70,8 +70,8 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
             < 5.0 * symmetry.sigma_point[0].max(symmetry.sigma_point[1])
     );
     assert!(found.inferred_area_fraction > 0.4, "{}", found.inferred_area_fraction);
-    let (rms, coverage, n) = judge(&whole, &truth, Some(Observed::Inferred));
-    let (measured, seen_coverage, _) = judge(&whole, &truth, Some(Observed::Measured));
+    let (rms, coverage, n) = judge(&completed, &truth, Some(Observed::Inferred));
+    let (measured, seen_coverage, _) = judge(&completed, &truth, Some(Observed::Measured));
     let (before, _, _) = judge(&plain, &truth, None);
     println!(
         "unseen {rms} of {n}, before {before}, measured {measured}, coverage {coverage} {seen_coverage}"
@@ -79,8 +79,8 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
     assert!(n > 1000 && rms < 0.15 && before > 10.0 * rms);
     assert!(coverage > 0.9 && seen_coverage > 0.9);
     // Copies do not count as readings.
-    assert!(whole.report.observations.abs_diff(plain.report.observations) < 50);
-    assert!(whole.report.sensors.len() == 1);
+    assert!(completed.report.observations.abs_diff(plain.report.observations) < 50);
+    assert!(completed.report.sensors.len() == 1);
 
     let proposed = fit(&scene.set, &with_symmetry(Some(SymmetryChoice::Auto)), &Silent).unwrap();
     let symmetry = proposed.report.propagation.unwrap().symmetry.unwrap();
@@ -88,7 +88,7 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
 }
 
 #[test]
-fn real_readings_overrule_a_symmetry() {
+fn readings_take_precedence_over_a_symmetry() {
     let mut scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     // The other side was pressed in by 2 mm, and a probe has touched it there.
     let foot = scene.truth.foot(DVec3::new(-60.0, 0.0, -5.0)).unwrap();
@@ -173,7 +173,7 @@ fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
 }
 
 #[test]
-fn a_freeform_without_symmetry_is_told_so() {
+fn a_freeform_surface_without_symmetry_is_reported() {
     let scene = planish::simulate::scans(&planish::simulate::ScanSceneOptions {
         readings: 12_000,
         ..planish::simulate::ScanSceneOptions::default()
@@ -191,7 +191,7 @@ fn a_freeform_without_symmetry_is_told_so() {
 }
 
 #[test]
-fn a_scan_at_another_time_than_stated_stands_out() {
+fn a_scan_with_a_wrong_time_is_detected() {
     let mut scene =
         turning(&TurningOptions { readings: 16_000, views: 5, ..TurningOptions::default() }).unwrap();
     scene.set.scans[3].scan.time_s = Some(2.4);
@@ -205,13 +205,13 @@ fn a_scan_at_another_time_than_stated_stands_out() {
 }
 
 #[test]
-fn pose_and_rate_of_a_turning_thing_lie_within_their_sigma() {
+fn pose_and_rate_of_a_turning_object_lie_within_their_sigma() {
     assert_turning_lies_within_sigma(&[1]);
 }
 
 #[test]
 #[ignore = "six scenes: run by `just nightly`"]
-fn poses_and_rates_of_turning_things_lie_within_their_sigma() {
+fn poses_and_rates_of_turning_objects_lie_within_their_sigma() {
     assert_turning_lies_within_sigma(&[1, 2, 3, 4, 5, 6]);
 }
 
@@ -257,7 +257,7 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
 }
 
 #[test]
-fn a_moving_thing_needs_times() {
+fn a_moving_object_needs_times() {
     let mut scene =
         turning(&TurningOptions { readings: 2000, views: 2, ..TurningOptions::default() }).unwrap();
     scene.set.scans[1].scan.time_s = None;
@@ -350,7 +350,7 @@ fn a_sheet_that_stretches_is_no_isometry() {
 }
 
 #[test]
-fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
+fn growth_of_a_sheet_in_its_plane_is_detected_at_its_border() {
     let mut scene =
         bending(&BendingOptions { states: 2, readings: 10_000, ..BendingOptions::default() }).unwrap();
     // The first state again, 8 % longer. It is still flat, so curvature shows nothing.
@@ -369,7 +369,7 @@ fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
 }
 
 #[test]
-fn what_cannot_bend_is_refused() {
+fn shapes_that_cannot_bend_are_rejected() {
     let scene = bending(&BendingOptions { states: 2, readings: 3000, ..BendingOptions::default() }).unwrap();
     let refused = |set: &planish_exchange::ScanSet, options: &FitOptions| {
         fit(set, options, &Silent).err().unwrap().to_string()
@@ -401,13 +401,13 @@ fn what_cannot_bend_is_refused() {
         "{message}"
     );
     // Files in order will do, without times.
-    let mut untimed = scene.set.clone();
-    untimed.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
-    assert!(fit(&untimed, &bend(), &Silent).is_ok());
+    let mut without_times = scene.set.clone();
+    without_times.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
+    assert!(fit(&without_times, &bend(), &Silent).is_ok());
 }
 
 #[test]
-fn a_model_forms_reading_by_reading_and_ends_as_itself() {
+fn animation_of_a_model_ends_with_the_model() {
     let snapshots = Some(12);
     for strategy in [
         Strategy::Global(GlobalOptions { snapshots, ..GlobalOptions::default() }),

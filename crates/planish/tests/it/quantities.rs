@@ -101,7 +101,7 @@ struct Mix {
     misstated: [f64; 3],
 }
 
-const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: [1.0; 3] };
+const NO_READINGS: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: [1.0; 3] };
 
 /// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length,
 /// each match off by σ = 0.05 pixels: along the ray `z² / (f b)` of that, across it `z / f`. And its
@@ -242,8 +242,8 @@ fn judged(name: &str, all: &[(f64, f64)]) -> (f64, f64) {
 
 /// Coverage of each mix by itself and of all together, over so many truths drawn from the prior.
 fn every_mix(seeds: u64) -> Vec<(&'static str, f64, f64)> {
-    let positions = Mix { positions: 2_000, ..NOTHING };
-    let anchored = Mix { positions: 4, ..NOTHING };
+    let positions = Mix { positions: 2_000, ..NO_READINGS };
+    let anchored = Mix { positions: 4, ..NO_READINGS };
     let normals = Mix { normals: 3_000, ..anchored };
     let curvatures = Mix { curvatures: 3_000, ..anchored };
     let stereo = Mix { stereo: 2_000, ..anchored };
@@ -291,8 +291,8 @@ fn every_mix_of_many_truths_is_covered_by_its_sigma() {
 
 /// A surface as rough as its thin plate allows has detail in every cell that residuals do not show.
 #[test]
-fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
-    let positions = Mix { positions: 2_000, ..NOTHING };
+fn sigma_of_a_rough_surface_is_calibrated_with_division_by_roughness() {
+    let positions = Mix { positions: 2_000, ..NO_READINGS };
     let covered = |refine_by: RefineBy| {
         let errors: Vec<(f64, f64)> = (0..2)
             .flat_map(|seed| {
@@ -308,7 +308,7 @@ fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
 }
 
 #[test]
-fn a_misstated_sigma_of_any_quantity_is_found_out() {
+fn a_misstated_sigma_of_any_quantity_is_detected() {
     let mix =
         Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: [1.0, 3.0, 0.4] };
     let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;

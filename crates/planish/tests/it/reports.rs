@@ -52,7 +52,7 @@ fn needs_no_network(page: &str) {
 }
 
 #[test]
-fn a_report_of_a_fit_holds_what_the_files_hold() {
+fn a_report_of_a_fit_contains_the_figures_of_its_files() {
     let folder = tempfile::tempdir().unwrap();
     let [page, mesh] = ["pebble.html", "pebble.ply"].map(|name| folder.path().join(name));
     let job = FitJob {
@@ -71,8 +71,8 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
     assert_eq!(positions.len(), 3 * written.points.len());
     for (shown, point) in positions.chunks_exact(3).zip(&written.points) {
         for d in 0..3 {
-            let there = f64::from(shown[d]) + scene["centre"][d].as_f64().unwrap();
-            assert!((there - point[d]).abs() < 1e-5, "{there} {}", point[d]);
+            let position = f64::from(shown[d]) + scene["centre"][d].as_f64().unwrap();
+            assert!((position - point[d]).abs() < 1e-5, "{position} {}", point[d]);
         }
     }
     // What a click reads is what the file says.
@@ -105,7 +105,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
 }
 
 #[test]
-fn scans_that_contradict_each_other_are_named_at_once() {
+fn conflicting_scans_are_named_together() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["laser-1.ply", "laser-2.ply", "laser-3.ply", "old-1.ply", "probe.ply"] {
         std::fs::copy(pebble().join(name), folder.path().join(name)).unwrap();
@@ -126,10 +126,10 @@ fn scans_that_contradict_each_other_are_named_at_once() {
     };
     job.run(&Silent).unwrap();
     let (text, _) = read(&page);
-    let verdict = text.split("<section class=\"verdict").nth(1).unwrap();
-    let verdict = verdict.split("</section>").next().unwrap();
-    assert!(verdict.starts_with(" bad"), "{verdict}");
-    assert!(verdict.contains("Scan probe.ply does not fit the others"), "{verdict}");
+    let summary = text.split("<section class=\"verdict").nth(1).unwrap();
+    let summary = summary.split("</section>").next().unwrap();
+    assert!(summary.starts_with(" bad"), "{summary}");
+    assert!(summary.contains("Scan probe.ply does not fit the others"), "{summary}");
 }
 
 #[test]
@@ -178,17 +178,17 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     let (_, scene) = read(&page);
     for (mark, point) in scene["marks"].as_array().unwrap().iter().zip(&next.next.points) {
         for d in 0..3 {
-            let there = mark["at"][d].as_f64().unwrap() + scene["centre"][d].as_f64().unwrap();
-            assert!((there - point.position[d]).abs() < 1e-9);
+            let position = mark["at"][d].as_f64().unwrap() + scene["centre"][d].as_f64().unwrap();
+            assert!((position - point.position[d]).abs() < 1e-9);
         }
     }
     assert_eq!(scene["marks"].as_array().unwrap().len(), 3);
 }
 
 #[test]
-fn a_report_goes_into_a_file_of_its_own() {
+fn a_report_is_written_to_a_separate_file() {
     let folder = tempfile::tempdir().unwrap();
-    let said = |page: PathBuf, outputs: Vec<PathBuf>| {
+    let error_of = |page: PathBuf, outputs: Vec<PathBuf>| {
         let job = FitJob {
             inputs: vec![pebble().join("job.toml")],
             outputs,
@@ -197,8 +197,8 @@ fn a_report_goes_into_a_file_of_its_own() {
         };
         job.run(&Silent).unwrap_err().to_string()
     };
-    let wrong = said(folder.path().join("page.pdf"), Vec::new());
+    let wrong = error_of(folder.path().join("page.pdf"), Vec::new());
     assert!(wrong.contains("page.pdf") && wrong.contains(".html"), "{wrong}");
-    let missing = said(folder.path().join("none/page.html"), Vec::new());
+    let missing = error_of(folder.path().join("none/page.html"), Vec::new());
     assert!(missing.contains("page.html"), "{missing}");
 }

@@ -107,21 +107,21 @@ fn write(folder: &Path, name: &str, mesh: &TriangleMesh) {
     write_mesh(&folder.join(name), &columns).unwrap();
 }
 
-fn least_held_out(report: &ShellFitReport) -> f64 {
+fn min_held_out_iou(report: &ShellFitReport) -> f64 {
     (report.held_out.iter()).map(|view| report.iou[view]).fold(1.0, f64::min)
 }
 
 /// A user's ellipsoid becomes a bow in views that was held out, closed and in one piece. Bent alone it does
 /// not.
 #[test]
-fn an_ellipsoid_becomes_a_bow() {
+fn an_ellipsoid_is_fitted_to_views_of_a_bow() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let made = job.run(&Silent).unwrap();
     let flow = made.flow.clone().unwrap();
     println!("rough start: {:?} {flow:?} {:?}", made.iou, made.sigma);
     assert_eq!((made.held_out.len(), flow.parts), (2, 1));
-    assert!(least_held_out(&made) > 0.95, "{:?}", made.iou);
+    assert!(min_held_out_iou(&made) > 0.95, "{:?}", made.iou);
     let file = read_mesh(&folder.path().join("fitted.ply")).unwrap();
     let sigma = file.column("sigma").unwrap().to_vec();
     let mesh = TriangleMesh::try_new(file.points, file.triangles).unwrap();
@@ -137,12 +137,12 @@ fn an_ellipsoid_becomes_a_bow() {
     let bent = ShellFitJob { rough_start: false, ..job };
     let bent = bent.run(&Silent).unwrap();
     println!("bent: {:?}", bent.iou);
-    assert!(bent.flow.is_none() && least_held_out(&bent) < 0.9, "{:?}", bent.iou);
+    assert!(bent.flow.is_none() && min_held_out_iou(&bent) < 0.9, "{:?}", bent.iou);
 }
 
 /// A mesh that cannot be rebuilt is refused with the name of its file.
 #[test]
-fn open_meshes_and_those_elsewhere_are_no_start() {
+fn open_and_distant_meshes_are_rejected_as_starts() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let refused = |mesh: &TriangleMesh| {
@@ -151,13 +151,13 @@ fn open_meshes_and_those_elsewhere_are_no_start() {
     };
     let mut open = icosphere(20.0, 3);
     open.triangles.pop();
-    let said = refused(&open);
-    assert!(said.contains("start.ply") && said.contains("3 boundary edges"), "{said}");
-    let mut elsewhere = icosphere(5.0, 3);
-    elsewhere.positions.iter_mut().for_each(|p| p[2] += 40.0);
-    let said = refused(&elsewhere);
-    assert!(said.contains("start.ply") && said.contains("expected a part of the mesh"), "{said}");
+    let message = refused(&open);
+    assert!(message.contains("start.ply") && message.contains("3 boundary edges"), "{message}");
+    let mut distant = icosphere(5.0, 3);
+    distant.positions.iter_mut().for_each(|p| p[2] += 40.0);
+    let message = refused(&distant);
+    assert!(message.contains("start.ply") && message.contains("expected a part of the mesh"), "{message}");
     let sequence = ShellFitJob { silhouettes: None, sequence: Some(folder.path().to_owned()), ..job.clone() };
-    let said = sequence.run(&Silent).unwrap_err().to_string();
-    assert!(said.contains("rough start"), "{said}");
+    let message = sequence.run(&Silent).unwrap_err().to_string();
+    assert!(message.contains("rough start"), "{message}");
 }

@@ -106,14 +106,14 @@ fn texture_and_its_coordinates_are_kept() {
 }
 
 /// A progress listener that records its calls and interrupts at an iteration.
-struct Told {
+struct Recorder {
     stages: RefCell<Vec<String>>,
     rms: RefCell<Vec<f64>>,
     iteration: Cell<usize>,
     stop_at: usize,
 }
 
-impl Progress for Told {
+impl Progress for Recorder {
     fn advance(&self, stage: &str, share: f64) {
         assert!((0.0..=1.0).contains(&share), "{stage} {share}");
         let mut stages = self.stages.borrow_mut();
@@ -139,23 +139,23 @@ impl Progress for Told {
 /// Every iteration reports its residual. After an interruption, no further iteration starts and nothing is
 /// written.
 #[test]
-fn a_fit_tells_how_far_it_is_and_can_be_stopped() {
+fn a_fit_reports_its_progress_and_can_be_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let job = job(folder.path(), &["fitted.ply"]);
-    let listener = |stop_at| Told {
+    let listener = |stop_at| Recorder {
         stages: RefCell::default(),
         rms: RefCell::default(),
         iteration: Cell::new(0),
         stop_at,
     };
     let stopped = listener(3);
-    let said = job.run(&stopped).unwrap_err();
-    assert_eq!(said.kind(), ErrorKind::Interrupted);
+    let error = job.run(&stopped).unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Interrupted);
     assert!(stopped.rms.borrow().len() == 4 && !job.outputs[0].exists());
-    let whole = listener(usize::MAX);
-    let report = job.run(&whole).unwrap();
-    assert_eq!(*whole.stages.borrow(), ["reading", "fitting", "writing"]);
-    let rms = whole.rms.borrow();
+    let complete = listener(usize::MAX);
+    let report = job.run(&complete).unwrap();
+    assert_eq!(*complete.stages.borrow(), ["reading", "fitting", "writing"]);
+    let rms = complete.rms.borrow();
     assert_eq!(rms.len(), report.iterations);
     assert!(rms[0] > 0.2 && rms[rms.len() - 1] < 0.05, "{rms:?}");
 }
@@ -196,7 +196,7 @@ fn rigid_parts_keep_their_lengths() {
 /// An eye in the rigid head is unconnected and near no point. It gets no control, so no control is
 /// undetermined.
 #[test]
-fn loose_parts_of_what_is_rigid_need_no_readings() {
+fn unconnected_parts_of_rigid_regions_need_no_readings() {
     let folder = tempfile::tempdir().unwrap();
     let job = ShellFitJob {
         rigid: vec!["cap".to_owned()],

@@ -64,13 +64,13 @@ fn the_bracket_of_the_examples_has_its_volume() {
 }
 
 #[test]
-fn the_bracket_reads_back_as_it_was_written() {
+fn the_written_bracket_reads_back_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bracket.step");
     solved(bracket(), vec![path.clone()]).unwrap();
     let faces = planish_exchange::step::read_step(&path).unwrap();
     let read = faces.triangles(&faces.fineness(Some(0.005))).unwrap();
-    assert_eq!((read.parts.len(), read.left_out.len()), (1, 0));
+    assert_eq!((read.parts.len(), read.unreadable.len()), (1, 0));
     let part = &read.parts[0];
     let mesh = planish_mesh::TriangleMesh::try_new(part.points.clone(), part.triangles.clone()).unwrap();
     let check = mesh.check();
@@ -81,7 +81,7 @@ fn the_bracket_reads_back_as_it_was_written() {
 }
 
 #[test]
-fn crumbs_and_lines_drawn_twice_change_nothing() {
+fn tiny_and_duplicate_lines_do_not_change_the_solid() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = rectangle(40.0, 20.0);
     front.push(front[0]);
@@ -98,7 +98,7 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
 }
 
 #[test]
-fn a_circle_of_radius_zero_is_left_out_with_a_word() {
+fn a_circle_of_radius_zero_is_ignored_with_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     let views = box_with(rectangle(40.0, 20.0), folder.path());
     let text = std::fs::read_to_string(&views[0]).unwrap();
@@ -111,7 +111,7 @@ fn a_circle_of_radius_zero_is_left_out_with_a_word() {
 }
 
 #[test]
-fn a_drawing_of_a_size_that_no_step_file_can_have_is_refused_by_name_and_size() {
+fn drawings_too_large_for_step_files_are_rejected_with_name_and_size() {
     let folder = tempfile::tempdir().unwrap();
     for (factor, is_fine) in [(1e-6, false), (1e-3, true), (1e3, true), (1e8, false)] {
         let drawn =
@@ -126,16 +126,16 @@ fn a_drawing_of_a_size_that_no_step_file_can_have_is_refused_by_name_and_size() 
                 assert!(is_fine && (volume - 24_000.0).abs() < 1e-6, "{factor}: {volume}");
             }
             Err(e) => {
-                let said = e.to_string();
-                assert!(!is_fine && e.kind() == ErrorKind::Input, "{factor}: {said}");
-                assert!(said.contains("front.dxf") && said.contains("mm across"), "{said}");
+                let message = e.to_string();
+                assert!(!is_fine && e.kind() == ErrorKind::Input, "{factor}: {message}");
+                assert!(message.contains("front.dxf") && message.contains("mm across"), "{message}");
             }
         }
     }
 }
 
 #[test]
-fn an_open_contour_is_refused_and_its_ends_are_told() {
+fn an_open_contour_is_rejected_and_its_ends_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = rectangle(40.0, 20.0);
     front.pop();
@@ -152,7 +152,7 @@ fn an_open_contour_is_refused_and_its_ends_are_told() {
 }
 
 #[test]
-fn views_of_another_scale_and_single_views_are_refused_by_name() {
+fn views_of_another_scale_and_single_views_are_rejected_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let e = solved(box_with(rectangle(80.0, 40.0), folder.path()), Vec::new()).unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Input);
@@ -163,7 +163,7 @@ fn views_of_another_scale_and_single_views_are_refused_by_name() {
 }
 
 #[test]
-fn meshes_are_closed_and_as_near_as_asked_for() {
+fn meshes_are_closed_and_satisfy_the_tolerance() {
     let folder = tempfile::tempdir().unwrap();
     let outputs: Vec<PathBuf> =
         ["ply", "stl", "glb", "obj"].map(|e| folder.path().join(format!("bracket.{e}"))).to_vec();
@@ -244,8 +244,8 @@ fn candidates_that_only_touch_or_do_not_close_are_dropped_and_counted() {
     let report = solved(views, Vec::new()).unwrap();
     assert_eq!((report.solutions.len(), report.refused.len()), (1, 0));
     assert_eq!(report.solutions[0].faces.plane, 36);
-    let why: Vec<&str> = report.dropped.iter().map(|dropped| dropped.why).collect();
-    assert_eq!(why, ["touches", "does_not_close"], "{:?}", report.dropped);
+    let reason: Vec<&str> = report.dropped.iter().map(|dropped| dropped.reason).collect();
+    assert_eq!(reason, ["touches", "does_not_close"], "{:?}", report.dropped);
     assert!(report.dropped[0].first.contains("where it is not manifold"));
 }
 
@@ -259,7 +259,7 @@ fn data() -> PathBuf {
 /// Regression tests for drawings: holes that touch walls and planes, circles in pieces, crossing holes, and
 /// faces oblique to all views.
 #[test]
-fn known_parts_come_out_as_they_are() {
+fn known_parts_are_reproduced() {
     let folder = data().join("drawings");
     if !folder.is_dir() {
         println!("skipped: {} is not there", folder.display());

@@ -5,7 +5,7 @@ use planish::simulate::{SphereJob, SphereOptions, sphere};
 use planish::{ErrorKind, Job};
 
 #[test]
-fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
+fn figures_have_all_rows_and_invalid_options_write_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let small = SphereOptions {
         sets: 1,

@@ -11,7 +11,7 @@ use planish_sense::stripes::{GridCamera, GridReadings, StripePattern, read_grid}
 const SIZE: [usize; 2] = [480, 400];
 
 /// A camera at a place that looks at the origin, with −y upright.
-fn looking(from: DVec3) -> Pinhole {
+fn pinhole_at(from: DVec3) -> Pinhole {
     let z = (-from).try_normalize().unwrap();
     let x = DVec3::Y.cross(z).try_normalize().unwrap();
     let rows = [x, z.cross(x), z];
@@ -24,8 +24,8 @@ fn looking(from: DVec3) -> Pinhole {
 
 fn rig() -> GridCamera {
     GridCamera {
-        camera: looking(DVec3::new(0.0, 0.0, -400.0)),
-        projector: looking(DVec3::new(170.0, -20.0, -360.0)),
+        camera: pinhole_at(DVec3::new(0.0, 0.0, -400.0)),
+        projector: pinhole_at(DVec3::new(170.0, -20.0, -360.0)),
         pattern: StripePattern {
             directions_rad: [35.0_f64.to_radians(), 125.0_f64.to_radians()],
             spacing: 18.0,
@@ -77,12 +77,12 @@ struct Judged {
     curvature: Vec<f64>,
 }
 
-fn mean(of: &[f64]) -> f64 {
-    of.iter().sum::<f64>() / of.len() as f64
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn covered(of: &[f64], bound: f64) -> f64 {
-    of.iter().filter(|x| **x <= bound).count() as f64 / of.len() as f64
+fn covered(values: &[f64], bound: f64) -> f64 {
+    values.iter().filter(|x| **x <= bound).count() as f64 / values.len() as f64
 }
 
 impl Judged {
@@ -114,7 +114,8 @@ impl Judged {
     }
 
     fn assert(&self, name: &str) {
-        let all = [&self.place, &self.normal, &self.curvature].map(|of| (mean(of), covered(of, 1.96 * 1.96)));
+        let all = [&self.place, &self.normal, &self.curvature]
+            .map(|errors| (mean(errors), covered(errors, 1.96 * 1.96)));
         let [place, normal, curvature] = all;
         // Two pictures of some hundred crossings each; normals are judged by one σ for all directions of
         // their error, and shading bends stripes.
@@ -205,7 +206,7 @@ fn shapes<'a>() -> [(&'static str, Shape<'a>); 3] {
 }
 
 #[test]
-fn points_normals_and_curvatures_err_as_they_say() {
+fn errors_of_points_normals_and_curvatures_match_their_sigma() {
     for (name, shape) in shapes() {
         for (texture, sigma) in [(0.0, 4.0), (0.5, 1.0)] {
             let mut judged = Judged::default();

@@ -48,7 +48,7 @@ fn village(place: DVec3) -> ScanSet {
 }
 
 fn ground(set: &ScanSet) -> Fit {
-    let global = GlobalOptions { ground: Some(GroundWidth::Usual), ..GlobalOptions::default() };
+    let global = GlobalOptions { ground: Some(GroundWidth::Default), ..GlobalOptions::default() };
     let options = FitOptions { strategy: Strategy::Global(global), ..FitOptions::default() };
     fit(set, &options, &Silent).unwrap()
 }
@@ -112,7 +112,7 @@ fn agreement(truth: &[bool], found: &[bool]) -> [f64; 4] {
 /// Set `PLANISH_ISPRS` to the folder with `sampNN-utm.pcd` and `sampNN-utm-ground.pcd`: the table is printed.
 #[test]
 #[ignore = "needs data that are not in the repository"]
-fn the_reference_samples_are_told_apart() {
+fn the_reference_samples_are_classified() {
     let Some(folder) = std::env::var_os("PLANISH_ISPRS").map(PathBuf::from) else {
         println!("PLANISH_ISPRS is not set: nothing was measured");
         return;
@@ -133,11 +133,11 @@ fn the_reference_samples_are_told_apart() {
         let bits = |p: &DVec3| p.to_array().map(f64::to_bits);
         let bare: HashSet<[u64; 3]> = truth.scans[0].scan.points.iter().map(bits).collect();
         let points = &set.scans[0].scan.points;
-        let truly: Vec<bool> = points.iter().map(|p| bare.contains(&bits(p))).collect();
+        let is_ground: Vec<bool> = points.iter().map(|p| bare.contains(&bits(p))).collect();
         let found: Vec<bool> = (classify_ground(points, &GroundOptions::for_unit(1.0)).unwrap().iter())
             .map(|what| *what == Ground::Bare)
             .collect();
-        let scores = agreement(&truly, &found);
+        let scores = agreement(&is_ground, &found);
         let fit = ground(&set);
         // Classification of every point by the sheet, including points that the filter rejected.
         let surface = &fit.model.surface;
@@ -148,10 +148,10 @@ fn the_reference_samples_are_told_apart() {
                 surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default()).height
             })
             .collect();
-        for most in [4.0 * sigma, 0.5] {
-            let near: Vec<bool> = heights.iter().map(|h| h.abs() < most).collect();
-            let of_sheet = agreement(&truly, &near);
-            println!("    within {most:.2} m of the sheet: {of_sheet:.2?}");
+        for max_height in [4.0 * sigma, 0.5] {
+            let near: Vec<bool> = heights.iter().map(|h| h.abs() < max_height).collect();
+            let of_sheet = agreement(&is_ground, &near);
+            println!("    within {max_height:.2} m of the sheet: {of_sheet:.2?}");
         }
         let mut off = heights_off(&fit, truth.scans[0].scan.points.iter().copied());
         let root = rms(&off);
@@ -177,7 +177,7 @@ fn the_reference_samples_are_told_apart() {
 /// Ten million points: 14 s of processor time when this was written.
 #[test]
 #[ignore = "prints a time"]
-fn ten_million_points_are_told_apart() {
+fn ten_million_points_are_classified() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let points: Vec<DVec3> = (0..10_000_000)
         .map(|_| {

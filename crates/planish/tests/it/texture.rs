@@ -18,7 +18,7 @@ const FOCAL: f64 = 400.0;
 /// A ball of 50, and a ball of 12 that stands before it as seen from +x.
 const SMALL: (DVec3, f64) = (DVec3::new(75.0, 0.0, 10.0), 12.0);
 /// The view with the picture of another object.
-const ODD: usize = 3;
+const OUTLIER_VIEW: usize = 3;
 const HELD_OUT: usize = 5;
 
 /// The colour at a place of the large ball; the small one is blue.
@@ -74,7 +74,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
             let (x, y) = ((k % SIZE[0]) as f64 - cx, (k / SIZE[0]) as f64 - cy);
             let along = forward + x / FOCAL * right + y / FOCAL * r[1];
             let seen = match hit(eye, along.try_normalize().unwrap()) {
-                Some(_) if view as usize == ODD => [0.0, 255.0, 0.0],
+                Some(_) if view as usize == OUTLIER_VIEW => [0.0, 255.0, 0.0],
                 Some(place) => colour(place).to_array(),
                 None => [255.0, 255.0, 255.0],
             };
@@ -117,7 +117,7 @@ fn largest(a: DVec3, b: DVec3) -> f64 {
 }
 
 #[test]
-fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
+fn vertices_have_the_colours_of_the_object_and_their_number_of_views() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let out = ["c.ply", "c.glb"].map(|name| folder.path().join(name));
@@ -153,10 +153,10 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
     assert_eq!(report.seen + report.filled, report.vertices);
     // The view of another object is told, and so is how far what was held out is met.
     for (k, view) in report.views.iter().enumerate() {
-        let share = view.odd as f64 / view.seen as f64;
-        assert_eq!((share > 0.8, view.left_out), (k == ODD, k == ODD), "{view:?}");
+        let share = view.outlier_vertices as f64 / view.seen as f64;
+        assert_eq!((share > 0.8, view.is_rejected), (k == OUTLIER_VIEW, k == OUTLIER_VIEW), "{view:?}");
         assert_eq!(view.held_out, k == HELD_OUT);
-        assert!(view.seen > 1000 && (k == ODD) == (view.rms.unwrap() > 20.0), "{view:?}");
+        assert!(view.seen > 1000 && (k == OUTLIER_VIEW) == (view.rms.unwrap() > 20.0), "{view:?}");
     }
     let [warning] = &report.findings[..] else { panic!("{:?}", report.findings) };
     assert!(warning.text.contains("`v3`"), "{warning}");
@@ -170,7 +170,7 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
 }
 
 #[test]
-fn a_texture_on_an_atlas_shows_the_thing() {
+fn a_texture_on_an_atlas_shows_the_object() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let out = ["t.obj", "t.glb"].map(|name| folder.path().join(name));
@@ -217,7 +217,7 @@ fn a_texture_on_an_atlas_shows_the_thing() {
 }
 
 #[test]
-fn what_cannot_be_coloured_is_refused_by_name() {
+fn input_that_cannot_be_coloured_is_rejected_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
     let refused = |job: &ShellTextureJob| job.run(&Silent).unwrap_err().to_string();
@@ -234,8 +234,11 @@ fn what_cannot_be_coloured_is_refused_by_name() {
     assert!(refused(&with("t = [", "t = [1e6, 1e6, 1e6] #")).contains("expected cameras that see the mesh"));
     assert!(refused(&with("v2.png", "gone.png")).contains("gone.png"));
     write_grey_png(&folder.path().join("m.png"), 2, 2, &[0, 255, 0, 255]).unwrap();
-    let said = refused(&with("image = \"v2.png\"", "image = \"v2.png\"\nmask = \"m.png\""));
-    assert!(said.contains("m.png") || said.contains("400 × 300 pixels and a mask with 2 × 2"), "{said}");
+    let message = refused(&with("image = \"v2.png\"", "image = \"v2.png\"\nmask = \"m.png\""));
+    assert!(
+        message.contains("m.png") || message.contains("400 × 300 pixels and a mask with 2 × 2"),
+        "{message}"
+    );
     let small = ShellTextureJob { place: ColourPlace::Texture, texture_size: Some(64), ..job.clone() };
     assert!(refused(&small).contains("expected a texture of 1050 to"), "{}", refused(&small));
     let obj = ShellTextureJob {

@@ -56,7 +56,7 @@ fn covered(picture: &Picture, row: usize) -> Vec<usize> {
 }
 
 #[test]
-fn values_have_their_colours_where_they_lie() {
+fn values_have_their_colours_at_their_positions() {
     let folder = tempfile::tempdir().unwrap();
     let ball = icosphere(1.0, 4);
     // σ grows along x: dark violet on the left of who looks from the front, yellow on the right.
@@ -87,7 +87,7 @@ fn values_have_their_colours_where_they_lie() {
 }
 
 #[test]
-fn cameras_see_the_sides_that_they_name() {
+fn named_cameras_show_the_named_sides() {
     let folder = tempfile::tempdir().unwrap();
     let ball = icosphere(1.0, 4);
     let observed = ball.positions.iter().map(|p| f64::from(u8::from(p[0] > 0.0))).collect();
@@ -142,13 +142,13 @@ fn points_are_drawn_and_edges_stay_sharp() {
     let columns = covered(&picture, 100);
     let brightness: Vec<f32> =
         columns[4..columns.len() - 4].iter().map(|c| pixel(&picture, [*c, 100])[1]).collect();
-    let [least, most] =
+    let [min, max] =
         [brightness.iter().copied().fold(255.0, f32::min), brightness.iter().copied().fold(0.0, f32::max)];
-    assert!(most - least <= 2.0, "{least} {most}");
+    assert!(max - min <= 2.0, "{min} {max}");
 }
 
 #[test]
-fn what_cannot_be_drawn_is_refused_with_a_way_out() {
+fn input_that_cannot_be_drawn_is_rejected_with_advice() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 1), &[]);
     let points = folder.path().join("points.xyz");
@@ -183,7 +183,7 @@ fn a_picture_larger_than_memory_is_refused() {
 }
 
 #[test]
-fn threads_do_not_change_a_picture() {
+fn a_picture_does_not_depend_on_the_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 3), &[]);
     let made = [1, 3].map(|threads| {

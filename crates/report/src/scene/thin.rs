@@ -14,7 +14,7 @@ pub(crate) const MAX_TRIANGLES: usize = 150_000;
 /// Estimated number of cells that a surface meets, per cell² of its area; oblique surfaces meet more.
 ///
 /// Only a first guess of the cell size: [`GROWTH`] corrects it.
-const CELLS_MET: f64 = 1.5;
+const CELLS_PER_AREA: f64 = 1.5;
 /// Growth of the cells per attempt. Smaller steps come closer to the limit but need more attempts.
 const GROWTH: f64 = 1.15;
 
@@ -34,7 +34,7 @@ pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<Su
         return None;
     }
     // A triangulated surface has about twice as many triangles as vertices, that is, as occupied cells.
-    let mut side = (2.0 * CELLS_MET * area / max_triangles as f64).sqrt().max(f64::MIN_POSITIVE);
+    let mut side = (2.0 * CELLS_PER_AREA * area / max_triangles as f64).sqrt().max(f64::MIN_POSITIVE);
     // The number of triangles decreases to zero with growing cells, so the loop ends.
     loop {
         let (kept, triangles) = clustered(surface, &normals, side);
@@ -183,19 +183,19 @@ mod tests {
 
     #[test]
     fn reduction_keeps_both_sides_of_a_plate_and_values_of_vertices() {
-        let whole = plate(100);
-        let few = thinned(&whole, 4000).expect("fewer triangles");
+        let full = plate(100);
+        let few = thinned(&full, 4000).expect("fewer triangles");
         assert!((1000..=4000).contains(&few.triangles.len()), "{}", few.triangles.len());
         let area = |side: bool| -> f64 {
-            let of = (few.triangles.iter())
+            let on_side = (few.triangles.iter())
                 .filter(|t| t.iter().all(|k| (few.positions[*k as usize][2] > 0.0) == side));
-            of.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
+            on_side.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
         };
         // Clusters at the border end inside the plate, so some area is lost.
         assert!(area(true) > 0.85 && area(false) < -0.85, "{} {}", area(true), area(false));
         let Values::Numbers(values) = &few.fields[0].values else { panic!("numbers") };
         for (p, value) in few.positions.iter().zip(values) {
-            assert!(whole.positions.contains(p));
+            assert!(full.positions.contains(p));
             assert_eq!(*value, p[0] + 2.0 * p[1] + 3.0 * p[2]);
         }
         assert!(few.name.ends_with("of its 40 000 triangles)"), "{}", few.name);

@@ -24,9 +24,9 @@ fn meadow(x: f64, y: f64) -> f64 {
 fn errors(points: &[DVec3], truth: &[Ground], options: &GroundOptions) -> [f64; 2] {
     let found = classify_ground(points, options).unwrap();
     [Ground::Bare, Ground::Above].map(|kind| {
-        let of: Vec<usize> = (0..truth.len()).filter(|&i| truth[i] == kind).collect();
-        let wrong = of.iter().filter(|&&i| (found[i] == Ground::Bare) != (kind == Ground::Bare));
-        wrong.count() as f64 / of.len().max(1) as f64
+        let of_kind: Vec<usize> = (0..truth.len()).filter(|&i| truth[i] == kind).collect();
+        let wrong = of_kind.iter().filter(|&&i| (found[i] == Ground::Bare) != (kind == Ground::Bare));
+        wrong.count() as f64 / of_kind.len().max(1) as f64
     })
 }
 

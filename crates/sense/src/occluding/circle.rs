@@ -160,11 +160,11 @@ pub(super) struct Placed {
 
 /// Solves with the estimated tangents of the contours, and propagates the σ of all three contours by
 /// differences.
-pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Option<Placed> {
+pub(super) fn placed(eyes: [&Eye; 3], point: &Local, others: [&Local; 2]) -> Option<Placed> {
     let solve_at = |shift: [f64; 2], across: [f64; 2]| -> Option<(Solved, DVec3)> {
-        let outward = here.outward();
-        let place = [0, 1].map(|k| here.place[k] + shift[0] * outward[k] + shift[1] * here.along[k]);
-        let sight = Sight::new(eyes[0], place, here.along)?;
+        let outward = point.outward();
+        let place = [0, 1].map(|k| point.place[k] + shift[0] * outward[k] + shift[1] * point.along[k]);
+        let sight = Sight::new(eyes[0], place, point.along)?;
         let mut touches = [None; 2];
         for k in 0..2 {
             let plane = sight.epipolar_plane(eyes[k + 1].centre)?;
@@ -183,9 +183,9 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
     };
     let (solved, position) = solve_at([0.0; 2], [0.0; 2])?;
     let sigmas = [
-        here.sigma_across,
+        point.sigma_across,
         // Along the contour the position is a choice; σ across is used for its error, too.
-        here.sigma_across,
+        point.sigma_across,
         others[0].sigma_across,
         others[1].sigma_across,
     ];
@@ -200,8 +200,8 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
             e[k] = by;
             solve_at([e[0], e[1]], [e[2], e[3]])
         };
-        let ((plus, there), (minus, before)) = (moved(step)?, moved(-step)?);
-        let slope = 5.0 * (there - before);
+        let ((plus, after), (minus, before)) = (moved(step)?, moved(-step)?);
+        let slope = 5.0 * (after - before);
         for i in 0..3 {
             covariance[i] += slope[i] * slope;
         }

@@ -184,8 +184,8 @@ impl<'a> Curve<'a> {
         // Points with correlated errors count as one.
         let spacing = (high.0 - low.0) / (near.len() - 1) as f64;
         // The variance of a mean of correlated errors is that of fewer independent ones.
-        let alike = (self.apart / spacing).max(1.0);
-        let variance = self.sigma * self.sigma * alike;
+        let points_per_independent = (self.apart / spacing).max(1.0);
+        let variance = self.sigma * self.sigma * points_per_independent;
         let freedom = near.len() as f64 - 3.0;
         let slope = c[1] / self.half;
         let length = slope.hypot(1.0);

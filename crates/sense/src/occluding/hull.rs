@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::num::NonZeroUsize;
 
 /// Number of nearest contour points that are tested for each facet.
-const NEAREST: usize = 16;
+const NEAREST_POINTS: usize = 16;
 /// Upper limit of stored distances from a border, in pixels.
 const FAR_PX: f64 = 1e4;
 
@@ -152,7 +152,7 @@ impl VisualHull {
                 let area = 0.5 * (b - a).cross(c - a).length();
                 let middle = (a + b + c) / 3.0;
                 // The nearest point may have a small reach although a farther one covers the facet.
-                let asked = NonZeroUsize::MIN.saturating_add(NEAREST - 1);
+                let asked = NonZeroUsize::MIN.saturating_add(NEAREST_POINTS - 1);
                 let near = tree.query(middle.as_ref()).nearest_n::<SquaredEuclidean<f64>>(asked).execute();
                 let seen = near.iter().any(|near| {
                     let p = &points[near.item as usize];

@@ -14,12 +14,12 @@ use planish_core::{DVec3, DisjointSets};
 
 /// Maximum distance of a mutual match along the contour, in steps. Both matches are rounded to points, so an
 /// exact match can differ by one step.
-const BACK: f64 = 2.5;
+const MAX_MUTUAL_STEPS: f64 = 2.5;
 /// Maximum distance of neighbours along a contour, as a multiple of the step, in addition to their σ.
-const JUMP: f64 = 4.0;
+const MAX_NEIGHBOUR_STEPS: f64 = 4.0;
 /// Number of neighbours on either side whose changes of radius are averaged. More reduce noise and blur
 /// changes along the contour.
-const AVERAGED: usize = 3;
+const AVERAGED_NEIGHBOURS: usize = 3;
 /// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
 const MAX_NORMAL_DEG: f64 = 60.0;
 
@@ -28,8 +28,8 @@ type Places = Vec<Vec<Vec<Result<Found, &'static str>>>>;
 type Key = (usize, usize, usize);
 
 /// The point of a line that is nearest to a length along it.
-fn nearest(of: &Ready<'_>, spot: Spot) -> usize {
-    let line = &of.lines[spot.line];
+fn nearest(view: &Ready<'_>, spot: Spot) -> usize {
+    let line = &view.lines[spot.line];
     let count = line.places.len();
     let k = (spot.length / line.step).round().max(0.0) as usize;
     if line.curve.closed() { k % count } else { k.min(count - 1) }
@@ -72,7 +72,7 @@ pub(super) fn joined(
     // All tests refer to the original matches; removing points at once would make the result depend on their
     // order.
     let wrong: Vec<Key> = (keys.iter().copied())
-        .filter(|key| (0..2).any(|side| !comes_back(ready, neighbours, places, *key, side)))
+        .filter(|key| (0..2).any(|side| !is_mutual(ready, neighbours, places, *key, side)))
         .collect();
     for (view, line, place) in wrong {
         places[view][line][place] = Err("not_mutual");
@@ -95,11 +95,11 @@ pub(super) fn joined(
             let apart = points[k].position.distance(points[other].position);
             // Neighbours may differ by their errors, by one step along the surface, and by the motion of the
             // contact between views. A larger distance is a jump between surfaces.
-            let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
+            let uncertainty = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
             // Between views a contour point slides over the surface by its radius times the angle.
             let glide = if is_along { 0.0 } else { 2.0 * turn(places, *key) * points[k].radius.abs() };
-            if apart <= JUMP * step + unsure + glide {
+            if apart <= MAX_NEIGHBOUR_STEPS * step + uncertainty + glide {
                 strips.join(k as u32, other as u32);
                 let next = if is_along { &mut following.along } else { &mut following.across };
                 next[k] = Some(other);
@@ -111,7 +111,8 @@ pub(super) fn joined(
     let roots: Vec<usize> = strips.into_roots().into_iter().map(|root| root as usize).collect();
     let mut size = vec![0; keys.len()];
     roots.iter().for_each(|r| size[*r] += 1);
-    let mut order: Vec<usize> = (0..keys.len()).filter(|r| size[*r] >= options.least_places.max(1)).collect();
+    let mut order: Vec<usize> =
+        (0..keys.len()).filter(|r| size[*r] >= options.min_strip_points.max(1)).collect();
     // Largest strip first; ties by number, so that the order is the same in every run.
     order.sort_by_key(|r| (std::cmp::Reverse(size[*r]), *r));
     let strip_of: std::collections::BTreeMap<usize, usize> =
@@ -152,7 +153,7 @@ fn keys(places: &Places) -> Vec<Key> {
 
 /// True if the match on a side is mutual. A view at the end of its sequence has no depths, so that its
 /// matches cannot be checked.
-fn comes_back(
+fn is_mutual(
     ready: &[Ready<'_>],
     neighbours: &[[Option<usize>; 2]],
     places: &Places,
@@ -168,18 +169,19 @@ fn comes_back(
     let count = places[view][line].len();
     let own = &ready[key.0].lines[key.1];
     [0, 1, count - 1].into_iter().any(|by| {
-        let Some(there) = found(places, (view, line, (place + by) % count)) else {
+        let Some(match_point) = found(places, (view, line, (place + by) % count)) else {
             return false;
         };
-        let back = there.spots[1 - side];
-        back.line == key.1 && own.curve.between(back.length, key.2 as f64 * own.step) <= BACK * own.step
+        let back = match_point.spots[1 - side];
+        back.line == key.1
+            && own.curve.between(back.length, key.2 as f64 * own.step) <= MAX_MUTUAL_STEPS * own.step
     })
 }
 
 fn next_along(ready: &[Ready<'_>], (view, line, place): Key) -> Option<Key> {
-    let of = &ready[view].lines[line];
+    let contour = &ready[view].lines[line];
     let next = place + 1;
-    match (next < of.places.len(), of.curve.closed()) {
+    match (next < contour.places.len(), contour.curve.closed()) {
         (true, _) => Some((view, line, next)),
         (false, true) => Some((view, line, 0)),
         (false, false) => None,
@@ -231,8 +233,8 @@ fn point(
     let count = places[view][line].len();
     let closed = ready[view].lines[line].curve.closed();
     let (mut sum, mut of) = (0.0, 0.0);
-    for by in 0..=2 * AVERAGED {
-        let k = (place + by) as isize - AVERAGED as isize;
+    for by in 0..=2 * AVERAGED_NEIGHBOURS {
+        let k = (place + by) as isize - AVERAGED_NEIGHBOURS as isize;
         let k = if closed { k.rem_euclid(count as isize) } else { k };
         if let Some(index) = usize::try_from(k).ok().and_then(|k| of_key.get(&(view, line, k))) {
             sum += changes[*index];
@@ -252,12 +254,12 @@ fn point(
     add_along(&mut covariance, own.sight.normal, bend);
     // An error of depth tilts the normal about the tangent of the contour; an error of the tangent tilts it
     // about the line of sight.
-    let tilt = (0.5 * (depth / (radius * radius) + own.here.sigma_turn.powi(2))).sqrt();
+    let tilt = (0.5 * (depth / (radius * radius) + own.local.sigma_turn.powi(2))).sqrt();
     OccludingPoint {
         view,
         contour: line,
         place,
-        pixel: own.here.place,
+        pixel: own.local.place,
         position: own.placed.position,
         covariance,
         normal: own.sight.normal,

@@ -27,7 +27,7 @@ const OUTSIDE_PX: f64 = 1.5;
 pub(super) struct Found {
     pub placed: Placed,
     pub sight: Sight,
-    pub here: Local,
+    pub local: Local,
     /// Its matches before and after.
     pub spots: [Spot; 2],
 }
@@ -58,7 +58,7 @@ fn candidates(
     }
     let line = line.map(|l| l / length);
     let off = |p: [f64; 2]| line[0] * p[0] + line[1] * p[1] + line[2];
-    let most_turn = options.most_turn_deg.to_radians().cos();
+    let min_cosine = options.max_turn_deg.to_radians().cos();
     let mut found = Vec::new();
     for (index, contour) in of.lines.iter().enumerate() {
         let count = contour.places.len();
@@ -93,7 +93,7 @@ fn candidates(
             let facing = seen.and_then(|seen| Some((seen.way, seen.outward_in(plane)?.0)));
             if let Some((way, out)) = facing
                 && out.dot(outward) > 0.0
-                && way.dot(sight.way) > most_turn
+                && way.dot(sight.way) > min_cosine
             {
                 let spot = Spot { line: index, length: at };
                 found.push(Candidate { spot, local });
@@ -105,18 +105,18 @@ fn candidates(
 
 /// The best pair of matches.
 pub(super) fn matched(
-    here: &Ready<'_>,
+    view: &Ready<'_>,
     local: &Local,
     others: [&Ready<'_>; 2],
     options: &OccludingOptions,
 ) -> Result<Found, &'static str> {
-    let sight = Sight::new(&here.eye, local.place, local.along).ok_or("corner")?;
+    let sight = Sight::new(&view.eye, local.place, local.along).ok_or("corner")?;
     let [before, after] = [candidates(&sight, others[0], options)?, candidates(&sight, others[1], options)?];
     let mut best: Option<(f64, Found)> = None;
-    let mut doubtful = false;
+    let mut is_uncertain = false;
     for a in &before {
         for b in &after {
-            let eyes = [&here.eye, &others[0].eye, &others[1].eye];
+            let eyes = [&view.eye, &others[0].eye, &others[1].eye];
             let Some(placed) = placed(eyes, local, [&a.local, &b.local]) else {
                 continue;
             };
@@ -128,20 +128,20 @@ pub(super) fn matched(
             if !allowed {
                 continue;
             }
-            if placed.depth.sqrt() > options.most_sigma_share * solved.depth {
-                doubtful = true;
+            if placed.depth.sqrt() > options.max_sigma_share * solved.depth {
+                is_uncertain = true;
                 continue;
             }
             // The smallest radius: a wrong match on a farther contour makes a large circle.
             let score = solved.radius.abs();
             if best.as_ref().is_none_or(|(lowest, _)| score < *lowest) {
-                best = Some((score, Found { placed, sight, here: *local, spots: [a.spot, b.spot] }));
+                best = Some((score, Found { placed, sight, local: *local, spots: [a.spot, b.spot] }));
             }
         }
     }
     match best {
         Some((_, found)) => Ok(found),
-        None if doubtful => Err("uncertain"),
+        None if is_uncertain => Err("uncertain"),
         None => Err("no_match"),
     }
 }

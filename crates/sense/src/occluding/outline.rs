@@ -99,7 +99,7 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
     // Grey levels at the border of a mask are the covered shares of pixels, so they are kept, except where a
     // speck or hole was filled.
     let before = mask.clone();
-    let min_pixels = (options.least_share * object_pixels as f64) as usize;
+    let min_pixels = (options.min_share * object_pixels as f64) as usize;
     fill(&mut mask, columns, true, min_pixels);
     fill(&mut mask, columns, false, min_pixels);
     let values: Vec<f64> = (picture.values.iter().zip(&mask).zip(&before))
@@ -122,8 +122,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
     let place = |edge: usize| -> [f64; 2] {
         let (pixel, way) = (edge / 2, edge % 2);
         let other = if way == 0 { pixel + 1 } else { pixel + columns };
-        let (here, there) = (values[pixel] - 0.5, values[other] - 0.5);
-        let share = here / (here - there);
+        let (start_value, end_value) = (values[pixel] - 0.5, values[other] - 0.5);
+        let share = start_value / (start_value - end_value);
         let at = [(pixel % columns) as f64, (pixel / columns) as f64];
         if way == 0 { [at[0] + share, at[1]] } else { [at[0], at[1] + share] }
     };
@@ -166,18 +166,18 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
     let mut found = Vec::new();
     for start in starts {
         let mut places = Vec::new();
-        let mut here = start;
+        let mut current = start;
         let closed = loop {
-            let Some(to) = next.remove(&here) else { break false };
-            places.push(place(here));
-            here = to;
-            if here == start {
+            let Some(to) = next.remove(&current) else { break false };
+            places.push(place(current));
+            current = to;
+            if current == start {
                 break true;
             }
         };
         if places.len() > 2 {
             if !closed {
-                places.push(place(here));
+                places.push(place(current));
             }
             found.push(Contour { places, closed });
         }
@@ -228,14 +228,14 @@ mod tests {
                 .collect(),
             closed: false,
         };
-        let (mut whole, mut half) = (ring(62), ring(31));
-        whole.close();
+        let (mut full, mut half) = (ring(62), ring(31));
+        full.close();
         half.close();
-        assert!(whole.closed && !half.closed);
+        assert!(full.closed && !half.closed);
         let mut turned = half.clone();
         turned.places.reverse();
-        turned.face(&[whole.clone()]);
-        half.face(&[whole]);
+        turned.face(&[full.clone()]);
+        half.face(&[full]);
         assert_eq!(turned, half);
         // Clockwise as one sees it: the middle is on the right.
         assert_eq!(half.places[0], [70.0, 50.0]);

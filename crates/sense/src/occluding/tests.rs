@@ -139,7 +139,7 @@ const EGG: Ellipsoid = Ellipsoid { middle: DVec3::new(0.1, -0.2, 0.1), axes: DVe
 fn points_of_a_ball_without_noise_are_accurate() {
     let cameras = arc(9, 6.0, 2.0);
     let found = run(&seen(&cameras, &BALL, 0.0)).unwrap();
-    assert!(found.points.len() > 300, "{:?}", found.left_out);
+    assert!(found.points.len() > 300, "{:?}", found.rejected);
     for p in &found.points {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 0.02 * p.sigma_depth.max(0.05));
         assert!(BALL.height(p.position).abs() < 1e-4, "{}", BALL.height(p.position));
@@ -147,10 +147,10 @@ fn points_of_a_ball_without_noise_are_accurate() {
         assert!(p.normal.dot(BALL.normal(p.position)) > 0.9999);
     }
     // At the top and the bottom, epipolar planes are tangent to the ball.
-    assert!(found.left_out["frontier"] > 20 && found.left_out["end_of_sequence"] > 100);
+    assert!(found.rejected["frontier"] > 20 && found.rejected["end_of_sequence"] > 100);
     assert_eq!(
         (found.sequences, found.asked),
-        (1, found.points.len() + found.left_out.values().sum::<usize>())
+        (1, found.points.len() + found.rejected.values().sum::<usize>())
     );
 }
 
@@ -160,7 +160,7 @@ fn points_of_a_ball_without_noise_are_accurate() {
 fn sigma_of_noisy_contours_is_consistent() {
     let cameras = arc(21, 5.0, 1.5);
     let found = run(&seen(&cameras, &EGG, 0.15)).unwrap();
-    assert!(found.points.len() > 800, "{:?}", found.left_out);
+    assert!(found.points.len() > 800, "{:?}", found.rejected);
     assert!((found.reduced_chi_square - 1.0).abs() < 0.05, "{}", found.reduced_chi_square);
     let depth = rms(found.points.iter().map(|p| depth_error(&EGG, &cameras[p.view], p) / p.sigma_depth));
     assert!((0.8..1.15).contains(&depth), "{depth}");
@@ -186,7 +186,7 @@ fn sigma_of_noisy_contours_is_consistent() {
 fn sigma_includes_the_model_error_of_the_circle() {
     let cameras = arc(7, 20.0, 1.0);
     let found = run(&seen(&cameras, &EGG, 0.02)).unwrap();
-    assert!(found.points.len() > 150, "{:?}", found.left_out);
+    assert!(found.points.len() > 150, "{:?}", found.rejected);
     let errors: Vec<f64> = (found.points.iter()).map(|p| depth_error(&EGG, &cameras[p.view], p)).collect();
     let stated = rms(errors.iter().zip(&found.points).map(|(e, p)| e / p.sigma_depth));
     let without = rms(errors
@@ -205,9 +205,9 @@ fn lines_of_sight_along_the_baseline_are_rejected() {
     let views = seen(&cameras, &BALL, 0.1);
     let found = run(&views).unwrap();
     assert!(
-        found.left_out.contains_key("along_baseline") || found.left_out.contains_key("uncertain"),
+        found.rejected.contains_key("along_baseline") || found.rejected.contains_key("uncertain"),
         "{:?}",
-        found.left_out
+        found.rejected
     );
     for p in &found.points {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 5.0 * p.sigma_depth);
@@ -237,20 +237,20 @@ fn splitting_outlines_are_not_joined() {
     let mut counts = std::collections::BTreeSet::new();
     let views: Vec<ContourView> = (cameras.iter().enumerate())
         .map(|(k, camera)| {
-            let whole = balls.map(|b| b.outline(camera, 0.1, &mut random));
+            let full = balls.map(|b| b.outline(camera, 0.1, &mut random));
             let mut contours = Vec::new();
             for (own, other) in [(0, 1), (1, 0)] {
                 let hidden: Vec<bool> =
-                    (whole[own].places.iter()).map(|p| matching::inside(&whole[other..=other], *p)).collect();
+                    (full[own].places.iter()).map(|p| matching::inside(&full[other..=other], *p)).collect();
                 let count = hidden.len();
                 match (0..count).find(|k| hidden[*k] && !hidden[(k + 1) % count]) {
-                    None if !hidden[0] => contours.push(whole[own].clone()),
+                    None if !hidden[0] => contours.push(full[own].clone()),
                     None => {}
                     Some(start) => {
                         let places = (1..count)
                             .map(|k| (start + k) % count)
                             .take_while(|k| !hidden[*k])
-                            .map(|k| whole[own].places[k])
+                            .map(|k| full[own].places[k])
                             .collect();
                         contours.push(Contour { places, closed: false });
                     }
@@ -269,15 +269,15 @@ fn splitting_outlines_are_not_joined() {
         .collect();
     assert!(counts.len() > 1, "the outlines do part");
     let found = run(&views).unwrap();
-    assert!(found.points.len() > 800 && found.strips > 1, "{} {:?}", found.points.len(), found.left_out);
-    let mut of = vec![[0, 0]; found.strips];
+    assert!(found.points.len() > 800 && found.strips > 1, "{} {:?}", found.points.len(), found.rejected);
+    let mut points_of_balls = vec![[0, 0]; found.strips];
     for p in &found.points {
         let heights = balls.map(|b| b.height(p.position).abs());
         let nearest = usize::from(heights[1] < heights[0]);
         assert!(heights[nearest] < 0.03, "{heights:?} {p:?}");
-        of[p.strip][nearest] += 1;
+        points_of_balls[p.strip][nearest] += 1;
     }
-    assert!(of.iter().all(|[a, b]| *a == 0 || *b == 0), "{of:?}");
+    assert!(points_of_balls.iter().all(|[a, b]| *a == 0 || *b == 0), "{points_of_balls:?}");
 }
 
 /// The hull of a ball in a ring of views is the ball. Views from one side leave a part of it unobserved.
@@ -293,7 +293,7 @@ fn the_hull_reports_the_unobserved_share() {
     let bounds = planish_mesh::BoundingBox { min: DVec3::splat(-1.5), max: DVec3::splat(1.5) };
     let hull = VisualHull::new(&views, &bounds, 60).unwrap();
     let all = run(&views).unwrap();
-    assert_eq!(all.left_out.get("end_of_sequence"), None);
+    assert_eq!(all.rejected.get("end_of_sequence"), None);
     for p in &hull.mesh.positions {
         assert!(p.length() > 0.97 && p.length() < 1.25, "{}", p.length());
     }
@@ -302,9 +302,9 @@ fn the_hull_reports_the_unobserved_share() {
     let bound = SilhouetteBound::new(&views).unwrap();
     for p in hull.mesh.positions.iter().step_by(7) {
         assert!(bound.depth(*p).abs() < 0.1 && bound.depth_without_one(*p) >= bound.depth(*p), "{p:?}");
-        let fewer = |left_out: usize| {
+        let fewer = |rejected: usize| {
             let rest: Vec<ContourView> = (views.iter().enumerate())
-                .filter(|(k, _)| *k != left_out)
+                .filter(|(k, _)| *k != rejected)
                 .map(|(_, view)| view.clone())
                 .collect();
             SilhouetteBound::new(&rest).unwrap().depth(*p)
@@ -352,9 +352,9 @@ fn strips_become_meshes_with_regularised_depths() {
 fn messages_name_the_invalid_value() {
     let views = seen(&arc(3, 5.0, 1.0), &BALL, 0.1);
     assert!(run(&views[..2]).unwrap_err().to_string().contains("three views"));
-    let mut odd = views.clone();
-    odd[1].sigma_px = 0.0;
-    assert!(run(&odd).unwrap_err().to_string().contains("view `view1`"));
+    let mut invalid = views.clone();
+    invalid[1].sigma_px = 0.0;
+    assert!(run(&invalid).unwrap_err().to_string().contains("view `view1`"));
     let options = OccludingOptions { half_window_px: -1.0, ..OccludingOptions::default() };
     let message = occluding_contours(&views, &options, &mut |_| Ok(())).unwrap_err().to_string();
     assert!(message.contains("window"), "{message}");

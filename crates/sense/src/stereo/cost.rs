@@ -1,7 +1,7 @@
 //! The cost of matching a pixel of the left image with one of the right.
 //!
-//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`WORST`]. The
-//! cost is [`WORST`] outside of the right image.
+//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`MAX_COST`].
+//! The cost is [`MAX_COST`] outside of the right image.
 //!
 //! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which are invariant
 //! to exposure, plus a share of the sampling-insensitive difference of brightness (Birchfield and Tomasi
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::Image;
 
 /// The worst cost of one pixel.
-pub(super) const WORST: u8 = 127;
+pub(super) const MAX_COST: u8 = 127;
 
 /// Half size of the census window, columns and rows: 9 × 7 without the centre gives 62 bits, which fit a
 /// `u64`.
@@ -38,7 +38,7 @@ pub(super) struct MatchingCost {
 }
 
 impl MatchingCost {
-    /// Prepares both images; `least` is the disparity with index 0.
+    /// Prepares both images; `min_disparity` is the disparity with index 0.
     pub(super) fn new(left: &Image, right: &Image, min_disparity: i32) -> Self {
         let columns = left.columns;
         let mut all = Self {
@@ -63,18 +63,18 @@ impl MatchingCost {
         let of_row = row * columns..(row + 1) * columns;
         let [left, right] = [&self.census[0][of_row.clone()], &self.census[1][of_row.clone()]];
         let [value, low, high] = self.level[0].each_ref().map(|l| &l[of_row.clone()]);
-        let [value_there, low_there, high_there] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
+        let [right_value, right_low, right_high] = self.level[1].each_ref().map(|l| &l[of_row.clone()]);
         for (x, costs) in costs.chunks_exact_mut(disparities).enumerate() {
-            costs.fill(WORST);
+            costs.fill(MAX_COST);
             // Disparity d is at the backward column `first + d`, which is one of the row.
             let first = (columns - 1 - x) as i64 + i64::from(self.min_disparity);
             let skipped = (-first).clamp(0, disparities as i64) as usize;
             let start = first.clamp(0, columns as i64) as usize;
             let inside = (disparities - skipped).min(columns - start);
             let costs = &mut costs[skipped..skipped + inside];
-            let there = start..start + inside;
-            let candidates = (right[there.clone()].iter().zip(&value_there[there.clone()]))
-                .zip(low_there[there.clone()].iter().zip(&high_there[there]));
+            let range = start..start + inside;
+            let candidates = (right[range.clone()].iter().zip(&right_value[range.clone()]))
+                .zip(right_low[range.clone()].iter().zip(&right_high[range]));
             let (code, a, a_low, a_high) = (left[x], value[x], low[x], high[x]);
             for (cost, ((&other, &b), (&b_low, &b_high))) in costs.iter_mut().zip(candidates) {
                 let bits = (code ^ other).count_ones() as i16;
@@ -82,7 +82,7 @@ impl MatchingCost {
                 let one = a.wrapping_sub(b_high).max(b_low.wrapping_sub(a));
                 let other = b.wrapping_sub(a_high).max(a_low.wrapping_sub(b));
                 let apart = one.min(other).clamp(0, MAX_DIFFERENCE);
-                *cost = CENSUS_BIT.wrapping_mul(bits).wrapping_add(apart).min(i16::from(WORST)) as u8;
+                *cost = CENSUS_BIT.wrapping_mul(bits).wrapping_add(apart).min(i16::from(MAX_COST)) as u8;
             }
         }
     }
@@ -104,13 +104,13 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
     for row in 0..image.rows {
         let row = image.row(row);
         for x in 0..row.len() {
-            let here = level(row[x]);
+            let center = level(row[x]);
             let half =
                 [x.saturating_sub(1), (x + 1).min(row.len() - 1)].map(|k| level(0.5 * (row[x] + row[k])));
-            levels[0].push(here);
+            levels[0].push(center);
             // Extremes of the linear interpolation within half a pixel (Birchfield and Tomasi 1998).
-            levels[1].push(here.min(half[0]).min(half[1]));
-            levels[2].push(here.max(half[0]).max(half[1]));
+            levels[1].push(center.min(half[0]).min(half[1]));
+            levels[2].push(center.max(half[0]).max(half[1]));
         }
     }
     levels
@@ -127,13 +127,13 @@ fn census(image: &Image) -> Vec<u64> {
         // rows.
         for dy in 0..=2 * half_rows {
             let other = image.row(inside(y + dy, half_rows, image.rows));
-            let here = image.row(y);
+            let middle_row = image.row(y);
             for dx in 0..=2 * half_columns {
                 if dy == half_rows && dx == half_columns {
                     continue;
                 }
                 for (x, code) in codes.iter_mut().enumerate() {
-                    let darker = other[inside(x + dx, half_columns, image.columns)] < here[x];
+                    let darker = other[inside(x + dx, half_columns, image.columns)] < middle_row[x];
                     *code = (*code << 1) | u64::from(darker);
                 }
             }
@@ -167,7 +167,7 @@ mod tests {
             assert!((0..8).all(|d| d == 3 || costs[d] > 10), "{costs:?}");
         }
         // Beyond the border nothing matches.
-        assert_eq!(row[8 * 2 + 5], WORST);
+        assert_eq!(row[8 * 2 + 5], MAX_COST);
     }
 
     #[test]

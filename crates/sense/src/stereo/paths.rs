@@ -22,7 +22,7 @@ use super::cost::MatchingCost;
 use crate::Image;
 
 /// An infinite cost, small enough that adding a penalty does not overflow.
-const NEVER: u16 = 1 << 14;
+const INFINITE_COST: u16 = 1 << 14;
 
 /// Number of columns of a row per task. Trades parallel work against the cost of tasks.
 const COLUMNS_A_TASK: usize = 64;
@@ -51,7 +51,7 @@ impl Penalties {
 /// Advances one path by one pixel. Each path stores its costs between two infinite entries, which no step
 /// takes, followed by their minimum.
 #[inline(always)]
-fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sums: &mut [u16]) {
+fn step(costs: &[u8], before: &[u16], more: u16, one: u16, current: &mut [u16], sums: &mut [u16]) {
     let n = costs.len();
     let lowest = before[n + 2];
     // The minimum over all disparities is found once per pixel, which makes a step linear in their number.
@@ -59,26 +59,26 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sum
     let neighbours = before[..n].iter().zip(&before[2..n + 2]);
     let from = before[1..=n].iter().zip(neighbours);
     let mut smallest = u16::MAX;
-    for (((here, sum), &cost), (&same, (&below, &above))) in
-        here[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
+    for (((current, sum), &cost), (&same, (&below, &above))) in
+        current[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
     {
         let adjacent = below.min(above).wrapping_add(one);
-        // Subtracting the minimum keeps the cost of a path at most `WORST + P2`, however long it is, so eight
-        // of them fit 16 bits.
+        // Subtracting the minimum keeps the cost of a path at most `MAX_COST + P2`, however long it is, so
+        // eight of them fit 16 bits.
         let path = u16::from(cost).wrapping_add(same.min(adjacent).min(jump).wrapping_sub(lowest));
-        *here = path;
+        *current = path;
         *sum = sum.wrapping_add(path);
         smallest = smallest.min(path);
     }
-    here[n + 2] = smallest;
+    current[n + 2] = smallest;
 }
 
 /// The state of paths before their first pixel.
 fn fresh(disparities: usize, pixels: usize) -> Vec<u16> {
     let mut all = vec![0; (disparities + 3) * pixels];
     for pixel in all.chunks_exact_mut(disparities + 3) {
-        pixel[0] = NEVER;
-        pixel[disparities + 1] = NEVER;
+        pixel[0] = INFINITE_COST;
+        pixel[disparities + 1] = INFINITE_COST;
     }
     all
 }
@@ -152,14 +152,14 @@ impl WithSimd for AlongRow<'_> {
         self.cost.row(self.row, disparities, costs);
         for backwards in [false, true] {
             let mut path = fresh(disparities, 2);
-            let (mut before, mut here) = path.split_at_mut(disparities + 3);
+            let (mut before, mut current) = path.split_at_mut(disparities + 3);
             for k in 0..columns {
                 let x = if backwards { columns - 1 - k } else { k };
                 let last = if backwards { (x + 1).min(columns - 1) } else { x.saturating_sub(1) };
                 let at = x * disparities..(x + 1) * disparities;
                 let more = penalties.more_at(brightness[x] - brightness[last]);
-                step(&costs[at.clone()], before, more, penalties.one, here, &mut sums[at]);
-                std::mem::swap(&mut before, &mut here);
+                step(&costs[at.clone()], before, more, penalties.one, current, &mut sums[at]);
+                std::mem::swap(&mut before, &mut current);
             }
         }
     }
@@ -180,7 +180,7 @@ fn across_rows(
     let simd = pulp::Arch::new();
     // Pixel by pixel, three paths each.
     let mut before = fresh(disparities, 3 * columns);
-    let mut here = before.clone();
+    let mut current = before.clone();
     let start = fresh(disparities, 1);
     // Costs of many rows at once, in parallel: they do not depend on each other.
     let mut costs = vec![0; row_length * ROWS_OF_COSTS.min(rows)];
@@ -197,11 +197,11 @@ fn across_rows(
             let last = if upwards { (y + 1).min(rows - 1) } else { y.saturating_sub(1) };
             let (brightness, other) = (image.row(y), image.row(last));
             let costs = &costs[i * row_length..][..row_length];
-            let tasks = here
+            let tasks = current
                 .par_chunks_mut(COLUMNS_A_TASK * 3 * width)
                 .zip(sums[y * row_length..][..row_length].par_chunks_mut(COLUMNS_A_TASK * disparities))
                 .enumerate();
-            tasks.for_each(|(task, (here, sums))| {
+            tasks.for_each(|(task, (current, sums))| {
                 // The row before is complete when this one starts, so the columns of a row are independent of
                 // each other.
                 simd.dispatch(Across {
@@ -214,11 +214,11 @@ fn across_rows(
                     start: &start,
                     disparities,
                     penalties,
-                    here,
+                    current,
                     sums,
                 });
             });
-            std::mem::swap(&mut before, &mut here);
+            std::mem::swap(&mut before, &mut current);
         }
     }
 }
@@ -251,7 +251,7 @@ struct Across<'a> {
     start: &'a [u16],
     disparities: usize,
     penalties: Penalties,
-    here: &'a mut [u16],
+    current: &'a mut [u16],
     sums: &'a mut [u16],
 }
 
@@ -262,10 +262,10 @@ impl WithSimd for Across<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Self { disparities, penalties, brightness, .. } = self;
         let width = disparities + 3;
-        let pixels = self.here.chunks_exact_mut(3 * width).zip(self.sums.chunks_exact_mut(disparities));
-        for (x, (here, sums)) in (self.first..).zip(pixels) {
+        let pixels = self.current.chunks_exact_mut(3 * width).zip(self.sums.chunks_exact_mut(disparities));
+        for (x, (current, sums)) in (self.first..).zip(pixels) {
             let costs = &self.costs[x * disparities..][..disparities];
-            for (path, here) in here.chunks_exact_mut(width).enumerate() {
+            for (path, current) in current.chunks_exact_mut(width).enumerate() {
                 let from = (x + path).checked_sub(1).filter(|from| *from < brightness.len() && self.begun);
                 let (before, change) = match from {
                     Some(from) => {
@@ -273,7 +273,7 @@ impl WithSimd for Across<'_> {
                     }
                     None => (self.start, 0.0),
                 };
-                step(costs, before, penalties.more_at(change), penalties.one, here, sums);
+                step(costs, before, penalties.more_at(change), penalties.one, current, sums);
             }
         }
     }

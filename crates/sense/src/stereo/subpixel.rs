@@ -149,8 +149,8 @@ impl Window {
             let mut sums = Sums::default();
             for &(dx, dy, w) in &self.members {
                 let (column, row) = (self.x as i32 + dx, (self.y as i32 + dy) as usize);
-                let there = column as f32 - disparity - along * dx as f32 - across * dy as f32;
-                if let Some((value, slope)) = cubic(right.row(row), there) {
+                let right_column = column as f32 - disparity - along * dx as f32 - across * dy as f32;
+                if let Some((value, slope)) = cubic(right.row(row), right_column) {
                     sums.add(w, left.at(column as usize, row) - value, slope);
                 }
             }

@@ -61,7 +61,7 @@ fn scene(seed: u64, sigma: f64) -> (Image, Image, Vec<f64>) {
 }
 
 const OPTIONS: StereoOptions = StereoOptions {
-    least_disparity: 0,
+    min_disparity: 0,
     disparities: 32,
     small_step: 20,
     large_step: 200,
@@ -147,7 +147,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn negative_disparities_are_found_with_the_images_exchanged() {
     let (left, right, _) = scene(3, 2.0);
-    let options = StereoOptions { least_disparity: -31, ..OPTIONS };
+    let options = StereoOptions { min_disparity: -31, ..OPTIONS };
     let map = match_stereo(&right, &left, &options, &mut |_| Ok(())).unwrap();
     // The middle of the square, seen from the right.
     let middle = map.disparity[45 * COLUMNS + 68];
@@ -172,7 +172,7 @@ fn invalid_sizes_and_options_are_rejected() {
     for (options, words) in [
         (StereoOptions { disparities: 2, ..OPTIONS }, "of 4 to 4096"),
         (StereoOptions { large_step: 10, ..OPTIONS }, "penalties"),
-        (StereoOptions { least_disparity: -64, ..OPTIONS }, "below the images' width of 64"),
+        (StereoOptions { min_disparity: -64, ..OPTIONS }, "below the images' width of 64"),
     ] {
         assert!(refused(&one, &one, &options).contains(words), "{words}");
     }

@@ -24,7 +24,7 @@ pub(super) struct Winner {
 
 /// The winners of all pixels.
 ///
-/// `share` is the minimum excess of the next best sum, in hundredths. `least` is the disparity of index 0.
+/// `share` is the minimum excess of the next best sum, in hundredths. `min_disparity` is that of index 0.
 /// Near the beginning of a row, large disparities are outside the right image. A smallest sum at either end
 /// of the range is not a minimum.
 pub(super) fn winners(
@@ -68,12 +68,12 @@ fn offset(sums: &[u16], best: usize) -> f32 {
     if best == 0 || best + 1 >= sums.len() {
         return 0.0;
     }
-    let [below, here, above] = [best - 1, best, best + 1].map(|d| f32::from(sums[d]));
-    let rise = below.max(above) - here;
+    let [below, middle, above] = [best - 1, best, best + 1].map(|d| f32::from(sums[d]));
+    let rise = below.max(above) - middle;
     if rise > 0.0 { 0.5 * (below - above) / rise } else { 0.0 }
 }
 
-/// The index of the disparity of each pixel of the right image, row by row; `least` is the disparity of index
+/// The index of the disparity of each pixel of the right image, row by row; `min_disparity` is that of index
 /// 0.
 pub(super) fn right_winners(
     sums: &[u16],
@@ -88,14 +88,14 @@ pub(super) fn right_winners(
         let mut costs = vec![u16::MAX; columns];
         for (x, sums) in sums.chunks_exact(disparities).enumerate() {
             for (d, &sum) in sums.iter().enumerate() {
-                let there = x as i64 - i64::from(min_disparity) - d as i64;
-                if let Some(there) = usize::try_from(there).ok().filter(|t| *t < columns)
-                    && sum < costs[there]
+                let right_column = x as i64 - i64::from(min_disparity) - d as i64;
+                if let Some(right_column) = usize::try_from(right_column).ok().filter(|t| *t < columns)
+                    && sum < costs[right_column]
                 {
                     // From the same sums, transposed: a second matching from the right image would double the
                     // time.
-                    costs[there] = sum;
-                    winners[there] = d as u16;
+                    costs[right_column] = sum;
+                    winners[right_column] = d as u16;
                 }
             }
         }
@@ -152,9 +152,9 @@ mod tests {
         let sums = [325_u16, 225, 125, 175, 275, 375].map(|s| s + 100);
         let w = winner(&sums, 10);
         assert!((w.between - 2.25).abs() < 1e-6 && w.clear, "{w:?}");
-        let mut rivals = vec![900_u16; 32];
-        (rivals[4], rivals[24]) = (100, 110);
-        let w = winner(&rivals, 15);
+        let mut costs = vec![900_u16; 32];
+        (costs[4], costs[24]) = (100, 110);
+        let w = winner(&costs, 15);
         assert!(w.best == 4 && !w.clear, "{w:?}");
     }
 

@@ -19,7 +19,7 @@ use planish_core::matrix3::{inverse, times};
 const VOTING_SCALES: f64 = 8.0;
 const MIN_VOTES: f32 = 24.0;
 /// Distance to the other stripe below which points are excluded, in scales: there the stripes merge.
-const BLURRED: f64 = 2.6;
+const MIN_OTHER_DISTANCE: f64 = 2.6;
 /// Distance to which a stripe is followed from its crossing, as a share of the spacing of crossings.
 const REACH: f64 = 0.48;
 const MIN_REACH_SCALES: f64 = 6.0;
@@ -71,7 +71,7 @@ impl Crossings {
         // Twice: the first pass gives the spacing, which limits how far stripes are followed in the second.
         let first =
             different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, min_reach)), min_reach);
-        let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
+        let spacing = typical_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
         // The median spacing limits the distance to which stripes are followed.
         let reach = (REACH * spacing).max(min_reach);
         let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), min_reach);
@@ -125,15 +125,15 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     let mut found = Vec::new();
     for y in 2..rows.saturating_sub(2) {
         for x in 2..columns.saturating_sub(2) {
-            let here = height[y * columns + x];
-            if here <= 0.0 || here < minimum {
+            let value = height[y * columns + x];
+            if value <= 0.0 || value < minimum {
                 continue;
             }
             let around = (y - 2..=y + 2).flat_map(|j| (x - 2..=x + 2).map(move |i| (i, j)));
             // Of equal neighbours only the first is a maximum.
             let top = around.into_iter().all(|(i, j)| {
                 let other = height[j * columns + i];
-                other < here || other == here && (j, i) >= (y, x)
+                other < value || other == value && (j, i) >= (y, x)
             });
             if top {
                 found.push([x as f64, y as f64]);
@@ -144,7 +144,7 @@ fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
 }
 
 /// The median distance to the nearest neighbour.
-fn usual_distance(spots: &[[f64; 2]]) -> f64 {
+fn typical_distance(spots: &[[f64; 2]]) -> f64 {
     let mut nearest: Vec<f64> = (spots.iter().enumerate())
         .filter_map(|(k, spot)| {
             let others = spots.iter().enumerate().filter(|(other, _)| *other != k);
@@ -271,7 +271,7 @@ fn crossing_at(ridges: &Ridges, spot: [f64; 2], reach: f64) -> Option<Crossing> 
                     let from_other = (d[1] * other[0] - d[0] * other[1]).abs();
                     aligned(r, own) >= TURNED_COS
                         && aligned(r, own) > aligned(r, other)
-                        && from_other >= BLURRED * ridges.scale
+                        && from_other >= MIN_OTHER_DISTANCE * ridges.scale
                 })
                 .collect();
             Stripe::through(ridges, &places, centre, own)

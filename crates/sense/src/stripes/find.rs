@@ -164,9 +164,9 @@ pub fn read_grid(
     let near = |k: &&Indexed| off_line(k).normalised(unit) <= GATE * GATE;
     let identified_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
         .map(|piece| {
-            let of =
+            let ordered =
                 |k: &Indexed| (k.stripes, OrderedCrossing::new(&crossings.found[k.crossing], k.first, unit));
-            piece.iter().filter(near).map(of).collect()
+            piece.iter().filter(near).map(ordered).collect()
         })
         .collect();
     let both_sides = |piece: &BTreeMap<[i32; 2], OrderedCrossing>| -> Vec<Residual> {
@@ -330,10 +330,10 @@ fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Opt
             }
             (Some(other), None) | (None, Some(other)) => {
                 let (slope, of_chord) = chord(own, other);
-                let there = half_turn(other.angles_rad[set] - slope);
+                let other_angle = half_turn(other.angles_rad[set] - slope);
                 let of_other = other.covariance[2 + set][2 + set];
                 // On a circular arc, the angles to the chord at both ends are opposite and cancel.
-                (half_turn(angle - slope) + there, variance + of_other + 4.0 * of_chord, 2.0)
+                (half_turn(angle - slope) + other_angle, variance + of_other + 4.0 * of_chord, 2.0)
             }
             (None, None) => return None,
         };
@@ -396,7 +396,7 @@ impl GridReadings {
     /// zero where there are none.
     #[must_use]
     pub fn scan(&self, name: &str) -> Scan {
-        let of = |r: &GridReading| r.orientation;
+        let orientation_of = |r: &GridReading| r.orientation;
         let curvatures = self.readings.iter().map(|r| {
             r.curvature.map_or(PrincipalCurvatures { values: [0.0; 2], direction: DVec3::ZERO }, |c| {
                 PrincipalCurvatures { values: [c.k1, c.k2], direction: c.d1 }
@@ -404,10 +404,12 @@ impl GridReadings {
         });
         Scan {
             name: name.to_owned(),
-            points: self.readings.iter().map(|r| of(r).point).collect(),
-            covariance: Some(self.readings.iter().map(|r| of(r).covariance).collect()),
-            normals: Some(self.readings.iter().map(|r| of(r).normal).collect()),
-            sigma_normal_deg: Some(self.readings.iter().map(|r| of(r).sigma_normal_deg).collect()),
+            points: self.readings.iter().map(|r| orientation_of(r).point).collect(),
+            covariance: Some(self.readings.iter().map(|r| orientation_of(r).covariance).collect()),
+            normals: Some(self.readings.iter().map(|r| orientation_of(r).normal).collect()),
+            sigma_normal_deg: Some(
+                self.readings.iter().map(|r| orientation_of(r).sigma_normal_deg).collect(),
+            ),
             curvatures: Some(curvatures.collect()),
             // A σ is wanted above zero even where nothing is known.
             sigma_curvature: Some(

@@ -23,9 +23,9 @@ const FAR_OFF_PX: f64 = 2.0;
 /// Maximum mean square of an accepted hypothesis, in pixels², and the minimum ratio of that of every other
 /// one to it.
 const GOOD_PX2: f64 = 0.5;
-const SURE: f64 = 4.0;
+const MIN_RATIO: f64 = 4.0;
 /// Floor of a mean square in that ratio, in pixels²: the accuracy of the calibration.
-const FINEST_PX2: f64 = 0.01;
+const MIN_SQUARE_PX2: f64 = 0.01;
 /// Minimum number of crossings of a piece.
 pub(super) const MIN_KNOTS: usize = 6;
 
@@ -99,8 +99,8 @@ pub(super) fn index(
         let relative: Vec<[i32; 2]> =
             (piece.iter()).map(|k| [0, 1].map(|s| k.at[0] * e[s] + k.at[1] * f[s])).collect();
         let reach = |s: usize| {
-            let of = relative.iter().map(|r| r[s]);
-            (of.clone().min().unwrap_or(0), of.max().unwrap_or(0))
+            let numbers = relative.iter().map(|r| r[s]);
+            (numbers.clone().min().unwrap_or(0), numbers.max().unwrap_or(0))
         };
         let ((low0, high0), (low1, high1)) = (reach(0), reach(1));
         // All shifts that keep the piece inside of the pattern. The cost is the number of shifts times that
@@ -127,16 +127,16 @@ pub(super) fn index(
         }
     }
     let (mean, turn, shift) = best?;
-    if mean > GOOD_PX2 || second < SURE * mean.max(FINEST_PX2) {
+    if mean > GOOD_PX2 || second < MIN_RATIO * mean.max(MIN_SQUARE_PX2) {
         return None;
     }
     let (e, f) = (steps[turn], steps[(turn + 1) % 4]);
-    let of = |k: &Knot| Indexed {
+    let indexed = |k: &Knot| Indexed {
         crossing: k.crossing,
         stripes: [0, 1].map(|s| shift[s] + k.at[0] * e[s] + k.at[1] * f[s]),
         first: (turn + k.turn) % 2,
     };
-    Some(piece.iter().map(of).collect())
+    Some(piece.iter().map(indexed).collect())
 }
 
 #[cfg(test)]
@@ -159,8 +159,8 @@ mod tests {
         let lines = EpipolarLines::new(&camera, &projector).unwrap();
         for point in [[10.0, 20.0, 500.0], [-60.0, -30.0, 420.0], [80.0, 60.0, 610.0]] {
             let point = DVec3::from_array(point);
-            let (seen, thrown) = (camera.project(point).unwrap(), projector.project(point).unwrap());
-            let line = lines.line(thrown).unwrap();
+            let (seen, projected) = (camera.project(point).unwrap(), projector.project(point).unwrap());
+            let line = lines.line(projected).unwrap();
             assert!(line.dot(DVec3::new(seen[0], seen[1], 1.0)).abs() < 1e-9);
         }
     }

@@ -15,15 +15,15 @@ use super::crossings::{Crossing, Crossings, apart};
 use super::ridges::Ridges;
 
 /// Maximum distance to which a stripe is followed, as a multiple of the median spacing of crossings.
-const FARTHEST: f64 = 3.5;
+const MAX_FOLLOWED: f64 = 3.5;
 /// Distance at which a crossing is reached, as a share of the median spacing, and in pixels.
-const ARRIVED: f64 = 0.2;
-const ARRIVED_PX: f64 = 2.5;
+const ARRIVAL_SPACINGS: f64 = 0.2;
+const ARRIVAL_PX: f64 = 2.5;
 /// Maximum gap in a stripe, in scales; ridge points are missing near crossings.
 const GAP_SCALES: f64 = 4.5;
 /// Minimum cosine between successive steps, and between the last step and the stripe of the reached crossing:
 /// 37°. Stripes on smooth surfaces turn much less per pixel; a jump to the other stripe turns more.
-const STEADY: f64 = 0.8;
+const MIN_STEP_COSINE: f64 = 0.8;
 
 /// A crossing of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,14 +90,14 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
     let all = &crossings.found;
     let mut place = all[from].image;
     let mut direction = way_direction(&all[from], way);
-    let arrived = (ARRIVED * crossings.spacing).max(ARRIVED_PX);
+    let arrived = (ARRIVAL_SPACINGS * crossings.spacing).max(ARRIVAL_PX);
     // The candidates once per stripe, not once per step of a pixel.
     let near: Vec<usize> = (0..all.len())
-        .filter(|&k| k != from && apart(all[k].image, place) <= FARTHEST * crossings.spacing + arrived)
+        .filter(|&k| k != from && apart(all[k].image, place) <= MAX_FOLLOWED * crossings.spacing + arrived)
         .collect();
     let mut missing = 0.0;
-    let mut gone = 0.0;
-    while gone <= FARTHEST * crossings.spacing && missing <= GAP_SCALES * ridges.scale {
+    let mut walked = 0.0;
+    while walked <= MAX_FOLLOWED * crossings.spacing && missing <= GAP_SCALES * ridges.scale {
         let next = [place[0] + direction[0], place[1] + direction[1]];
         let reached = (near.iter().copied())
             .filter(|&k| apart(all[k].image, next) <= arrived)
@@ -108,7 +108,7 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
                 d[0] * direction[0] + d[1] * direction[1]
             };
             let on = (0..4).max_by(|&a, &b| along(a).total_cmp(&along(b)))?;
-            return (along(on) >= STEADY).then_some((to, on));
+            return (along(on) >= MIN_STEP_COSINE).then_some((to, on));
         }
         let turned = |d: [f64; 2]| d[0] * direction[0] + d[1] * direction[1];
         // The search radius covers the 1.3 pixels below plus the half pixel between a ridge and its pixel's
@@ -116,10 +116,10 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
         let on_line = (ridges.near(next, 1.6))
             .filter(|r| {
                 let ahead = turned([r.place[0] - place[0], r.place[1] - place[1]]);
-                turned(r.direction).abs() >= STEADY && ahead >= 0.4 && apart(r.place, next) <= 1.3
+                turned(r.direction).abs() >= MIN_STEP_COSINE && ahead >= 0.4 && apart(r.place, next) <= 1.3
             })
             .min_by(|a, b| apart(a.place, next).total_cmp(&apart(b.place, next)));
-        gone += 1.0;
+        walked += 1.0;
         match on_line {
             Some(r) => {
                 let sign = turned(r.direction).signum();

@@ -82,7 +82,7 @@ impl Derivatives {
 fn kernel(scale: f64, order: usize) -> Vec<f32> {
     let reach = (KERNEL_SCALES * scale).ceil() as i64;
     let gauss = |t: f64| (-0.5 * t * t / (scale * scale)).exp() / (std::f64::consts::TAU.sqrt() * scale);
-    let of = |i: i64| {
+    let weight_at = |i: i64| {
         let t = i as f64;
         let factor = match order {
             0 => 1.0,
@@ -92,7 +92,7 @@ fn kernel(scale: f64, order: usize) -> Vec<f32> {
         };
         factor * gauss(t)
     };
-    let mut values: Vec<f64> = (-reach..=reach).map(of).collect();
+    let mut values: Vec<f64> = (-reach..=reach).map(weight_at).collect();
     // Sampling and truncation change the moments; the second derivative of a constant must be zero.
     let sum: f64 = values.iter().sum();
     match order {
@@ -172,8 +172,12 @@ impl Ridges {
                 let off = first + step(first);
                 // Slightly more than half a pixel, so that no line is lost between two pixels.
                 let inside = across.iter().all(|c| (c * off).abs() <= 0.6);
-                let here = bend < 0.0 && inside && first.abs() <= 1.0 && (off - first).abs() <= 0.2;
-                here.then(|| Ridge { place: at(off), direction: [-across[1], across[0]], strength: -bend })
+                let is_ridge = bend < 0.0 && inside && first.abs() <= 1.0 && (off - first).abs() <= 0.2;
+                is_ridge.then(|| Ridge {
+                    place: at(off),
+                    direction: [-across[1], across[0]],
+                    strength: -bend,
+                })
             })
             .collect();
         // The threshold is relative to the image itself, because strength depends on exposure and contrast.

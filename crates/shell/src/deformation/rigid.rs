@@ -161,21 +161,21 @@ impl<'a> RigidParts<'a> {
         // others.
         let following: Vec<Vec<(u32, f64)>> = (weights.into_iter())
             .map(|near| {
-                let of = |k: usize| {
+                let weight_of = |k: usize| {
                     let others = near.iter().enumerate().filter(|(other, _)| *other != k);
                     near[k].1 * others.map(|(_, (_, w))| 1.0 - w).product::<f64>()
                 };
-                (0..near.len()).map(|k| (near[k].0, of(k))).collect()
+                (0..near.len()).map(|k| (near[k].0, weight_of(k))).collect()
             })
             .collect();
         // Motions of parts are parameters themselves, so their block is the identity.
         let reduction = inner.reduction().map(|r| {
-            let mut whole = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
-            whole.view_mut((0, 0), r.shape()).copy_from(r);
+            let mut extended = DMatrix::zeros(r.nrows() + free, r.ncols() + free);
+            extended.view_mut((0, 0), r.shape()).copy_from(r);
             for k in 0..free {
-                whole[(r.nrows() + k, r.ncols() + k)] = 1.0;
+                extended[(r.nrows() + k, r.ncols() + k)] = 1.0;
             }
-            whole
+            extended
         });
         Ok(Self {
             own: (following.iter())
@@ -194,9 +194,9 @@ impl<'a> RigidParts<'a> {
     /// nothing.
     #[must_use]
     pub fn stiffness(&self, inner: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut whole = DMatrix::zeros(inner.nrows() + self.free, inner.ncols() + self.free);
-        whole.view_mut((0, 0), inner.shape()).copy_from(inner);
-        whole
+        let mut extended = DMatrix::zeros(inner.nrows() + self.free, inner.ncols() + self.free);
+        extended.view_mut((0, 0), inner.shape()).copy_from(inner);
+        extended
     }
 
     /// Parameters of all parts such that each moves by the rigid motion nearest to what the inner deformation
@@ -238,8 +238,8 @@ impl<'a> RigidParts<'a> {
             .map(|part| match part.first {
                 None => (Rotation3::identity(), Vector3::zeros()),
                 Some(first) => {
-                    let of = |k: usize| Vector3::from_fn(|axis, _| q[count + first + k + axis]);
-                    (Rotation3::from_scaled_axis(of(3) / part.radius), of(0))
+                    let components_from = |k: usize| Vector3::from_fn(|axis, _| q[count + first + k + axis]);
+                    (Rotation3::from_scaled_axis(components_from(3) / part.radius), components_from(0))
                 }
             })
             .collect();

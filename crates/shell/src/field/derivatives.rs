@@ -3,7 +3,7 @@
 //! In: the shares of facets from [`Shell::distance`]. Out: the Hessian, and the derivatives of the distance,
 //! or of the height over one facet, by each vertex.
 
-use super::{FacetShare, Metaball, Over, Shell, ShellDistance, away};
+use super::{FacetHeight, FacetShare, Metaball, Shell, ShellDistance, away};
 use nalgebra::{Matrix3, Vector3};
 use planish_core::DVec3;
 use planish_mesh::NearFacet;
@@ -13,20 +13,20 @@ impl Shell<'_> {
     /// `∇D = Σ p_i (n_i − k (s_i − D) u_i)`,
     /// with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
     #[must_use]
-    pub fn hessian(&self, at: DVec3, shares: &[FacetShare], of: &ShellDistance) -> Matrix3<f64> {
+    pub fn hessian(&self, at: DVec3, shares: &[FacetShare], found: &ShellDistance) -> Matrix3<f64> {
         let k = self.options.sharpness;
-        let facing = self.facets[of.facet as usize].normal.into();
-        let gradient = Vector3::from(of.gradient);
+        let facing = self.facets[found.facet as usize].normal.into();
+        let gradient = Vector3::from(found.gradient);
         let mean_away: Vector3<f64> = shares.iter().map(|one| one.share * away(at, &one.near)).sum();
         let mut sum = Matrix3::zeros();
         for one in shares {
             let u = away(at, &one.near);
             let (height, normal) = self.height(at, &one.near, facing);
-            let part = normal - k * (height - of.distance) * u;
+            let part = normal - k * (height - found.distance) * u;
             // ∂p_i = −k p_i (u_i − ū); ∂s_i = n_i; ∂D = m.
             sum += one.share
                 * (-k * part * (u - mean_away).transpose() - k * u * (normal - gradient).transpose());
-            sum -= one.share * k * (height - of.distance) * self.bending(&one.near, u);
+            sum -= one.share * k * (height - found.distance) * self.bending(&one.near, u);
         }
         sum
     }
@@ -61,18 +61,18 @@ impl Shell<'_> {
         &self,
         at: DVec3,
         shares: &[FacetShare],
-        of: &ShellDistance,
+        found: &ShellDistance,
         mut visit: impl FnMut(u32, DVec3),
     ) {
         let k = self.options.sharpness;
-        let facing = self.facets[of.facet as usize].normal.into();
+        let facing = self.facets[found.facet as usize].normal.into();
         for one in shares.iter().filter(|one| one.share > 0.0) {
             let facet = &self.facets[one.near.facet as usize];
             let vertices = self.mesh.triangles[one.near.facet as usize];
             let corners = self.mesh.corners(one.near.facet as usize);
             let away = away(at, &one.near);
             let (height, normal) = self.height(at, &one.near, facing);
-            let above = height - of.distance;
+            let above = height - found.distance;
             let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
             let off = Vector3::from(at - one.near.point);
             // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has no normal
@@ -102,11 +102,11 @@ impl Shell<'_> {
     }
 
     /// The height of a point over the plane of a facet, and the distance of its foot point from the facet.
-    pub(crate) fn over(&self, at: DVec3, one: &FacetShare) -> Over {
+    pub(crate) fn over(&self, at: DVec3, one: &FacetShare) -> FacetHeight {
         let facet = &self.facets[one.near.facet as usize];
         let off = at - one.near.point;
         let height = facet.normal.dot(off);
-        Over {
+        FacetHeight {
             height,
             normal: facet.normal,
             across: (off.length_squared() - height * height).max(0.0).sqrt(),

@@ -66,11 +66,11 @@ pub fn subdivide_for_spheres(
         }
         for row in 0..n {
             for column in 0..n - row {
-                let here = first + row_start(row) + column as u32;
+                let corner = first + row_start(row) + column as u32;
                 let above = first + row_start(row + 1) + column as u32;
-                triangles.push([here, here + 1, above]);
+                triangles.push([corner, corner + 1, above]);
                 if column + 1 < n - row {
-                    triangles.push([here + 1, above + 1, above]);
+                    triangles.push([corner + 1, above + 1, above]);
                 }
             }
         }

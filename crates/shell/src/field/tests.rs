@@ -175,9 +175,9 @@ fn truncation_error_is_below_its_bound() {
             Shell::new(&mesh, &options).unwrap()
         };
         let others = 1e3 * mesh.triangles.len() as f64;
-        let (coarse, whole) = (shell_of((others / 1e-3).ln()), shell_of(700.0));
+        let (coarse, untruncated) = (shell_of((others / 1e-3).ln()), shell_of(700.0));
         for at in places(300, 12) {
-            let [a, b] = [&coarse, &whole].map(|shell| shell.distance(at, &mut Vec::new()).unwrap());
+            let [a, b] = [&coarse, &untruncated].map(|shell| shell.distance(at, &mut Vec::new()).unwrap());
             assert_eq!(a.facet, b.facet);
             // Heights differ at most by the size of the mesh.
             assert!((a.distance - b.distance).abs() < 1e-3 * 4.0, "{a:?} {b:?}");
@@ -224,6 +224,7 @@ fn invalid_meshes_and_options_are_rejected() {
     }
     let line = TriangleMesh { positions: vec![DVec3::ZERO, DVec3::X], triangles: vec![[0, 1, 1]] };
     assert!(refused(&line, ShellOptions::new(Metaball::Spherical, 1.0)).contains("area"));
-    let nowhere = ShellOptions { reach: Some(f64::NAN), ..ShellOptions::new(Metaball::Triangular, 1.0) };
-    assert!(refused(&mesh, nowhere).contains("reach"));
+    let invalid_reach =
+        ShellOptions { reach: Some(f64::NAN), ..ShellOptions::new(Metaball::Triangular, 1.0) };
+    assert!(refused(&mesh, invalid_reach).contains("reach"));
 }

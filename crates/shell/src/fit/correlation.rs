@@ -20,7 +20,7 @@ use planish_estimate::NestedBatches;
 
 /// Significance, in σ, from which a mean product counts as correlation. Lower values call noise unresolved
 /// shape.
-const SIGNIFICANT: f64 = 3.0;
+const MIN_SIGNIFICANCE: f64 = 3.0;
 /// Minimum number of batches of a level that is used. The relative standard error of a mean square of 16
 /// values is 35 %.
 const MIN_BATCHES: usize = 16;
@@ -73,35 +73,35 @@ impl ResidualCorrelation {
         }
         let places: Vec<DVec3> = residuals.iter().map(|r| r.at).collect();
         let batches = NestedBatches::new(&places);
-        let products = |of: &dyn Fn(&Residual) -> f64| {
-            let values: Vec<f64> = residuals.iter().map(of).collect();
+        let products = |value_of: &dyn Fn(&Residual) -> f64| {
+            let values: Vec<f64> = residuals.iter().map(value_of).collect();
             batches.products(&values, MIN_BATCHES)
         };
         let levels = batches.products(&normalized, MIN_BATCHES);
         // The sum over pairs that the fit itself removes, estimated from random signs.
-        let mut taken = vec![0.0; levels.len()];
+        let mut removed_by_fit = vec![0.0; levels.len()];
         for draw in 0..DRAWS {
             let [signs, left] = [products(&|r| r.signs[draw]), products(&|r| r.left[draw])];
-            for (taken, (signs, left)) in taken.iter_mut().zip(signs.iter().zip(left)) {
-                *taken += (signs.sum - left.sum) / DRAWS as f64;
+            for (removed_by_fit, (signs, left)) in removed_by_fit.iter_mut().zip(signs.iter().zip(left)) {
+                *removed_by_fit += (signs.sum - left.sum) / DRAWS as f64;
             }
         }
         let weights = products(&|r| 1.0 / r.sigma);
         let mut found = Self::NONE;
         let mut best = 0.0;
-        for ((level, taken), weights) in levels.iter().zip(taken).zip(weights) {
-            let alike = (level.sum / variance + taken) / level.pairs;
+        for ((level, removed_by_fit), weights) in levels.iter().zip(removed_by_fit).zip(weights) {
+            let correlation = (level.sum / variance + removed_by_fit) / level.pairs;
             // A level counts only if its correlation is significant; the most significant one gives the
             // variance of the shape.
-            let sure = alike - SIGNIFICANT * level.mean_sigma();
-            if sure <= 0.0 {
+            let significant = correlation - MIN_SIGNIFICANCE * level.mean_sigma();
+            if significant <= 0.0 {
                 continue;
             }
-            let alike = alike.min(1.0);
-            found.together = found.together.max(1.0 + (level.size - 1.0) * alike);
-            if sure > best {
-                best = sure;
-                found.shared = [alike * variance * level.pairs, weights.sum];
+            let correlation = correlation.min(1.0);
+            found.together = found.together.max(1.0 + (level.size - 1.0) * correlation);
+            if significant > best {
+                best = significant;
+                found.shared = [correlation * variance * level.pairs, weights.sum];
             }
         }
         found
@@ -190,7 +190,7 @@ mod tests {
             .collect();
         let left: Vec<DVector<f64>> = draws.iter().map(left_of).collect();
         let noise = DVector::from_fn(count, |_, _| StandardNormal.sample(&mut random));
-        let found = |height: f64, taken_off: bool| {
+        let found = |height: f64, corrected: bool| {
             let wave = DVector::from_fn(count, |i, _| 2.0_f64.sqrt() * height * cosine(13, at[i][0]));
             let fitted = left_of(&(&noise + wave));
             let residuals: Vec<Residual> = (0..count)
@@ -199,19 +199,19 @@ mod tests {
                     distance: fitted[i],
                     sigma: 1.0,
                     signs: std::array::from_fn(|d| draws[d][i]),
-                    left: std::array::from_fn(|d| if taken_off { left[d][i] } else { draws[d][i] }),
+                    left: std::array::from_fn(|d| if corrected { left[d][i] } else { draws[d][i] }),
                 })
                 .collect();
             ResidualCorrelation::from_residuals(&residuals)
         };
         assert_eq!(found(0.0, true), ResidualCorrelation::NONE);
         let [uncorrected, sigma] =
-            [false, true].map(|taken_off| ResidualCorrelation::sigma(&[found(0.35, taken_off)]));
+            [false, true].map(|corrected| ResidualCorrelation::sigma(&[found(0.35, corrected)]));
 
-        let taken = (waves * waves) as f64 / count as f64;
+        let removed_by_fit = (waves * waves) as f64 / count as f64;
         assert!(sigma > 0.25 && sigma < 0.38, "{sigma}");
         assert!(
-            (sigma * sigma - uncorrected * uncorrected - taken).abs() < 0.3 * taken,
+            (sigma * sigma - uncorrected * uncorrected - removed_by_fit).abs() < 0.3 * removed_by_fit,
             "{sigma} {uncorrected}"
         );
     }

@@ -18,7 +18,7 @@ pub(super) type ByVertex = (u32, DVec3);
 pub(super) type ByPose = (u32, [f64; 6]);
 
 /// Maximum total size of the partial sums of one pass, in numbers: a memory limit of about 320 MB.
-const SUMS: usize = 40_000_000;
+const MAX_SUM_NUMBERS: usize = 40_000_000;
 
 /// The kind of reading of an equation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,10 +47,10 @@ impl Source {
 
     /// The loss of this kind. Regions use one that never rejects, because a part far outside of a mask is no
     /// outlier of the mask.
-    pub(super) fn loss(self, usual: &Loss) -> Loss {
+    pub(super) fn loss(self, default: &Loss) -> Loss {
         match self {
             Self::Region => Loss::huber(),
-            _ => *usual,
+            _ => *default,
         }
     }
 }
@@ -166,7 +166,7 @@ impl Equations {
 
 /// The sum of equations: the information `N` and the vector `−Jᵀ W D`.
 #[derive(Debug, Clone)]
-pub(super) struct Pass {
+pub(super) struct NormalEquations {
     pub information: DMatrix<f64>,
     pub vector: DVector<f64>,
 }
@@ -193,16 +193,17 @@ pub(super) fn sum(
     loss: &Loss,
     (factors, together): (&[f64; SCALES], &[f64; SCALES]),
     with_regions: bool,
-) -> Pass {
+) -> NormalEquations {
     let basis = deformation.basis();
     let size = basis + 6 * poses;
     // Groups do not depend on the number of threads, so that sums have a fixed order.
     // Each group has a matrix of its own, so memory limits their number.
-    let groups = (SUMS / (size * size).max(1)).clamp(2, 32);
+    let groups = (MAX_SUM_NUMBERS / (size * size).max(1)).clamp(2, 32);
     let per_group = all.len().div_ceil(groups).max(1);
-    let sums: Vec<Pass> = (all.par_chunks(per_group))
+    let sums: Vec<NormalEquations> = (all.par_chunks(per_group))
         .map(|group| {
-            let mut pass = Pass { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
+            let mut pass =
+                NormalEquations { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
             let (mut row, mut touched) = (vec![0.0; size], Vec::new());
             for (equation, vertices, own_poses) in group.iter().flat_map(Equations::iter) {
                 if equation.source == Source::Region && !with_regions {
@@ -244,7 +245,7 @@ pub(super) fn sum(
             pass
         })
         .collect();
-    let mut total = Pass { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
+    let mut total = NormalEquations { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
     // In the order of the groups.
     for pass in sums {
         total.information += pass.information;
@@ -274,7 +275,7 @@ pub(super) fn visit_row(
 }
 
 /// Transforms a sum from the basis of the rows to the parameters; poses are unchanged.
-fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
+fn reduced(pass: NormalEquations, deformation: &dyn Deformation, poses: usize) -> NormalEquations {
     // Once for the whole sum: `Rᵀ N R` for each equation would make its short row dense.
     let Some(r) = deformation.reduction() else {
         return pass;
@@ -293,5 +294,5 @@ fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
     let mut vector = DVector::zeros(size);
     vector.rows_mut(0, parameters).copy_from(&r.tr_mul(&pass.vector.rows(0, basis)));
     vector.rows_mut(parameters, rest).copy_from(&pass.vector.rows(basis, rest));
-    Pass { information, vector }
+    NormalEquations { information, vector }
 }

@@ -2,7 +2,7 @@
 //!
 //! In: the sum of the readings' equations. Out: the same with the priors added, and the cost of the priors.
 
-use super::equations::Pass;
+use super::equations::NormalEquations;
 use super::problem::State;
 use super::readings::{PoseNoise, ShellReadings};
 use super::smoothness::Smoothness;
@@ -23,7 +23,12 @@ pub(super) struct Priors<'a> {
 
 impl Priors<'_> {
     /// Adds priors to information and vector.
-    pub(super) fn add(&self, state: &State, weight: f64, pass: &Pass) -> (DMatrix<f64>, DVector<f64>) {
+    pub(super) fn add(
+        &self,
+        state: &State,
+        weight: f64,
+        pass: &NormalEquations,
+    ) -> (DMatrix<f64>, DVector<f64>) {
         let (mut information, mut vector) = (pass.information.clone(), pass.vector.clone());
         let parameters = state.q.len();
         let mut own = information.view_mut((0, 0), (parameters, parameters));
@@ -76,12 +81,12 @@ impl Priors<'_> {
     }
 
     /// Information and vector of the parameters, marginalised over the poses (Schur complement).
-    pub(super) fn without_poses(&self, state: &State, pass: &Pass) -> Result<Pass> {
+    pub(super) fn without_poses(&self, state: &State, pass: &NormalEquations) -> Result<NormalEquations> {
         let (parameters, rest) = (state.q.len(), 6 * self.poses.len());
         let own = pass.information.view((0, 0), (parameters, parameters)).into_owned();
         let vector = pass.vector.rows(0, parameters).into_owned();
         if rest == 0 {
-            return Ok(Pass { information: own, vector });
+            return Ok(NormalEquations { information: own, vector });
         }
         // Only the block of the poses is used. It needs its priors: poses that no reading determines would
         // make the corner singular.
@@ -89,7 +94,7 @@ impl Priors<'_> {
         let corner = all.view((parameters, parameters), (rest, rest)).into_owned();
         let mixed = pass.information.view((parameters, 0), (rest, parameters)).into_owned();
         let factor = corner.cholesky().ok_or_else(undetermined)?;
-        Ok(Pass {
+        Ok(NormalEquations {
             // The Schur complement marginalises the poses. Their uncertainty is then part of the information
             // about the shape.
             information: own - mixed.tr_mul(&factor.solve(&mixed)),

@@ -14,7 +14,7 @@
 use super::equations::{ByVertex, Equations, SCALES, Source};
 use super::readings::{OutlineKind, OutlinePoint, ShellReadings};
 use super::sheets::Sheets;
-use super::sight::{MadeOf, Sight, Touch};
+use super::sight::{DistanceSource, Sight, Touch};
 use super::tracks;
 use crate::camera::Camera;
 use crate::deformation::{Deformation, displaced_positions};
@@ -61,13 +61,13 @@ pub(super) struct Problem<'a> {
 
 /// Loss and factors of σ, by which readings of zero weight are found: these need no derivatives.
 #[derive(Clone, Copy)]
-pub(super) struct Weighing<'a> {
+pub(super) struct WeightRule<'a> {
     pub loss: &'a Loss,
     pub factors: [f64; SCALES],
 }
 
-impl Weighing<'_> {
-    fn omits(&self, source: Source, normalized: f64) -> bool {
+impl WeightRule<'_> {
+    fn has_zero_weight(&self, source: Source, normalized: f64) -> bool {
         // Factors of σ may shrink before the equation is used, hence the margin.
         let factor = OMISSION_MARGIN * self.factors[source.scale()];
         source.loss(self.loss).weight(normalized / factor) <= 0.0
@@ -130,7 +130,11 @@ impl Problem<'_> {
 
     /// The equations of all selected readings. With a `weighing`, points of zero weight have no derivatives
     /// ([`Equations::lack_derivatives`]).
-    pub(super) fn equations(&self, state: &State, weighing: Option<Weighing<'_>>) -> Result<Vec<Equations>> {
+    pub(super) fn equations(
+        &self,
+        state: &State,
+        weighing: Option<WeightRule<'_>>,
+    ) -> Result<Vec<Equations>> {
         let own = self.moved(&state.q);
         // Vertices of the subdivision are fixed linear combinations of those of the mesh, so derivatives are
         // passed on by the same weights.
@@ -174,7 +178,7 @@ impl Problem<'_> {
         state: &State,
         shell: &Shell<'_>,
         sight: Option<&Sight<'_>>,
-        weighing: Option<Weighing<'_>>,
+        weighing: Option<WeightRule<'_>>,
         gathered: &mut Gathered,
     ) -> Equations {
         let mut made = Equations::default();
@@ -192,23 +196,25 @@ impl Problem<'_> {
                         continue;
                     }
                     let residual = (found.distance, point.sigma(found.gradient));
-                    if weighing.is_some_and(|w| w.omits(Source::Point, residual.0 / residual.1)) {
+                    if weighing.is_some_and(|w| w.has_zero_weight(Source::Point, residual.0 / residual.1)) {
                         made.push_without_derivatives(Source::Point, i, residual);
                         continue;
                     }
                     shell.by_vertices(point.at, &shares, &found, |v, by| {
-                        self.each_own(v, by, |v, by| gathered.add(v, by))
+                        self.for_each_vertex(v, by, |v, by| gathered.add(v, by))
                     });
                     made.push(Source::Point, i, residual, gathered.take(), &[]);
                 }
             }
             (Work::Tracks(a, b), _) => {
-                let give = |vertex: u32, by: DVec3, to: &mut Vec<(u32, DVec3)>| self.give(vertex, by, to);
+                let map_derivative =
+                    |vertex: u32, by: DVec3, to: &mut Vec<(u32, DVec3)>| self.map_derivative(vertex, by, to);
                 for (i, track) in self.readings.tracks.iter().enumerate().take(b).skip(a) {
                     let cameras = (&state.cameras[..], self.slots);
                     // A track behind a camera, or seen from one direction only, has no equation at this
                     // state.
-                    let _ = tracks::add(track, i as u32, cameras, shell, &mut shares, &give, &mut made);
+                    let _ =
+                        tracks::add(track, i as u32, cameras, shell, &mut shares, &map_derivative, &mut made);
                 }
             }
             (Work::Outline(v, a, b), Some(sight)) => {
@@ -254,7 +260,7 @@ impl Problem<'_> {
         i: u32,
         shell: &Shell<'_>,
         shares: &[FacetShare],
-        weighing: Weighing<'_>,
+        weighing: WeightRule<'_>,
         gathered: &mut Gathered,
         made: &mut Equations,
     ) -> bool {
@@ -268,11 +274,11 @@ impl Problem<'_> {
         for (g, sheet) in sheets.likely() {
             any = true;
             let residual = (sheet.height, point.sigma(sheet.normal));
-            if weighing.omits(Source::Point, residual.0 / residual.1) {
+            if weighing.has_zero_weight(Source::Point, residual.0 / residual.1) {
                 made.push_without_derivatives(Source::Point, i, residual);
             } else {
                 sheets.by_vertices(g, shell, point.at, shares, |v, by| {
-                    self.each_own(v, by, |v, by| gathered.add(v, by))
+                    self.for_each_vertex(v, by, |v, by| gathered.add(v, by))
                 });
                 made.push(Source::Point, i, residual, gathered.take(), &[]);
             }
@@ -375,8 +381,8 @@ impl Problem<'_> {
             return;
         }
         let mut vertices = Vec::new();
-        match &touch.made_of {
-            MadeOf::Foot(foot) => {
+        match &touch.source {
+            DistanceSource::Foot(foot) => {
                 let triangle = self.mesh.triangles[foot.triangle as usize];
                 for (vertex, weight) in triangle.into_iter().zip(foot.barycentric) {
                     if weight != 0.0 {
@@ -384,32 +390,32 @@ impl Problem<'_> {
                     }
                 }
             }
-            MadeOf::Shell(sides) => {
+            DistanceSource::Shell(sides) => {
                 for (at, found, share) in sides.iter().filter(|(_, _, share)| *share > 0.0) {
                     // `shares` belongs to the last evaluated point, which may be another one.
                     if sight.shell.distance(*at, shares).is_some() {
                         (sight.shell).by_vertices(*at, shares, found, |v, by| {
-                            self.give(v, *share * by, &mut vertices);
+                            self.map_derivative(v, *share * by, &mut vertices);
                         });
                     }
                 }
             }
         }
         let [x, y] = camera.by_pixel(touch.at, touch.gradient);
-        let whole = camera.pixel_width(touch.at);
+        let pixel_width = camera.pixel_width(touch.at);
         // σ in pixels times the change of the distance per pixel. The floor handles lines of sight along the
         // surface, where that vanishes and the weight would be infinite.
-        let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * whole);
+        let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * pixel_width);
         let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
         made.push(source, reading, (touch.distance, sigma), &mut vertices, by_pose.as_slice());
     }
 
     /// Converts a derivative by a vertex of the wrapped mesh to derivatives by vertices of the deformed mesh.
-    fn give(&self, vertex: u32, by: DVec3, to: &mut Vec<ByVertex>) {
-        self.each_own(vertex, by, |vertex, by| to.push((vertex, by)));
+    fn map_derivative(&self, vertex: u32, by: DVec3, to: &mut Vec<ByVertex>) {
+        self.for_each_vertex(vertex, by, |vertex, by| to.push((vertex, by)));
     }
 
-    fn each_own(&self, vertex: u32, by: DVec3, mut visit: impl FnMut(u32, DVec3)) {
+    fn for_each_vertex(&self, vertex: u32, by: DVec3, mut visit: impl FnMut(u32, DVec3)) {
         match self.origins {
             None => visit(vertex, by),
             Some(origins) => {

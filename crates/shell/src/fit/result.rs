@@ -58,13 +58,13 @@ pub(super) fn finished(
     }
     let readings = priors.readings;
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
-    let of = |source: Source, count: usize| source_fit(equations, source, count, factors, priors);
+    let fit_of = |source: Source, count: usize| source_fit(equations, source, count, factors, priors);
     Ok(ShellFit {
         positions: displaced_positions(&mesh.positions, deformation, &state.q),
         covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
-        points: of(Source::Point, readings.points.len()),
-        outlines: of(Source::Outline, outlines),
-        tracks: of(Source::Track, readings.tracks.len()),
+        points: fit_of(Source::Point, readings.points.len()),
+        outlines: fit_of(Source::Outline, outlines),
+        tracks: fit_of(Source::Track, readings.tracks.len()),
         parameters: state.q,
         cameras: state.cameras,
         pose_covariances,

@@ -204,7 +204,9 @@ impl<'a> ShellTracker<'a> {
         let of = if last.moves { [[0.25, 0.5], [0.5, 1.0]] } else { [[1.0, 1.0], [1.0, 1.0]] };
         let options = ShellFitOptions { start: Some(last.found.clone()), ..self.options.clone() };
         // Progress counts both fits of the frame as equally long.
-        let mut half = |of: f64, at: ShellProgress| watch(ShellProgress { share: of + 0.5 * at.share, ..at });
+        let mut half = |start_share: f64, at: ShellProgress| {
+            watch(ShellProgress { share: start_share + 0.5 * at.share, ..at })
+        };
         let first = fit_shell_with_progress(self.mesh, self.deformation, readings, &options, &mut |at| {
             half(0.0, at)
         })?;

@@ -37,7 +37,7 @@ const SAME_HEIGHT: f64 = 1.0;
 /// Minimum probability of a sheet with an equation. Less probable ones would cost time and change nothing.
 const MIN_PROBABILITY: f64 = 0.01;
 /// In-plane distance in σ beyond which a facet has no mass: 10⁻⁷ of the mass at the foot point.
-const ASIDE: f64 = 5.7;
+const CUTOFF: f64 = 5.7;
 
 /// A facet near the point, as a member of a sheet.
 #[derive(Debug, Clone, Copy)]
@@ -80,7 +80,7 @@ pub(super) struct Sheets {
 /// The normal distribution function `Φ(t)`, with an error below 0.01.
 fn up_to(t: f64) -> f64 {
     // A shortcut, because most sides are far away.
-    if t > ASIDE {
+    if t > CUTOFF {
         return 1.0;
     }
     let beyond = 0.5 * (-t.abs() * (0.717 + 0.416 * t.abs())).exp();
@@ -91,7 +91,7 @@ fn up_to(t: f64) -> f64 {
 /// bounded by its sides. The smaller value holds.
 fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -> f64 {
     let in_plane = across / sigma;
-    if in_plane > ASIDE {
+    if in_plane > CUTOFF {
         return 0.0;
     }
     // Two approximations of the Gaussian mass over a facet: density times area for small ones, a product over

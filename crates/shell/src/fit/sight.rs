@@ -22,7 +22,7 @@ const PIECES: usize = 8;
 /// Intervals in which all minima of a line are searched.
 const FINE_PIECES: usize = 64;
 /// Resolution of minima: the mesh's size divided by this. Finer resolution needs more distance queries.
-const NARROW: f64 = 150.0;
+const RESOLUTION: f64 = 150.0;
 /// Maximum number of distance queries on one line. It limits the time of lines that run along the surface,
 /// where all bounds are similar.
 const MAX_QUERIES: usize = 120;
@@ -30,7 +30,7 @@ const MAX_QUERIES: usize = 120;
 /// of the slope divided by the curvature.
 const SLOPE: f64 = 1e-3;
 /// Maximum number of doublings of an interval that does not bracket the minimum.
-const WIDER: u32 = 5;
+const MAX_DOUBLINGS: u32 = 5;
 /// The golden ratio's inverse.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Maximum number of steps towards a minimum.
@@ -44,12 +44,12 @@ pub(super) struct Touch {
     pub distance: f64,
     /// `∇D` there.
     pub gradient: DVec3,
-    pub made_of: MadeOf,
+    pub source: DistanceSource,
 }
 
 /// The source of a distance, from which its derivatives are computed.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum MadeOf {
+pub(super) enum DistanceSource {
     /// The shell at the point, or on either side of it if the slope of `D` jumps: position, distance and
     /// share of each.
     Shell([(DVec3, ShellDistance, f64); 2]),
@@ -83,7 +83,7 @@ impl<'a> Sight<'a> {
             center: bounds.center(),
             // The ball around the bounding box, slightly enlarged for rounding.
             radius: 0.51 * diagonal,
-            width: softness.max(diagonal / NARROW),
+            width: softness.max(diagonal / RESOLUTION),
             softness,
         }
     }
@@ -135,17 +135,17 @@ impl<'a> Sight<'a> {
         let mut last = (from, along(from));
         for k in 1..=PIECES {
             let t = from + (to - from) * k as f64 / PIECES as f64;
-            let here = along(t);
-            for (t, d) in [last, (t, here)] {
+            let distance = along(t);
+            for (t, d) in [last, (t, distance)] {
                 if d < best.0 {
                     best = (d, t);
                 }
             }
-            open.push([bound(last.0, t, last.1, here), last.0, t, last.1, here]);
-            last = (t, here);
+            open.push([bound(last.0, t, last.1, distance), last.0, t, last.1, distance]);
+            last = (t, distance);
         }
-        let mut looks = PIECES + 1;
-        while looks < MAX_QUERIES {
+        let mut queries = PIECES + 1;
+        while queries < MAX_QUERIES {
             let Some(next) = (0..open.len()).min_by(|&i, &j| open[i][0].total_cmp(&open[j][0])) else {
                 break;
             };
@@ -159,13 +159,13 @@ impl<'a> Sight<'a> {
                 continue;
             }
             let middle = 0.5 * (a + b);
-            let here = along(middle);
-            looks += 1;
-            if here < best.0 {
-                best = (here, middle);
+            let distance = along(middle);
+            queries += 1;
+            if distance < best.0 {
+                best = (distance, middle);
             }
-            open.push([bound(a, middle, at_a, here), a, middle, at_a, here]);
-            open.push([bound(middle, b, here, at_b), middle, b, here, at_b]);
+            open.push([bound(a, middle, at_a, distance), a, middle, at_a, distance]);
+            open.push([bound(middle, b, distance, at_b), middle, b, distance, at_b]);
         }
         best.0.is_finite().then_some(())?;
         self.refined(origin, direction, (best.1, self.width), signs, shares)
@@ -197,23 +197,23 @@ impl<'a> Sight<'a> {
         signs: bool,
         shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
-        let mut look = |t: f64| {
+        let mut evaluate = |t: f64| {
             let at = origin + t * direction;
             let found = self.shell.distance(at, shares)?;
             Some((t, found.gradient.dot(direction), found))
         };
-        let (mut low, mut high) = (look((near - reach).max(0.0))?, look(near + reach)?);
-        let mut best = look(near)?;
+        let (mut low, mut high) = (evaluate((near - reach).max(0.0))?, evaluate(near + reach)?);
+        let mut best = evaluate(near)?;
         // The minimum of a soft shell may differ from that of the mesh, so the bracket moves downhill in
         // growing steps.
-        for double in 0..WIDER {
+        for double in 0..MAX_DOUBLINGS {
             let step = reach * f64::from(1_u32 << double);
             if low.1 >= 0.0 && low.0 > 0.0 && low.2.distance <= best.2.distance {
                 (high, best) = (best, low);
-                low = look((best.0 - step).max(0.0))?;
+                low = evaluate((best.0 - step).max(0.0))?;
             } else if high.1 <= 0.0 && high.2.distance <= best.2.distance {
                 (low, best) = (best, high);
-                high = look(best.0 + step)?;
+                high = evaluate(best.0 + step)?;
             } else {
                 break;
             }
@@ -240,7 +240,7 @@ impl<'a> Sight<'a> {
                 } else {
                     low.0 + share.clamp(0.02, 0.98) * width
                 };
-                best = look(t)?;
+                best = evaluate(t)?;
             }
         } else {
             for other in [low, high] {
@@ -264,9 +264,9 @@ impl<'a> Sight<'a> {
         // Far from an open mesh, heights over planes decrease without bound and may lead away from the
         // object.
         let nearest = self.height(origin + near * direction, signs);
-        let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
+        let implausible = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
             || sharp > nearest + 2.0 * self.softness;
-        if foot.on_boundary || odd {
+        if foot.on_boundary || implausible {
             return self.sharp_minimum(origin, direction, (near, reach), signs);
         }
         let sides = [(low, share), (high, 1.0 - share)];
@@ -274,7 +274,9 @@ impl<'a> Sight<'a> {
             at,
             distance: found.distance,
             gradient: (sides.iter()).fold(DVec3::ZERO, |sum, (side, share)| sum + *share * side.2.gradient),
-            made_of: MadeOf::Shell(sides.map(|(side, share)| (origin + side.0 * direction, side.2, share))),
+            source: DistanceSource::Shell(
+                sides.map(|(side, share)| (origin + side.0 * direction, side.2, share)),
+            ),
         })
     }
 
@@ -316,7 +318,7 @@ impl<'a> Sight<'a> {
             at,
             distance,
             gradient: if foot.distance > 0.0 { 1.0 / distance * (at - foot.point) } else { foot.normal },
-            made_of: MadeOf::Foot(foot),
+            source: DistanceSource::Foot(foot),
         })
     }
 }

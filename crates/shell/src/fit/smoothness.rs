@@ -13,7 +13,7 @@ use planish_estimate::{Dispersion, Error, Result, SmoothnessEvaluation, Smoothne
 const MAX_UPDATES: usize = 20;
 /// Above this number of unknowns an update costs as much as an iteration. Then only a few updates are made,
 /// and the weight converges together with the fit.
-const MANY: usize = 1000;
+const MANY_UNKNOWNS: usize = 1000;
 const MAX_UPDATES_OF_MANY: usize = 3;
 
 /// The prior and its weight.
@@ -76,7 +76,7 @@ impl Smoothness {
             log_pseudo_determinant: 0.0,
             dispersion: Dispersion::Known(1.0),
         };
-        let updates = if q.len() > MANY { MAX_UPDATES_OF_MANY } else { MAX_UPDATES };
+        let updates = if q.len() > MANY_UNKNOWNS { MAX_UPDATES_OF_MANY } else { MAX_UPDATES };
         for _ in 0..updates {
             let Some(factor) = Factor::new(&(information + self.weight * &self.stiffness)) else {
                 return Err(undetermined());

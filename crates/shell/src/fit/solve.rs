@@ -15,7 +15,7 @@ use super::equations::{Equations, SCALES, Source, cost, sum};
 use super::orientation::outward;
 use super::point_selection::chosen_points;
 use super::priors::Priors;
-use super::problem::{Problem, State, Weighing};
+use super::problem::{Problem, State, WeightRule};
 use super::readings::{PoseNoise, ShellReadings};
 use super::result::finished;
 use super::smoothness::Smoothness;
@@ -305,7 +305,7 @@ impl<'a> Search<'a> {
     fn complete_derivatives(&self, problem: &Problem<'_>, equations: &mut Vec<Equations>) -> Result<()> {
         let loss = &self.priors.options.loss;
         if Equations::lack_derivatives(equations, loss, &self.factors) {
-            let weighing = problem.by_sheets.then_some(Weighing { loss, factors: self.factors });
+            let weighing = problem.by_sheets.then_some(WeightRule { loss, factors: self.factors });
             *equations = problem.equations(&self.state, weighing)?;
         }
         Ok(())
@@ -348,7 +348,7 @@ impl<'a> Search<'a> {
         damping: &mut Damping,
     ) -> Result<Option<(Vec<Equations>, bool)>> {
         let loss = &setup.options.loss;
-        let weighing = Weighing { loss, factors: self.factors };
+        let weighing = WeightRule { loss, factors: self.factors };
         for _ in 0..MAX_DAMPING_TRIES {
             let parameters = self.state.q.len();
             let change =
@@ -410,7 +410,7 @@ fn run_stage(
     let problem = setup.problem(step, softness, fine.as_ref());
     search.termination = Termination::Limit;
     // In the first stage σ has not been estimated yet, so that no reading may be ignored by it.
-    let weighing = Weighing { loss: &options.loss, factors: search.factors };
+    let weighing = WeightRule { loss: &options.loss, factors: search.factors };
     let weighing = (step > 0 || problem.by_sheets).then_some(weighing);
     let mut equations = problem.equations(&search.state, weighing)?;
     let mut damping = Damping { value: 1e-3, last_length: f64::INFINITY };
@@ -426,11 +426,11 @@ fn run_stage(
         search.complete_derivatives(&problem, &mut equations)?;
         let system = search.normal_equations(setup, &equations, weight_factor, step == 0)?;
         weight = system.weight;
-        let taken = search.take_step(setup, &problem, &system, &mut damping)?;
+        let accepted = search.take_step(setup, &problem, &system, &mut damping)?;
         // From the state before the step. One step later it hardly differs, and no second factorisation is
         // needed.
         search.redundancy_used = redundancy_used(&system.information, &system.of_readings);
-        let Some((next, converged)) = taken else {
+        let Some((next, converged)) = accepted else {
             search.termination = Termination::ReachedTolerance;
             break;
         };

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 mod outlines;
-mod reaching_over;
+mod oversized_plate;
 mod sequence;
 
 const SIGMA: f64 = 0.01;
@@ -39,8 +39,8 @@ fn truth(points: usize, seed: u64) -> Truth {
         deformation.parameters(),
         controls.points.iter().flat_map(|p| {
             let own: [f64; 3] = std::array::from_fn(|k| {
-                let of = |matrix: &[f64; 9]| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
-                of(&affine) + 0.05 * of(&wave).sin()
+                let applied = |matrix: &[f64; 9]| (0..3).map(|j| matrix[3 * k + j] * p[j]).sum::<f64>();
+                applied(&affine) + 0.05 * applied(&wave).sin()
             });
             own
         }),
@@ -126,9 +126,9 @@ fn dense_noise_is_not_unresolved_shape() {
 #[test]
 fn shells_are_as_accurate_as_fits_with_true_correspondences() {
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
-        let (mut ours, mut theirs, mut of_all_three) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut fitted, mut with_normals, mut with_coordinates) = (Vec::new(), Vec::new(), Vec::new());
         let (mut covered, mut count) = (0, 0);
-        let mut caught = [0; 4];
+        let mut counts = [0; 4];
         for seed in 0..2 {
             let truth = truth(3000, seed);
             let options = ShellFitOptions {
@@ -145,7 +145,7 @@ fn shells_are_as_accurate_as_fits_with_true_correspondences() {
                 count += 1;
             }
             for (outlier, source) in made.points.outliers.iter().zip(&truth.sources) {
-                caught[usize::from(*outlier) + 2 * usize::from(source.is_none())] += 1;
+                counts[usize::from(*outlier) + 2 * usize::from(source.is_none())] += 1;
             }
             println!(
                 "{metaball:?}: σ factor {:.3}, λ {:.3e}, rms {:.5}, {:?} after {}",
@@ -156,26 +156,26 @@ fn shells_are_as_accurate_as_fits_with_true_correspondences() {
                 made.iterations
             );
             assert!((made.points.sigma_factor - 1.0).abs() < 0.1);
-            ours.extend(off);
+            fitted.extend(off);
             let errors_of = |normals_only| {
                 heights(&truth, &with_correspondences(&truth, made.smoothness_weight, normals_only))
             };
-            theirs.extend(errors_of(true));
-            of_all_three.extend(errors_of(false));
+            with_normals.extend(errors_of(true));
+            with_coordinates.extend(errors_of(false));
         }
         let share = f64::from(covered as u32) / f64::from(count as u32);
         println!(
             "{metaball:?}: {:.5} from the truth, {:.5} with true correspondences along normals, {:.5} \
-            with those of all coordinates, {:.3} covered, {caught:?}",
-            rms(&ours),
-            rms(&theirs),
-            rms(&of_all_three),
+            with those of all coordinates, {:.3} covered, {counts:?}",
+            rms(&fitted),
+            rms(&with_normals),
+            rms(&with_coordinates),
             share
         );
-        assert!(rms(&ours) < 1.2 * rms(&theirs), "{metaball:?}");
+        assert!(rms(&fitted) < 1.2 * rms(&with_normals), "{metaball:?}");
         assert!((0.9..0.98).contains(&share), "{metaball:?}: {share}");
         // Almost no inlier is rejected.
-        assert!(caught[1] * 50 < caught[0], "{caught:?}");
+        assert!(counts[1] * 50 < counts[0], "{counts:?}");
     }
 }
 
@@ -204,12 +204,12 @@ fn messages_name_the_invalid_value() {
     let refused = |points: &[PointReading], options: &ShellFitOptions| {
         fit_points(&mesh, &deformation, points, options).unwrap_err().to_string()
     };
-    let usual = ShellFitOptions::default();
-    assert!(refused(&[], &usual).contains("expected points"));
+    let defaults = ShellFitOptions::default();
+    assert!(refused(&[], &defaults).contains("expected points"));
     let bad = PointReading { at: DVec3::new(f64::NAN, 0.0, 0.0), ..good };
-    assert!(refused(&[good, bad], &usual).contains("point 1"));
-    let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..usual.clone() };
+    assert!(refused(&[good, bad], &defaults).contains("point 1"));
+    let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..defaults.clone() };
     assert!(refused(&[good], &small).contains("2 × 2"));
     // One point does not determine most controls.
-    assert!(refused(&[good], &usual).contains("controls"));
+    assert!(refused(&[good], &defaults).contains("controls"));
 }

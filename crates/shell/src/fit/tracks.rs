@@ -130,10 +130,10 @@ pub(super) fn add(
 }
 
 /// Orthonormal columns orthogonal to those of a tall matrix of full rank.
-fn left_null_space(of: &DMatrix<f64>) -> DMatrix<f64> {
-    let (rows, columns) = of.shape();
+fn left_null_space(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    let (rows, columns) = matrix.shape();
     let mut wide = DMatrix::zeros(rows, rows + columns);
-    wide.columns_mut(0, columns).copy_from(of);
+    wide.columns_mut(0, columns).copy_from(matrix);
     wide.columns_mut(columns, rows).fill_with_identity();
     let q = wide.qr().q();
     q.columns(columns, rows - columns).into_owned()

@@ -19,7 +19,7 @@ impl Region for Slab {
 }
 
 /// The unbounded region.
-const EVERYWHERE: Slab = Slab { from: -100.0, to: 100.0, sign: 1.0 };
+const UNBOUNDED: Slab = Slab { from: -100.0, to: 100.0, sign: 1.0 };
 
 fn options(domain: &dyn Region) -> RemeshOptions<'_> {
     RemeshOptions { domain, flow: None, cell: 0.06, min_part_volume_ratio: 0.01, smoothing_passes: 0 }
@@ -41,7 +41,7 @@ fn crossing() -> TriangleMesh {
 /// outer spheres.
 #[test]
 fn self_intersections_become_one_surface() {
-    let made = remesh(&crossing(), &options(&EVERYWHERE)).unwrap();
+    let made = remesh(&crossing(), &options(&UNBOUNDED)).unwrap();
     let check = made.check();
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
     assert_eq!((check.components, check.euler_characteristic), (1, 2));
@@ -60,13 +60,13 @@ fn parts_outside_of_the_domain_are_cut() {
     assert_eq!((torn.check().components, torn.check().watertight), (2, true));
     assert!(torn.positions.iter().all(|p| !(0.52..0.68).contains(&p[0])));
     // A cap of a fortieth of the size.
-    let crumb = remesh(&icosphere(1.0, 4), &options(&without(0.6, 0.9))).unwrap();
-    assert_eq!(crumb.check().components, 1);
+    let remaining = remesh(&icosphere(1.0, 4), &options(&without(0.6, 0.9))).unwrap();
+    assert_eq!(remaining.check().components, 1);
     let outside = remesh(&icosphere(1.0, 3), &options(&without(-2.0, 2.0))).unwrap_err();
     assert!(outside.to_string().contains("expected a part of the mesh"), "{outside}");
     let mut open = icosphere(1.0, 3);
     open.triangles.pop();
-    let refused = remesh(&open, &options(&EVERYWHERE)).unwrap_err().to_string();
+    let refused = remesh(&open, &options(&UNBOUNDED)).unwrap_err().to_string();
     assert!(refused.contains("3 boundary edges"), "{refused}");
 }
 
@@ -74,7 +74,7 @@ fn parts_outside_of_the_domain_are_cut() {
 #[test]
 fn meshes_grow_only_outside_of_the_covered_region() {
     let covered = Slab { from: -100.0, to: 0.0, sign: 1.0 };
-    let flow = RemeshOptions { flow: Some((&covered, 0.3)), ..options(&EVERYWHERE) };
+    let flow = RemeshOptions { flow: Some((&covered, 0.3)), ..options(&UNBOUNDED) };
     let made = remesh(&icosphere(1.0, 4), &flow).unwrap();
     assert!(made.check().watertight);
     for p in &made.positions {
@@ -96,7 +96,7 @@ fn smoothing_does_not_shrink() {
         *p = p.map(|x| share * x);
     }
     let spread = |smoothing_passes| {
-        let made = remesh(&rough, &RemeshOptions { smoothing_passes, ..options(&EVERYWHERE) }).unwrap();
+        let made = remesh(&rough, &RemeshOptions { smoothing_passes, ..options(&UNBOUNDED) }).unwrap();
         let radii: Vec<f64> = made.positions.iter().map(|p| p.length()).collect();
         let mean = radii.iter().sum::<f64>() / radii.len() as f64;
         let variance = radii.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / radii.len() as f64;

@@ -16,7 +16,7 @@ const SCAN_ANGLE: f64 = 0.617_31;
 /// Length at which intervals of a ray are not divided further, relative to the first interval.
 ///
 /// It is the accuracy of intersections; halving it costs one more step for each.
-const FINEST: f64 = 1e-7;
+const MIN_STEP: f64 = 1e-7;
 
 /// A point of a loop: parameter of the curve and scanned parameters of the surface.
 #[derive(Clone, Copy)]
@@ -136,8 +136,8 @@ impl<'a> TrimmedFace<'a> {
         // On spheres and tori, possibly no loop has the point's first parameter. Then either all points with
         // this parameter are in the face, or none is. One of them is tested whose second parameter some loop
         // has, along the first parameter: the roles of both are exchanged.
-        let beside = (self.second_is_angle).then(|| self.steepest());
-        let across = beside.flatten().and_then(|level| {
+        let angular = (self.second_is_angle).then(|| self.steepest());
+        let across = angular.flatten().and_then(|level| {
             let from_level = |uv: [f64; 2]| turn(uv[1] - level);
             self.by_scan(true, &from_level, &|uv| -first(uv))
         });
@@ -306,7 +306,7 @@ pub(crate) fn met_by_distance(
     [from, to]: [f64; 2],
 ) -> Vec<f64> {
     let value = |t: f64| surface.distance(origin + t * direction);
-    let finest = FINEST * (to - from);
+    let finest = MIN_STEP * (to - from);
     let mut open = vec![[from, to]];
     let mut found = Vec::new();
     while let Some([lo, hi]) = open.pop() {

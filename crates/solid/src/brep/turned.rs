@@ -36,11 +36,11 @@ impl Solid {
     /// surface and the direction of the loops.
     pub(super) fn turned_integrals(&self, face: &Face, origin: DVec3) -> [f64; 5] {
         let sense = if face.outward { 1.0 } else { -1.0 };
-        if face.is_whole() {
-            return whole(&face.surface, origin).map(|value| sense * value);
+        if face.is_untrimmed() {
+            return untrimmed_integrals(&face.surface, origin).map(|value| sense * value);
         }
         let nodes = self.nodes(face);
-        let of = |base| integrated(&face.surface, &nodes, base, origin);
+        let integral_from = |base| integrated(&face.surface, &nodes, base, origin);
         match face.surface {
             // Loops in parameters do not determine on which side of a cut the face lies. A gap without nodes
             // may be inside of the face, so cuts are tried from the widest gap until the area is positive.
@@ -49,7 +49,7 @@ impl Solid {
                 let u = gaps(&nodes, 0).into_iter().map(Base::CutU);
                 let mut best = [0.0; 5];
                 for base in v.chain(u) {
-                    let found = of(base);
+                    let found = integral_from(base);
                     // If the face contains the base, the result is that of the rest of the torus, with the
                     // other sign.
                     if found[0] * sense > 0.0 {
@@ -61,16 +61,16 @@ impl Solid {
             }
             FaceSurface::Sphere { .. } => {
                 let turns = nodes.iter().map(|n| n.derivatives[0]).sum::<f64>() / TAU * sense;
-                let mut found = of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
+                let mut found = integral_from(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
                 // If the face contains both poles, the result lacks the whole sphere.
                 if found[0] * sense <= 0.0 {
-                    for (sum, whole) in found.iter_mut().zip(whole(&face.surface, origin)) {
-                        *sum += sense * whole;
+                    for (sum, complete) in found.iter_mut().zip(untrimmed_integrals(&face.surface, origin)) {
+                        *sum += sense * complete;
                     }
                 }
                 found
             }
-            _ => of(Base::V(face.surface.range_v()[0])),
+            _ => integral_from(Base::V(face.surface.range_v()[0])),
         }
     }
 
@@ -101,7 +101,7 @@ impl Solid {
 }
 
 /// The integrals over a whole sphere or torus: `∬ p · n = 3 V` and `∬ p_k² n_k = 2 V c_k` with the centre c.
-fn whole(surface: &FaceSurface, origin: DVec3) -> [f64; 5] {
+fn untrimmed_integrals(surface: &FaceSurface, origin: DVec3) -> [f64; 5] {
     let (area, volume, center) = match *surface {
         FaceSurface::Sphere { center, radius, .. } => {
             let area = 4.0 * PI * radius * radius;

@@ -188,7 +188,7 @@ fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
     for (i, new) in places.iter().enumerate() {
         let same = |group: &Vec<usize>| {
             let known = &places[group[0]];
-            known.axis == new.axis && is_one(known.place, new.place, state, values.as_slice())
+            known.axis == new.axis && is_known_equal(known.place, new.place, state, values.as_slice())
         };
         match groups.iter_mut().find(|group| same(group)) {
             Some(group) => group.push(i),
@@ -199,7 +199,7 @@ fn groups(places: &[SpacePlace], state: &Constrained) -> Vec<Vec<usize>> {
 }
 
 /// True if two coordinates are equal, and known to be equal: not only by chance.
-fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
+fn is_known_equal(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
     // Equal values alone may be a coincidence of estimates. σ of the difference is zero only if a constraint
     // makes them equal.
     let apart = (a.value(&state.drawing, x) - b.value(&state.drawing, x)).abs();

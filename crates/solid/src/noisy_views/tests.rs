@@ -103,8 +103,8 @@ fn views_share_their_information() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let [x, y, z] = SIZE;
     let good = view(ViewKind::Front, &[noisy(ContourKind::Polygon(4), &box_of(x, z), 0.02, &mut random)]);
-    let poor = view(ViewKind::Side, &[noisy(ContourKind::Polygon(4), &box_of(y, z), 0.2, &mut random)]);
-    let found = match_views(&[good.clone(), poor], &MatchOptions::default()).unwrap();
+    let noisy_side = view(ViewKind::Side, &[noisy(ContourKind::Polygon(4), &box_of(y, z), 0.2, &mut random)]);
+    let found = match_views(&[good.clone(), noisy_side], &MatchOptions::default()).unwrap();
     let solid = solve(&found.exact_views().unwrap()).unwrap().solutions.remove(0).solid;
     let height = &found.dimensions(&solid)[2];
     assert_eq!(height.name, "z");

@@ -5,7 +5,7 @@ use planish_core::DVec3;
 use std::f64::consts::{FRAC_PI_6, TAU};
 
 /// Maximum number of halvings of a piece between two breaks. It bounds the number of chords.
-const DEEPEST: usize = 14;
+const MAX_HALVINGS: usize = 14;
 /// Number of samples on each piece of a spline, times its degree, from which the nearest point is searched.
 ///
 /// A piece of degree p has few turns; more samples than turns make it unlikely that the nearest one is
@@ -284,7 +284,7 @@ impl ParametricCurve {
         let breaks = self.breaks(if is_back { [to, from] } else { range });
         let mut found = Vec::new();
         for pair in breaks.windows(2) {
-            self.halve([pair[0], pair[1]], fineness, DEEPEST, &mut found);
+            self.halve([pair[0], pair[1]], fineness, MAX_HALVINGS, &mut found);
             found.push(pair[1]);
         }
         found.pop();

@@ -96,7 +96,7 @@ impl Lifter<'_> {
             let before = (k + n - 1) % n;
             if let (Some(pole), Some(last)) = (at_pole[before], last) {
                 let is_seam = ring.along[before] == ring.along[(before + n - 1) % n];
-                at[1 - pole.constant] = self.past(&pole, last, at, is_seam);
+                at[1 - pole.constant] = self.leaving_parameter(&pole, last, at, is_seam);
                 let mut again = at;
                 again[pole.constant] = pole.value;
                 corners.push(Corner { vertex: ring.vertices[before], at: again });
@@ -141,7 +141,7 @@ impl Lifter<'_> {
     ///
     /// The face is on the left of the loop, which determines the direction along the pole. At a seam the loop
     /// goes along the whole pole; else, equal parameters mean that it does not move along it.
-    fn past(&self, pole: &Pole, last: [f64; 2], at: [f64; 2], is_seam: bool) -> f64 {
+    fn leaving_parameter(&self, pole: &Pole, last: [f64; 2], at: [f64; 2], is_seam: bool) -> f64 {
         let k = 1 - pole.constant;
         let Some(period) = self.periods[k] else {
             return at[k];

@@ -15,7 +15,7 @@ const MAX_POINTS: usize = 2_000_000;
 /// Maximum number of times that the edges of a face are divided into finer chords if it cannot be filled.
 ///
 /// Coarse chords of neighbouring edges may cross. Each attempt costs a triangulation of the faces concerned.
-const TRIES: u8 = 3;
+const MAX_ATTEMPTS: u8 = 3;
 
 /// The triangles of faces that are connected by edges.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -49,9 +49,9 @@ pub struct Meshed {
 /// Bit that marks indices of the inner points of a face; indices without it are points of edges.
 ///
 /// Faces are triangulated in parallel, so indices of their inner points are not known before all are done.
-const OWN: u32 = 1 << 31;
+const INNER_POINT: u32 = 1 << 31;
 
-/// Triangles of one face. Corners are indices of points of edges or, with [`OWN`], of inner points.
+/// Triangles of one face. Corners are indices of points of edges or, with [`INNER_POINT`], of inner points.
 #[derive(Debug, Clone, Default)]
 struct Filled {
     own: Vec<DVec3>,
@@ -180,9 +180,9 @@ impl ParametricShape {
         let mut filled: Vec<Option<Result<Filled>>> = (0..self.faces.len()).map(|_| None).collect();
         // If a face cannot be filled, all of its edges get finer chords. Its neighbours share these edges and
         // are filled again, so that their triangles still match.
-        let mut stale: Vec<usize> = (0..self.edges.len()).collect();
-        for attempt in 0..=TRIES {
-            for edge in std::mem::take(&mut stale) {
+        let mut outdated: Vec<usize> = (0..self.edges.len()).collect();
+        for attempt in 0..=MAX_ATTEMPTS {
+            for edge in std::mem::take(&mut outdated) {
                 let finer = 0.25_f64.powi(i32::from(cuts[edge]));
                 let chord = finer * fineness.chord;
                 points.cut(self, edge, &Fineness { chord, ..*fineness });
@@ -193,22 +193,22 @@ impl ParametricShape {
                 .map(|face| (face, self.fill(&self.faces[face], &points, fineness)))
                 .collect();
             for (face, result) in made {
-                if result.is_err() && attempt < TRIES {
-                    stale.extend(self.faces[face].loops.iter().flatten().map(|(edge, _)| *edge));
+                if result.is_err() && attempt < MAX_ATTEMPTS {
+                    outdated.extend(self.faces[face].loops.iter().flatten().map(|(edge, _)| *edge));
                 }
                 filled[face] = Some(result);
             }
             // Sorted, so that new points have the same numbers in every run.
-            stale.sort_unstable();
-            stale.dedup();
-            if stale.is_empty() {
+            outdated.sort_unstable();
+            outdated.dedup();
+            if outdated.is_empty() {
                 break;
             }
-            for edge in &stale {
+            for edge in &outdated {
                 cuts[*edge] += 1;
             }
             for (face, result) in self.faces.iter().zip(&mut filled) {
-                if face.loops.iter().flatten().any(|(e, _)| stale.binary_search(e).is_ok()) {
+                if face.loops.iter().flatten().any(|(e, _)| outdated.binary_search(e).is_ok()) {
                     *result = None;
                 }
             }
@@ -283,7 +283,7 @@ impl ParametricShape {
         for t in &mut triangles {
             *t = t.map(|v| match global.get(v as usize) {
                 Some(of_edge) => *of_edge,
-                None => OWN | (v - shared as u32),
+                None => INNER_POINT | (v - shared as u32),
             });
             if !face.is_outward {
                 t.swap(1, 2);
@@ -316,13 +316,13 @@ impl ParametricShape {
                     continue;
                 };
                 // Inner points of the previous face have the same indices as those of this one.
-                new_of.retain(|v, _| v & OWN == 0);
+                new_of.retain(|v, _| v & INNER_POINT == 0);
                 for t in filled.triangles {
                     part.triangles.push(t.map(|v| {
                         *new_of.entry(v).or_insert_with(|| {
-                            part.positions.push(match v & OWN {
+                            part.positions.push(match v & INNER_POINT {
                                 0 => points.positions[v as usize],
-                                _ => filled.own[(v ^ OWN) as usize],
+                                _ => filled.own[(v ^ INNER_POINT) as usize],
                             });
                             (part.positions.len() - 1) as u32
                         })

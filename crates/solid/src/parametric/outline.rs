@@ -86,7 +86,7 @@ impl<'a> Outliner<'a> {
             winding.into_iter().map(|l| (l.windings[k] > 0, l.corners)).collect();
         let n = around.len();
         if n == 1 {
-            let pole = self.pole_beside(k, around[0].0)?;
+            let pole = self.adjacent_pole(k, around[0].0)?;
             around.push((!around[0].0, pole));
         } else if n != 2 {
             return Err(Error::unsupported(format!(
@@ -143,11 +143,11 @@ impl<'a> Outliner<'a> {
     }
 
     /// The loop that represents the pole beside a loop around; if there are two poles, the one on its left.
-    fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
+    fn adjacent_pole(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
-        let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
+        let pole_with = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
         // A cone has only one pole, so the stated direction of its loop is not needed to choose it.
-        match of(!is_above).or(of(is_above)).copied() {
+        match pole_with(!is_above).or(pole_with(is_above)).copied() {
             Some(pole) => {
                 let vertex = self.positions.len() as u32;
                 self.positions.push(pole.point);
@@ -196,7 +196,7 @@ impl<'a> Outliner<'a> {
         }
         match loops.is_empty() {
             false => Ok(loops),
-            true => self.whole(),
+            true => self.complete_domain(),
         }
     }
 
@@ -227,13 +227,13 @@ impl<'a> Outliner<'a> {
                     return Err(Error::unsupported("no line around the surface avoids its loops"));
                 };
                 let n = self.sides(k, x);
-                let here = self.around(k, x, n, |this, at| this.add(at));
-                let mut there = here.clone();
-                for corner in &mut there {
+                let first = self.around(k, x, n, |this, at| this.add(at));
+                let mut second = first.clone();
+                for corner in &mut second {
                     corner.at[across] += period;
                 }
-                there.reverse();
-                if k == 0 { [here, there] } else { reversed_pair(here, there) }
+                second.reverse();
+                if k == 0 { [first, second] } else { reversed_pair(first, second) }
             }
         };
         let joined = self.joined(k, pair, &holes)?;
@@ -254,7 +254,7 @@ impl<'a> Outliner<'a> {
     }
 
     /// The polygon of a whole surface with boundaries of its own.
-    fn whole(&mut self) -> Result<Vec<Vec<Corner>>> {
+    fn complete_domain(&mut self) -> Result<Vec<Vec<Corner>>> {
         let domain = self.surface.domain();
         let [Some(u), Some(v)] = domain else {
             return Err(Error::unsupported("the face has no loops and its surface is unbounded"));
@@ -307,9 +307,9 @@ impl<'a> Outliner<'a> {
     fn merged(&self, mut polygon: Vec<Corner>) -> Vec<Corner> {
         for i in 1..polygon.len() {
             let place = |c: &Corner| self.positions[c.vertex as usize];
-            let (here, last, first) = (place(&polygon[i]), polygon[i - 1], polygon[0]);
+            let (position, last, first) = (place(&polygon[i]), polygon[i - 1], polygon[0]);
             for other in [last, first] {
-                if here.distance(place(&other)) <= 1e-9 * here.length() {
+                if position.distance(place(&other)) <= 1e-9 * position.length() {
                     polygon[i].vertex = other.vertex;
                 }
             }
@@ -479,6 +479,6 @@ fn reversed_pair(mut low: Vec<Corner>, mut high: Vec<Corner>) -> [Vec<Corner>; 2
 }
 
 /// True if a point lies in an odd number of polygons.
-pub(super) fn is_in(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
+pub(super) fn is_inside_polygons(polygons: &[Vec<Corner>], p: [f64; 2]) -> bool {
     polygons.iter().filter(|polygon| contains(polygon, p)).count() % 2 == 1
 }

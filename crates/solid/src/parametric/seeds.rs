@@ -3,7 +3,7 @@
 //!
 //! A triangulation of the boundary alone needs many refinements on curved faces, and its triangles are long.
 
-use super::outline::{Outline, is_in};
+use super::outline::{Outline, is_inside_polygons};
 use super::{Fineness, ParametricSurface};
 use crate::tessellation::polygon::Corner;
 use planish_core::{BoundingBox, DVec3};
@@ -14,12 +14,12 @@ const PROBES: usize = 24;
 /// Minimum distance of lattice points from the boundary, relative to the spacing.
 ///
 /// A smaller value makes slivers along the boundary; a larger one leaves wide triangles there.
-const APART: f64 = 0.4;
+const MIN_BORDER_DISTANCE: f64 = 0.4;
 /// Share of the samples whose curvature the lattice resolves. Triangles in the remaining, more curved places
 /// are refined.
 ///
 /// With 1, a single sharp fillet would make the whole lattice fine.
-const SHARE: f64 = 0.75;
+const RESOLVED_SHARE: f64 = 0.75;
 
 /// Points on a lattice within an outline. New vertices are appended to the positions.
 ///
@@ -44,7 +44,7 @@ pub(super) fn seeds(
         )));
     }
     let cell = [0, 1].map(|c| width[c] / n[c] as f64);
-    let apart = APART * cell[0].min(cell[1]);
+    let apart = MIN_BORDER_DISTANCE * cell[0].min(cell[1]);
     let mut found = Vec::new();
     for j in 1..n[1] {
         let y = lo[1] + cell[1] * j as f64;
@@ -53,7 +53,7 @@ pub(super) fn seeds(
             let at = [lo[0] + cell[0] * i as f64, y];
             // Only sides near this row are tested, as the distance is the costly part.
             let is_off = sides.iter().all(|side| off(*side, at) > apart);
-            if is_off && is_in(&outline.polygons, at) {
+            if is_off && is_inside_polygons(&outline.polygons, at) {
                 let vertex = positions.len() as u32;
                 positions.push(surface.point([at[0] / steps[0], at[1] / steps[1]]));
                 found.push(Corner { vertex, at });
@@ -93,16 +93,16 @@ fn spacings(
             }
         }
         bends.sort_by(f64::total_cmp);
-        let bend = bends[(SHARE * (bends.len() - 1) as f64) as usize];
+        let bend = bends[(RESOLVED_SHARE * (bends.len() - 1) as f64) as usize];
         if bend > 0.0 {
             // Half of the chord error for each direction, as both errors add up.
             allowed = allowed.min((8.0 * 0.5 * fineness.chord / bend).sqrt());
         }
         // At least one lattice line for each polynomial piece: second differences may miss a short piece.
         let pieces = surface.breaks(c).len().saturating_sub(1).max(1);
-        let whole = surface.domain()[c].map_or(width, |d| (d[1] - d[0]) * steps[c]);
+        let extent = surface.domain()[c].map_or(width, |d| (d[1] - d[0]) * steps[c]);
         if bend > 0.0 && pieces > 1 {
-            allowed = allowed.min(whole / pieces as f64);
+            allowed = allowed.min(extent / pieces as f64);
         }
         allowed.max(1e-6 * width)
     })

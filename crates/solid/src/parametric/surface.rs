@@ -137,7 +137,7 @@ impl ParametricSurface {
     /// The unit normal `S_u × S_v`; at a pole, where a derivative vanishes, that of a point beside it.
     fn normal(&self, at: [f64; 2]) -> Option<DVec3> {
         // Nearly parallel derivatives give a normal that is only rounding, so they count as a pole, too.
-        let of = |at: [f64; 2]| {
+        let normal_at = |at: [f64; 2]| {
             let (_, [u, v]) = self.at(at);
             u.cross(v)
                 .try_normalize()
@@ -145,7 +145,7 @@ impl ParametricSurface {
         };
         let domain = self.domain();
         let inward = |k: usize| domain[k].map_or(at[k], |[lo, hi]| at[k] + 1e-5 * (0.5 * (lo + hi) - at[k]));
-        of(at).or_else(|| of([inward(0), inward(1)]))
+        normal_at(at).or_else(|| normal_at([inward(0), inward(1)]))
     }
 
     /// Period of each parameter; `None` if it is not periodic.
@@ -163,7 +163,7 @@ impl ParametricSurface {
     /// Range of each parameter; `None` if it is unbounded.
     #[must_use]
     pub fn domain(&self) -> [Option<[f64; 2]>; 2] {
-        let of = |curve: &ParametricCurve| match curve {
+        let domain_of = |curve: &ParametricCurve| match curve {
             ParametricCurve::Spline(spline) => Some(spline.domain()),
             ParametricCurve::Ellipse { .. } => Some(curve.domain()),
             _ => None,
@@ -176,8 +176,8 @@ impl ParametricSurface {
                 _ => [Some([0.0, TAU]), None],
             },
             Self::Spline(spline) => spline.domain().map(Some),
-            Self::Extrusion { curve, .. } => [of(curve), None],
-            Self::Revolution { curve, .. } => [Some([0.0, TAU]), of(curve)],
+            Self::Extrusion { curve, .. } => [domain_of(curve), None],
+            Self::Revolution { curve, .. } => [Some([0.0, TAU]), domain_of(curve)],
             Self::Offset { base, .. } => base.domain(),
         }
     }

@@ -65,7 +65,7 @@ fn near(found: f64, truth: f64, share: f64) {
 }
 
 #[test]
-fn whole_spheres_and_tori_close_and_face_outwards() {
+fn complete_spheres_and_tori_close_and_face_outwards() {
     for (surface, area, volume) in
         [(sphere(), 16.0 * PI, 32.0 / 3.0 * PI), (torus(), 12.0 * PI * PI, 6.0 * PI * PI)]
     {
@@ -238,8 +238,8 @@ fn turned_spline() -> (ParametricSurface, SplineCurve) {
 fn revolution_between_poles_is_a_ball_and_its_offset_a_larger_one() {
     let (ball, _) = turned_spline();
     assert_eq!(ball.poles().len(), 2);
-    let beside = ParametricSurface::Offset { base: Box::new(ball.clone()), distance: 0.5 };
-    for (surface, r) in [(ball, 2.0), (beside, 2.5)] {
+    let offset = ParametricSurface::Offset { base: Box::new(ball.clone()), distance: 0.5 };
+    for (surface, r) in [(ball, 2.0), (offset, 2.5)] {
         let mut shape = ParametricShape::default();
         shape.faces.push(face(surface, true, Vec::new()));
         let (mesh, area, check) = meshed(&shape, &FINE);

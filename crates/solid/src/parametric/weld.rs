@@ -21,9 +21,9 @@ fn same_points(points: &[DVec3], tolerance: f64) -> Vec<usize> {
         'search: for dx in [0.0, -1.0, 1.0] {
             for dy in [0.0, -1.0, 1.0] {
                 for dz in [0.0, -1.0, 1.0] {
-                    let beside = key(at + DVec3::new(dx, dy, dz));
-                    let mut there = cells.get(&beside).into_iter().flatten();
-                    if let Some(other) = there.find(|o| points[**o].distance(*p) <= tolerance) {
+                    let neighbour = key(at + DVec3::new(dx, dy, dz));
+                    let mut candidates = cells.get(&neighbour).into_iter().flatten();
+                    if let Some(other) = candidates.find(|o| points[**o].distance(*p) <= tolerance) {
                         found = Some(*other);
                         break 'search;
                     }
@@ -60,7 +60,7 @@ impl ParametricShape {
             let found = candidates.iter().find(|o| middles[**o].distance(middles[k]) <= near);
             match found {
                 Some(other) if a != b => same.push((*other, self.edges[*other].ends != edge.ends)),
-                Some(other) => same.push((*other, self.runs_back(&self.edges[*other], edge))),
+                Some(other) => same.push((*other, self.has_opposite_direction(&self.edges[*other], edge))),
                 None => {
                     candidates.push(k);
                     same.push((k, false));
@@ -89,18 +89,18 @@ impl ParametricShape {
     }
 
     /// True if two coincident closed edges have opposite directions. Their ends do not show this.
-    fn runs_back(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
-        let early = |edge: &ParametricEdge| {
+    fn has_opposite_direction(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
+        let near_start = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.2 } else { 0.8 };
             edge.curve.point(from + share * (to - from))
         };
-        let late = |edge: &ParametricEdge| {
+        let near_end = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.8 } else { 0.2 };
             edge.curve.point(from + share * (to - from))
         };
-        let p = early(one);
-        p.distance(late(other)) < p.distance(early(other))
+        let p = near_start(one);
+        p.distance(near_end(other)) < p.distance(near_start(other))
     }
 }

@@ -112,13 +112,13 @@ impl Chain {
 struct Differences(Vec<(&'static str, [f64; 2], f64, usize)>);
 
 impl Differences {
-    fn add(&mut self, why: &'static str, at: [f64; 2], length: f64) {
-        match self.0.iter_mut().find(|d| d.0 == why) {
+    fn add(&mut self, reason: &'static str, at: [f64; 2], length: f64) {
+        match self.0.iter_mut().find(|d| d.0 == reason) {
             Some(known) => {
                 known.2 += length;
                 known.3 += 1;
             }
-            None => self.0.push((why, at, length, 1)),
+            None => self.0.push((reason, at, length, 1)),
         }
     }
 }
@@ -209,7 +209,7 @@ impl<'a> Compared<'a> {
         &self,
         chain: &Chain,
         differences: &mut Differences,
-        why: impl Fn(f64) -> Option<&'static str>,
+        reason_at: impl Fn(f64) -> Option<&'static str>,
     ) {
         let (size, length) = (self.scene.size, chain.length());
         // A line along the line of sight is a point in the view.
@@ -218,11 +218,11 @@ impl<'a> Compared<'a> {
         }
         // A difference at three points spans at least the shortest length that is reported. Short lines are
         // compared at points nearer to each other.
-        let beside = (0.5 * self.options.shortest * size).min(0.4 * length);
+        let offset = (0.5 * self.options.shortest * size).min(0.4 * length);
         for sample in chain.samples(self.options.spacing * size) {
-            let Some(reason) = why(sample.arc_length) else { continue };
-            let sides = [sample.arc_length - beside, sample.arc_length + beside];
-            if sides.iter().all(|arc_length| why(arc_length.clamp(0.0, length)).is_some()) {
+            let Some(reason) = reason_at(sample.arc_length) else { continue };
+            let sides = [sample.arc_length - offset, sample.arc_length + offset];
+            if sides.iter().all(|arc_length| reason_at(arc_length.clamp(0.0, length)).is_some()) {
                 differences.add(reason, chain.point(sample.arc_length), sample.length);
             }
         }
@@ -236,11 +236,11 @@ impl<'a> Compared<'a> {
     ) -> impl Iterator<Item = Disagreement> + 'b {
         let shortest = self.options.shortest * self.scene.size;
         let long = differences.0.into_iter().filter(move |d| d.2 >= shortest);
-        long.map(move |(why, at, _, places)| Disagreement {
+        long.map(move |(reason, at, _, places)| Disagreement {
             view: self.view.kind,
             entity: entity.cloned(),
             at,
-            why,
+            reason,
             places,
         })
     }

@@ -18,7 +18,7 @@ const EDGE_ON: f64 = 1e-5;
 /// Distance from an edge or an outline at which the faces beside it are tested, relative to the size.
 ///
 /// It must exceed the errors of edges, and be small against the faces.
-const BESIDE: f64 = 1e-4;
+const SIDE_OFFSET: f64 = 1e-4;
 /// Maximum chord error of polygons along curves, relative to the size.
 ///
 /// It is a hundredth of the default tolerance
@@ -29,7 +29,7 @@ const CHORD: f64 = 5e-6;
 /// An outline within one cell is missed; more cells take more time.
 const CELLS: [usize; 2] = [48, 24];
 /// Number of parts of a circle along which the line of sight touches a face.
-const AROUND: usize = 720;
+const CIRCLE_PARTS: usize = 720;
 /// Number of times that a part of an outline is halved.
 const HALVINGS: usize = 4;
 
@@ -62,7 +62,7 @@ impl Edges {
             }
         }
         let chains: Vec<Vec<DVec3>> = solid.edges.iter().map(|e| chain(e, size)).collect();
-        let near = BESIDE * size;
+        let near = SIDE_OFFSET * size;
         let middle = |k: usize| {
             let edge = &solid.edges[k];
             edge.curve.point((edge.range[0] + edge.range[1]) / 2.0)
@@ -157,7 +157,7 @@ fn of_edge(
     let [(f, first), (g, second)] = edges.uses[index][..] else {
         return Some(false);
     };
-    if solid.faces[f].is_whole() {
+    if solid.faces[f].is_untrimmed() {
         return None;
     }
     let edge = &solid.edges[index];
@@ -174,8 +174,8 @@ fn of_edge(
                 let run = if coedge.forward { tangent } else { tangent.map(|c| -c) };
                 // The normals at the edge itself agree, so they are compared beside it. A face is on the left
                 // of its loop.
-                let beside = p + BESIDE * size * unit(normal.cross(run));
-                let towards = face.outward(beside).dot(eye.towards());
+                let shifted = p + SIDE_OFFSET * size * unit(normal.cross(run));
+                let towards = face.outward(shifted).dot(eye.towards());
                 if towards.abs() < EDGE_ON { 0.0 } else { towards.signum() }
             };
             let turns = facing(&faces[f], first, normals[0]) != facing(&faces[g], second, normals[1]);
@@ -244,8 +244,8 @@ fn touching_circles(surface: &FaceSurface, e: DVec3) -> Option<Vec<EdgeCurve>> {
             } else if tilt < 1e-9 {
                 let w = unit(axis.cross(e));
                 let tubes = [-major, major].map(|r| circle(center + r * w, w, axis, minor));
-                let rims = [-minor, minor].map(|h| circle(center + h * axis, x, y, major));
-                Some(tubes.into_iter().chain(rims).collect())
+                let rim_circles = [-minor, minor].map(|h| circle(center + h * axis, x, y, major));
+                Some(tubes.into_iter().chain(rim_circles).collect())
             } else {
                 None
             }
@@ -257,24 +257,24 @@ fn touching_circles(surface: &FaceSurface, e: DVec3) -> Option<Vec<EdgeCurve>> {
 /// The parts of a circle of contact that have the face on both sides.
 fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: DVec3, size: f64) -> Vec<Vec<DVec3>> {
     let surface = face.surface();
-    let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
+    let point = |k: usize| circle.point(TAU * k as f64 / CIRCLE_PARTS as f64);
     let is_in = |k: usize| {
-        let q = circle.point(TAU * (k as f64 + 0.5) / AROUND as f64);
+        let q = circle.point(TAU * (k as f64 + 0.5) / CIRCLE_PARTS as f64);
         // The line of sight is a tangent of the surface there, and crosses the outline.
         [-1.0, 1.0].into_iter().all(|side| {
-            let beside = surface.parameters(q + side * BESIDE * size * e);
-            face.contains(surface.point(beside))
+            let shifted = surface.parameters(q + side * SIDE_OFFSET * size * e);
+            face.contains(surface.point(shifted))
         })
     };
-    let inside: Vec<bool> = (0..AROUND).map(is_in).collect();
+    let inside: Vec<bool> = (0..CIRCLE_PARTS).map(is_in).collect();
     // The loop starts at a gap, so that no part is split where the circle closes.
     let Some(gap) = inside.iter().position(|i| !i) else {
-        return vec![(0..=AROUND).map(point).collect()];
+        return vec![(0..=CIRCLE_PARTS).map(point).collect()];
     };
     let mut found: Vec<Vec<DVec3>> = Vec::new();
     let mut runs = false;
-    for k in gap..gap + AROUND {
-        let is_in = inside[k % AROUND];
+    for k in gap..gap + CIRCLE_PARTS {
+        let is_in = inside[k % CIRCLE_PARTS];
         match found.last_mut() {
             Some(part) if is_in && runs => part.push(point(k + 1)),
             _ if is_in => found.push(vec![point(k), point(k + 1)]),
@@ -385,12 +385,12 @@ fn part_in_face(
                 (towards([uv[0], uv[1] + h]) - towards([uv[0], uv[1] - h])) / dv.length().max(1e-300),
             ];
             let length = gradient[0].hypot(gradient[1]);
-            let step = (BESIDE * size).min(0.02 * du.length());
-            let beside = [
+            let step = (SIDE_OFFSET * size).min(0.02 * du.length());
+            let shifted = [
                 uv[0] + s * step * gradient[0] / length / du.length().max(1e-300),
                 uv[1] + s * step * gradient[1] / length / dv.length().max(1e-300),
             ];
-            face.contains(surface.point(beside))
+            face.contains(surface.point(shifted))
         })
     };
     const PARTS: usize = 4;

@@ -8,7 +8,7 @@ use planish_core::DVec3;
 ///
 /// It must exceed the gaps between edges and their faces, or a ray may pass through a gap. It must be small
 /// against the distance of neighbouring lines.
-const ASIDE: f64 = 3e-5;
+const LATERAL_OFFSET: f64 = 3e-5;
 
 /// Viewing direction of a view, with its axes.
 #[derive(Clone, Copy)]
@@ -56,14 +56,16 @@ impl Scene<'_> {
     /// The ray through the point itself touches the faces at the line, so rounding would decide. An outline
     /// also has its own face on one side.
     pub(super) fn is_visible(&self, eye: Eye, p: DVec3, across: [f64; 2]) -> bool {
-        [-1.0, 1.0].into_iter().any(|side| !self.is_covered(eye, p, across, side * ASIDE * self.size))
+        [-1.0, 1.0]
+            .into_iter()
+            .any(|side| !self.is_covered(eye, p, across, side * LATERAL_OFFSET * self.size))
     }
 
-    /// True if a ray from a point, moved by `aside` along `across`, meets a face before the eye.
-    fn is_covered(&self, eye: Eye, p: DVec3, across: [f64; 2], aside: f64) -> bool {
+    /// True if a ray from a point, moved by `offset` along `across`, meets a face before the eye.
+    fn is_covered(&self, eye: Eye, p: DVec3, across: [f64; 2], offset: f64) -> bool {
         let mut from = p;
-        from[eye.axes[0]] += aside * across[0];
-        from[eye.axes[1]] += aside * across[1];
+        from[eye.axes[0]] += offset * across[0];
+        from[eye.axes[1]] += offset * across[1];
         let direction = eye.towards();
         let [lo, hi] = self.reach;
         let along = eye.axes[2];
@@ -71,10 +73,10 @@ impl Scene<'_> {
         let range = [lo[along] - p[along], hi[along] - p[along]].map(|d| d * eye.sign);
         let range = [range[0].min(range[1]), range[0].max(range[1])];
         self.faces.iter().any(|face| {
-            let [least, most] = face.bounds;
-            let beside = eye.axes[..2].iter().any(|&a| from[a] < least[a] || from[a] > most[a]);
-            let behind = eye.nearness(most).max(eye.nearness(least)) < eye.nearness(p);
-            if beside || behind {
+            let [low, high] = face.bounds;
+            let outside = eye.axes[..2].iter().any(|&a| from[a] < low[a] || from[a] > high[a]);
+            let behind = eye.nearness(high).max(eye.nearness(low)) < eye.nearness(p);
+            if outside || behind {
                 return false;
             }
             face.met(from, direction, range).into_iter().any(|t| {
@@ -83,11 +85,11 @@ impl Scene<'_> {
                 }
                 let hit = from + t * direction;
                 // A face through the line that slopes towards the eye is met in front of the line, although
-                // it does not cover it. This is at most `aside` times the slope away; the factor leaves room
+                // it does not cover it. This is at most `offset` times the slope away; the factor leaves room
                 // for curved faces.
                 let facing = face.surface().normal(hit).dot(direction).abs().max(1e-9);
                 let slope = (1.0 - facing * facing).max(0.0).sqrt() / facing;
-                t > aside.abs() * (1.0 + 4.0 * slope) && face.contains(hit)
+                t > offset.abs() * (1.0 + 4.0 * slope) && face.contains(hit)
             })
         })
     }

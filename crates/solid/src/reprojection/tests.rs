@@ -78,7 +78,7 @@ fn drawn_line_without_an_edge_is_reported() {
     drawing.views[0].curves.push(stray);
     let [named] = &compared(&solid, &drawing)[..] else { panic!("expected one difference") };
     assert_eq!((named.view, named.entity.as_deref()), (ViewKind::Front, Some("LINE 7F (line 12)")));
-    assert_eq!(named.why, "a hidden line is drawn, but the solid has no line there");
+    assert_eq!(named.reason, "a hidden line is drawn, but the solid has no line there");
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn edge_without_a_drawn_line_is_reported() {
     assert!(!found.is_empty());
     for named in found {
         assert_eq!((named.view, named.entity), (ViewKind::Top, None));
-        assert_eq!(named.why, "the solid shows a visible line, but none is drawn");
+        assert_eq!(named.reason, "the solid shows a visible line, but none is drawn");
         let off = (named.at[0] - 20.0).hypot(named.at[1] - 15.0) - 3.0;
         assert!(off.abs() < 1e-3, "{off}");
     }
@@ -103,7 +103,7 @@ fn lines_drawn_in_the_wrong_style_are_reported() {
     curve(&mut drawing, 2, "the step").style = LineStyle::Visible;
     curve(&mut drawing, 1, "wide circle").style = LineStyle::Hidden;
     let found = compared(&solid, &drawing);
-    let is_reported = |view, why: &str| found.iter().any(|d| d.view == view && d.why == why);
+    let is_reported = |view, reason: &str| found.iter().any(|d| d.view == view && d.reason == reason);
     assert!(
         is_reported(ViewKind::Side, "a line is drawn visible, but it is hidden in the solid"),
         "{found:?}"

@@ -29,8 +29,8 @@ impl Chart {
     /// The stereographic projection of a sphere from a pole (a unit vector).
     pub(super) fn sphere(center: DVec3, radius: f64, pole: DVec3) -> Self {
         // An axis at an angle of at least 44° to the pole, so that the cross product is accurate.
-        let aside = if pole[0].abs() < 0.7 { DVec3::X } else { DVec3::Y };
-        let x = unit(aside.cross(pole));
+        let axis = if pole[0].abs() < 0.7 { DVec3::X } else { DVec3::Y };
+        let x = unit(axis.cross(pole));
         Self::Sphere { center, radius, pole, plane: [x, x.cross(pole)] }
     }
 

@@ -65,7 +65,7 @@ fn flat(chart: &Chart, points: &Points, rings: &[Vec<u32>]) -> Vec<Vec<Corner>> 
 fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: DVec3, radius: f64) -> Result<Domain> {
     let sense = if face.outward { 1.0 } else { -1.0 };
     let direction = |vertex: &u32| unit(points.positions[*vertex as usize] - center);
-    let of: Vec<Vec<DVec3>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
+    let directions: Vec<Vec<DVec3>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
     let mut poles: Vec<DVec3> = (0..DIRECTIONS)
         .map(|k| {
             // Fibonacci lattice: points spread evenly over the sphere.
@@ -75,7 +75,7 @@ fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: DVec3, ra
             DVec3::new(across * angle.cos(), across * angle.sin(), z)
         })
         .collect();
-    for ring in &of {
+    for ring in &directions {
         let sum = ring.iter().sum::<DVec3>();
         if sum.length() > 1e-9 {
             poles.extend([unit(sum), unit(-sum)]);
@@ -88,7 +88,8 @@ fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: DVec3, ra
             poles.push(unit(a + b + 0.5 * right));
         }
     }
-    let clearance = |pole: &DVec3| of.iter().flatten().map(|d| -d.dot(*pole)).fold(f64::MAX, f64::min);
+    let clearance =
+        |pole: &DVec3| directions.iter().flatten().map(|d| -d.dot(*pole)).fold(f64::MAX, f64::min);
     let mut order: Vec<(f64, DVec3)> = poles.into_iter().map(|p| (clearance(&p), p)).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, pole) in order {
@@ -170,13 +171,13 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
             corner.at.reverse();
         }
     }
-    let of = |w: &[i32; 2]| w[usize::from(is_swapped)];
+    let turns_around = |w: &[i32; 2]| w[usize::from(is_swapped)];
     let unit_chart = Chart::Parameters { surface: face.surface, steps: [1.0; 2], is_swapped };
-    let mut polygons = match windings.iter().filter(|w| of(w) != 0).count() {
+    let mut polygons = match windings.iter().filter(|w| turns_around(w) != 0).count() {
         0 => loops,
         2 => {
-            let first = windings.iter().position(|w| of(w) == 1);
-            let second = windings.iter().position(|w| of(w) == -1);
+            let first = windings.iter().position(|w| turns_around(w) == 1);
+            let second = windings.iter().position(|w| turns_around(w) == -1);
             let (Some(first), Some(second)) = (first, second) else {
                 return Err(Error::unsupported("two loops run around the axis in the same direction"));
             };

@@ -145,16 +145,16 @@ fn inside(made: &Triangles) -> Vec<bool> {
     let mut found: Vec<Option<bool>> = vec![None; made.num_all_faces()];
     let outer = made.outer_face().fix().index();
     found[outer] = Some(false);
-    let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); made.num_all_faces()];
+    let mut adjacent: Vec<Vec<(usize, bool)>> = vec![Vec::new(); made.num_all_faces()];
     for edge in made.directed_edges() {
         let is_side = edge.is_constraint_edge();
-        beside[edge.face().fix().index()].push((edge.rev().face().fix().index(), is_side));
+        adjacent[edge.face().fix().index()].push((edge.rev().face().fix().index(), is_side));
     }
     // Flood fill from the outer face: each polygon side changes the state. This needs no point location and
     // is exact.
     let mut open = vec![outer];
     while let Some(at) = open.pop() {
-        for &(next, is_side) in &beside[at] {
+        for &(next, is_side) in &adjacent[at] {
             if found[next].is_none() {
                 found[next] = Some(found[at].unwrap_or(false) != is_side);
                 open.push(next);

@@ -11,7 +11,7 @@ pub(crate) struct Corner {
 
 /// Signed area of polygons, positive if they are counter-clockwise.
 pub(crate) fn signed_area(polygons: &[Vec<Corner>]) -> f64 {
-    let of = |polygon: &Vec<Corner>| -> f64 {
+    let area_of = |polygon: &Vec<Corner>| -> f64 {
         let n = polygon.len();
         (0..n)
             .map(|k| {
@@ -20,7 +20,7 @@ pub(crate) fn signed_area(polygons: &[Vec<Corner>]) -> f64 {
             })
             .sum()
     };
-    polygons.iter().map(of).sum()
+    polygons.iter().map(area_of).sum()
 }
 
 /// True if two segments cross or touch.

@@ -227,13 +227,13 @@ fn faces_over_poles_and_apexes_are_closed() {
 fn too_fine_tolerance_is_rejected_with_the_smallest_possible_one() {
     let mut ball = Solid::default();
     let surface = FaceSurface::Sphere { center: DVec3::ZERO, axis: DVec3::Z, x: DVec3::X, radius: 10.0 };
-    ball.add_whole(surface, true);
+    ball.add_untrimmed(surface, true);
     let message = tessellate(&ball, 1e-9).unwrap_err().to_string();
     assert!(message.contains("found about") && message.contains("or more"), "{message}");
-    let least = min_tolerance(&ball);
+    let tolerance = min_tolerance(&ball);
     assert!(
-        triangles_needed(&ball, least) <= MAX_TRIANGLES
-            && triangles_needed(&ball, 0.98 * least) > MAX_TRIANGLES
+        triangles_needed(&ball, tolerance) <= MAX_TRIANGLES
+            && triangles_needed(&ball, 0.98 * tolerance) > MAX_TRIANGLES
     );
     // The estimated number of triangles agrees with the actual one within a factor of three.
     let made = tessellate(&ball, 1e-2).unwrap().triangles.len() as f64;

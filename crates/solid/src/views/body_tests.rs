@@ -57,7 +57,7 @@ fn dome_in_two_views_gives_only_manifold_solids() {
     assert_eq!(found.solutions.len(), 4);
     assert!(found.solutions.iter().all(|s| s.solid.contacts(1e-3).is_empty()));
     let [dropped] = &found.rejected[..] else { panic!("{:?}", found.rejected) };
-    assert_eq!(dropped.why, CandidateRejection::Touches);
+    assert_eq!(dropped.reason, CandidateRejection::Touches);
     assert!(dropped.message.starts_with("two bodies only touch along a line"), "{}", dropped.message);
 }
 

@@ -163,9 +163,9 @@ impl BoundaryBuilder<'_> {
                                     continue;
                                 }
                                 p[axis] += step.min(0.1 * (hi[axis] - lo[axis]));
-                                let here = self.is_solid(p);
+                                let is_inside = self.is_solid(p);
                                 p[axis] = lo[axis] - back;
-                                if here != self.is_solid(p) {
+                                if is_inside != self.is_solid(p) {
                                     used.insert(id);
                                 }
                             }
@@ -191,12 +191,12 @@ impl BoundaryBuilder<'_> {
                                     (on[axes[0]], on[axes[1]]) = (m[0], m[1]);
                                     // Near a side of the box, the point across the piece may be in another
                                     // box.
-                                    let beside = (0..2).any(|k| {
+                                    let adjacent = (0..2).any(|k| {
                                         let a = axes[k];
                                         let room = (m[k] - lo[a]).min(hi[a] - m[k]);
                                         room < 2.0 * step * normal[k].abs() && hi[a] - lo[a] > 20.0 * step
                                     });
-                                    if beside || self.touched(on, cell, 3.0 * step, Some((v, piece))) {
+                                    if adjacent || self.touched(on, cell, 3.0 * step, Some((v, piece))) {
                                         continue;
                                     }
                                     let side = |sign: f64| {
@@ -422,7 +422,7 @@ impl BoundaryBuilder<'_> {
                 self.solid.faces.push(Face { surface, outward, loops });
             }
         }
-        self.add_whole_faces(&edged);
+        self.add_untrimmed_faces(&edged);
         Ok(())
     }
 
@@ -430,7 +430,7 @@ impl BoundaryBuilder<'_> {
     ///
     /// The states are compared at a lattice of points; all must agree, since a surface without edges lies
     /// either completely on the boundary or not at all.
-    fn add_whole_faces(&mut self, edged: &BTreeSet<usize>) {
+    fn add_untrimmed_faces(&mut self, edged: &BTreeSet<usize>) {
         const PLACES: usize = 12;
         let step = 1e-5 * self.cells.plan.size;
         for index in (0..self.surfaces.len()).filter(|k| !edged.contains(k)) {
@@ -451,7 +451,7 @@ impl BoundaryBuilder<'_> {
                 continue;
             };
             if states.all(|s| s == first) {
-                self.solid.add_whole(surface, first[0]);
+                self.solid.add_untrimmed(surface, first[0]);
             }
         }
     }

@@ -169,9 +169,9 @@ fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance
     // Contacts: a minimum of the distance without a change of sign, or the end of a curve. Points found above
     // may be found again; vertices merge them. Golden-section search finds the minimum.
     for k in 0..=count {
-        let here = values[k].abs();
+        let distance = values[k].abs();
         let is_minimum =
-            (k == 0 || here <= values[k - 1].abs()) && (k == count || here <= values[k + 1].abs());
+            (k == 0 || distance <= values[k - 1].abs()) && (k == count || distance <= values[k + 1].abs());
         if !is_minimum {
             continue;
         }
@@ -420,9 +420,9 @@ fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> 
     let Form::Cylinder { radius, .. } = wall.form else {
         return Vec::new();
     };
-    let of = CandidateSurface::Oblique(wall.clone());
-    let bounds = of.bounds();
-    let surfaces = [Candidate::Wall(of), other.clone()];
+    let surface = CandidateSurface::Oblique(wall.clone());
+    let bounds = surface.bounds();
+    let surfaces = [Candidate::Wall(surface), other.clone()];
     let step = TAU * radius / STEPS_AROUND;
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: DVec3| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);

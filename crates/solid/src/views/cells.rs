@@ -113,10 +113,10 @@ impl<'a> Cells<'a> {
                         cuts.sort_by(f64::total_cmp);
                         for pair in cuts.windows(2).filter(|c| c[1] - c[0] > 10.0 * plan.tolerance) {
                             p[along] = (pair[0] + pair[1]) / 2.0;
-                            let of = self.at_in(cell, p);
-                            thick.insert(of);
-                            if !real.contains(&of) && self.has_room(cell, p) {
-                                real.insert(of);
+                            let atom = self.at_in(cell, p);
+                            thick.insert(atom);
+                            if !real.contains(&atom) && self.has_room(cell, p) {
+                                real.insert(atom);
                             }
                         }
                     }
@@ -136,16 +136,16 @@ impl<'a> Cells<'a> {
 
     /// True if a cell consists of slivers only, which rounding leaves where walls and other surfaces mean
     /// the same curve.
-    pub(crate) fn is_sliver_only(&self, of: u32) -> bool {
-        self.slivers.contains(&of)
+    pub(crate) fn is_sliver_only(&self, atom: u32) -> bool {
+        self.slivers.contains(&atom)
     }
 
     /// True if an interval of a line through a box is a sliver: it is shorter than the tolerance, and its
     /// cell is nowhere thicker.
     ///
     /// Only boxes with walls have slivers. Grid lines and drawn curves are snapped to common coordinates.
-    pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, of: u32) -> bool {
-        !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&of)
+    pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, atom: u32) -> bool {
+        !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&atom)
     }
 
     /// Intersections of the line along an axis through a point with the surfaces in a box; not sorted.
@@ -343,8 +343,8 @@ impl<'a> Cells<'a> {
         }
         // Cuts closer than the accuracy of the drawing are the same cut. A sample between them would join
         // atoms that exist only by rounding.
-        let least = 2.0 * plan.tolerance;
-        for x in samples(&across_a, if curved { 5 } else { 1 }, least) {
+        let min_distance = 2.0 * plan.tolerance;
+        for x in samples(&across_a, if curved { 5 } else { 1 }, min_distance) {
             let mut cuts = across_b.clone();
             for cell in [before, behind] {
                 cuts.extend(self.crossed(cell, axis, a, x));
@@ -352,7 +352,7 @@ impl<'a> Cells<'a> {
                 (p[axis], p[a]) = (value, x);
                 cuts.extend(self.wall_crossings(cell, b, p).into_iter().map(|c| c.0));
             }
-            for y in samples(&within(cuts, &across_b), 1, least) {
+            for y in samples(&within(cuts, &across_b), 1, min_distance) {
                 let mut p = DVec3::ZERO;
                 (p[a], p[b]) = (x, y);
                 // On the plane itself: between a point beside it and the plane, there may be a surface that
@@ -376,12 +376,12 @@ fn within(mut cuts: Vec<f64>, ends: &[f64]) -> Vec<f64> {
     cuts
 }
 
-/// One or five values between each two neighbours that are farther apart than `least`.
-fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
+/// One or five values between each two neighbours that are farther apart than `min_distance`.
+fn samples(cuts: &[f64], each: usize, min_distance: f64) -> Vec<f64> {
     // Not symmetric and not simple fractions: symmetric parts have surfaces exactly at such places.
     let shares: &[f64] = if each > 1 { &[0.021, 0.237, 0.487, 0.763, 0.979] } else { &[0.487] };
     cuts.windows(2)
-        .filter(|c| c[1] - c[0] > least)
+        .filter(|c| c[1] - c[0] > min_distance)
         .flat_map(|c| shares.iter().map(|s| c[0] + s * (c[1] - c[0])))
         .collect()
 }

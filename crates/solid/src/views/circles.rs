@@ -21,9 +21,9 @@ const MIN_LEAN: f64 = 1e-3;
 /// Maximum error of exported curves, relative to the size of the drawing.
 ///
 /// A larger value accepts curves that are not circles; a smaller one rejects coarse polygons.
-const ROUGH: f64 = 1e-3;
+const MAX_ERROR: f64 = 1e-3;
 /// Maximum error of a circle that is used without measuring it by straight lines, relative to the size.
-const EXACT: f64 = 1e-6;
+const MAX_UNMEASURED_ERROR: f64 = 1e-6;
 /// Minimum number of points of a curve. Three always lie on a circle; two more can contradict it.
 const MIN_POINTS: usize = 5;
 /// Directions are equal below this sine of the angle between them.
@@ -35,7 +35,7 @@ const MIN_STEEP: f64 = 0.2;
 /// Maximum half width of a sector, in radians. Wider ones use the whole cylinder: the tangent planes at the
 /// ends of a sector must meet on its outer side, which needs less than π/2.
 const WIDEST: f64 = 1.5;
-/// Steps of Newton's method. Its start is within [`ROUGH`] of the solution, so few suffice.
+/// Steps of Newton's method. Its start is within [`MAX_ERROR`] of the solution, so few suffice.
 const STEPS: usize = 8;
 
 /// A plane in which ends of cylinders may lie.
@@ -94,10 +94,10 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
         let same = |group: &Vec<Circle>| {
             let known = &group[0];
             let d = circle.center - known.center;
-            let beside = d - d.dot(known.axis) * known.axis;
-            known.axis.cross(circle.axis).length() < ROUGH
-                && (known.radius - circle.radius).abs() < 2.0 * ROUGH * size
-                && beside.length() < 2.0 * ROUGH * size
+            let across = d - d.dot(known.axis) * known.axis;
+            known.axis.cross(circle.axis).length() < MAX_ERROR
+                && (known.radius - circle.radius).abs() < 2.0 * MAX_ERROR * size
+                && across.length() < 2.0 * MAX_ERROR * size
         };
         match groups.iter_mut().find(|g| same(g)) {
             Some(group) => group.push(circle),
@@ -168,7 +168,7 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[DVec3]) ->
                     .fold(0.0, f64::max);
                 // A flat arc fits circles of any large radius, so the radius must be smaller than the drawing
                 // and ten times its error.
-                let is_circle = off < ROUGH * size && radius < size && radius > 10.0 * off;
+                let is_circle = off < MAX_ERROR * size && radius < size && radius > 10.0 * off;
                 if !is_circle || !*is_seen.get_or_insert_with(|| is_shown(drawing, v, &points, size)) {
                     continue;
                 }
@@ -197,7 +197,7 @@ fn is_shown(drawing: &Drawing, of: usize, points: &[DVec3], size: f64) -> bool {
             chains
                 .iter()
                 .flat_map(|c| c.windows(2))
-                .any(|pair| distance_to_segment(q, pair[0], pair[1]) < 2.0 * ROUGH * size)
+                .any(|pair| distance_to_segment(q, pair[0], pair[1]) < 2.0 * MAX_ERROR * size)
         })
     })
 }
@@ -211,13 +211,13 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
     if group.iter().all(|c| c.plane == best.plane) {
         return None;
     }
-    let (origin, radius) = match best.off < EXACT * size {
+    let (origin, radius) = match best.off < MAX_UNMEASURED_ERROR * size {
         true => (best.center, best.radius),
         false => measured(drawing, frame, group, best, near)?,
     };
     // Designed radii are usually round.
     let round = (radius * 1e4).round() / 1e4;
-    let radius = if (radius - round).abs() < EXACT * size { round } else { radius };
+    let radius = if (radius - round).abs() < MAX_UNMEASURED_ERROR * size { round } else { radius };
     let points: Vec<DVec3> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
     let form = Form::Cylinder { origin, axis, radius };
     Some(Oblique {
@@ -259,7 +259,7 @@ fn measured(
     let axis = best.axis;
     let bounds = bounds_of(&group.iter().flat_map(|c| c.points.iter().copied()).collect::<Vec<_>>());
     let across = |d: DVec3| d - d.dot(axis) * axis;
-    let is_near = |far: f64| (far - best.radius).abs() < 2.0 * ROUGH * size;
+    let is_near = |far: f64| (far - best.radius).abs() < 2.0 * MAX_ERROR * size;
     let mut points: Vec<DVec3> = (0..frame.points.len())
         .filter(|k| frame.ends_curve[*k])
         .map(|k| frame.points[k])
@@ -273,15 +273,15 @@ fn measured(
         let [right, up, sight] = view.kind.axes();
         let mut e = DVec3::ZERO;
         e[sight] = 1.0;
-        let beside = unit(axis.cross(e));
+        let radial = unit(axis.cross(e));
         for drawn in &view.curves {
             let Curve2::Segment(a, b) = drawn.curve else {
                 continue;
             };
-            let at = |p: [f64; 2]| beside[right] * p[0] + beside[up] * p[1];
-            let far = at(a) - beside.dot(best.center);
+            let at = |p: [f64; 2]| radial[right] * p[0] + radial[up] * p[1];
+            let far = at(a) - radial.dot(best.center);
             if (at(a) - at(b)).abs() < near && is_near(far.abs()) {
-                lines.push((far.signum() * beside, far.signum() * at(a)));
+                lines.push((far.signum() * radial, far.signum() * at(a)));
             }
         }
     }

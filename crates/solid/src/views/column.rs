@@ -54,9 +54,9 @@ impl Cells<'_> {
                 let to = cuts.get(n).map_or(hi, |c| c.0);
                 // The cell is that of the middle, because the ends lie on surfaces.
                 p[along] = (from.0 + to) / 2.0;
-                let of = self.at_in(cell, p);
-                if !self.is_sliver(cell, to - from.0, of) {
-                    sequence.push((from.0, from.1, of));
+                let atom = self.at_in(cell, p);
+                if !self.is_sliver(cell, to - from.0, atom) {
+                    sequence.push((from.0, from.1, atom));
                 }
                 if let Some(cut) = cuts.get(n) {
                     from = *cut;

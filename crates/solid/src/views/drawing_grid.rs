@@ -427,13 +427,13 @@ fn grid_of(
             };
             let all = stretches(&carrier.runs, gap / turn);
             let circle = matches!(carrier.profile, Profile::Circle { .. });
-            let whole = circle && all.iter().any(|s| s[1] - s[0] > TAU - gap / turn);
+            let closed = circle && all.iter().any(|s| s[1] - s[0] > TAU - gap / turn);
             for [from, to] in all {
                 let mut at = vec![from, to];
                 // A whole circle has no ends. All arcs are cut at their extremes, so each coordinate is a
                 // monotonic function along a piece.
                 if circle {
-                    if whole {
+                    if closed {
                         at.clear();
                     }
                     at.extend(

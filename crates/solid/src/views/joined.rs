@@ -108,11 +108,11 @@ fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<[f64; 3]> {
 fn most_frequent(group: &[f64]) -> f64 {
     let count = |v: f64| group.iter().filter(|w| **w == v).count();
     let decimals = |v: f64| {
-        let is_whole = |d: &i32| {
+        let is_integer = |d: &i32| {
             let scaled = v * 10_f64.powi(*d);
             (scaled - scaled.round()).abs() < 1e-6
         };
-        (0..9).find(is_whole).unwrap_or(9)
+        (0..9).find(is_integer).unwrap_or(9)
     };
     let key = |v: f64| (std::cmp::Reverse(count(v)), decimals(v));
     group.iter().copied().min_by_key(|v| key(*v)).unwrap_or(0.0)

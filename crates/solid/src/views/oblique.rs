@@ -106,8 +106,9 @@ fn face_plane(frame: &Wireframe, normal: DVec3, offset: f64, near: f64) -> Optio
     let mut edges: Vec<[usize; 2]> =
         frame.edges.iter().copied().filter(|e| e.iter().all(|k| is_in(*k))).collect();
     loop {
-        let goes_on = |k: usize| frame.ends_curve[k] || edges.iter().filter(|e| e.contains(&k)).count() > 1;
-        let kept: Vec<[usize; 2]> = edges.iter().copied().filter(|e| e.iter().all(|k| goes_on(*k))).collect();
+        let continues = |k: usize| frame.ends_curve[k] || edges.iter().filter(|e| e.contains(&k)).count() > 1;
+        let kept: Vec<[usize; 2]> =
+            edges.iter().copied().filter(|e| e.iter().all(|k| continues(*k))).collect();
         if kept.len() == edges.len() {
             break;
         }
@@ -189,12 +190,12 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
             if (0..2).any(|k| (a[k] - b[k]).abs() <= near) {
                 continue;
             }
-            let beside = |p: [f64; 2], from: [f64; 2], d: [f64; 2]| {
+            let distance = |p: [f64; 2], from: [f64; 2], d: [f64; 2]| {
                 ((p[0] - from[0]) * d[1] - (p[1] - from[1]) * d[0]).abs() / d[0].hypot(d[1])
             };
             let is_outline = outlines
                 .iter()
-                .any(|[from, d]| beside(a, *from, *d) < 2.0 * near && beside(b, *from, *d) < 2.0 * near);
+                .any(|[from, d]| distance(a, *from, *d) < 2.0 * near && distance(b, *from, *d) < 2.0 * near);
             if is_outline {
                 found.insert((v, index));
                 continue;
@@ -208,7 +209,7 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
             let mut all_on_two = true;
             for (e, on_two) in frame.edges.iter().zip(&on_two) {
                 let ends = e.map(|k| image(frame.points[k]));
-                if ends.iter().any(|p| beside(*p, a, d) > 2.0 * near) {
+                if ends.iter().any(|p| distance(*p, a, d) > 2.0 * near) {
                     continue;
                 }
                 let [s, t] = ends.map(along);

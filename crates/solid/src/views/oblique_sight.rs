@@ -59,8 +59,8 @@ impl SightTests {
                         let p = meeting.curve.point(t);
                         let in_box = cells.box_of(p);
                         // Beyond the extents of a wall, the curve is no edge.
-                        let stands = |k: usize| plan.walls_in(in_box).iter().any(|w| w.0 as usize == k);
-                        if stands(i) && stands(j) {
+                        let has_wall = |k: usize| plan.walls_in(in_box).iter().any(|w| w.0 as usize == k);
+                        if has_wall(i) && has_wall(j) {
                             let tangent = walls[i].normal(p).cross(walls[j].normal(p));
                             if tangent.length() > 1e-6 {
                                 self.at_point(cells, drawing, view, p, tangent);

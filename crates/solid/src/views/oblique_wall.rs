@@ -72,8 +72,8 @@ impl Oblique {
             return None;
         };
         let d = from_axis(origin, axis, p);
-        let aside = axis.cross(sector.middle);
-        let angle = d.dot(aside).atan2(d.dot(sector.middle));
+        let perpendicular = axis.cross(sector.middle);
+        let angle = d.dot(perpendicular).atan2(d.dot(sector.middle));
         (angle.abs() > sector.half_width).then(|| sector_end(axis, sector, angle.signum()))
     }
 
@@ -133,14 +133,14 @@ impl Oblique {
                 let (a, b) = (from_axis(DVec3::ZERO, axis, e), from_axis(origin, axis, p));
                 let square = a.length_squared();
                 let nearest = -a.dot(b) / square;
-                let least = (b + nearest * a).length();
-                if (least - radius).abs() <= touching {
+                let distance = (b + nearest * a).length();
+                if (distance - radius).abs() <= touching {
                     return vec![nearest];
                 }
-                if least > radius {
+                if distance > radius {
                     return Vec::new();
                 }
-                let half = ((radius - least) * (radius + least) / square).sqrt();
+                let half = ((radius - distance) * (radius + distance) / square).sqrt();
                 vec![nearest - half, nearest + half]
             }
         }

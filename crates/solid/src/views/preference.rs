@@ -48,7 +48,7 @@ pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
                     let at = profile.point(piece.from + s * (piece.to - piece.from));
                     let normal = profile.normal(at);
                     for t in SHARES {
-                        let beside = [-1.0, 1.0].map(|sign| {
+                        let sides = [-1.0, 1.0].map(|sign| {
                             let mut p = DVec3::ZERO;
                             p[right] = at[0] + sign * 1e-6 * plan.size * normal[0];
                             p[up] = at[1] + sign * 1e-6 * plan.size * normal[1];
@@ -56,8 +56,8 @@ pub(crate) fn preferences(cells: &Cells) -> Vec<Preference> {
                             cells.at(p)
                         });
                         let known = pairs.entry((view, piece.carrier)).or_default();
-                        if beside[0] != beside[1] && !known.contains(&beside) {
-                            known.push(beside);
+                        if sides[0] != sides[1] && !known.contains(&sides) {
+                            known.push(sides);
                         }
                     }
                 }

@@ -144,5 +144,5 @@ fn messages_give_positions_in_the_unit_of_a_small_drawing() {
     let mut bad = pin(false);
     bad.views[0].curves.push(line([-4.0, 3.0], [4.0, 3.0]));
     let found = solve(&bad.scaled(1e-8)).unwrap();
-    assert!(found.unexplained.iter().any(|u| u.why.contains("e-8")), "{:?}", found.unexplained);
+    assert!(found.unexplained.iter().any(|u| u.reason.contains("e-8")), "{:?}", found.unexplained);
 }

@@ -306,28 +306,28 @@ pub(crate) fn search(
     }
     let preferred: Vec<Lit> = preferences.iter().map(|p| encoder.prefer(p)).collect();
     let mut assumed = encoder.first_choice(&on, preferred);
-    let mut indifferent: HashSet<u32> = HashSet::new();
+    let mut undetermined: HashSet<u32> = HashSet::new();
     let mut count = 0;
     loop {
         count += 1;
         let assignment = encoder.assignment();
-        indifferent.extend(accept(&assignment));
+        undetermined.extend(accept(&assignment));
         // Blocks this assignment. Without the indifferent cells the clause also blocks all assignments that
         // differ only in these; otherwise n slivers would give 2^n copies of one solid.
         let block: Vec<Lit> = assignment
             .iter()
-            .filter(|(cell, _)| !indifferent.contains(cell))
+            .filter(|(cell, _)| !undetermined.contains(cell))
             .map(|(cell, solid)| {
                 let literal = Lit::new(encoder.cells[cell], true);
                 if *solid { !literal } else { literal }
             })
             .collect();
-        let goes_on = count < limit && !block.is_empty();
+        let continues = count < limit && !block.is_empty();
         if !block.is_empty() {
             encoder.clause(block);
         }
-        let mut is_found = goes_on && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
-        if goes_on && !is_found && assumed.len() > on.len() {
+        let mut is_found = continues && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
+        if continues && !is_found && assumed.len() > on.len() {
             // The preferred assignments are exhausted; continue without preferences.
             assumed.clone_from(&on);
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;

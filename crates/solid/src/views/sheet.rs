@@ -12,11 +12,11 @@ use planish_estimate::{Error, Result};
 /// Minimum gap between two views, relative to the size of the sheet.
 ///
 /// A larger value joins views that are close together; a smaller one splits views at gaps in their lines.
-const GAP: f64 = 2e-3;
+const MIN_GAP: f64 = 2e-3;
 /// Maximum difference of aligned sides of two views, relative to the size of the sheet.
 ///
 /// A larger value accepts views of different scales; a smaller one rejects inaccurate drawings.
-const ALIGNED: f64 = 2e-3;
+const MAX_MISALIGNMENT: f64 = 2e-3;
 
 /// Placement of the views around the front view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,14 +64,14 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
     let (lo, hi) = groups.iter().fold((f64::MAX, f64::MIN), |(lo, hi), g| {
         (lo.min(g.span[0][0]).min(g.span[1][0]), hi.max(g.span[0][1]).max(g.span[1][1]))
     });
-    let near = ALIGNED * (hi - lo);
+    let near = MAX_MISALIGNMENT * (hi - lo);
     let aligned = |a: &CurveCluster, b: &CurveCluster, k: usize| {
         (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near)
     };
     // Stacked views share their left and right sides, neighbours beside each other their lower and upper
     // ones.
     let stacked = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 0);
-    let beside = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
+    let side_by_side = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
     let n = groups.len();
     let front = match (projection, n) {
         (_, 0 | 1) => {
@@ -92,13 +92,15 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
             }
         }
         // The front view is the corner of the L that three views form.
-        _ => (0..n).find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| beside(*f, g))).unwrap_or(0),
+        _ => (0..n)
+            .find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| side_by_side(*f, g)))
+            .unwrap_or(0),
     };
     let mut views = vec![placed(curves, &groups[front], ViewKind::Front)];
     for g in (0..n).filter(|g| *g != front) {
         let is_above = groups[g].span[1][0] > groups[front].span[1][0];
         let is_right = groups[g].span[0][0] > groups[front].span[0][0];
-        let kind = match (stacked(front, g), beside(front, g), projection) {
+        let kind = match (stacked(front, g), side_by_side(front, g), projection) {
             (true, _, Projection::FirstAngle) if !is_above => Some(ViewKind::Top),
             (true, _, Projection::ThirdAngle) if is_above => Some(ViewKind::Top),
             (_, true, Projection::FirstAngle) => Some(if is_right { ViewKind::Left } else { ViewKind::Side }),
@@ -130,7 +132,7 @@ fn groups(curves: &[DrawnCurve]) -> Vec<CurveCluster> {
     let mut groups: Vec<CurveCluster> = Vec::new();
     let boxes: Vec<[[f64; 2]; 2]> = curves.iter().map(|c| span_of(&c.curve)).collect();
     let size = boxes.iter().flatten().fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(s[0]), hi.max(s[1])));
-    let gap = GAP * (size.1 - size.0);
+    let gap = MIN_GAP * (size.1 - size.0);
     for (index, span) in boxes.into_iter().enumerate() {
         let mut joined = CurveCluster { curves: vec![index], span };
         // A joined box is larger and may touch further groups, so this repeats until none touches it.

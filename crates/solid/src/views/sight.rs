@@ -27,7 +27,7 @@ const PARALLEL: f64 = 0.1;
 /// Factor by which the distance of the rays is reduced to confirm a test.
 ///
 /// A test counts only if both distances give the same result, which excludes rays that cross another line.
-const NEARER: f64 = 100.0;
+const REDUCTION: f64 = 100.0;
 
 /// Cells arranged as sectors around a line in space.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -100,7 +100,7 @@ impl SightTests {
         };
         // Where surfaces touch close by, rays at some distance pass on another side of them than nearer rays.
         // Such a position is skipped: a wrong test would exclude the right solid, and there are others.
-        let nearer = self::sight_test(cells, place.view, place.at, normal, step / NEARER, style);
+        let nearer = self::sight_test(cells, place.view, place.at, normal, step / REDUCTION, style);
         if nearer.as_ref() != Some(&sight_test) {
             return;
         }
@@ -214,7 +214,7 @@ impl SightTests {
                             }
                             for &share in shares {
                                 let depth = lo + share * (hi - lo);
-                                let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
+                                let point_on = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
                                     let profile = plan.views[v].profile(piece);
                                     let at = profile.crossings(known, depth, 0.0).into_iter().find(|x| {
                                         *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance
@@ -225,10 +225,10 @@ impl SightTests {
                                     (normal[known].abs() > 1e-3)
                                         .then(|| (at, -normal[1 - known] / normal[known]))
                                 };
-                                let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
+                                let Some((u, du)) = point_on(a, first, a_depth, p.range[a_at]) else {
                                     continue;
                                 };
-                                let Some((w, dw)) = of(b, second, b_depth, q.range[b_at]) else {
+                                let Some((w, dw)) = point_on(b, second, b_depth, q.range[b_at]) else {
                                     continue;
                                 };
                                 // Both slopes over the depth give the tangent of the edge in this view, and a
@@ -392,12 +392,12 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             let wall = &plan.walls[index];
             let mut p = DVec3::ZERO;
             (p[right], p[up]) = (at[0], at[1]);
-            let here = entry.depth * sign;
+            let approximate = entry.depth * sign;
             let depth = wall
                 .crossings(Side::Both, along, p, step)
                 .into_iter()
-                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
-                .unwrap_or(here);
+                .min_by(|a, b| (a - approximate).abs().total_cmp(&(b - approximate).abs()))
+                .unwrap_or(approximate);
             p[along] = depth;
             Limit {
                 depth: depth * sign,
@@ -412,12 +412,12 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             let known = usize::from(axes[0] == along);
             let value = if axes[known] == right { at[0] } else { at[1] };
             debug_assert!(axes[known] == right || axes[known] == up);
-            let here = entry.depth * sign;
+            let approximate = entry.depth * sign;
             let depth = profile
                 .crossings(known, value, step)
                 .into_iter()
-                .min_by(|a, b| (a - here).abs().total_cmp(&(b - here).abs()))
-                .unwrap_or(here);
+                .min_by(|a, b| (a - approximate).abs().total_cmp(&(b - approximate).abs()))
+                .unwrap_or(approximate);
             let mut point = [0.0; 2];
             (point[known], point[1 - known]) = (value, depth);
             let n = profile.normal(point);
@@ -479,10 +479,10 @@ fn sight_test(
     style: Option<LineStyle>,
 ) -> Option<SightTest> {
     let plan = cells.plan;
-    let beside =
+    let column_at =
         |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
     // Two columns on either side of the line: on the line itself, rounding would decide between cells.
-    let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
+    let columns: [Column; 2] = [column_at(-1.0), column_at(1.0)];
     if style.is_none() && columns[0] == columns[1] {
         return None;
     }

@@ -58,7 +58,7 @@ fn unexplained_hidden_line_is_reported_by_name() {
     assert!(found.solutions.is_empty());
     let [named] = &found.unexplained[..] else { panic!("{:?}", found.unexplained) };
     assert_eq!(named.entity.as_deref(), Some("LINE 7F (line 12)"));
-    assert!(named.why.starts_with("no solid shows a hidden line at 5.0000"), "{}", named.why);
+    assert!(named.reason.starts_with("no solid shows a hidden line at 5.0000"), "{}", named.reason);
 }
 
 #[test]

@@ -20,18 +20,18 @@ const ON_CIRCLE: f64 = 2e-5;
 /// of a polygon near a circle would become arcs.
 const CHORD_ENDS: f64 = 1e-6;
 /// Curves shorter than this, relative to the size, are removed. They are below the tolerance of coordinates.
-const SHORTEST: f64 = 3e-7;
+const MIN_LENGTH: f64 = 3e-7;
 /// Arcs with a sweep below this (in radians) and a rise below [`SLIVER_RISE`] do not define a circle.
 const SLIVER_SWEEP: f64 = 0.1;
 /// See [`SLIVER_SWEEP`]; height above the chord, relative to the size.
 const SLIVER_RISE: f64 = 1e-4;
 /// Circles get values with two decimals, or tangents of lines, if their points stay this close (relative to
 /// the size).
-const FIT: f64 = 1e-6;
+const MAX_ROUNDING: f64 = 1e-6;
 /// Circles get values with four decimals if their points stay this close (relative to the size), plus
 /// [`ROUND_LENGTH`].
 ///
-/// It is smaller than [`FIT`], because any value is within 5e-5 of one with four decimals.
+/// It is smaller than [`MAX_ROUNDING`], because any value is within 5e-5 of one with four decimals.
 const ROUND: f64 = 5e-8;
 /// Absolute part of the distance, for coordinates written with six decimals.
 const ROUND_LENGTH: f64 = 4e-6;
@@ -54,9 +54,9 @@ impl Circle {
     }
 
     /// The arc of this circle from one point to another, counter-clockwise.
-    fn arc(&self, from: [f64; 2], to: [f64; 2], whole: bool) -> Curve2 {
+    fn arc(&self, from: [f64; 2], to: [f64; 2], closed: bool) -> Curve2 {
         let start = self.angle(from);
-        let sweep = if whole { TAU } else { (self.angle(to) - start).rem_euclid(TAU) };
+        let sweep = if closed { TAU } else { (self.angle(to) - start).rem_euclid(TAU) };
         Curve2::Arc { center: self.center, radius: self.radius, start, sweep }
     }
 
@@ -67,7 +67,7 @@ impl Circle {
             center: self.center.map(|v| (v / step).round() * step),
             radius: (self.radius / step).round() * step,
         };
-        let far = FIT * size;
+        let far = MAX_ROUNDING * size;
         // Designed values first, then tangents of lines, then values with more decimals, which are weaker
         // evidence and must fit better.
         let candidates = [
@@ -191,6 +191,6 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
             drawn.curve = shorter;
         }
     }
-    curves.retain(|c: &DrawnCurve| c.curve.length() > SHORTEST * size);
+    curves.retain(|c: &DrawnCurve| c.curve.length() > MIN_LENGTH * size);
     View { kind: view.kind, curves }
 }

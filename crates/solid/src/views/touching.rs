@@ -68,12 +68,12 @@ impl BoundaryBuilder<'_> {
         // Removing one pair may make its neighbours a pair, so this repeats.
         while let Some(k) = (0..ring.len()).find(|&k| self.is_slit(ring[k], ring[(k + 1) % ring.len()])) {
             let next = (k + 1) % ring.len();
-            let (kept, gone) = (ring[k], ring[next]);
+            let (kept, removed) = (ring[k], ring[next]);
             ring.remove(k.max(next));
             ring.remove(k.min(next));
             for coedge in self.coedges.values_mut().flatten() {
-                if coedge.edge == gone.edge {
-                    let along = coedge.forward == gone.forward;
+                if coedge.edge == removed.edge {
+                    let along = coedge.forward == removed.forward;
                     *coedge = Coedge { edge: kept.edge, forward: kept.forward != along };
                 }
             }

@@ -15,7 +15,7 @@ const MAX_STEPS: usize = 4000;
 /// Near contacts of the surfaces, steps are halved down to this share of the first step.
 ///
 /// Smaller steps come closer to the contact, but there the direction of the curve is undetermined.
-const SHORTEST: f64 = 1e-3;
+const MIN_STEP: f64 = 1e-3;
 
 /// A curve on two surfaces.
 #[derive(Clone)]
@@ -160,7 +160,7 @@ fn follow(
     inside: &impl Fn(DVec3) -> bool,
 ) -> (Vec<DVec3>, bool) {
     let sense = step.signum();
-    let whole = step.abs();
+    let max_step = step.abs();
     let normals = |p: DVec3| surfaces[0].normal(p).cross(surfaces[1].normal(p));
     let direction = |p: DVec3| {
         let d = normals(p);
@@ -170,20 +170,21 @@ fn follow(
     // product of the normals has the opposite direction, and the curve would be followed backwards.
     let stepped = |p: DVec3, length: f64| {
         let first = direction(p)?;
-        let middle = on_both(surfaces, p + length / 2.0 * first, 1e-6 * whole)?;
+        let middle = on_both(surfaces, p + length / 2.0 * first, 1e-6 * max_step)?;
         let d = direction(middle)?;
-        let next = on_both(surfaces, p + length * d, 1e-6 * whole)?;
+        let next = on_both(surfaces, p + length * d, 1e-6 * max_step)?;
         let moved = next - p;
-        let goes_on = moved.dot(d) > 0.3 * length && direction(next)?.dot(first) > 0.5 && d.dot(first) > 0.5;
-        (goes_on && moved.length() < 1.5 * length).then_some(next)
+        let continues =
+            moved.dot(d) > 0.3 * length && direction(next)?.dot(first) > 0.5 && d.dot(first) > 0.5;
+        (continues && moved.length() < 1.5 * length).then_some(next)
     };
     let mut points = vec![start];
     let mut p = start;
-    let mut length = whole;
+    let mut length = max_step;
     while points.len() < MAX_STEPS {
         let Some(next) = stepped(p, length) else {
             length /= 2.0;
-            if length < SHORTEST * whole {
+            if length < MIN_STEP * max_step {
                 points.extend(touching_point(&points, normals));
                 break;
             }
@@ -191,9 +192,9 @@ fn follow(
         };
         // Back at the start. Instead of a very short last chord, the last one may have up to 1.5 steps.
         let left = start - next;
-        let ahead = direction(next).is_some_and(|d| left.dot(d) >= -0.3 * whole);
-        if points.len() > 3 && left.length() < 1.01 * whole && ahead {
-            if left.length() > 0.5 * whole {
+        let ahead = direction(next).is_some_and(|d| left.dot(d) >= -0.3 * max_step);
+        if points.len() > 3 && left.length() < 1.01 * max_step && ahead {
+            if left.length() > 0.5 * max_step {
                 points.push(next);
             }
             return (points, true);

@@ -161,7 +161,7 @@ pub(super) fn with_free_poles(solid: &Solid, surface: FaceSurface, loops: &[Vec<
         return surface;
     };
     /// Maximum cosine between the directions of an edge point and a pole (3.6°).
-    const FREE: f64 = 0.998;
+    const MAX_POLE_COSINE: f64 = 0.998;
     let y = axis.cross(x);
     let oblique = unit(axis + 0.61 * x + 0.37 * y);
     let frames = [(axis, x), (x, y), (y, axis), (oblique, unit(oblique.cross(x)))];
@@ -170,7 +170,7 @@ pub(super) fn with_free_poles(solid: &Solid, surface: FaceSurface, loops: &[Vec<
             let edge = &solid.edges[coedge.edge];
             (0..=PIECES).all(|k| {
                 let t = edge.range[0] + (edge.range[1] - edge.range[0]) * k as f64 / PIECES as f64;
-                unit(edge.curve.point(t) - center).dot(axis).abs() < FREE
+                unit(edge.curve.point(t) - center).dot(axis).abs() < MAX_POLE_COSINE
             })
         })
     };

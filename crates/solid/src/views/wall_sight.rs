@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 /// their planes of symmetry.
 const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
 /// Number of tests around a circle. More find shorter missing lines and take more time.
-const AROUND: usize = 24;
+const TESTS_AROUND: usize = 24;
 
 impl SightTests {
     /// Adds the tests of all walls in a view.
@@ -75,8 +75,8 @@ impl SightTests {
                 return;
             };
             for distance in [center[0] - radius, center[0] + radius].into_iter().filter(|r| *r > 0.0) {
-                for k in 0..AROUND {
-                    let angle = TAU * (k as f64 + 0.37) / AROUND as f64;
+                for k in 0..TESTS_AROUND {
+                    let angle = TAU * (k as f64 + 0.37) / TESTS_AROUND as f64;
                     let p = wall.point(angle, [distance, center[1]]);
                     let further = wall.point(angle + TAU / 4.0, [distance, center[1]]);
                     let middle = wall.point(0.0, [0.0, center[1]]);

@@ -166,14 +166,14 @@ fn points(ends: &[Vec<End>], [front, top, side]: [usize; 3], near: f64) -> Optio
     by_y.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
     // The top view shares x with the front view, and the side view shares y with the top view and z with the
     // front view: these are the three equations of a point.
-    let beside = |sorted: &[&End], value: f64| {
+    let range = |sorted: &[&End], value: f64| {
         let from = sorted.partition_point(|e| e.at[0] < value - near);
         from..from + sorted[from..].partition_point(|e| e.at[0] <= value + near)
     };
     let (mut points, mut ends_curve) = (Vec::new(), Vec::new());
     for f in &ends[front] {
-        for t in &by_x[beside(&by_x, f.at[0])] {
-            for s in &by_y[beside(&by_y, t.at[1])] {
+        for t in &by_x[range(&by_x, f.at[0])] {
+            for s in &by_y[range(&by_y, t.at[1])] {
                 let is_slanted = f.of_slanted || t.of_slanted || s.of_slanted;
                 if !is_slanted || (s.at[1] - f.at[1]).abs() > near {
                     continue;

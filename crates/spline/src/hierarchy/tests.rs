@@ -110,7 +110,7 @@ fn ball_has_one_point_and_one_tangent_plane_at_each_pole() {
 }
 
 #[test]
-fn a_single_split_cell_activates_no_function_but_a_whole_support_does() {
+fn only_a_completely_split_support_activates_a_function() {
     let uniform = Hierarchy::uniform(Shape::Sheet, [8, 8]).unwrap();
     let (middle, _) = uniform.locate(4.5, 4.5);
     assert_eq!(uniform.refine(&[middle]).node_count(), uniform.node_count());

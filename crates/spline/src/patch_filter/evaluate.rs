@@ -154,16 +154,18 @@ impl PatchFilter {
     /// Variance of `Σ_k f_k · P_k` over the sixteen coefficients of a cell.
     fn variance_of_form(&self, patch: usize, cell: usize, form: &[DVec3; 16]) -> f64 {
         let belief = &self.members[patch].belief;
-        let of = |d: usize| -> SparseRow {
+        let row_of = |d: usize| -> SparseRow {
             form.iter().enumerate().map(|(k, f)| (vertex_of(cell, k) as u16, f[d])).collect()
         };
         let variance = match self.options.layout {
-            StateLayout::Height => belief.variance_of(&of(2)),
+            StateLayout::Height => belief.variance_of(&row_of(2)),
             // Coordinates share one covariance and are independent, so their variances add up.
-            StateLayout::Isotropic | StateLayout::Normal => (0..3).map(|d| belief.variance_of(&of(d))).sum(),
+            StateLayout::Isotropic | StateLayout::Normal => {
+                (0..3).map(|d| belief.variance_of(&row_of(d))).sum()
+            }
             StateLayout::Full => {
                 let row: SparseRow = (0..3)
-                    .flat_map(|d| of(usize::from(d)).into_iter().map(move |(k, w)| (3 * k + d, w)))
+                    .flat_map(|d| row_of(usize::from(d)).into_iter().map(move |(k, w)| (3 * k + d, w)))
                     .collect();
                 belief.variance_of(&row)
             }

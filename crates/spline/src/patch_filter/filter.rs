@@ -318,11 +318,14 @@ impl PatchFilter {
     /// Memory of means and covariances in bytes. It grows with the patches, not with the readings.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let of = |b: &PatchBelief| 8 * (b.mean().len() + b.covariance().len());
+        let belief_bytes = |b: &PatchBelief| 8 * (b.mean().len() + b.covariance().len());
         self.members
             .iter()
             .map(|m| {
-                of(&m.belief) + m.before.as_ref().map_or(0, of) + 8 * m.prior.len() + 24 * m.initial.len()
+                belief_bytes(&m.belief)
+                    + m.before.as_ref().map_or(0, belief_bytes)
+                    + 8 * m.prior.len()
+                    + 24 * m.initial.len()
             })
             .sum()
     }

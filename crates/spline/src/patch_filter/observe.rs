@@ -136,12 +136,12 @@ impl PatchFilter {
         let Place { patch, cell, local, side } = place;
         let (layout, member) = (self.options.layout, &self.members[patch]);
         // A fixed point of linearisation makes the result independent of the order of readings.
-        let there = if self.options.linearize_at_initial {
+        let coefficients = if self.options.linearize_at_initial {
             std::array::from_fn(|k| member.initial[vertex_of(cell, k)])
         } else {
             self.cell_coefficients(patch, cell)
         };
-        let jet = || jet_of(&there, 1.0 / side, local[0], local[1]);
+        let jet = || jet_of(&coefficients, 1.0 / side, local[0], local[1]);
         let detail = self.detail_variance[usize::from(self.quadtree.patches[patch].depth)];
         let at = |k: usize| vertex_of(cell, k) as u16;
         let mut count = 0;
@@ -160,8 +160,9 @@ impl PatchFilter {
             reading.offsets(local, side, jet, &mut offsets)?;
             for offset in offsets.iter().flatten() {
                 let value = [0, 1, 2].map(|d| {
-                    let there: f64 = offset.weights.iter().zip(&there).map(|(w, p)| w * p[d]).sum();
-                    there + offset.residual * offset.direction[d]
+                    let predicted: f64 =
+                        offset.weights.iter().zip(&coefficients).map(|(w, p)| w * p[d]).sum();
+                    predicted + offset.residual * offset.direction[d]
                 });
                 let variance = offset.variance + offset.detail_fraction * detail;
                 add(value, variance, 1, &mut (0..16).map(|k| (at(k), offset.weights[k])));

@@ -210,9 +210,9 @@ impl Quadtree {
             let left: std::collections::HashSet<Cell> = space.leaves().iter().copied().collect();
             let mut changed = false;
             for (p, patch) in self.patches.iter().enumerate() {
-                let whole = (0..16).all(|k| left.contains(&patch.cell(k % 4, k / 4)));
-                changed |= !whole && !marked[p];
-                marked[p] |= !whole;
+                let complete = (0..16).all(|k| left.contains(&patch.cell(k % 4, k / 4)));
+                changed |= !complete && !marked[p];
+                marked[p] |= !complete;
             }
             if !changed {
                 return Self::new(space);

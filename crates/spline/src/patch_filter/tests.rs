@@ -263,15 +263,15 @@ fn expected_detail_increases_sigma() {
         let options = PatchFilterOptions { maximum_depth: 1, expect_detail, ..PatchFilterOptions::default() };
         PatchFilter::new(&plane, &plane, PRIOR, options).unwrap()
     };
-    let (mut plain, mut careful) = (filter(false), filter(true));
+    let (mut plain, mut with_detail) = (filter(false), filter(true));
     let z = DVec3::Z;
     for reading in positions([4, 4], 50, 0.02, 37) {
         plain.observe(&reading).unwrap();
-        careful.observe(&reading).unwrap();
+        with_detail.observe(&reading).unwrap();
     }
-    let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
+    let ratio = with_detail.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
     assert!(ratio > 1.5, "{ratio}");
-    for filter in [&mut plain, &mut careful] {
+    for filter in [&mut plain, &mut with_detail] {
         filter.subdivide(&[filter.patches()[0]]).unwrap();
         let reading = SurfaceReading::Position {
             parameters: [1.7, 2.4],
@@ -280,7 +280,7 @@ fn expected_detail_increases_sigma() {
         };
         filter.observe(&reading).unwrap();
     }
-    let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
+    let ratio = with_detail.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
     assert!((ratio - 1.0).abs() < 0.01, "patches of maximum depth represent all detail: {ratio}");
 }
 
@@ -315,7 +315,7 @@ fn the_full_layout_continues_from_the_isotropic_one() {
 
 /// In the stiff limit every reading counts once everywhere, although patches form loops.
 #[test]
-fn nothing_is_counted_twice_around_a_loop() {
+fn information_around_a_loop_is_counted_once() {
     let prior = SmoothnessPrior { weight: 1e5, hold: 1e-6 };
     let base = [12, 12];
     let mut filter = filter(base, StateLayout::Isotropic, prior);
@@ -472,7 +472,7 @@ fn patches_are_subdivided_only_where_the_shape_requires_it() {
 }
 
 #[test]
-fn wrong_readings_and_options_are_rejected_and_change_nothing() {
+fn invalid_readings_and_options_are_rejected_without_a_change() {
     let mut filter = filter([4, 4], StateLayout::Full, PRIOR);
     let state = filter.state();
     let good = ([1.0, 1.0], DVec3::Z);
@@ -494,8 +494,8 @@ fn wrong_readings_and_options_are_rejected_and_change_nothing() {
         assert!(filter.observe(&reading).is_err(), "{reading:?}");
     }
     assert_eq!(filter.state(), state);
-    let odd = plane([5, 4]);
-    assert!(PatchFilter::new(&odd, &odd, PRIOR, PatchFilterOptions::default()).is_err());
+    let invalid = plane([5, 4]);
+    assert!(PatchFilter::new(&invalid, &invalid, PRIOR, PatchFilterOptions::default()).is_err());
     let even = plane([4, 4]);
     let flat = SmoothnessPrior { hold: 0.0, ..PRIOR };
     assert!(PatchFilter::new(&even, &even, flat, PatchFilterOptions::default()).is_err());

@@ -21,7 +21,7 @@ const MIN_READINGS: usize = 18;
 const MAX_FACETS: usize = 1200;
 const MIN_SHARE: f64 = 0.75;
 /// Side of the cubes that divide the cloud, relative to its size: first value, growth, last value.
-const FINEST: f64 = 1.0 / 40.0;
+const MIN_SIDE: f64 = 1.0 / 40.0;
 const GROWTH: f64 = 1.25;
 const COARSEST: f64 = 1.0 / 5.0;
 /// Minimum length of the mean normal of a facet. It excludes sharp edges, which are not quadrics.
@@ -85,7 +85,7 @@ impl Facets {
     pub fn new(points: &[DVec3], normals: &[DVec3], variance: &[f64], trusted: bool) -> Result<Self> {
         let bounds: BoundingBox = points.iter().copied().collect();
         let (lo, size) = (bounds.min, bounds.diagonal());
-        let mut side = FINEST * size;
+        let mut side = MIN_SIDE * size;
         let mut cut = group_points(points, normals, lo, side);
         // Sparse clouds need larger cubes; the smallest cubes with enough readings follow the shape best.
         while side < COARSEST * size && !fits(&cut, points.len()) {
@@ -151,8 +151,8 @@ impl Facet {
     /// their variance. `None` for readings on a line or an edge.
     fn fitted(points: &[DVec3], normals: &[DVec3], variance: &[f64], members: &[u32]) -> Option<(Self, f64)> {
         let count = members.len() as f64;
-        let mean = |of: &[DVec3]| {
-            let sum = members.iter().fold(DVec3::ZERO, |s, &i| s + of[i as usize]);
+        let mean = |vectors: &[DVec3]| {
+            let sum = members.iter().fold(DVec3::ZERO, |s, &i| s + vectors[i as usize]);
             1.0 / count * sum
         };
         let (origin, turned) = (mean(points), mean(normals));

@@ -78,7 +78,7 @@ pub struct Classification {
     pub probabilities: Vec<f64>,
     /// Variance of the deviation of the readings from the first shape beyond their noise; at least the
     /// smallest that could be detected.
-    pub doubt: f64,
+    pub model_variance: f64,
 }
 
 /// Prediction of a surface point by a classified patch.
@@ -291,11 +291,11 @@ pub fn classify(points: &[DVec3], normals: &[DVec3], variance: &[f64]) -> Option
     // possible.
     let typical = variance.iter().sum::<f64>() / variance.len() as f64;
     let excess = (best.chi_square / best.degrees - 1.0).max(0.0);
-    let doubt = typical * (excess + (2.0 / best.degrees).sqrt());
+    let model_variance = typical * (excess + (2.0 / best.degrees).sqrt());
     Some(Classification {
         probabilities: weights.into_iter().map(|w| w / total).collect(),
         candidates,
-        doubt,
+        model_variance,
     })
 }
 
@@ -322,7 +322,7 @@ impl Classification {
         Prediction {
             point,
             normal: if away.dot(facing) < 0.0 { -away } else { away },
-            variance: of_place + of_kind + self.doubt,
+            variance: of_place + of_kind + self.model_variance,
         }
     }
 }
@@ -334,9 +334,9 @@ fn mean(points: &[DVec3]) -> DVec3 {
 /// Initial values: the least-squares plane, the algebraic sphere, and cylinders along directions
 /// perpendicular to most normals.
 fn starts(points: &[DVec3], normals: &[DVec3], middle: DVec3) -> Vec<Primitive> {
-    let moments = |of: &[DVec3], centre: DVec3| {
+    let moments = |vectors: &[DVec3], centre: DVec3| {
         SymmetricMatrix3::from_entries(|i, j| {
-            of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum()
+            vectors.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum()
         })
     };
     let (axes, _) = moments(points, middle).eigen();
@@ -439,8 +439,8 @@ mod tests {
                 assert_eq!(found.best().primitive.name(), name);
                 let (p, n) = surface(0.1, -0.2);
                 let predicted = found.predict(p, n);
-                // These shapes are exact, so the doubt is not part of their error.
-                let variance = predicted.variance - found.doubt;
+                // These shapes are exact, so `model_variance` is not part of their error.
+                let variance = predicted.variance - found.model_variance;
                 squares += (p - predicted.point).dot(n).powi(2) / variance / runs as f64;
                 assert!(predicted.normal.dot(n) > 0.999);
             }
@@ -451,11 +451,11 @@ mod tests {
 
     #[test]
     fn a_freeform_surface_is_not_classified() {
-        let wavy = |x: f64, y: f64| {
+        let with_waves = |x: f64, y: f64| {
             let z = 0.2 * (2.0 * x).sin() * (1.5 * y).cos();
             (DVec3::new(x, y, z), DVec3::Z)
         };
-        let (points, normals) = ring(3, wavy);
+        let (points, normals) = ring(3, with_waves);
         assert!(classify(&points, &normals, &vec![SIGMA * SIGMA; points.len()]).is_none());
     }
 

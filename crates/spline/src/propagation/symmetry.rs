@@ -35,7 +35,7 @@ const START_STEPS: usize = 6;
 const STEPS: usize = 16;
 /// Number of facets used to compare starts, and number of starts to refine.
 const START_SOURCES: usize = 160;
-const FOLLOWED: usize = 8;
+const REFINED_STARTS: usize = 8;
 /// Maximum deviation from symmetry beyond noise, relative to the size of the cloud. A larger value accepts
 /// shapes that are only nearly symmetric, a smaller one rejects facets that are not quite quadrics (test
 /// `proposed_symmetries_exist_and_a_freeform_surface_has_none`).
@@ -44,7 +44,7 @@ const MAX_DEPARTURE: f64 = 0.001;
 const FIRST_DEPARTURE: f64 = 0.03;
 /// Tukey's constant (95 % efficiency), and the number of σ within which a facet agrees.
 const TUKEY: f64 = 4.685;
-const AGREES: f64 = 3.5;
+const AGREEMENT_SIGMAS: f64 = 3.5;
 /// Minimum fraction of agreeing facets, in a one-sided test at 5 %. The remaining fifth may be attachments
 /// and damage (tests `a_handle_does_not_belong_to_the_revolution` and
 /// `proposed_symmetries_exist_and_a_freeform_surface_has_none`).
@@ -94,7 +94,7 @@ pub struct FittedSymmetry {
     /// See `compared`.
     pub agreeing: usize,
     /// For each facet, true if its images may be used as readings.
-    pub obeys: Vec<bool>,
+    pub is_symmetric: Vec<bool>,
     /// True if the cloud supports the symmetry: enough facets were compared, more than 80 % of them agree,
     /// and its position is determined.
     pub supported: bool,
@@ -138,7 +138,7 @@ pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetr
         })
         .collect();
     tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-    tried.truncate(FOLLOWED);
+    tried.truncate(REFINED_STARTS);
     let followed: Vec<(f64, Symmetry)> = tried
         .into_par_iter()
         .map(|(_, start)| {
@@ -295,22 +295,23 @@ fn evaluate(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
             *weight += pair.weight;
         }
     }
-    let agrees =
-        |&(sum, squares, weight): &(f64, f64, f64)| sum / weight <= AGREES * (squares / weight).sqrt();
+    let agrees = |&(sum, squares, weight): &(f64, f64, f64)| {
+        sum / weight <= AGREEMENT_SIGMAS * (squares / weight).sqrt()
+    };
     let met = |m: &&(f64, f64, f64)| m.2 > 0.0;
     let compared = means.iter().filter(met).count();
     let agreeing = means.iter().filter(met).filter(|m| agrees(m)).count();
     let ring = matches!(symmetry, Symmetry::Rotation { order: None, .. });
     // A finite symmetry may map a facet to an unobserved place, which is to be completed. On a ring, a facet
     // without a partner is an attachment such as a handle, and must not be copied.
-    let obeys = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
+    let is_symmetric = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
     let mut made = FittedSymmetry {
         symmetry,
         covariance,
         departure: departure + allowed * 0.5 / (compared.max(1) as f64).sqrt(),
         compared,
         agreeing,
-        obeys,
+        is_symmetric,
         supported: false,
     };
     let (shifts, tilts) = made.sigmas();

@@ -144,9 +144,9 @@ fn a_pole_is_one_vertex_with_its_normal() {
     let surface = base(Shape::Ball).surface([12, 8]).unwrap();
     let mesh = tessellate(&surface, &options(0.001)).unwrap();
     for (v, side) in [(0.0, -1.0), (8.0, 1.0)] {
-        let there: Vec<usize> = (0..mesh.positions.len()).filter(|&n| mesh.parameters[n][1] == v).collect();
-        assert_eq!(there.len(), 1);
-        assert!(mesh.normals[there[0]].distance(side * axis) < 1e-9);
+        let at_pole: Vec<usize> = (0..mesh.positions.len()).filter(|&n| mesh.parameters[n][1] == v).collect();
+        assert_eq!(at_pole.len(), 1);
+        assert!(mesh.normals[at_pole[0]].distance(side * axis) < 1e-9);
     }
 }
 

@@ -30,8 +30,8 @@ impl<'a> MeasuredRegion<'a> {
         let [x, y, z] = cell(p, self.reach);
         // Cells are as wide as the reach, so a cell and its neighbours contain every reading within it.
         (0..27).any(|k| {
-            let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
-            self.cells.get(&there).into_iter().flatten().any(|&i| {
+            let neighbour = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
+            self.cells.get(&neighbour).into_iter().flatten().any(|&i| {
                 let i = i as usize;
                 let d = self.readings.points[i] - p;
                 d.length_squared() <= self.reach * self.reach

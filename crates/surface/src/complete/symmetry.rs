@@ -215,13 +215,13 @@ impl Cloud {
         let sources: Vec<usize> = (0..self.readings.len())
             // Facets that do not obey the symmetry, such as those of a handle, are not copied (decision
             // 0017).
-            .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
+            .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.is_symmetric[f as usize]))
             .collect();
         let turns = self.turns(found);
         // Evenly spread over the readings, so that all parts are completed.
         let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
         // Unmeasured parts may depart from the symmetry as much as the compared ones.
-        let doubt = found.departure * found.departure;
+        let model_variance = found.departure * found.departure;
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {
             let i = self.readings[k] as usize;
@@ -234,7 +234,7 @@ impl Cloud {
                 let variance = InferredVariance {
                     // `n` copies of one reading are one measurement, so each weighs 1/n (decision 0017).
                     own: turns as f64 * self.variance[k],
-                    shared: found.image_variance(angle, p, normal) + doubt,
+                    shared: found.image_variance(angle, p, normal) + model_variance,
                 };
                 copies.push(InferredReading { point, normal, variance });
             }

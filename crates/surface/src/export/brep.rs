@@ -175,18 +175,18 @@ impl Patches {
         let closed = self.shape.periodic_u() && (self.shape.periodic_v() || self.shape.polar());
         // The parametrisation may be inside out, which the sign of the enclosed volume shows.
         let outward = !closed || encloses_positive_volume(surface);
-        let mut sewing = Sewing {
+        let mut builder = BrepBuilder {
             patches: self,
             surfaces: &surfaces,
             brep: Brep { closed, ..Brep::default() },
             vertices: Vec::new(),
             edges: [Vec::new(), Vec::new()],
         };
-        sewing.add_vertices();
-        sewing.add_edges(0);
-        sewing.add_edges(1);
-        let loops: Vec<_> = self.all().map(|patch| sewing.face_loop(patch, outward)).collect();
-        let mut brep = sewing.brep;
+        builder.add_vertices();
+        builder.add_edges(0);
+        builder.add_edges(1);
+        let loops: Vec<_> = self.all().map(|patch| builder.face_loop(patch, outward)).collect();
+        let mut brep = builder.brep;
         brep.faces = surfaces
             .into_iter()
             .zip(loops)
@@ -200,7 +200,7 @@ impl Patches {
 ///
 /// Grid lines are numbered like the patches that start there, and one more where a direction is open; line
 /// `n` of a closed direction is line 0.
-struct Sewing<'a> {
+struct BrepBuilder<'a> {
     patches: &'a Patches,
     surfaces: &'a [BsplineSurface],
     brep: Brep,
@@ -210,7 +210,7 @@ struct Sewing<'a> {
     edges: [Vec<Option<usize>>; 2],
 }
 
-impl Sewing<'_> {
+impl BrepBuilder<'_> {
     fn lines(&self) -> [usize; 2] {
         let [nu, nv] = self.patches.count();
         let shape = self.patches.shape;

@@ -242,7 +242,7 @@ struct Place {
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
     /// Maximum number of steps, and length of the last step, in sides of a leaf.
     const STEPS: usize = 12;
-    const CLOSE: f64 = 1e-6;
+    const MAX_LAST_STEP: f64 = 1e-6;
     let space = surface.space();
     let extent = space.extent();
     let inside = |q: [f64; 2]| [0, 1].map(|d| q[d].clamp(0.0, extent[d]));
@@ -262,7 +262,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
         }
         let side = space.leaves()[leaf].side();
         let longest = step[0].abs().max(step[1].abs());
-        if longest < CLOSE * side {
+        if longest < MAX_LAST_STEP * side {
             return Some(Place {
                 cell: 0,
                 parameters: at,
@@ -415,10 +415,10 @@ mod tests {
 
     #[test]
     fn a_map_offset_moves_the_grid_only() {
-        let here = hills([0.0; 2], |_| true);
+        let plain = hills([0.0; 2], |_| true);
         // A multiple of the cell, and a cell of which the sheet's sides are none: rounding moves no border.
-        let there = hills([600_000.0, 3_999_999.0], |_| true);
-        let [a, b] = [here, there]
+        let offset = hills([600_000.0, 3_999_999.0], |_| true);
+        let [a, b] = [plain, offset]
             .map(|m| dem_from_model(&m, &m.posterior().unwrap(), Some(0.1875), None).unwrap().grid);
         assert_eq!(b.corner, [a.corner[0] + 600_000.0, a.corner[1] + 3_999_999.0]);
         for (a, b) in a.values.iter().zip(&b.values) {

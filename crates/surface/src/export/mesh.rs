@@ -304,9 +304,9 @@ mod tests {
         let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 100 < 15);
         let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
         let mean = |seen: u8| {
-            let of: Vec<f64> =
+            let sigmas: Vec<f64> =
                 mesh.sigma.iter().zip(&mesh.observed).filter(|(_, o)| **o == seen).map(|(s, _)| *s).collect();
-            of.iter().sum::<f64>() / of.len() as f64
+            sigmas.iter().sum::<f64>() / sigmas.len() as f64
         };
         assert!(mean(0) > 2.0 * mean(1), "{} {}", mean(0), mean(1));
         assert!(mean(1) < SIGMA);
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_do_not_change_the_mesh() {
+    fn the_exported_mesh_does_not_depend_on_the_number_of_threads() {
         let model = small_model(Shape::Torus);
         let made = [1, 2, 3].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -32,13 +32,13 @@ use std::collections::BTreeMap;
 const READINGS_PER_COEFFICIENT: usize = 64;
 /// Minimum number of readings of a batch, for its overhead, and the maximum number of batches.
 ///
-/// The batch of a point is one byte, of which [`LEFT_OUT`] takes one value: a billion points need a gigabyte
+/// The batch of a point is one byte, of which [`REJECTED`] takes one value: a billion points need a gigabyte
 /// of marks, not eight.
 const MIN_BATCH: usize = 100_000;
 const MAX_BATCHES: usize = 255;
 
 /// Batch number of points that are rejected before any batch is used.
-const LEFT_OUT: u8 = u8::MAX;
+const REJECTED: u8 = u8::MAX;
 
 /// Scans divided into batches.
 pub(super) struct Batches<'a> {
@@ -99,7 +99,7 @@ impl<'a> Batches<'a> {
                         Ground::Above => RejectionCause::AboveGround,
                         Ground::Below => RejectionCause::BelowGround,
                     };
-                    *batch = LEFT_OUT;
+                    *batch = REJECTED;
                     *rejected.entry(cause).or_insert(0) += 1;
                 }
             }
@@ -302,7 +302,7 @@ pub(super) fn add_batches(
 ) -> Result<AddedBatches> {
     let ConvergedFit { surface, system, noise, .. } = &*converged;
     let mut added = AddedBatches {
-        data: system.nothing()?,
+        data: system.zero_information()?,
         observed: vec![false; surface.space().leaves().len()],
         rejected: batches.rejected.clone(),
         total: 0,
@@ -312,19 +312,19 @@ pub(super) fn add_batches(
     let target = Target { surface, system, noise, search: &search, gate: options.gate };
     let mut sums = DirectedSums::new(surface.space());
     // The next batch is prepared by one thread while this one is projected by the others.
-    let mut coming = Some(prepared(batches, 1, first, origin, options));
+    let mut next_batch = Some(prepared(batches, 1, first, origin, options));
     // Batch 0 is part of the converged surface already.
     for number in 1..batches.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / batches.count as f64)?;
         progress.items(added.total, "readings");
-        let Some(batch) = coming.take() else { break };
+        let Some(batch) = next_batch.take() else { break };
         let (observations, subset) = batch?;
         let next =
             || (number + 1 < batches.count).then(|| prepared(batches, number + 1, first, origin, options));
         let add = || added.add(&target, &mut sums, &observations, &subset);
         let (added, next) = rayon::join(add, next);
         added?;
-        coming = next;
+        next_batch = next;
     }
     // The sparse matrix is assembled once, from sums over all batches: each batch touches every leaf again.
     added.data.add_scaled(&sums.information(system)?, 1.0)?;
@@ -418,9 +418,9 @@ mod tests {
             pool.install(|| fit(&set, &options, &Silent)).unwrap()
         };
         let parts = fitted(1_000, 2);
-        let whole = fitted(12_000, 2);
+        let at_once = fitted(12_000, 2);
         assert_eq!(parts.report.rejected["duplicate"], 1000);
-        assert_eq!(whole.report.rejected["duplicate"], 1000);
+        assert_eq!(at_once.report.rejected["duplicate"], 1000);
         let n = parts.report.observations;
         assert!((310_000..=330_000).contains(&n), "{n}");
         let sigma = parts.report.sensors[0].sigma_estimated;
@@ -439,7 +439,7 @@ mod tests {
             squares += ((z - height(x, y)) * normal[2].abs() / sigma).powi(2) / leaves as f64;
         }
         assert!((0.5..1.6).contains(&squares), "mean square of normalised errors {squares}");
-        let ratio = parts.report.sigma.median / whole.report.sigma.median;
+        let ratio = parts.report.sigma.median / at_once.report.sigma.median;
         assert!((0.8..1.25).contains(&ratio), "{ratio} times the σ of the whole");
         let alone = fitted(1_000, 1);
         assert!(alone.model.surface.vertices() == parts.model.surface.vertices());

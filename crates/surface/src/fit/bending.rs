@@ -46,7 +46,7 @@ use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{Metric, Shape, Surface, SurfaceSystem};
-use state::{LaidSheet, Sheet};
+use state::{BentState, Sheet};
 use std::sync::Arc;
 
 /// Relative σ of lengths along a sheet.
@@ -162,7 +162,7 @@ fn follow(
         // The state before is the start, and its displacement is kept smooth, so states are followed one by
         // one.
         let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
-        let laid = sheet.lay(&mut observations, &progress).map_err(|e| match e.kind() {
+        let converged_state = sheet.fit(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e
                 .in_context(
                     "the fit of a bent sheet to all readings of one time failed: check the times of the \
@@ -171,7 +171,7 @@ fn follow(
                 .at(state.name(set)),
             _ => e.at(state.name(set)),
         })?;
-        let LaidSheet { converged, beyond, held } = laid;
+        let BentState { converged, beyond, held } = converged_state;
         let quiet = planish_core::Silent;
         let mut made = finish(FinishInput::new(&scans, &observations, options, origin), converged, &quiet)?
             .translated(origin)?;

@@ -147,7 +147,7 @@ pub(super) fn finish(
     }
     let own_data = match filtered {
         // Beliefs of single patches are no information of the whole.
-        Some(_) => system.nothing()?,
+        Some(_) => system.zero_information()?,
         None => accumulate(&system, &surface, &feet, &information)?,
     };
     let mut model = SurfaceModel {
@@ -247,7 +247,7 @@ impl Finishing<'_> {
     }
 
     /// True if foot `k` belongs to a reading of a sensor, not to one inferred from others.
-    fn is_real(&self, k: usize) -> bool {
+    fn is_measured_foot(&self, k: usize) -> bool {
         self.observations.inferred(self.subset[k] as usize).is_none()
     }
 
@@ -423,14 +423,15 @@ impl Finishing<'_> {
     /// For each leaf of the model, how it is known: measured, inferred, or by the prior alone.
     fn observed(&self, model: &SurfaceModel) -> Vec<Observed> {
         let surface = &model.surface;
-        let own = leaves_with_feet(surface, self.feet, self.information, |k| self.is_real(k));
+        let own = leaves_with_feet(surface, self.feet, self.information, |k| self.is_measured_foot(k));
         let mut measured = with_neighbours(surface.space(), &own);
         if let Some(added) = self.added {
             for (now, other) in measured.iter_mut().zip(&added.observed) {
                 *now |= other;
             }
         }
-        let with_inferred = leaves_with_feet(surface, self.feet, self.information, |k| !self.is_real(k));
+        let with_inferred =
+            leaves_with_feet(surface, self.feet, self.information, |k| !self.is_measured_foot(k));
         let inferred = with_neighbours(surface.space(), &with_inferred);
         // Patches may have been divided since: look up the leaf of the earlier model by its parameters.
         let before = |leaf: usize| {
@@ -461,7 +462,7 @@ impl Finishing<'_> {
             .map(|(cause, n)| (cause.name().to_owned(), *n))
             .collect();
         let causes = (self.feet.iter().zip(self.information).enumerate())
-            .filter(|(k, _)| self.is_real(*k))
+            .filter(|(k, _)| self.is_measured_foot(*k))
             .filter_map(|(_, (foot, &w))| foot.rejection(w));
         for cause in causes {
             *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
@@ -480,7 +481,7 @@ impl Finishing<'_> {
     fn totals(&self) -> Totals {
         // Inferred readings are no measurements: they count neither as observations nor in χ².
         let used: Vec<(&Foot, f64)> = (self.feet.iter().zip(self.information.iter().copied()).enumerate())
-            .filter(|(k, (_, w))| *w > 0.0 && self.is_real(*k))
+            .filter(|(k, (_, w))| *w > 0.0 && self.is_measured_foot(*k))
             .map(|(_, used)| used)
             .collect();
         let others = self.residuals_of_batches();

@@ -67,7 +67,7 @@ pub(super) fn first_surface(
             progress.check("growing", 0.05 + 0.35 * share)
         })
     } else {
-        drape(&base, grid, &points)
+        draped_surface(&base, grid, &points)
     }
 }
 
@@ -128,7 +128,7 @@ fn typical_sigma(observations: &Observations, sample: &[u32]) -> f64 {
 }
 
 /// A smooth surface over the base grid, fitted to the points with their parameters on the base shape held.
-fn drape(base: &BaseShape, grid: [usize; 2], points: &[DVec3]) -> Result<Surface> {
+fn draped_surface(base: &BaseShape, grid: [usize; 2], points: &[DVec3]) -> Result<Surface> {
     let reference = base.surface(grid)?;
     let space = Arc::clone(reference.space());
     let extent = space.extent();

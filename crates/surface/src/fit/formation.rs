@@ -29,7 +29,7 @@ use std::sync::Arc;
 const FIRST_READINGS: usize = 16;
 /// Share of the mean diagonal that is added to it. It keeps directions that few readings leave open at their
 /// final place.
-const HOLD: f64 = 1e-7;
+const DIAGONAL_SHARE: f64 = 1e-7;
 
 /// The posterior after a number of readings.
 pub struct Snapshot {
@@ -123,10 +123,12 @@ pub(super) fn formation_of_global_fit(
     let directions = system.node_normals(surface);
     let of_prior = system.contract(prior, &directions)?;
     let x: Vec<f64> = coordinates(surface.vertices()).to_vec();
-    let mut there = vec![0.0; x.len()];
-    prior.multiply(&x, &mut there)?;
-    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(there.chunks_exact(3)).zip(&directions))
-        .map(|((eta, there), d)| DVec3::new(eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]).dot(*d))
+    let mut product = vec![0.0; x.len()];
+    prior.multiply(&x, &mut product)?;
+    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(product.chunks_exact(3)).zip(&directions))
+        .map(|((eta, product), d)| {
+            DVec3::new(eta[0] - product[0], eta[1] - product[1], eta[2] - product[2]).dot(*d)
+        })
         .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
     let counts = counts(FIRST_READINGS, order.len(), frames);
@@ -152,7 +154,7 @@ pub(super) fn formation_of_global_fit(
         let mut step: Vec<f64> = total.vector().iter().zip(&pull).map(|(a, b)| a + b).collect();
         total.add_scaled(&of_prior, 1.0)?;
         // Few readings leave directions open that the prior does not hold either.
-        let hold = HOLD * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
+        let hold = DIAGONAL_SHARE * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
         total.add_diagonal(hold.max(f64::MIN_POSITIVE));
         let factor = system.factorize_scalar(&total)?;
         factor.solve_in_place(&mut step)?;

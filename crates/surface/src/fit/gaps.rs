@@ -28,8 +28,8 @@ const MIN_GAP_SPACINGS: f64 = 3.0;
 const RING_WIDTHS: [f64; 3] = [1.5, 0.8, 0.4];
 /// Maximum number of readings of a ring, and of points of a gap. Every reading is compared with every such
 /// point.
-const ENOUGH_READINGS: usize = 4000;
-const ENOUGH_PLACES: usize = 300;
+const MAX_READINGS: usize = 4000;
+const MAX_PLACES: usize = 300;
 
 /// A point of the surface in a gap.
 #[derive(Clone, Copy)]
@@ -134,7 +134,7 @@ fn surroundings(
 ) -> (Option<Classification>, Surroundings) {
     // The radius of a disc of the same area.
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
-    let sample: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(ENOUGH_PLACES)).collect();
+    let sample: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(MAX_PLACES)).collect();
     // Distance of each reading from the nearest point of the gap.
     let away: Vec<f64> = used
         .iter()
@@ -152,7 +152,7 @@ fn surroundings(
             .map(|(&k, _)| k)
             .collect();
         let near: Vec<usize> =
-            near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
+            near.iter().copied().step_by(near.len().div_ceil(MAX_READINGS).max(1)).collect();
         let points: Vec<DVec3> =
             near.iter().map(|&k| readings.points[converged.subset[k] as usize]).collect();
         let normals: Vec<DVec3> = near.iter().map(|&k| converged.feet[k].normal).collect();

@@ -39,7 +39,7 @@ const INWARD_SHARE: f64 = 0.3;
 /// of the base.
 const SMOOTHING_CELLS: f64 = 0.6;
 const MAX_STEP_CELLS: f64 = 0.3;
-const DRIFT: f64 = 0.12;
+const MAX_DRIFT: f64 = 0.12;
 const RETRACTION: f64 = 4.0;
 /// Minimum and maximum number of steps of a stage. A stage ends early if no vertex moves by more than 5 % of
 /// a cell.
@@ -235,7 +235,7 @@ impl Stage {
             let draw = (RETRACTION * cell * cell * mean).clamp(-longest, longest);
             d += outside * draw * normal;
         }
-        let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
+        let strength = MAX_DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
         d + drift(du, dv, stretch, strength, longest)
     }
 }

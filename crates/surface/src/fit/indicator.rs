@@ -79,13 +79,13 @@ impl Indicator {
         let mut xy = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         let mut z = xy.clone();
         for (p, n) in points.iter().zip(normals) {
-            let there = density.sample(*p).0;
-            if there <= 0.0 {
+            let local_density = density.sample(*p).0;
+            if local_density <= 0.0 {
                 continue;
             }
             // A sheet of ρ points an area has the blurred density ρ/(√2π σ) on it; the constant drops out of
             // the level set.
-            let a = 1.0 / there * *n;
+            let a = 1.0 / local_density * *n;
             grid.splat(*p, |index, w| {
                 xy[index] += Complex::new(w * a[0], w * a[1]);
                 z[index].re += w * a[2];

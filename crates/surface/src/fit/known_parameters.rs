@@ -14,7 +14,7 @@ mod readings;
 use super::finish::{common_findings, has_uncertain_pose, scan_pose_reports};
 use super::leaves::with_neighbours;
 use super::noise::{
-    ENOUGH_TO_CONTRADICT, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
+    MIN_FOR_CONTRADICTION, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
 };
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
@@ -39,10 +39,10 @@ use readings::{Evaluation, Reading, Readings, TASK};
 const MAX_ROUNDS: u32 = 20;
 /// Relative change of a sensor's variance below which it has converged.
 const CONVERGED_VARIANCE: f64 = 0.01;
-/// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGINAL`] σ
-/// beyond it. Such readings would otherwise alternate without end.
+/// Share of the readings that may still change sides of the gate, if none of them is more than
+/// [`MARGIN_SIGMAS`] σ beyond it. Such readings would otherwise alternate without end.
 const CONVERGED_GATE: f64 = 1e-4;
-const MARGINAL: f64 = 1.0;
+const MARGIN_SIGMAS: f64 = 1.0;
 /// Maximum number of rounds with softened readings, and the relative change of a variance that asks for
 /// another one.
 const BOUNDED_ROUNDS: u32 = 8;
@@ -131,7 +131,7 @@ pub(super) fn fit_known_parameters(
         // A single sensor needs no weighing: a common factor cancels in the restricted likelihood.
         let same_noise = variances.len() == 1 || !far_apart(&now, &variances, CONVERGED_VARIANCE);
         let is_marginal = changed as f64 <= CONVERGED_GATE * total.sums.count() as f64
-            && examined.farthest_new <= options.gate + MARGINAL;
+            && examined.farthest_new <= options.gate + MARGIN_SIGMAS;
         let converged = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
         if converged || round == MAX_ROUNDS {
             readings.set_gated(examined.gated);
@@ -271,7 +271,7 @@ impl Solved {
         let weighted: f64 = self.residuals.iter().zip(&self.variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (self.coordinates() * self.count() as f64 - degrees).max(1.0);
         let estimated = (weighted / (redundant * kept)).max(min_variance(&self.surface, &self.total));
-        let may_contradict = has_redundancy && redundant > ENOUGH_TO_CONTRADICT;
+        let may_contradict = has_redundancy && redundant > MIN_FOR_CONTRADICTION;
         let accepted: Vec<bool> = (0..self.variances.len())
             .map(|s| {
                 let agrees = || {

@@ -128,12 +128,12 @@ fn curves_away(fitted: &Fit) -> bool {
 /// # Errors
 /// `Input` if one states no time, or all state the same.
 pub(crate) fn scans_in_time(set: &ScanSet) -> Result<Vec<usize>> {
-    if let Some(untimed) = set.scans.iter().find(|posed| posed.scan.time_s.is_none()) {
+    if let Some(without_time) = set.scans.iter().find(|posed| posed.scan.time_s.is_none()) {
         return Err(Error::input(
             "expected the time of every scan of a moving object, found none: add `time = 1.5` (seconds) to \
              its [[scan]]",
         )
-        .at(&untimed.scan.name));
+        .at(&without_time.scan.name));
     }
     let time = |k: usize| set.scans[k].scan.time_s.unwrap_or_default();
     let mut order: Vec<usize> = (0..set.scans.len()).collect();

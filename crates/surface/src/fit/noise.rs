@@ -13,7 +13,7 @@ use planish_estimate::{Result, TruncatedNormal, gated_scale};
 pub(super) const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
 /// Redundant readings needed to contradict a stated σ. The standard error of an estimate from 20 is 16 %.
-pub(super) const ENOUGH_TO_CONTRADICT: f64 = 20.0;
+pub(super) const MIN_FOR_CONTRADICTION: f64 = 20.0;
 /// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
 /// readings and their residuals carry no information about σ. See decision 0009.
 pub(super) const MIN_REDUNDANCY: f64 = 0.2;
@@ -170,7 +170,7 @@ impl SensorNoise {
             let may_be_smaller = !observations.channels[channel].correlated_errors;
             let smaller = may_be_smaller && ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
             let off = redundancy > MIN_REDUNDANCY
-                && redundant > ENOUGH_TO_CONTRADICT
+                && redundant > MIN_FOR_CONTRADICTION
                 && (ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error || smaller);
             if !observations.channels[channel].stated {
                 noise.variance_factors[channel] = noise.estimated_factors[channel];

@@ -174,7 +174,7 @@ pub enum Filter {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GroundWidth {
     /// Up to 36 m: houses, and most other objects in a landscape.
-    Usual,
+    Default,
     /// Up to this width, in the unit of the scans.
     Widest(f64),
 }

@@ -45,7 +45,7 @@ const MAX_FIRST: usize = 20_000;
 const MAX_GROWTH: u8 = 2;
 /// Default depth of subdivision beyond the base grid. Every patch has a dense covariance, and each level has
 /// up to four times as many patches.
-const USUAL_DEPTH: u8 = 3;
+const DEFAULT_DEPTH: u8 = 3;
 /// Length of the weak hold that makes the prior proper, in extents of the surface.
 ///
 /// An affine motion costs no thin-plate energy, so a prior without a hold has no covariance. Twice the size
@@ -133,7 +133,7 @@ pub(crate) fn first_fit_of(
     // Patches divide a uniform base grid, so the levels that a ball has grown become that grid.
     let (metric, base_level) = rebased(surface)?;
     // Levels that a ball has grown count towards the depth that the user allows.
-    let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
+    let depth = options.max_depth.map_or(DEFAULT_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
     // limit.
     let of_depth = |depth: u8| FitOptions {
@@ -303,7 +303,7 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<Finding> {
 const MAX_SURFACE_SHARE: f64 = 0.1;
 /// Readings on the measured surface from which the noise of a later session is estimated; with fewer, all
 /// readings are used. The standard error of σ from 200 is 5 %.
-const ENOUGH_FOR_NOISE: usize = 200;
+const MIN_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
 ///
@@ -386,7 +386,7 @@ pub(super) fn update_patches(
             }
         }
     }
-    let noise = if on_known.len() < ENOUGH_FOR_NOISE {
+    let noise = if on_known.len() < MIN_FOR_NOISE {
         SensorNoise::estimate(
             ProjectedReadings { observations, subset: &used, feet: &feet },
             options.gate,
@@ -404,7 +404,7 @@ pub(super) fn update_patches(
     let system = SurfaceSystem::new(surface.space())?;
     let no_readings = ConvergedFit {
         surface: surface.clone(),
-        prior: system.nothing()?,
+        prior: system.zero_information()?,
         system,
         subset: Vec::new(),
         feet: Vec::new(),
@@ -510,7 +510,7 @@ pub(super) fn stream(
     // A division adds three patches; with less room than that the limit stops it.
     let full = core.filter.patches().len() + 3 > max_coefficients / crate::patch_stream::VERTICES_PER_PATCH;
     Ok(ConvergedFit {
-        prior: system.nothing()?,
+        prior: system.zero_information()?,
         system,
         surface,
         subset,

@@ -34,7 +34,7 @@ const FINDING_ITERATIONS: usize = 2;
 const MAX_FINDING_ITERATIONS: usize = 8;
 /// An early round ends once the mean square step is below this many variances of the surface. The next
 /// round changes the surface by more than that, so further iterations would be wasted.
-const FOUND_STEP: f64 = 30.0;
+const EARLY_ROUND_STEP: f64 = 30.0;
 /// Maximum number of iterations of the last round, without and with unknown poses of scans.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
@@ -198,19 +198,19 @@ pub(super) fn refine_to_noise(
             let fit = state.converged(system)?;
             return Ok(ConvergedFit { reached_limit, reached_tolerance, refined, ..fit });
         }
-        let verdict = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
+        let division = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
         let space = state.surface.space();
-        reached_tolerance |= options.tolerance.is_some() && verdict.by_residuals == 0;
+        reached_tolerance |= options.tolerance.is_some() && division.by_residuals == 0;
         // Some leaves are significant by chance. Dividing them would create new ones of the same kind,
         // without end.
-        if verdict.misfits.len() < chance_misfits(space) {
+        if division.misfits.len() < chance_misfits(space) {
             is_last = true;
             continue;
         }
         // Worst first: if the limit of coefficients stops the division, the next round is the last.
-        let (finer, divided) = divided_within_budget(space, &verdict.misfits, options.max_coefficients);
-        let all = divided == verdict.misfits.len();
-        log_divisions(&mut refined, space, &finer, &verdict.misfits[..divided]);
+        let (finer, divided) = divided_within_budget(space, &division.misfits, options.max_coefficients);
+        let all = divided == division.misfits.len();
+        log_divisions(&mut refined, space, &finer, &division.misfits[..divided]);
         reached_limit = !all;
         is_last = !all || finer.node_count() == space.node_count();
         state.surface = state.surface.refined(finer.into())?;
@@ -219,7 +219,7 @@ pub(super) fn refine_to_noise(
 }
 
 /// Leaves that should be divided.
-struct Verdict {
+struct LeavesToDivide {
     misfits: Vec<Misfit>,
     /// Number of misfits before roughness is considered.
     by_residuals: usize,
@@ -244,11 +244,11 @@ impl Refinement<'_> {
     fn find_parameters(&mut self, sample: &[u32], round: Round) -> Result<()> {
         let again = if round.is_last { std::mem::take(&mut self.outside) } else { Vec::new() };
         let new = sample.iter().copied().filter(|&i| self.at[i as usize][0].is_nan());
-        let sought: Vec<u32> = new.chain(again).collect();
-        if !sought.is_empty() {
+        let searched: Vec<u32> = new.chain(again).collect();
+        if !searched.is_empty() {
             let search = FootPointSearch::new(&self.surface, 2, 0.1 * surface_extent(&self.surface))?;
             let factors = &self.noise.variance_factors;
-            project(&self.surface, self.observations, &sought, &mut self.at, Some(&search), factors);
+            project(&self.surface, self.observations, &searched, &mut self.at, Some(&search), factors);
         }
         Ok(())
     }
@@ -290,7 +290,7 @@ impl Refinement<'_> {
             self.projected += sample.len();
             let rest = self.step(&mut equations, sample, round, progress)?;
             let is_found =
-                !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND_STEP;
+                !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < EARLY_ROUND_STEP;
             if rest.has_converged || is_found {
                 break;
             }
@@ -365,7 +365,7 @@ impl Refinement<'_> {
         system: &SurfaceSystem,
         sample: &[u32],
         factor: Option<&CholeskyFactor>,
-    ) -> Result<Verdict> {
+    ) -> Result<LeavesToDivide> {
         let options = self.options;
         // The last step has moved the surface since its feet were found.
         let feet = self.project(sample);
@@ -403,7 +403,7 @@ impl Refinement<'_> {
                 deepest(options),
             ));
         }
-        Ok(Verdict { misfits, by_residuals })
+        Ok(LeavesToDivide { misfits, by_residuals })
     }
 
     /// The fit of the last round, with the feet, the noise and the prior of the final surface.

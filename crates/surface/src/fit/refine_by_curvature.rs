@@ -72,7 +72,7 @@ pub(super) fn leaves_of_varying_curvature(
                 leaf,
                 cause: Cause::Curvature,
                 severity: variation,
-                corner: most_deviating_corner(surface, leaf, &around),
+                corner: corner_of_max_deviation(surface, leaf, &around),
             });
         }
     }
@@ -98,7 +98,7 @@ fn curvature_with_sigma(
 }
 
 /// Signs of the corner of a leaf whose curvature deviates most from the mean around it.
-fn most_deviating_corner(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
+fn corner_of_max_deviation(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
     let mean = around.iter().map(|[k, _]| k).sum::<f64>() / around.len() as f64;
     let off = |[s, t]: [f64; 2]| {
         // The middles of the four leaves that a division would make.

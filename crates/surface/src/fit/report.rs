@@ -91,7 +91,7 @@ impl FitReport {
 
 /// [`FitReport::rejected_readings`] of a table of causes.
 pub(super) fn rejected_readings(rejected: &BTreeMap<String, usize>) -> usize {
-    let unwanted = [RejectionCause::Class, RejectionCause::AboveGround]
+    let out_of_scope = [RejectionCause::Class, RejectionCause::AboveGround]
         .map(|cause| rejected.get(cause.name()).copied().unwrap_or(0));
-    rejected.values().sum::<usize>() - unwanted.iter().sum::<usize>()
+    rejected.values().sum::<usize>() - out_of_scope.iter().sum::<usize>()
 }

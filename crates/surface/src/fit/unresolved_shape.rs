@@ -44,10 +44,10 @@ pub struct UnresolvedShape {
 impl UnresolvedShape {
     /// From mean squares and areas of the leaves; none if all are zero.
     pub(super) fn from_leaves(squares: &[f64], areas: &[f64]) -> Option<Self> {
-        let there = || squares.iter().zip(areas).filter(|(square, _)| **square > 0.0);
-        let area: f64 = there().map(|(_, area)| area).sum();
+        let unresolved = || squares.iter().zip(areas).filter(|(square, _)| **square > 0.0);
+        let area: f64 = unresolved().map(|(_, area)| area).sum();
         (area > 0.0).then(|| Self {
-            rms: (there().map(|(square, area)| square * area).sum::<f64>() / area).sqrt(),
+            rms: (unresolved().map(|(square, area)| square * area).sum::<f64>() / area).sqrt(),
             area_fraction: area / areas.iter().sum::<f64>(),
         })
     }

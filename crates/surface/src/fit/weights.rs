@@ -7,7 +7,7 @@ use crate::observe::{Foot, FootState, ProjectedReadings, Quantity};
 ///
 /// A smaller bound slows the search, since most distant readings are shape that is still missing. A larger
 /// one lets gross errors drag the surface along.
-const BOUNDED: f64 = 2.5;
+const BOUNDED_FROM_SIGMAS: f64 = 2.5;
 
 /// The weight of the thin plate that smooths over `length`: information of positions per area times the
 /// fourth power of the length, of normals times its square, of curvatures as it is.
@@ -64,7 +64,7 @@ pub(super) fn weights_with_surface_variance(
                 let above = readings.observations.intake.ground
                     && foot.quantity == Quantity::Position
                     && foot.height() * foot.normal[2] > 0.0;
-                let softened = match r / BOUNDED {
+                let softened = match r / BOUNDED_FROM_SIGMAS {
                     far if far <= 1.0 => 1.0,
                     // What is left of objects on the ground lies above it: the farther, the less it pulls.
                     far if above => 1.0 / (1.0 + (far - 1.0).powi(2) * far),

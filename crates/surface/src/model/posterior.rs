@@ -26,20 +26,20 @@ pub struct Posterior<'a> {
 /// The covariance of vertices of a surface that share a leaf.
 pub enum NodeCovariance {
     /// Of the nodes, from the information of the whole surface.
-    Nodes(WholeCovariance),
+    Nodes(GlobalCovariance),
     /// Of the coefficients of each patch of a patch filter.
     Patches(Arc<PatchFilter>),
 }
 
 /// The covariance of nodes that share a leaf, from the information of the whole surface.
-pub struct WholeCovariance {
+pub struct GlobalCovariance {
     pub(super) inverse: SelectedInverse,
     pub(super) motion: VertexMotion,
     /// What poses and biases of scans add: `G Gᵀ`, with a row of `G` for each node.
     pub(super) shared: Option<ScanErrorRows>,
 }
 
-/// The rows of `G`: see [`WholeCovariance`].
+/// The rows of `G`: see [`GlobalCovariance`].
 pub(super) struct ScanErrorRows {
     pub(super) bordered: Bordered,
     pub(super) rows: Vec<f64>,
@@ -99,13 +99,13 @@ impl NodeCovariance {
 
     /// From the inverse of the information of vertices with the given motion.
     pub(crate) fn of_motion(inverse: SelectedInverse, motion: VertexMotion) -> Self {
-        Self::Nodes(WholeCovariance { inverse, motion, shared: None })
+        Self::Nodes(GlobalCovariance { inverse, motion, shared: None })
     }
 
     /// The equations of poses and biases, with the vertices eliminated.
     pub(crate) fn scan_errors(&self) -> Option<&Bordered> {
         match self {
-            Self::Nodes(whole) => whole.shared.as_ref().map(|shared| &shared.bordered),
+            Self::Nodes(covariance) => covariance.shared.as_ref().map(|shared| &shared.bordered),
             Self::Patches(_) => None,
         }
     }
@@ -118,12 +118,12 @@ impl NodeCovariance {
         stated: &[f64],
     ) -> Result<(Self, Vec<f64>)> {
         match self {
-            Self::Nodes(WholeCovariance { inverse, motion, shared: Some(shared) }) => {
+            Self::Nodes(GlobalCovariance { inverse, motion, shared: Some(shared) }) => {
                 // The rows of `G` follow from the reduced equations of the scans, so they are made anew.
                 let (bordered, change) = shared.bordered.without_noise(noise, stated)?;
                 let shared = Some(ScanErrorRows { rows: bordered.shared_rows(), bordered });
-                let whole = WholeCovariance { inverse, motion, shared };
-                Ok((Self::Nodes(whole), change))
+                let covariance = GlobalCovariance { inverse, motion, shared };
+                Ok((Self::Nodes(covariance), change))
             }
             other => Ok((other, Vec::new())),
         }
@@ -132,7 +132,7 @@ impl NodeCovariance {
     /// `tr(Σ Λ)` for information `Λ` of three coordinates: the degrees of freedom that it determines.
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
         let directions = |axis| vec![axis; system.space().node_count()];
-        let Self::Nodes(WholeCovariance { inverse, motion, .. }) = self else {
+        let Self::Nodes(GlobalCovariance { inverse, motion, .. }) = self else {
             return Err(Error::unsupported("patches have no covariance between distant vertices"));
         };
         match motion {
@@ -179,8 +179,8 @@ impl<'a> Posterior<'a> {
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let unresolved_shape = self.unresolved_shape.get(leaf).copied().unwrap_or(0.0);
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
-        let WholeCovariance { inverse, motion, shared } = match &*self.covariance {
-            NodeCovariance::Nodes(whole) => whole,
+        let GlobalCovariance { inverse, motion, shared } = match &*self.covariance {
+            NodeCovariance::Nodes(covariance) => covariance,
             NodeCovariance::Patches(filter) => {
                 return Ok(LeafCovariance {
                     weights: &IDENTITY_WEIGHTS,

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn usual_numbers_pass_and_distant_clouds_give_a_warning() {
+    fn typical_numbers_pass_and_distant_clouds_give_a_warning() {
         assert!(check_domain(&set(|_, _| {}), "job.toml").unwrap().is_empty());
         assert!(
             check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml").unwrap().is_empty()

@@ -289,13 +289,13 @@ impl Observations {
     }
 
     /// Rejects the marked points and counts them.
-    pub(super) fn reject(&mut self, gone: &[bool], cause: RejectionCause) {
-        let count = gone.iter().filter(|&&g| g).count();
+    pub(super) fn reject(&mut self, dropped: &[bool], cause: RejectionCause) {
+        let count = dropped.iter().filter(|&&g| g).count();
         if count == 0 {
             return;
         }
         *self.intake.rejected.entry(cause).or_insert(0) += count;
-        self.readings.drop_marked(gone);
+        self.readings.drop_marked(dropped);
     }
 
     /// Moves the origin near the points if they are far from it, and returns the new origin. The move is

@@ -41,10 +41,10 @@ const FREE_ROTATION: f64 = 1.0;
 const MAX_STEP: f64 = 0.1;
 /// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
 /// See decision 0014.
-const DETERMINED: f64 = 0.05;
+const MIN_VARIANCE_REDUCTION: f64 = 0.05;
 /// Step of central differences by rotation, in radians: their error is about its square, and rounding about
 /// 1e-16 over it.
-const DIFFERENCE: f64 = 1e-5;
+const DIFFERENCE_STEP: f64 = 1e-5;
 
 /// Derivatives of the residuals of one reading by the unknowns of its scan.
 type Rows = [[f64; UNKNOWNS]; 3];
@@ -164,10 +164,11 @@ impl ScanError {
     /// Information that was stated about the unknowns, and the gradient of its term.
     fn prior(&self) -> (Vec<f64>, Vec<f64>) {
         let (j, w, e) = (self.derivative(), self.stated_information(), self.deviation());
-        let of = |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
+        let information_of =
+            |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
         let pull = |a: usize| -(0..UNKNOWNS).map(|k| j[k][a] * w[k] * e[k]).sum::<f64>();
         let own = || self.unknowns.iter().copied();
-        (own().flat_map(|a| own().map(move |b| of(a, b))).collect(), own().map(pull).collect())
+        (own().flat_map(|a| own().map(move |b| information_of(a, b))).collect(), own().map(pull).collect())
     }
 
     /// The ray through a point, if it is known.
@@ -200,9 +201,9 @@ impl ScanError {
                             &measured.turned(&Pose::from_rotation_vector(omega, DVec3::ZERO)),
                         )
                     };
-                    if let (Some(more), Some(less)) = (turned(DIFFERENCE), turned(-DIFFERENCE)) {
+                    if let (Some(more), Some(less)) = (turned(DIFFERENCE_STEP), turned(-DIFFERENCE_STEP)) {
                         for r in 0..3 {
-                            rows[r][ROTATION + axis] = (more[r] - less[r]) / (2.0 * DIFFERENCE);
+                            rows[r][ROTATION + axis] = (more[r] - less[r]) / (2.0 * DIFFERENCE_STEP);
                         }
                     }
                 }

@@ -17,7 +17,7 @@ const PROBES: usize = 8;
 /// Feet that one task takes: fixed, so that the number of threads does not change the sums.
 const CHUNK: usize = 4096;
 /// Share of the mean diagonal that is added to it: rounding must not make the matrix indefinite.
-const RIDGE: f64 = 1e-10;
+const DIAGONAL_SHARE: f64 = 1e-10;
 
 /// The equations of a step.
 pub(crate) struct StepInput<'a> {
@@ -85,7 +85,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
         *value *= weight;
     }
     matrix.add_scaled(&data, 1.0)?;
-    let ridge = RIDGE * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
+    let ridge = DIAGONAL_SHARE * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
     let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
         ErrorKind::Undetermined => Error::undetermined(format!(
@@ -141,9 +141,9 @@ fn pull_of_prior(input: &StepInput<'_>) -> Result<Vec<f64>> {
         *p = weight * (eta - *p);
     }
     if let Some(earlier) = earlier {
-        let mut there = vec![0.0; x.len()];
-        earlier.multiply(&x, &mut there)?;
-        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&there) {
+        let mut product = vec![0.0; x.len()];
+        earlier.multiply(&x, &mut product)?;
+        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&product) {
             *p += eta - t;
         }
     }

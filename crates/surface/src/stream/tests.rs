@@ -93,8 +93,8 @@ fn gross_errors_are_rejected_and_wrong_files_refused() {
     let all = readings(1500, 3);
     let mut stream = SurfaceStream::start(&all[..1000], &options()).unwrap();
     let before = stream.nearest(DVec3::new(5.0, 4.0, 0.0));
-    let wild = Reading::position(DVec3::new(5.0, 4.0, 2.0), SIGMA);
-    assert_eq!(stream.push(&wild).unwrap(), Some(RejectionCause::Outlier));
+    let outlier = Reading::position(DVec3::new(5.0, 4.0, 2.0), SIGMA);
+    assert_eq!(stream.push(&outlier).unwrap(), Some(RejectionCause::Outlier));
     assert_eq!(stream.nearest(DVec3::new(5.0, 4.0, 0.0)), before);
     let beyond = Reading::position(DVec3::new(30.0, 4.0, 0.0), SIGMA);
     assert_eq!(stream.push(&beyond).unwrap(), Some(RejectionCause::BeyondBorder));

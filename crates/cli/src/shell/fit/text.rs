@@ -109,7 +109,7 @@ fn frames(lines: &mut Lines, report: &ShellFitReport) {
                 shown(frame.rms_points),
                 shown(frame.rms_silhouettes_px),
                 shown(frame.iou),
-                shown(frame.surprise),
+                shown(frame.prediction_error),
                 significant(frame.sigma, 3),
             ]
         })

@@ -14,8 +14,8 @@ pub(super) fn polygon(points: &[[f64; 2]], count: usize) -> Option<Vec<f64>> {
     while corners.len() > count {
         let n = corners.len();
         let area = |i: usize| turn(corners[(i + n - 1) % n], corners[i], corners[(i + 1) % n]);
-        let least = (0..n).min_by(|&a, &b| area(a).total_cmp(&area(b)))?;
-        corners.remove(least);
+        let smallest = (0..n).min_by(|&a, &b| area(a).total_cmp(&area(b)))?;
+        corners.remove(smallest);
     }
     (corners.len() == count).then(|| corners.into_iter().flatten().collect())
 }

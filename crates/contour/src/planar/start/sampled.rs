@@ -14,7 +14,7 @@ const MAX_POINTS: usize = 400;
 /// Ratio of the standard deviation to the median absolute value of a normal distribution.
 const NORMAL: f64 = 1.4826;
 /// Points within this many standard deviations take part in the final fit.
-const NEAR: f64 = 2.5;
+const INLIER_SIGMAS: f64 = 2.5;
 
 /// Fits a curve to points; `None` if it cannot.
 type Fit<'a> = dyn Fn(&[[f64; 2]]) -> Option<Vec<f64>> + 'a;
@@ -73,7 +73,7 @@ impl Curve<'_> {
         let near: Vec<[f64; 2]> = points
             .iter()
             .copied()
-            .filter(|p| (self.distance)(&curve, *p).abs() <= NEAR * NORMAL * median)
+            .filter(|p| (self.distance)(&curve, *p).abs() <= INLIER_SIGMAS * NORMAL * median)
             .collect();
         // Refitting reduces the scatter of a curve through few points. It is dropped if it fits half of the
         // points worse, as when structured outliers were included.

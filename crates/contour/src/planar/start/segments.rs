@@ -164,9 +164,9 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
                 Some((cost, kind, theta))
             })
             .collect();
-    let least = found.iter().map(|one| one.0).fold(f64::INFINITY, f64::min);
+    let min_cost = found.iter().map(|one| one.0).fold(f64::INFINITY, f64::min);
     // Each chain costs a complete fit.
-    found.retain(|one| one.0 <= least || one.1.pieces() <= FEW_PIECES);
+    found.retain(|one| one.0 <= min_cost || one.1.pieces() <= FEW_PIECES);
     found.into_iter().map(|(_, kind, theta)| (kind, theta)).collect()
 }
 

@@ -4,7 +4,7 @@
 //! constant time, which the dynamic program needs. Not guaranteed: the right order for outlines that cross
 //! themselves or come near themselves.
 
-use super::super::parts::usual_gap;
+use super::super::parts::typical_gap;
 use super::super::reading::{ContourReading, ContourTarget};
 use super::{circle, mean};
 use planish_core::BoundingBox;
@@ -202,7 +202,7 @@ impl Sequence {
             }
         }
         let (_, gap, mut order) = best;
-        if gap <= usual_gap(readings) {
+        if gap <= typical_gap(readings) {
             return None;
         }
         let (first, last) = (points[*order.first()?], points[*order.last()?]);

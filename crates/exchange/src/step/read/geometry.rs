@@ -87,8 +87,8 @@ impl Geometry<'_, '_> {
         let origin = self.point(entity.reference(1)?)?;
         let z = self.direction_or(entity.optional(2)?, DVec3::Z)?;
         // Without a second direction, any one that is far from parallel to z will do.
-        let aside = if z[0].abs() < 0.9 { DVec3::X } else { DVec3::Y };
-        let wanted = self.direction_or(entity.optional(3)?, aside)?;
+        let fallback = if z[0].abs() < 0.9 { DVec3::X } else { DVec3::Y };
+        let wanted = self.direction_or(entity.optional(3)?, fallback)?;
         let Some(x) = (wanted - wanted.dot(z) * z).try_normalize() else {
             return Err(entity.wrong("expected two directions that are not parallel, found parallel ones"));
         };
@@ -318,10 +318,10 @@ impl Geometry<'_, '_> {
                 ]
             }
             None => {
-                let of = |degree: usize, n: usize| {
+                let default_knots = |degree: usize, n: usize| {
                     implied_knots(parts, "SURFACE", degree, n).ok_or_else(|| first.wrong("has no knots"))
                 };
-                [of(degrees[0], n_u)?, of(degrees[1], n_v)?]
+                [default_knots(degrees[0], n_u)?, default_knots(degrees[1], n_v)?]
             }
         };
         let weights = part(parts, "RATIONAL_B_SPLINE_SURFACE")

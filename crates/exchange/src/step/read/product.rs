@@ -116,7 +116,7 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
     };
     // Subtypes of the measure differ by exporter; each has a value and its unit.
     let measure = index.parts(based.reference(1)?)?;
-    let (value, of) = match measure.as_slice() {
+    let (value, unit) = match measure.as_slice() {
         [one] => (one.number(0)?, one.reference(1)?),
         several => {
             let with_unit = part(several, "MEASURE_WITH_UNIT")
@@ -125,7 +125,7 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
         }
     };
     // A unit of another kind as the base counts as the SI unit.
-    let base = size_of_unit(index, of, depth + 1)?.map_or(1.0, |(_, size)| size);
+    let base = size_of_unit(index, unit, depth + 1)?.map_or(1.0, |(_, size)| size);
     match value > 0.0 {
         true => Ok(Some((kind, value * base))),
         false => Err(based.wrong(&format!("expected a factor > 0, found {value}"))),
@@ -259,8 +259,8 @@ impl Products {
     /// Representations, plain ones last. These may repeat items of others, for example to attach a note, so
     /// the others claim their items first.
     pub(super) fn specialised_first(&self) -> impl Iterator<Item = (&u64, &Representation)> {
-        let of = |plain: bool| self.representations.iter().filter(move |(_, r)| r.is_plain == plain);
-        of(false).chain(of(true))
+        let selected = |plain: bool| self.representations.iter().filter(move |(_, r)| r.is_plain == plain);
+        selected(false).chain(selected(true))
     }
 
     /// First of the representations that share a frame with the given one.
@@ -274,12 +274,12 @@ impl Products {
     /// All placements of each representation.
     ///
     /// # Errors
-    /// `Input` if an assembly contains itself; `Unsupported` if it has more than `most` parts.
+    /// `Input` if an assembly contains itself; `Unsupported` if it has more than `max_parts` parts.
     pub(super) fn places(
         &self,
         index: &Index,
         length: &dyn Fn(&Units) -> f64,
-        most: usize,
+        max_parts: usize,
     ) -> Result<BTreeMap<u64, Vec<Motion>>> {
         let mut children: HashMap<u64, Vec<(u64, Motion)>> = HashMap::new();
         let mut is_child: HashMap<u64, bool> = HashMap::new();
@@ -306,9 +306,9 @@ impl Products {
                         "#{id}: expected a tree of parts, found an assembly that contains itself"
                     )));
                 }
-                if total > most {
+                if total > max_parts {
                     return Err(Error::unsupported(format!(
-                        "expected an assembly of at most {most} parts, found more"
+                        "expected an assembly of at most {max_parts} parts, found more"
                     )));
                 }
                 places.entry(id).or_default().push(motion);
@@ -321,8 +321,8 @@ impl Products {
         if places.is_empty() && !self.representations.is_empty() {
             return Err(Error::input("expected a tree of parts, found an assembly that contains itself"));
         }
-        let of = |id: &u64| places.get(&self.first_of(*id)).cloned().unwrap_or_default();
-        Ok(self.representations.keys().map(|id| (*id, of(id))).collect())
+        let placements_of = |id: &u64| places.get(&self.first_of(*id)).cloned().unwrap_or_default();
+        Ok(self.representations.keys().map(|id| (*id, placements_of(id))).collect())
     }
 
     /// Map from the coordinates of a child to those of its parent.

@@ -121,7 +121,7 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    fn while_is(&mut self, is: impl Fn(u8) -> bool) -> &'a [u8] {
+    fn take_while(&mut self, is: impl Fn(u8) -> bool) -> &'a [u8] {
         let from = self.at;
         while self.bytes.get(self.at).is_some_and(|b| is(*b)) {
             self.at += 1;
@@ -132,7 +132,7 @@ impl<'a> Cursor<'a> {
     fn keyword(&mut self) -> Result<&'a str> {
         self.skip();
         // `!` begins user-defined keywords.
-        let word = self.while_is(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'!');
+        let word = self.take_while(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'!');
         match std::str::from_utf8(word) {
             Ok(word) if !word.is_empty() => Ok(word),
             _ => Err(self.found("a keyword")),
@@ -183,13 +183,13 @@ impl<'a> Cursor<'a> {
             }
             Some(b'.') => {
                 self.at += 1;
-                let name = self.while_is(|b| b.is_ascii_alphanumeric() || b == b'_');
+                let name = self.take_while(|b| b.is_ascii_alphanumeric() || b == b'_');
                 self.expect(b'.')?;
                 Ok(Value::Name(name))
             }
             Some(b'+' | b'-' | b'0'..=b'9') => {
                 let text =
-                    self.while_is(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
+                    self.take_while(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
                 // Rust parses `1.` and `1.E-7`, as STEP writes reals.
                 let number = std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok());
                 match number {
@@ -209,7 +209,7 @@ impl<'a> Cursor<'a> {
     }
 
     fn number_of_instance(&mut self) -> Result<u64> {
-        let digits = self.while_is(|b| b.is_ascii_digit());
+        let digits = self.take_while(|b| b.is_ascii_digit());
         std::str::from_utf8(digits)
             .ok()
             .and_then(|d| d.parse().ok())
@@ -280,7 +280,7 @@ impl<'a> Index<'a> {
                     sections += 1;
                 }
                 t if t.starts_with(b"ENDSEC") => is_data = false,
-                t if t.starts_with(b"END-ISO-10303-21") => return index.whole(sections),
+                t if t.starts_with(b"END-ISO-10303-21") => return index.checked(sections),
                 _ if is_data => {
                     return Err(named(Error::input("expected an instance `#n = …;` or `ENDSEC;`")));
                 }
@@ -298,7 +298,7 @@ impl<'a> Index<'a> {
         )
     }
 
-    fn whole(self, sections: usize) -> Result<Self> {
+    fn checked(self, sections: usize) -> Result<Self> {
         match sections {
             0 => Err(Error::input("expected a DATA section, found none")),
             _ => Ok(self),

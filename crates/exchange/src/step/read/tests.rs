@@ -37,7 +37,7 @@ fn a_rounded_box_in_inches_is_closed_and_has_the_right_volume() {
     let faces = read_step(&data("rounded_box")).unwrap();
     assert_eq!(faces.unit(), Some(Unit::Inch));
     let mesh = triangles(&faces, 1e-4);
-    assert_eq!((mesh.parts.len(), mesh.faces, mesh.left_out.len()), (1, 27, 0));
+    assert_eq!((mesh.parts.len(), mesh.faces, mesh.unreadable.len()), (1, 27, 0));
     let (area, volume, check) = measured(&mesh.parts[0]);
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
     near(area, 5091.61042 / 25.4_f64.powi(2), 1e-3);
@@ -58,7 +58,7 @@ fn bodies_of_revolution_are_closed_and_have_the_right_volumes() {
         (245.044227, 282.743339),
         (1314.10348, 2330.61531),
     ];
-    assert_eq!((mesh.parts.len(), mesh.left_out.len()), (truth.len(), 0));
+    assert_eq!((mesh.parts.len(), mesh.unreadable.len()), (truth.len(), 0));
     for (part, (area, volume)) in mesh.parts.iter().zip(truth) {
         let (a, v, check) = measured(part);
         assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
@@ -74,7 +74,7 @@ fn trimmed_splines_and_swept_surfaces_have_the_right_areas() {
     near(area, 2076.9474, 1e-3);
     assert_eq!((sheet.faces, check.boundary_loops, check.euler_characteristic), (1, 2, 0));
     let swept = triangles(&read_step(&data("swept")).unwrap(), 1e-4);
-    assert_eq!((swept.parts.len(), swept.left_out.len()), (3, 0));
+    assert_eq!((swept.parts.len(), swept.unreadable.len()), (3, 0));
     for (part, truth) in swept.parts.iter().zip([1541.09833, 606.299149, 359.826064]) {
         near(measured(part).0, truth, 2e-3);
     }
@@ -184,7 +184,7 @@ fn polygonal_loops_and_bare_surfaces_are_read() {
         #83=GEOMETRIC_SET('',(#82));\n";
     let faces = StepFaces::from_bytes(file("#1", "#2", "#81,#83", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-4);
-    assert_eq!((mesh.parts.len(), mesh.faces, mesh.left_out.len()), (2, 5, 0));
+    assert_eq!((mesh.parts.len(), mesh.faces, mesh.unreadable.len()), (2, 5, 0));
     let (area, volume, check) = measured(&mesh.parts[0]);
     assert!(check.watertight && check.oriented);
     near(area, 1.5 + 0.75_f64.sqrt(), 1e-12);
@@ -223,9 +223,9 @@ fn unreadable_faces_are_reported_and_the_rest_is_kept() {
             .T.);\n";
     let faces = StepFaces::from_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-3);
-    assert_eq!((mesh.faces, mesh.left_out.len()), (1, 2));
-    assert_eq!(mesh.left_out[0], "face #50: expected the instance #99, found none");
-    assert!(mesh.left_out[1].contains("#51 HELIX_SURFACE: this kind of surface is not supported"));
+    assert_eq!((mesh.faces, mesh.unreadable.len()), (1, 2));
+    assert_eq!(mesh.unreadable[0], "face #50: expected the instance #99, found none");
+    assert!(mesh.unreadable[1].contains("#51 HELIX_SURFACE: this kind of surface is not supported"));
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("part.stp");

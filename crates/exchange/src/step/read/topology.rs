@@ -18,7 +18,7 @@ use std::collections::HashMap;
 pub(super) struct Read {
     pub(super) shape: ParametricShape,
     /// Names of unreadable faces, each with the reason.
-    pub(super) left_out: Vec<(String, String)>,
+    pub(super) unreadable: Vec<(String, String)>,
 }
 
 /// Builds a shape from faces.
@@ -52,7 +52,7 @@ impl<'b, 'a> Builder<'b, 'a> {
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.read.shape.faces.is_empty() && self.read.left_out.is_empty()
+        self.read.shape.faces.is_empty() && self.read.unreadable.is_empty()
     }
 
     fn index(&self) -> &'b Index<'a> {
@@ -132,14 +132,14 @@ impl<'b, 'a> Builder<'b, 'a> {
                 is_outward: true,
                 loops: Vec::new(),
             }),
-            Err(e) => self.read.left_out.push((name, e.to_string())),
+            Err(e) => self.read.unreadable.push((name, e.to_string())),
         }
     }
 
     fn add_face(&mut self, id: u64, forward: bool) {
         match self.face(id, forward, 0) {
             Ok(face) => self.read.shape.faces.push(face),
-            Err(e) => self.read.left_out.push((format!("#{id}"), e.to_string())),
+            Err(e) => self.read.unreadable.push((format!("#{id}"), e.to_string())),
         }
     }
 

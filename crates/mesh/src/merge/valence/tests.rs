@@ -21,10 +21,10 @@ fn flips_reduce_high_valences_and_keep_the_surface() {
             continue;
         }
         let pair = [triangles[2 * square], triangles[2 * square + 1]];
-        let lone = |k: usize| *pair[k].iter().find(|v| !pair[1 - k].contains(v)).unwrap();
+        let unshared = |k: usize| *pair[k].iter().find(|v| !pair[1 - k].contains(v)).unwrap();
         let flipped = |k: usize| {
-            let at = pair[k].iter().position(|v| *v == lone(k)).unwrap();
-            [pair[k][at], pair[k][(at + 1) % 3], lone(1 - k)]
+            let at = pair[k].iter().position(|v| *v == unshared(k)).unwrap();
+            [pair[k][at], pair[k][(at + 1) % 3], unshared(1 - k)]
         };
         triangles[2 * square] = flipped(0);
         triangles[2 * square + 1] = flipped(1);
@@ -54,8 +54,8 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
     for seed in 0..20 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut triangles = ball.triangles.clone();
-        let everywhere = vec![true; ball.positions.len()];
-        let mut net = Net::new(&ball.positions, &mut triangles, &everywhere, 0);
+        let all_free = vec![true; ball.positions.len()];
+        let mut net = FlipMesh::new(&ball.positions, &mut triangles, &all_free, 0);
         for half in 0..net.opposite.len() as u32 {
             let middle = net.positions[net.corner(half) as usize];
             if middle[2].abs() < 0.04

@@ -30,13 +30,13 @@ const MIN_CELLS: usize = 30;
 /// A vertex of one patch and its foot point on another.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
-    pub here: usize,
-    pub there: usize,
+    pub patch: usize,
+    pub other: usize,
     place: DVec3,
     /// The mean of both normals, and half their difference.
     normal: DVec3,
     lean: DVec3,
-    /// Signed distance of `here` above `there`.
+    /// Signed distance of `patch` above `other`.
     pub distance: f64,
     /// σ of the difference of one vertex and its foot point.
     sigma: f64,
@@ -76,14 +76,14 @@ pub(super) fn residuals(sides: &[Side], reach: f64) -> Vec<Residual> {
         _ => false,
     };
     let mut all = Vec::new();
-    for (i, here) in sides.iter().enumerate() {
-        for (j, there) in sides.iter().enumerate().filter(|(j, _)| *j != i && near(i, *j)) {
+    for (i, side) in sides.iter().enumerate() {
+        for (j, other) in sides.iter().enumerate().filter(|(j, _)| *j != i && near(i, *j)) {
             // Into the frame of the other patch, so that its search structure need not be rebuilt in every
             // round.
-            let back = there.pose.inverse().after(&here.pose);
-            let vertices: Vec<usize> = (0..here.patch.mesh.positions.len()).step_by(here.stride).collect();
+            let back = other.pose.inverse().after(&side.pose);
+            let vertices: Vec<usize> = (0..side.patch.mesh.positions.len()).step_by(side.stride).collect();
             all.par_extend(
-                vertices.par_iter().filter_map(|&v| residual([i, j], here, there, &back, v, reach)),
+                vertices.par_iter().filter_map(|&v| residual([i, j], side, other, &back, v, reach)),
             );
         }
     }
@@ -92,46 +92,46 @@ pub(super) fn residuals(sides: &[Side], reach: f64) -> Vec<Residual> {
 
 fn residual(
     [i, j]: [usize; 2],
-    here: &Side,
-    there: &Side,
+    side: &Side,
+    other: &Side,
     back: &Pose,
     vertex: usize,
     reach: f64,
 ) -> Option<Residual> {
-    if !here.within[vertex] {
+    if !side.within[vertex] {
         return None;
     }
-    let p = back.apply(here.patch.mesh.positions[vertex]);
-    let mine = back.rotate(here.normals[vertex]);
-    let foot = (there.search).closest_compatible_within(p, mine, MAX_ANGLE_RAD, reach)?;
-    let mesh = &there.patch.mesh;
+    let p = back.apply(side.patch.mesh.positions[vertex]);
+    let own_normal = back.rotate(side.normals[vertex]);
+    let foot = (other.search).closest_compatible_within(p, own_normal, MAX_ANGLE_RAD, reach)?;
+    let mesh = &other.patch.mesh;
     let corners = mesh.triangles[foot.triangle as usize].map(|v| v as usize);
     // Both sides must be away from a border.
-    if !corners.iter().all(|v| there.within[*v]) {
+    if !corners.iter().all(|v| other.within[*v]) {
         return None;
     }
-    let theirs =
-        (corners.iter().zip(foot.barycentric)).fold(DVec3::ZERO, |sum, (v, b)| sum + b * there.normals[*v]);
-    let theirs = theirs.try_normalize()?;
-    let normal = (mine + theirs).try_normalize()?;
+    let other_normal =
+        (corners.iter().zip(foot.barycentric)).fold(DVec3::ZERO, |sum, (v, b)| sum + b * other.normals[*v]);
+    let other_normal = other_normal.try_normalize()?;
+    let normal = (own_normal + other_normal).try_normalize()?;
     let at_foot = |values: &[f64]| mesh.interpolate(values, foot.triangle as usize, foot.barycentric);
     // Without σ the weights are relative, and the common scale is estimated from the residuals.
-    let there_sigma = match there.patch.sigma.is_empty() {
+    let other_sigma = match other.patch.sigma.is_empty() {
         true => 1.0,
-        false => at_foot(&there.patch.sigma),
+        false => at_foot(&other.patch.sigma),
     };
-    let here_variance = here.sigma(vertex).powi(2);
-    let area = here.areas[vertex] * here.stride as f64;
+    let variance = side.sigma(vertex).powi(2);
+    let area = side.areas[vertex] * side.stride as f64;
     // The factor 0.5: each pair of places is measured in both directions.
-    let weight = 0.5 * area / (here_variance * area + there_sigma.powi(2) * at_foot(&there.areas));
+    let weight = 0.5 * area / (variance * area + other_sigma.powi(2) * at_foot(&other.areas));
     (weight > 0.0 && weight.is_finite()).then(|| Residual {
-        here: i,
-        there: j,
-        place: there.pose.apply(p),
-        normal: there.pose.rotate(normal),
-        lean: there.pose.rotate(0.5 * (mine - theirs)),
-        distance: normal.dot(p - foot.point) - bulge(there, corners, &foot, normal),
-        sigma: here_variance.sqrt().hypot(there_sigma),
+        patch: i,
+        other: j,
+        place: other.pose.apply(p),
+        normal: other.pose.rotate(normal),
+        lean: other.pose.rotate(0.5 * (own_normal - other_normal)),
+        distance: normal.dot(p - foot.point) - bulge(other, corners, &foot, normal),
+        sigma: variance.sqrt().hypot(other_sigma),
         weight,
     })
 }
@@ -193,21 +193,21 @@ impl Equations {
             if weight == 0.0 {
                 continue;
             }
-            let of = |k: usize, sign: f64| {
-                let of = |normal| {
+            let block = |k: usize, sign: f64| {
+                let derivative_along = |normal| {
                     let plain = row.derivative(normal, sides[k].middle_now());
                     std::array::from_fn::<f64, 6, _>(|a| sign * plain[a] * scales[a])
                 };
-                (k > 0).then(|| (6 * (k - 1), of(row.normal), of(row.lean)))
+                (k > 0).then(|| (6 * (k - 1), derivative_along(row.normal), derivative_along(row.lean)))
             };
-            let blocks = [of(row.here, 1.0), of(row.there, -1.0)];
+            let blocks = [block(row.patch, 1.0), block(row.other, -1.0)];
             for (start, derivative, lean) in blocks.iter().flatten() {
                 for a in 0..6 {
                     right[start + a] -= weight * derivative[a] * row.distance;
-                    for (other, against, leaning) in blocks.iter().flatten() {
+                    for (other, against, other_lean) in blocks.iter().flatten() {
                         for b in 0..6 {
                             data[(start + a, other + b)] += weight * derivative[a] * against[b];
-                            noise[(start + a, other + b)] += weight * lean[a] * leaning[b];
+                            noise[(start + a, other + b)] += weight * lean[a] * other_lean[b];
                         }
                     }
                 }
@@ -288,9 +288,9 @@ pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: 
         for row in rows {
             let weight = row.robust_weight(scale);
             let cell = row.place.to_array().map(|x| (x / edge).floor() as i64);
-            let (pair, sign) = match row.here < row.there {
-                true => ([row.here, row.there], 1.0),
-                false => ([row.there, row.here], -1.0),
+            let (pair, sign) = match row.patch < row.other {
+                true => ([row.patch, row.other], 1.0),
+                false => ([row.other, row.patch], -1.0),
             };
             let sum = sums.entry((pair, cell)).or_default();
             sum.0 += sign * weight * row.distance;

@@ -22,9 +22,9 @@ fn square(
     mut error: impl FnMut(f64, f64) -> f64,
 ) -> MergePatch {
     let mut mesh = grid_sheet(ACROSS, ACROSS, 49, 49);
-    let least = mesh.bounding_box().map_or(DVec3::ZERO, |b| b.min);
+    let corner = mesh.bounding_box().map_or(DVec3::ZERO, |b| b.min);
     for p in &mut mesh.positions {
-        let [a, b] = [p[0] - least[0] + x, p[1] - least[1]];
+        let [a, b] = [p[0] - corner[0] + x, p[1] - corner[1]];
         let slope = |d: [f64; 2]| (height(a + d[0], b + d[1]) - height(a - d[0], b - d[1])) / 2e-3;
         let n = DVec3::new(-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0).try_normalize().unwrap();
         *p = moved.apply(DVec3::new(a, b, height(a, b)) + error(a, b) * n);
@@ -61,7 +61,7 @@ fn chi_square(found: &ScanPoseReport, moved: &Pose) -> f64 {
     (error.transpose() * inverse * error)[(0, 0)]
 }
 
-fn shaken(random: &mut ChaCha8Rng) -> Pose {
+fn random_pose(random: &mut ChaCha8Rng) -> Pose {
     let turn = DVec3::from_array([0; 3].map(|_| 0.008 * normal(random)));
     Pose::from_rotation_vector(turn, DVec3::from_array([0; 3].map(|_| 0.3 * normal(random))))
 }
@@ -72,7 +72,7 @@ fn pose_errors_match_their_covariances() {
     let (mut sum, mut far, runs) = (0.0, 0.0_f64, 30);
     for seed in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let moved = [Pose::identity(), shaken(&mut random), shaken(&mut random)];
+        let moved = [Pose::identity(), random_pose(&mut random), random_pose(&mut random)];
         let mut patches: Vec<MergePatch> = (moved.iter().enumerate())
             .map(|(k, m)| square(22.3 * k as f64, m, rolling, |_, _| SIGMA * normal(&mut random)))
             .collect();

@@ -67,7 +67,8 @@ pub struct FrameReport {
     pub iou: Option<f64>,
     /// Root mean square difference of the parameters from their prediction, relative to that of their σ.
     /// Absent for the first frame.
-    pub surprise: Option<f64>,
+    #[serde(rename = "surprise")]
+    pub prediction_error: Option<f64>,
     /// The median σ of vertices along normals.
     pub sigma: f64,
 }
@@ -122,8 +123,8 @@ pub struct ShellFitReport {
     pub smoothness_weight: f64,
     /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes
     /// it.
-    // The name is a key of the JSON output, which programs read.
-    pub lack_of_fit: f64,
+    #[serde(rename = "lack_of_fit")]
+    pub unresolved_shape: f64,
     /// Number of iterations.
     pub iterations: usize,
     /// The flow of a rough start before the fit.

@@ -206,7 +206,7 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
 }
 
 /// The triangles of a mesh outside rigid parts, on the same vertices. All triangles if none remain.
-fn that_bends(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
+fn deformable_part(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
     let mut rigid = vec![false; mesh.positions.len()];
     for v in parts.iter().flat_map(|part| &part.vertices) {
         if let Some(rigid) = rigid.get_mut(*v as usize) {
@@ -256,7 +256,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             free(Box::new(Dirichlet::new(&points, &mesh.positions)?), k, points.len())
         }
         (DeformationKind::Dirichlet, None) => {
-            let made = automatic_controls(&that_bends(mesh, parts), job.controls)?;
+            let made = automatic_controls(&deformable_part(mesh, parts), job.controls)?;
             let k = stiffness(&made.points, &made.triangles, &made.edges);
             free(Box::new(Dirichlet::new(&made.points, &mesh.positions)?), k, made.points.len())
         }
@@ -385,7 +385,7 @@ pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Opti
     let Some(path) = &view.mask else { return Ok(None) };
     let options = SilhouetteOptions {
         threshold: view.mask_threshold,
-        least_share: view.mask_least_share.unwrap_or(SilhouetteOptions::default().least_share),
+        min_share: view.mask_min_share.unwrap_or(SilhouetteOptions::default().min_share),
         sigma_px: view.sigma_px,
         apart_px,
         ..SilhouetteOptions::default()

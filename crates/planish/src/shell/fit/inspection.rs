@@ -49,7 +49,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     let Some(of_mesh) = mesh.surface_bounds().filter(|b| b.diagonal() > 0.0) else {
         return Ok(());
     };
-    let Some(of_points) = most_of(frame) else {
+    let Some(of_points) = trimmed_bounds(frame) else {
         return Ok(());
     };
     let (size, reach) = (of_mesh.diagonal(), of_points.diagonal());
@@ -83,7 +83,7 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
 }
 
 /// The box of all points except the outer tenth at each end of each axis.
-fn most_of(frame: &Frame) -> Option<BoundingBox> {
+fn trimmed_bounds(frame: &Frame) -> Option<BoundingBox> {
     let count = frame.points.len();
     if count < TRIMMED_ONE_IN {
         return None;
@@ -160,7 +160,7 @@ pub(super) fn outcome(
     mesh: &TriangleMesh,
     found: &[DVec3],
     states_sigma: bool,
-    believed: bool,
+    trusts_sigma: bool,
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines)] {
@@ -180,7 +180,7 @@ pub(super) fn outcome(
     }
     for (what, report) in [("points", &done.points), ("outlines", &done.outlines), ("tracks", &done.tracks)] {
         // Points without σ have an assumed one, and there is nothing to judge.
-        if let Some(report) = report.filter(|_| !believed && (what != "points" || states_sigma)) {
+        if let Some(report) = report.filter(|_| !trusts_sigma && (what != "points" || states_sigma)) {
             findings.extend(misstated(what, &report));
         }
     }

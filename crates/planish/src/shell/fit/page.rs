@@ -55,7 +55,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
         ));
     }
     figures.push(Figure::new("measured", percent(report.observed_fraction), "of the vertices"));
-    let mut sections = vec![inputs(report, unit)];
+    let mut sections = vec![input_section(report, unit)];
     sections.extend(overlaps(report));
     sections.extend(poses(report, unit));
     sections.extend(frames(report, unit));
@@ -82,7 +82,7 @@ fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
 }
 
 fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
-    // `inputs` selects the unit of a row by these names.
+    // `input_section` selects the unit of a row by these names.
     [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
 }
 
@@ -134,7 +134,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     }
 }
 
-fn inputs(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
+fn input_section(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
     let mut table = Table::new(["readings", "count", "outliers", "rms", "σ estimated/stated"]);
     for (what, of) in kinds(report) {
         let Some(of) = of else { continue };
@@ -228,11 +228,11 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
                 cell(frame.rms_points, &|v| unit.number(v, 3)),
                 cell(frame.rms_silhouettes_px, &|v| significant(v, 3)),
                 cell(frame.iou, &percent),
-                cell(frame.surprise, &|v| significant(v, 3)),
+                cell(frame.prediction_error, &|v| significant(v, 3)),
                 unit.number(frame.sigma, 3),
             ],
             // Above 3 σ, the object moved otherwise than predicted, or the frame belongs elsewhere.
-            frame.surprise.is_some_and(|surprise| surprise > 3.0),
+            frame.prediction_error.is_some_and(|error| error > 3.0),
         );
     }
     Some(Section::new(

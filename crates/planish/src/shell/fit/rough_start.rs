@@ -61,12 +61,12 @@ const EXCESS_RATIO: f64 = 3.0;
 const SOFTNESS: f64 = 0.003;
 
 /// Silhouettes widened by a distance.
-struct Wider {
+struct WidenedSilhouettes {
     silhouettes: SilhouetteBound,
     by: f64,
 }
 
-impl Region for Wider {
+impl Region for WidenedSilhouettes {
     fn depth(&self, at: DVec3) -> f64 {
         self.silhouettes.depth(at) + self.by
     }
@@ -77,9 +77,9 @@ impl Region for Wider {
 }
 
 /// A mask in which nothing is covered.
-struct Nothing;
+struct EmptyMask;
 
-impl Region for Nothing {
+impl Region for EmptyMask {
     fn depth(&self, _at: DVec3) -> f64 {
         f64::NEG_INFINITY
     }
@@ -90,7 +90,7 @@ impl Region for Nothing {
 }
 
 /// The result of the flow.
-pub(super) struct Flown {
+pub(super) struct RoughStartMesh {
     pub mesh: TriangleMesh,
     /// σ of its vertices, along normals.
     pub sigma: Vec<f64>,
@@ -100,13 +100,13 @@ pub(super) struct Flown {
 /// Options for fitting a prepared mesh of a given size. The mesh is already close, and its agreement with the
 /// masks is no evidence, because it was made from them.
 pub(super) fn options(size: f64) -> ShellFitOptions {
-    let usual = ShellFitOptions::default();
+    let defaults = ShellFitOptions::default();
     ShellFitOptions {
-        softness: (SOFTNESS, usual.softness.1),
+        softness: (SOFTNESS, defaults.softness.1),
         // Few steps, because the start is near: coarse fields only serve to find a distant object.
         steps: 2,
         start_sigma: Some(size / CELLS),
-        ..usual
+        ..defaults
     }
 }
 
@@ -115,24 +115,24 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
 /// # Errors
 /// Errors of `watch`; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks
 /// that contain the whole object, for an open mesh, and for a mesh outside of a mask.
-pub(super) fn flown(
+pub(super) fn rough_start_mesh(
     job: &ShellFitJob,
     mut mesh: TriangleMesh,
     units: &mut Units,
     watch: &mut dyn FnMut(usize) -> Result<()>,
-) -> Result<Flown> {
+) -> Result<RoughStartMesh> {
     let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
     // The findings of this reading are dropped, because the fit reads the views again.
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
-    let domain = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
+    let domain = WidenedSilhouettes { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
     let cameras: Vec<_> = frame.views.iter().map(|view| view.camera).collect();
     let agreement = |mesh: &TriangleMesh| {
         let iou = overlap(&frame, mesh, &cameras);
         let fitted = files.iter().filter_map(|view| iou.get(&view.name)).sum::<f64>();
         (fitted / files.len().max(1) as f64, iou)
     };
-    let anew = |mesh: &TriangleMesh, flow: Option<(&dyn Region, f64)>, cell: f64| {
+    let remeshed = |mesh: &TriangleMesh, flow: Option<(&dyn Region, f64)>, cell: f64| {
         let options = RemeshOptions {
             domain: &domain,
             flow: flow.map(|(covered, cells)| (covered, cells * cell)),
@@ -144,18 +144,18 @@ pub(super) fn flown(
     };
     let mut cell = size(&mesh) / CELLS;
     // First cut to the silhouettes. Only then does a gain in overlap mean growth.
-    mesh = anew(&mesh, None, cell)?;
+    mesh = remeshed(&mesh, None, cell)?;
     let (mut mean, _) = agreement(&mesh);
     let mut rounds = 1;
     while rounds < MAX_ROUNDS {
         watch(rounds)?;
         // The mesh may grow. Cells grow with it, so that the cost of a round stays bounded.
         cell = cell.max(size(&mesh) / CELLS);
-        let covered = Wider {
+        let covered = WidenedSilhouettes {
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
             by: UNCOVERED_CELLS * cell,
         };
-        let next = anew(&mesh, Some((&covered, FLOW_CELLS)), cell)?;
+        let next = remeshed(&mesh, Some((&covered, FLOW_CELLS)), cell)?;
         let (after, _) = agreement(&next);
         rounds += 1;
         let gain = after - mean;
@@ -168,11 +168,11 @@ pub(super) fn flown(
         }
     }
     // Partly covered places end in steps. Filling removes them.
-    mesh = anew(&mesh, Some((&Nothing, FILL_CELLS)), cell)?;
+    mesh = remeshed(&mesh, Some((&EmptyMask, FILL_CELLS)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
         .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / EXCESS_RATIO)
         .collect();
-    Ok(Flown {
+    Ok(RoughStartMesh {
         report: FlowReport {
             // The final filling is a round as well.
             rounds: rounds + 1,
@@ -219,7 +219,7 @@ fn covers(
                 values: shown.iter().map(|shown| f32::from(u8::from(*shown))).collect(),
             };
             // Also small parts of the mesh cover the mask.
-            let options = SilhouetteOptions { least_share: 0.0, ..SilhouetteOptions::default() };
+            let options = SilhouetteOptions { min_share: 0.0, ..SilhouetteOptions::default() };
             Ok(ContourView {
                 silhouette: outlines(&picture, &options).map_err(|e| e.in_context(&view.name))?,
                 ..(*view).clone()
@@ -229,7 +229,7 @@ fn covers(
 }
 
 /// The appearance of a rebuilt mesh, which has neither texture nor parts.
-pub(super) fn without_looks(
+pub(super) fn without_appearance(
     appearance: TexturedMesh,
     mesh: &TriangleMesh,
     findings: &mut Vec<Finding>,

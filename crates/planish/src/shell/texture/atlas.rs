@@ -61,12 +61,13 @@ impl Chart {
         let mut corners: Vec<Projected> = (self.uv.iter())
             .map(|[u, v]| Projected { at: [u * columns as f64, (1.0 - v) * rows as f64], depth: 1.0 })
             .collect();
-        let nowhere = corners.len() as u32;
+        let undefined_corner = corners.len() as u32;
         // A corner that is not a number keeps its triangle out of the buffer, and the numbering of triangles
         // intact.
         corners.push(Projected { at: [f64::NAN; 2], depth: 1.0 });
-        let triangles: Vec<[u32; 3]> =
-            (self.triangles.iter()).map(|t| t.map(|uv| if uv == NO_UV { nowhere } else { uv })).collect();
+        let triangles: Vec<[u32; 3]> = (self.triangles.iter())
+            .map(|t| t.map(|uv| if uv == NO_UV { undefined_corner } else { uv }))
+            .collect();
         DepthBuffer::draw(columns, rows, &corners, &triangles)
     }
 
@@ -127,7 +128,7 @@ mod tests {
 
     /// Every triangle of an atlas has its own pixels, and each pixel maps to a position on it.
     #[test]
-    fn an_atlas_has_room_for_every_triangle() {
+    fn every_triangle_fits_on_the_atlas() {
         let (count, side) = (45, 64);
         let chart = Chart::atlas(count, side);
         let drawn = chart.drawn(side, side);

@@ -37,7 +37,7 @@ pub(super) struct Blended {
     /// Number of views that contribute.
     pub views: usize,
     /// Views that are outliers and do not contribute.
-    pub odd: Vec<usize>,
+    pub outliers: Vec<usize>,
 }
 
 /// Root mean square difference over the three channels.
@@ -71,26 +71,30 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
 }
 
 /// For each view, the share of the places seen by three or more views at which it is an outlier.
-pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[Option<Blended>]) -> Vec<f64> {
+pub(super) fn outlier_shares(
+    views: usize,
+    colours: &[Vec<ViewColour>],
+    blended: &[Option<Blended>],
+) -> Vec<f64> {
     let mut counts = vec![(0_usize, 0_usize); views];
     for (colours, blended) in colours.iter().zip(blended).filter(|(colours, _)| colours.len() > 2) {
         colours.iter().for_each(|one| counts[one.view].0 += 1);
-        (blended.iter().flat_map(|b| &b.odd)).for_each(|view| counts[*view].1 += 1);
+        (blended.iter().flat_map(|b| &b.outliers)).for_each(|view| counts[*view].1 += 1);
     }
-    counts.iter().map(|(all, odd)| *odd as f64 / (*all).max(1) as f64).collect()
+    counts.iter().map(|(all, outliers)| *outliers as f64 / (*all).max(1) as f64).collect()
 }
 
 /// Blends several colours to one. `None` for an empty list.
 pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
     let mut colour = medoid(colours)?.colour;
-    let believed = |colour: [f64; 3], one: &ViewColour| {
+    let robust_weight = |colour: [f64; 3], one: &ViewColour| {
         let share = apart(one.colour, colour) / (TUKEY * scale);
         (1.0 - share * share).max(0.0).powi(2)
     };
     for _ in 0..ROUNDS {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for one in colours {
-            let weight = one.weight * believed(colour, one);
+            let weight = one.weight * robust_weight(colour, one);
             sum = [0, 1, 2].map(|c| sum[c] + weight * one.colour[c]);
             total += weight;
         }
@@ -100,9 +104,9 @@ pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
         }
     }
     // The biweight is exactly zero beyond its limit, so the comparison needs no tolerance.
-    let odd: Vec<usize> =
-        (colours.iter().filter(|one| believed(colour, one) == 0.0)).map(|one| one.view).collect();
-    Some(Blended { colour, views: colours.len() - odd.len(), odd })
+    let outliers: Vec<usize> =
+        (colours.iter().filter(|one| robust_weight(colour, one) == 0.0)).map(|one| one.view).collect();
+    Some(Blended { colour, views: colours.len() - outliers.len(), outliers })
 }
 
 #[cfg(test)]
@@ -115,7 +119,7 @@ mod tests {
 
     /// The outlier has the largest weight and is outvoted nevertheless.
     #[test]
-    fn the_odd_view_is_outvoted() {
+    fn an_outlying_view_is_rejected() {
         let colours = [
             view_colour(0, 100.0, 1.0),
             view_colour(1, 104.0, 2.0),
@@ -123,7 +127,7 @@ mod tests {
             view_colour(3, 101.0, 1.0),
         ];
         let found = blend(&colours, 3.0).unwrap();
-        assert_eq!((found.odd, found.views), (vec![2], 3));
+        assert_eq!((found.outliers, found.views), (vec![2], 3));
         // The weighted mean of the others is 102.25.
         assert!((found.colour[0] - 102.25).abs() < 0.5, "{:?}", found.colour);
         assert!(blend(&[], 3.0).is_none());

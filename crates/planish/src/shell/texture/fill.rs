@@ -166,15 +166,15 @@ mod tests {
     }
 
     #[test]
-    fn empty_pixels_take_what_is_near() {
+    fn empty_pixels_get_the_colour_of_their_neighbours() {
         let mut pixels = vec![None; 7 * 5];
         pixels[0] = Some([10.0; 3]);
         pixels[34] = Some([20.0; 3]);
         in_picture(7, 5, &mut pixels);
         assert_eq!((pixels[1], pixels[33]), (Some([10.0; 3]), Some([20.0; 3])));
         assert!(pixels.iter().all(|p| p.is_some_and(|c| (10.0..=20.0).contains(&c[0]))));
-        let mut nothing = vec![None; 6];
-        in_picture(3, 2, &mut nothing);
-        assert!(nothing.iter().all(Option::is_none));
+        let mut empty = vec![None; 6];
+        in_picture(3, 2, &mut empty);
+        assert!(empty.iter().all(Option::is_none));
     }
 }

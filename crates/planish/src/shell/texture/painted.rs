@@ -5,7 +5,7 @@
 
 use super::atlas::{self, Chart, at_place};
 use super::view::ColourView;
-use super::{Coloured, DEFAULT_SIDES, LARGEST_TEXTURE, Scene, ShellTextureJob, TextureReport, fill};
+use super::{Coloured, DEFAULT_SIDES, MAX_TEXTURE_SIZE, Scene, ShellTextureJob, TextureReport, fill};
 use planish_core::vector3::as_arrays;
 use planish_core::{DVec3, Finding, FindingCode};
 use planish_estimate::{Error, Result};
@@ -23,7 +23,7 @@ pub(super) struct Texture {
 }
 
 /// The side of a texture with as many pixels on the mesh as the finest view of each triangle has.
-fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
+fn size_from_views(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
     let pixels: f64 = (0..mesh.triangles.len())
         .into_par_iter()
         .map(|t| {
@@ -34,7 +34,7 @@ fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
         .collect::<Vec<f64>>()
         .iter()
         .sum();
-    let side = (pixels / share.max(1e-3)).sqrt().min(LARGEST_TEXTURE as f64) as usize;
+    let side = (pixels / share.max(1e-3)).sqrt().min(MAX_TEXTURE_SIZE as f64) as usize;
     // A power of two: older viewers scale other sizes, which blurs them.
     side.next_power_of_two().clamp(DEFAULT_SIDES[0], DEFAULT_SIDES[1])
 }
@@ -61,12 +61,12 @@ pub(super) fn paint(
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
     let atlas = own.is_none();
     // The size of an own chart is free: the user made its layout.
-    let least = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
-    let usual = || usual_size(mesh, views, share).max(least.next_power_of_two());
-    let size = job.texture_size.unwrap_or_else(usual);
-    if size < least || size > LARGEST_TEXTURE {
+    let min_size = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
+    let default_size = || size_from_views(mesh, views, share).max(min_size.next_power_of_two());
+    let size = job.texture_size.unwrap_or_else(default_size);
+    if size < min_size || size > MAX_TEXTURE_SIZE {
         return Err(Error::input(format!(
-            "expected a texture of {least} to {LARGEST_TEXTURE} pixels along a side for {count} triangles, \
+            "expected a texture of {min_size} to {MAX_TEXTURE_SIZE} pixels along a side for {count} triangles, \
              found {size}: choose another size, a coarser mesh, or colours of vertices"
         )));
     }

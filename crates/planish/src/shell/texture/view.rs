@@ -177,11 +177,11 @@ impl ColourView {
 fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec<u8> {
     let at = |column: usize, row: usize| f64::from(depth[row * columns + column]);
     let jumps = |column: usize, row: usize| {
-        let here = at(column, row);
-        if !here.is_finite() {
+        let pixel_depth = at(column, row);
+        if !pixel_depth.is_finite() {
             return true;
         }
-        let most = DEPTH_EDGE * here / focal;
+        let max_step = DEPTH_EDGE * pixel_depth / focal;
         // Along four lines through the pixel. At the border of the picture, only one side is checked.
         [(1, 0), (0, 1), (1, 1), (1, -1)].into_iter().any(|(dx, dy)| {
             let along = |sign: i64| {
@@ -191,7 +191,9 @@ fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec
             };
             match (along(-1), along(1)) {
                 // The second difference, because a slanted plane has a large first one.
-                (Some(a), Some(b)) => !(a.is_finite() && b.is_finite() && (a + b - 2.0 * here).abs() <= most),
+                (Some(a), Some(b)) => {
+                    !(a.is_finite() && b.is_finite() && (a + b - 2.0 * pixel_depth).abs() <= max_step)
+                }
                 (Some(a), None) | (None, Some(a)) => !a.is_finite(),
                 (None, None) => false,
             }

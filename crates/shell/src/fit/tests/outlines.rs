@@ -13,7 +13,7 @@ pub(super) const FOCAL: f64 = 800.0;
 const SIGMA_PX: f64 = 1.0;
 
 /// A camera at `from` that looks at the origin, turned about its axis by `roll`.
-pub(super) fn looking(from: DVec3, roll: f64) -> Camera {
+pub(super) fn camera_at(from: DVec3, roll: f64) -> Camera {
     let from = Vector3::from(from);
     let z = -from.normalize();
     let x = Vector3::new(-from.y, from.x, 0.3).cross(&z).cross(&z).normalize();
@@ -32,7 +32,7 @@ pub(super) fn around(count: usize, distance: f64) -> Vec<Camera> {
             let z = 1.0 - (2 * k + 1) as f64 / count as f64;
             let (sin, cos) = (2.4 * k as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            looking(DVec3::new(distance * r * cos, distance * r * sin, distance * z), 0.1 * k as f64)
+            camera_at(DVec3::new(distance * r * cos, distance * r * sin, distance * z), 0.1 * k as f64)
         })
         .collect()
 }
@@ -130,14 +130,14 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
     let truth = truth(10, 2);
     let mut noise = normal_numbers(21);
     let cameras = around(8, 5.0);
-    let shaken = PoseNoise { sigma_rotation: 1_f64.to_radians(), sigma_translation: 0.05 };
+    let perturbation = PoseNoise { sigma_rotation: 1_f64.to_radians(), sigma_translation: 0.05 };
     let mut views: Vec<ShellView> =
         (cameras.iter()).map(|camera| borders(&truth.deformed, camera, 60, &mut noise)).collect();
     for view in &mut views[2..] {
         view.camera = (view.camera).moved(std::array::from_fn(|k| {
-            noise() * if k < 3 { shaken.sigma_rotation } else { shaken.sigma_translation }
+            noise() * if k < 3 { perturbation.sigma_rotation } else { perturbation.sigma_translation }
         }));
-        view.pose = Some(shaken);
+        view.pose = Some(perturbation);
     }
     let mut random = ChaCha8Rng::seed_from_u64(77);
     let search = MeshSearch::try_new(&truth.deformed).unwrap();
@@ -145,7 +145,7 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
         (sample_points(&truth.deformed, 80, || random.random_range(0.0..1.0)).unwrap().iter())
             .filter_map(|place| {
                 let observations: Vec<FeatureObservation> = (cameras.iter().enumerate())
-                    .filter(|(_, camera)| search.sees(camera.center(), place.position, 1e-3))
+                    .filter(|(_, camera)| search.is_unobstructed(camera.center(), place.position, 1e-3))
                     .map(|(v, camera)| FeatureObservation {
                         view: v as u32,
                         pixel: camera.project(place.position).unwrap().0.map(|x| x + 0.5 * noise()),
@@ -287,12 +287,12 @@ fn derivatives_agree_with_differences() {
                 .equations(&State { q: &state.q + by * way.rows(0, state.q.len()), cameras }, None)
                 .unwrap()
         };
-        let here = problem.equations(&state, None).unwrap();
+        let at_state = problem.equations(&state, None).unwrap();
         let [before, after] = [along(-step), along(step)];
         let basis = crate::deformation::in_basis(&deformation, &way.rows(0, state.q.len()).into_owned());
-        for ((here, before), after) in here.iter().zip(&before).zip(&after) {
+        for ((at_state, before), after) in at_state.iter().zip(&before).zip(&after) {
             compare(
-                here,
+                at_state,
                 before,
                 after,
                 &|vertices, poses| {
@@ -323,7 +323,7 @@ fn derivatives_agree_with_differences() {
 type Slope<'a> = &'a dyn Fn(&[(u32, DVec3)], &[(u32, [f64; 6])]) -> f64;
 
 fn compare(
-    here: &Equations,
+    at_state: &Equations,
     before: &Equations,
     after: &Equations,
     slope: Slope<'_>,
@@ -333,16 +333,18 @@ fn compare(
 ) {
     // The basis of the equations that remain of a track depends on the state; half the sum of their squares
     // does not.
-    let half_squares = |of: &Equations| 0.5 * of.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
-    if here.list.iter().any(|e| e.source == Source::Track) {
+    let half_squares =
+        |equations: &Equations| 0.5 * equations.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
+    if at_state.list.iter().any(|e| e.source == Source::Track) {
         let difference = (half_squares(after) - half_squares(before)) / (2.0 * step);
-        let stated: f64 =
-            (here.iter()).map(|(equation, vertices, poses)| equation.distance * slope(vertices, poses)).sum();
+        let stated: f64 = (at_state.iter())
+            .map(|(equation, vertices, poses)| equation.distance * slope(vertices, poses))
+            .sum();
         compared[2] += 1;
         worse[2] += usize::from((difference - stated).abs() > 1e-3 * (stated.abs() + 1.0));
         return;
     }
-    for (k, (equation, vertices, poses)) in here.iter().enumerate() {
+    for (k, (equation, vertices, poses)) in at_state.iter().enumerate() {
         let difference = (after.list[k].distance - before.list[k].distance) / (2.0 * step);
         let stated = slope(vertices, poses);
         let kind = usize::from(equation.source != Source::Point);
@@ -356,7 +358,7 @@ fn compare(
 
 /// A ball that is open at the bottom, beyond the image, and faces inwards, with a loose collar around it that
 /// faces outwards.
-fn bust() -> TriangleMesh {
+fn head_mesh() -> TriangleMesh {
     let mut mesh = icosphere(1.0, 4);
     let positions = mesh.positions.clone();
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -383,7 +385,7 @@ fn bust() -> TriangleMesh {
 /// outlines. The border of an image is not a reading, and the orientation of a part does not matter.
 #[test]
 fn objects_beyond_the_images_are_fitted() {
-    let mesh = bust();
+    let mesh = head_mesh();
     let controls = automatic_controls(&mesh, 30).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
     let q = DVector::from_iterator(
@@ -400,7 +402,7 @@ fn objects_beyond_the_images_are_fitted() {
         .map(|k| {
             let (sin, cos) = (0.7 * f64::from(k)).sin_cos();
             let mut view =
-                borders(&deformed, &looking(DVec3::new(5.0 * cos, 5.0 * sin, 0.6), 0.0), 90, &mut noise);
+                borders(&deformed, &camera_at(DVec3::new(5.0 * cos, 5.0 * sin, 0.6), 0.0), 90, &mut noise);
             let camera = view.camera;
             // The border of the image: lines of sight there meet the axis at this depth.
             let shown = |pixel: [f64; 2]| {

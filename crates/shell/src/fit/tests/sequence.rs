@@ -8,7 +8,7 @@ use planish_core::SymmetricMatrix3;
 const CONTROLS: usize = 20;
 
 /// Positions of the controls of a swaying, breathing ball at a time.
-fn swaying(controls: &[DVec3], time: f64) -> DVector<f64> {
+fn motion_at(controls: &[DVec3], time: f64) -> DVector<f64> {
     DVector::from_iterator(
         3 * controls.len(),
         controls.iter().flat_map(|p| {
@@ -49,7 +49,7 @@ fn a_moving_object_is_tracked() {
         let (mut alone, mut followed, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
         let mut ratios = Vec::new();
         for frame in 0..8 {
-            let q = swaying(&controls.points, f64::from(frame));
+            let q = motion_at(&controls.points, f64::from(frame));
             let by = displacements(&deformation, &q);
             let truth = TriangleMesh {
                 positions: mesh.positions.iter().zip(by).map(|(p, by)| *p + by).collect(),

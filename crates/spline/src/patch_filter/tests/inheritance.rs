@@ -5,7 +5,7 @@ use super::*;
 /// Children of one parent have the same information, so reconciliation must not change them. (Eq. 21 of the
 /// paper as printed halves their variance without any new reading.)
 #[test]
-fn reconciling_inherited_information_changes_nothing() {
+fn reconciling_inherited_information_has_no_effect() {
     let mut filter = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
     for reading in positions([4, 4], 30, 0.05, 17) {
         filter.observe(&reading).unwrap();
@@ -20,11 +20,11 @@ fn reconciling_inherited_information_changes_nothing() {
     let [a, b] = [0, 2].map(|p| filter.belief(p).covariance_matrix());
     let shared: Vec<(usize, usize)> =
         (0..7).flat_map(|row| (0..3).map(move |c| (7 * row + 4 + c, 7 * row + c))).collect();
-    let of = |m: &DMatrix<f64>, side: usize| {
+    let shared_block = |m: &DMatrix<f64>, side: usize| {
         let at = |k: usize| if side == 0 { shared[k].0 } else { shared[k].1 };
         DMatrix::from_fn(21, 21, |r, c| m[(at(r), at(c))])
     };
-    let (a, b) = (of(&a, 0), of(&b, 1));
+    let (a, b) = (shared_block(&a, 0), shared_block(&b, 1));
     let difference = (&a - &b).amax() / a.amax();
     assert!(difference < 1e-9, "both inherit the same covariance: {difference:e}");
     let printed = &a * (&a + &b).pseudo_inverse(1e-12).unwrap() * &b;
@@ -103,7 +103,7 @@ fn shared_functions_of_neighbours_are_equal_on_any_surface() {
         assert!(levels.len() == 2 || shape == Shape::Ball, "{shape:?} has two levels");
         let mut mixed = 0;
         for separator in &tree.separators {
-            let of = separator
+            let coefficients = separator
                 .patches
                 .map(|p| tree.coefficients(p as usize, |leaf| *surface.leaf_coefficients(leaf)));
             mixed += usize::from(separator.rows[1][0].len() > 1);
@@ -112,7 +112,7 @@ fn shared_functions_of_neighbours_are_equal_on_any_surface() {
                     let value = |row: &[(u16, f64)], c: &[DVec3]| -> f64 {
                         row.iter().map(|&(k, w)| w * c[usize::from(k)][d]).sum()
                     };
-                    let difference = value(a, &of[0]) - value(b, &of[1]);
+                    let difference = value(a, &coefficients[0]) - value(b, &coefficients[1]);
                     assert!(difference.abs() < 1e-10, "{shape:?} {:?}: {difference}", separator.patches);
                 }
             }

@@ -50,8 +50,8 @@ fn axis_errors(found: &FittedSymmetry) -> [f64; 4] {
     let (e1, e2) = tangents(direction);
     // The point of the true axis nearest to the estimated point.
     let along = (point - POINT).dot(direction) / d.dot(direction);
-    let there = POINT + along * d;
-    let off = there - point;
+    let nearest = POINT + along * d;
+    let off = nearest - point;
     [off.dot(e1), off.dot(e2), d.dot(e1), d.dot(e2)]
 }
 
@@ -135,16 +135,16 @@ fn a_handle_does_not_belong_to_the_revolution() {
     let d = AXIS.try_normalize().unwrap();
     let (e1, e2) = tangents(d);
     let (mut on, mut kept_on, mut off, mut kept_off) = (0, 0, 0, 0);
-    for (facet, &obeys) in facets.all.iter().zip(&found.obeys) {
+    for (facet, &is_symmetric) in facets.all.iter().zip(&found.is_symmetric) {
         let r = facet.point - POINT;
         let (h, a) = (r.dot(d), r.dot(e2).atan2(r.dot(e1)));
         let height = 0.25 * (-(h * h + (a - 0.3).powi(2)) / 0.04).exp();
         if height > 0.12 {
             on += 1;
-            kept_on += usize::from(obeys);
+            kept_on += usize::from(is_symmetric);
         } else if height < 0.001 {
             off += 1;
-            kept_off += usize::from(obeys);
+            kept_off += usize::from(is_symmetric);
         }
     }
     assert!(on > 0 && kept_on == 0, "{kept_on} of {on}");

@@ -31,16 +31,16 @@ const CONVERGED_STEP: f64 = 1e-3;
 /// Length over which displacements are smoothed at the start, and at most, in square roots of the sheet's
 /// area.
 const FIRST_SMOOTHING: f64 = 0.1;
-const STIFFEST: f64 = 2.0;
+const MAX_STIFFNESS: f64 = 2.0;
 /// σ of sliding along the sheet, in leaves.
 ///
 /// Range readings do not determine sliding, so some hold is needed. A tighter one would resist the bending
 /// itself.
-const SLIDING: f64 = 5.0;
+const SLIDING_SIGMA: f64 = 5.0;
 /// Readings beyond the border belong to the sheet if they are nearer to it than this share of its extent.
-/// Their pull is bounded beyond [`BOUNDED`] spacings of the readings.
+/// Their pull is bounded beyond [`BOUNDED_FROM_SIGMAS`] spacings of the readings.
 const BORDER_REACH: f64 = 0.1;
-const BOUNDED: f64 = 3.0;
+const BOUNDED_FROM_SIGMAS: f64 = 3.0;
 
 /// The problem of one state.
 pub(super) struct Sheet<'a> {
@@ -52,7 +52,7 @@ pub(super) struct Sheet<'a> {
 }
 
 /// A converged state.
-pub(super) struct LaidSheet {
+pub(super) struct BentState {
     pub converged: ConvergedFit,
     /// Number of readings beyond the border.
     pub beyond: usize,
@@ -76,7 +76,7 @@ impl Sheet<'_> {
     ///
     /// # Errors
     /// `Undetermined` if no reading is near the sheet.
-    pub(super) fn lay(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<LaidSheet> {
+    pub(super) fn fit(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<BentState> {
         let Self { system, previous, .. } = *self;
         let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
@@ -139,7 +139,7 @@ impl Sheet<'_> {
             if annealed {
                 next = likeliest_weight(&fixed, &solution, previous, &SelectedInverse::new(&factor), now)?
                     .clamp(0.2 * now, 5.0 * now)
-                    .min(smoothing(STIFFEST));
+                    .min(smoothing(MAX_STIFFNESS));
             }
             weight = Some(next);
             has_converged = annealed && decrement < CONVERGED_STEP && (next / now - 1.0).abs() < 0.05;
@@ -174,7 +174,7 @@ impl Sheet<'_> {
             refined: RefinementLog::default(),
             kind: ConvergedKind::Free,
         };
-        Ok(LaidSheet { converged, beyond, held })
+        Ok(BentState { converged, beyond, held })
     }
 
     fn fixed_prior(&self) -> Result<FixedPrior> {
@@ -184,7 +184,7 @@ impl Sheet<'_> {
         smooth.multiply(&x, &mut pull)?;
         // The energy is that of the displacement x − x₀, so the information vector is K x₀.
         smooth.vector_mut().copy_from_slice(&pull);
-        Ok(FixedPrior { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
+        Ok(FixedPrior { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING_SIGMA)? })
     }
 
     /// All information besides the heights of the readings, linearised at a surface.
@@ -230,7 +230,7 @@ impl Sheet<'_> {
                     continue;
                 };
                 // Huber's weight: a reading far beyond the border must not tear it out.
-                let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
+                let w = spacing.powi(-2) * (BOUNDED_FROM_SIGMAS * spacing / distance).min(1.0);
                 let z = readings.points[subset[k] as usize];
                 cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
                 any = true;

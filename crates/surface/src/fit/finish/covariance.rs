@@ -29,7 +29,7 @@ impl Finishing<'_> {
         let errors = &self.observations.scan_errors;
         let channels = FootChannels::new(self.observations, self.subset);
         let directions = self.system.node_normals(&model.surface);
-        let here = Linearized {
+        let linearized = Linearized {
             surface: &model.surface,
             directions: &directions,
             feet: self.feet,
@@ -45,7 +45,7 @@ impl Finishing<'_> {
         };
         let mut stated = Vec::new();
         if let (false, Some(slot)) = (errors.is_empty(), model.known.scan_errors_mut()) {
-            let equations = errors.equations(&here);
+            let equations = errors.equations(&linearized);
             // Removing spurious information must not go below what the user has stated.
             stated = equations.prior.clone();
             *slot = Some(equations.into_information(parts));
@@ -58,8 +58,8 @@ impl Finishing<'_> {
         // Noise of the surface tilts its normals. Without this correction the tilt would count as
         // information about rotations that no reading determines.
         let factor = self.system.factorize_scalar(&model.information_along(self.system, &directions)?)?;
-        let noise = noise_of_surface(self.system, &here, &factor, parts)?;
-        let of_noise = errors.noise_information(&here, &factor, &noise, parts)?;
+        let noise = noise_of_surface(self.system, &linearized, &factor, parts)?;
+        let of_noise = errors.noise_information(&linearized, &factor, &noise, parts)?;
         let (covariance, change) = covariance.without_spurious_information(&of_noise, &stated)?;
         for (corner, change) in scan_error_information.corner.iter_mut().zip(change) {
             *corner += change;

@@ -20,14 +20,14 @@ use std::sync::Arc;
 /// Readings of one parallel task. Fixed, so that sums do not depend on the number of threads.
 pub(super) const TASK: usize = 1 << 13;
 /// Held-out readings that are enough to judge a fit: their normalised rms has a standard error of 1.3 %.
-const ENOUGH_HELD_OUT: f64 = 3_000.0;
+const MAX_HELD_OUT: f64 = 3_000.0;
 /// Residuals that are enough to estimate the scale of a sensor: its standard error is 0.3 %.
-const ENOUGH_FOR_SCALE: usize = 50_000;
+const MAX_FOR_SCALE: usize = 50_000;
 /// Minimum number of readings of a fit. A quadric has nine coefficients; one more reading leaves a residual.
 const MIN_READINGS: usize = 10;
 /// Readings farther than this many σ are softened while gross errors are searched for. A larger bound lets
 /// these errors drag the surface along; a smaller one gives away information of correct readings.
-const BOUNDED: f64 = 2.5;
+const BOUNDED_FROM_SIGMAS: f64 = 2.5;
 /// Margin in σ beyond the gate, or beyond the farthest expected draw of noise, up to which distant readings
 /// can be noise.
 const BEYOND_NOISE: f64 = 2.0;
@@ -58,7 +58,7 @@ pub(super) struct Readings<'a> {
     pub(super) softening: Option<Softening>,
     /// For each scan, marks of readings that are held out or repeated; and of these and the gated ones.
     pub(super) is_held_out: Vec<Marks>,
-    pub(super) is_left_out: Vec<Marks>,
+    pub(super) is_excluded: Vec<Marks>,
     /// For each sensor, true if σ was stated.
     pub(super) stated: Vec<bool>,
     /// Each sensor's 1/variance for scans without σ; 1 if none is stated.
@@ -67,8 +67,8 @@ pub(super) struct Readings<'a> {
     pub(super) is_moved: Vec<bool>,
 }
 
-/// Softening of distant readings: beyond [`BOUNDED`] σ from a surface, each adds as much to the sum of
-/// squares as a reading at that distance.
+/// Softening of distant readings: beyond [`BOUNDED_FROM_SIGMAS`] σ from a surface, each adds as much to the
+/// sum of squares as a reading at that distance.
 pub(super) struct Softening {
     pub(super) surface: Evaluation,
     /// Each sensor's variance over that stated.
@@ -113,7 +113,7 @@ pub(super) struct OfScan<'a> {
     pub(super) information: f64,
     pub(super) pose: Option<&'a Pose>,
     pub(super) cells: [f64; 2],
-    pub(super) is_left_out: &'a Marks,
+    pub(super) is_excluded: &'a Marks,
     pub(super) is_held_out: &'a Marks,
     /// A surface, and the distance up to which a reading of unit information keeps its full weight.
     pub(super) softened: Option<(&'a Evaluation, f64)>,
@@ -139,7 +139,7 @@ impl OfScan<'_> {
     /// Reading `k`; none if it takes no part in the fit.
     #[inline(always)]
     pub(super) fn fitted(&self, k: usize) -> Option<PositionReading> {
-        (!self.is_left_out.has(k)).then(|| {
+        (!self.is_excluded.has(k)).then(|| {
             let reading = self.reading(k);
             let softened = self.softened.map_or(1.0, |(surface, bound)| {
                 let far = surface.residual(reading).fold(0.0, |far: f64, r| far.max(r.abs()));
@@ -225,7 +225,7 @@ impl<'a> Readings<'a> {
             options,
             total,
             is_held_out: marks(),
-            is_left_out: marks(),
+            is_excluded: marks(),
             held_out,
             repeated,
             softening: None,
@@ -254,10 +254,10 @@ impl<'a> Readings<'a> {
             information: self.information[posed.sensor],
             pose: self.is_moved[s].then_some(&posed.scan.world_from_scanner),
             cells: self.cells,
-            is_left_out: &self.is_left_out[s],
+            is_excluded: &self.is_excluded[s],
             is_held_out: &self.is_held_out[s],
             softened: (self.softening.as_ref())
-                .map(|by| (&by.surface, BOUNDED * by.variances[posed.sensor].sqrt())),
+                .map(|by| (&by.surface, BOUNDED_FROM_SIGMAS * by.variances[posed.sensor].sqrt())),
         }
     }
 
@@ -269,8 +269,8 @@ impl<'a> Readings<'a> {
     /// Rejects the readings in `gated` instead of those before.
     pub(super) fn set_gated(&mut self, gated: Vec<Vec<u32>>) {
         self.softening = None;
-        let left_out = gated.iter().zip(&self.held_out).zip(&self.repeated);
-        self.is_left_out = (self.set.scans.iter().zip(left_out))
+        let excluded = gated.iter().zip(&self.held_out).zip(&self.repeated);
+        self.is_excluded = (self.set.scans.iter().zip(excluded))
             .map(|(posed, ((gated, held_out), repeated))| {
                 Marks::on(posed.scan.points.len(), gated.iter().chain(held_out).chain(repeated))
             })
@@ -334,7 +334,7 @@ impl<'a> Readings<'a> {
                 // Residuals of rounding size are no errors of a sensor.
                 if normalised > gate2 && largest > surface.rounding {
                     part.farthest = part.farthest.max(normalised);
-                    if !scan.is_left_out.has(k) {
+                    if !scan.is_excluded.has(k) {
                         part.farthest_new = part.farthest_new.max(normalised);
                     }
                     part.gated.push(k as u32);
@@ -381,7 +381,7 @@ impl<'a> Readings<'a> {
     /// It is `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins of a sample, with residuals clamped to the gate.
     pub(super) fn unresolved_share(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
         // A sample is enough, and keeps the cost independent of the number of readings.
-        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
+        let step = (self.total / MAX_FOR_SCALE).max(1);
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();
         // Sum, sum of squares and number of each bin and coordinate.
@@ -389,7 +389,7 @@ impl<'a> Readings<'a> {
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let spread = variances[posed.sensor].sqrt();
-            for k in (0..posed.scan.points.len()).step_by(step).filter(|&k| !scan.is_left_out.has(k)) {
+            for k in (0..posed.scan.points.len()).step_by(step).filter(|&k| !scan.is_excluded.has(k)) {
                 let reading = scan.reading(k);
                 let place = [0, 1].map(|d| (reading.at[d] / self.cells[d] * side).min(side - 1.0) as usize);
                 let bin = (place[1] * side as usize + place[0]) * coordinates;
@@ -401,13 +401,13 @@ impl<'a> Readings<'a> {
                 }
             }
         }
-        let (mut shared, mut whole, mut pairs) = (0.0, 0.0, 0.0);
+        let (mut shared, mut total, mut pairs) = (0.0, 0.0, 0.0);
         for [sum, squares, n] in bins.into_iter().filter(|[_, _, n]| *n > 1.0) {
             shared += (sum * sum - squares) / n;
-            whole += (n - 1.0) * squares / n;
+            total += (n - 1.0) * squares / n;
             pairs += 1.0 - 1.0 / n;
         }
-        let share = shared / whole.max(f64::MIN_POSITIVE);
+        let share = shared / total.max(f64::MIN_POSITIVE);
         (shared > SIGNIFICANT_SHAPE * f64::sqrt(2.0 * pairs) && share > MIN_REPORTED_SHARE).then_some(share)
     }
 
@@ -415,7 +415,7 @@ impl<'a> Readings<'a> {
     /// not matter, because the gate itself is set by these variances.
     pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
-        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
+        let step = (self.total / MAX_FOR_SCALE).max(1);
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let sample = (0..posed.scan.points.len().div_ceil(step)).into_par_iter();
@@ -521,7 +521,7 @@ impl Evaluation {
 /// Numbers of the held-out readings of each scan: one at random from each stratum of `1/share` readings, and
 /// at most as many as are needed.
 pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
-    let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
+    let share = options.held_out_share.min(MAX_HELD_OUT / total as f64);
     (set.scans.iter().enumerate())
         .map(|(s, posed)| {
             let size = posed.scan.points.len();

@@ -40,7 +40,7 @@ pub(super) struct RigidTracker<'a> {
     pub(super) size: f64,
     pub(super) middle: DVec3,
     /// Number of readings of the first scan, and the covariance of the object's frame in its surface.
-    pub(super) made_of: f64,
+    pub(super) first_readings: f64,
     pub(super) frame: Matrix6<f64>,
     /// The factor of the surface's information along the normals of its nodes, and these normals.
     pub(super) factor: CholeskyFactor,
@@ -138,7 +138,7 @@ impl<'a> RigidTracker<'a> {
             search: FootPointSearch::new(surface, 2, 0.1 * size)?,
             size,
             middle: bounds.center(),
-            made_of: first.report.observations as f64,
+            first_readings: first.report.observations as f64,
             frame: Matrix6::zeros(),
             factor: system.factorize_scalar(&known)?,
             directions,
@@ -179,7 +179,7 @@ impl<'a> RigidTracker<'a> {
             self.pose = self.start(&readings);
             let sums = self.step(&self.pose, &readings, 0.2 * FIRST_GATE * self.size, 1.0);
             let frame = (sums.information + self.damping()).cholesky().map(|c| c.inverse());
-            self.frame = frame.unwrap_or_default() * (sums.matched as f64 / self.made_of);
+            self.frame = frame.unwrap_or_default() * (sums.matched as f64 / self.first_readings);
             self.covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.frame);
         }
         // The search gives a start for Gauss–Newton only. The prediction itself begins at the first pose.

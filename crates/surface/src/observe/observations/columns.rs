@@ -79,20 +79,20 @@ impl ReadingColumns {
     }
 
     /// Removes the marked readings.
-    pub(super) fn drop_marked(&mut self, gone: &[bool]) {
-        fn keep<T>(values: &mut Vec<T>, gone: &[bool]) {
-            let mut marks = gone.iter();
+    pub(super) fn drop_marked(&mut self, dropped: &[bool]) {
+        fn keep<T>(values: &mut Vec<T>, dropped: &[bool]) {
+            let mut marks = dropped.iter();
             values.retain(|_| !marks.next().is_some_and(|&g| g));
         }
-        keep(&mut self.points, gone);
-        keep(&mut self.normals, gone);
-        keep(&mut self.scan, gone);
-        keep(&mut self.index, gone);
-        keep(&mut self.held_out, gone);
-        keep(&mut self.oriented, gone);
+        keep(&mut self.points, dropped);
+        keep(&mut self.normals, dropped);
+        keep(&mut self.scan, dropped);
+        keep(&mut self.index, dropped);
+        keep(&mut self.held_out, dropped);
+        keep(&mut self.oriented, dropped);
         // Sources are kept only if some scan measures normals or curvatures.
         if !self.source.is_empty() {
-            keep(&mut self.source, gone);
+            keep(&mut self.source, dropped);
         }
     }
 }

@@ -136,14 +136,14 @@ impl Observations {
         // Only this function needs the source, which takes four bytes for each reading.
         self.readings.source = Vec::new();
         // Sensors of normals or curvatures have positions only as places of these.
-        let gone: Vec<bool> = (0..self.len())
+        let dropped: Vec<bool> = (0..self.len())
             .map(|k| {
                 k < placed
                     && !sensors[sensor_of_scan[self.readings.scan[k] as usize]].kind.measures_positions()
             })
             .collect();
-        self.intake.total -= gone.iter().filter(|&&g| g).count();
-        self.readings.drop_marked(&gone);
+        self.intake.total -= dropped.iter().filter(|&&g| g).count();
+        self.readings.drop_marked(&dropped);
         Ok(())
     }
 

@@ -7,7 +7,7 @@ use crate::observe::hashing::{BitsHasher, hash01};
 use crate::observe::{Channel, Quantity, RejectionCause};
 use planish_core::DVec3;
 use planish_estimate::{Error, Result};
-use planish_sense::{Noise, Scan, ScanGeometry, Sensor, SensorKind, Suspicion, Viewing, scan_geometry};
+use planish_sense::{Noise, PointFlag, Scan, ScanGeometry, Sensor, SensorKind, Viewing, scan_geometry};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -199,11 +199,11 @@ impl Observations {
             }
             return Some(RejectionCause::Duplicate);
         }
-        match checks.geometry.map_or(Suspicion::None, |g| g.suspicion[i]) {
-            Suspicion::None => None,
-            Suspicion::Isolated => Some(RejectionCause::Isolated),
-            Suspicion::DepthEdge => Some(RejectionCause::DepthEdge),
-            Suspicion::Grazing => Some(RejectionCause::Grazing),
+        match checks.geometry.map_or(PointFlag::None, |g| g.flags[i]) {
+            PointFlag::None => None,
+            PointFlag::Isolated => Some(RejectionCause::Isolated),
+            PointFlag::DepthEdge => Some(RejectionCause::DepthEdge),
+            PointFlag::Grazing => Some(RejectionCause::Grazing),
         }
     }
 

@@ -32,9 +32,9 @@ impl Observations {
             // Among all scans: a point that is alone in its own scan may have neighbours in another.
             let cloud = cloud_geometry(&self.readings.points, neighbours)?;
             let touch = |i: usize| touched(self.channels[self.channel(i)].sensor);
-            let mut gone: Vec<bool> =
+            let mut dropped: Vec<bool> =
                 (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
-            if (0..self.len()).any(|i| gone[i] && touch(i)) {
+            if (0..self.len()).any(|i| dropped[i] && touch(i)) {
                 let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
                 let points: Vec<DVec3> = touches.iter().map(|&i| self.readings.points[i]).collect();
                 let among_touches = match points.len() {
@@ -42,15 +42,15 @@ impl Observations {
                     _ => cloud_geometry(&points, neighbours)?.isolated,
                 };
                 for (i, isolated) in touches.into_iter().zip(among_touches) {
-                    gone[i] &= isolated;
+                    dropped[i] &= isolated;
                 }
             }
-            for i in (0..self.len()).filter(|&i| !gone[i]) {
+            for i in (0..self.len()).filter(|&i| !dropped[i]) {
                 if unknown(self, i) {
                     self.readings.normals[i] = cloud.normals[i].as_vec3();
                 }
             }
-            self.reject(&gone, RejectionCause::Isolated);
+            self.reject(&dropped, RejectionCause::Isolated);
         }
         if !orient {
             return Ok(());
@@ -96,15 +96,15 @@ impl Observations {
     /// of neighbours can be vertical without any vertical surface.
     pub(super) fn turn_upwards(&mut self) {
         /// Cosine of 60° against the normal of the plane. Steeper normals are dropped.
-        const STEEP: f64 = 0.5;
+        const MIN_STEEP_COSINE: f64 = 0.5;
         let (_, axes, _) = principal_axes(&self.readings.points);
         let flat = axes[2];
         let largest = flat.to_array().into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
         for i in (0..self.len()).filter(|&i| !self.readings.oriented[i]) {
             let up = self.normal(i).dot(flat) * largest.signum();
-            if up < -STEEP {
+            if up < -MIN_STEEP_COSINE {
                 self.readings.normals[i] = -self.readings.normals[i];
-            } else if up < STEEP {
+            } else if up < MIN_STEEP_COSINE {
                 self.readings.normals[i] = Vec3::ZERO;
             }
         }

@@ -1,6 +1,6 @@
 //! Estimated poses and biases with their covariances, and their report.
 
-use super::{BIAS, DETERMINED, ScanErrors};
+use super::{BIAS, MIN_VARIANCE_REDUCTION, ScanErrors};
 use crate::model::ScanPoseReport;
 use crate::observe::ReadingColumns;
 use planish_core::DVec3;
@@ -74,7 +74,7 @@ impl ScanErrors {
                     std::array::from_fn(|a| std::array::from_fn(|b| covariance_of(a, b)));
                 let own: Vec<f64> =
                     (0..m * m).map(|k| prior[(start + k / m) * width + start + k % m]).collect();
-                let directions = bordered.undetermined(start..start + m, &own, DETERMINED)?;
+                let directions = bordered.undetermined(start..start + m, &own, MIN_VARIANCE_REDUCTION)?;
                 let of_pose = |v: &Vec<f64>| -> [f64; 6] {
                     std::array::from_fn(|a| error.unknowns.iter().zip(v).map(|(&k, v)| j[a][k] * v).sum())
                 };

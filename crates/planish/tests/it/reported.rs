@@ -59,7 +59,7 @@ fn readings_in_two_files_count_once_and_both_are_named() {
 
 /// Another pose, another sensor, or another reading at one place are no copies.
 #[test]
-fn scans_that_agree_by_their_nature_are_no_copies() {
+fn scans_that_agree_for_other_reasons_are_no_copies() {
     let set = scene(Shape::Sheet, 4000).set;
     let mut moved = with_a_copy(&set);
     moved.scans.last_mut().unwrap().scan.world_from_scanner.translation[2] += 1e-3;
@@ -75,7 +75,7 @@ fn scans_that_agree_by_their_nature_are_no_copies() {
 }
 
 #[test]
-fn the_patch_filter_says_what_it_does_not_use() {
+fn the_patch_filter_reports_unused_input() {
     let set = scene(Shape::Sheet, 8000).set;
     let patch = FitOptions { strategy: Strategy::Patches(PatchOptions::default()), ..sheet() };
     let mut biased = set.clone();
@@ -96,7 +96,7 @@ impl Progress for NoWork {
 }
 
 #[test]
-fn a_ball_that_bends_is_refused_before_the_work() {
+fn a_bending_ball_is_rejected_before_the_work() {
     // Seen from all sides at each of two times: one view alone looks like a sheet.
     let mut set = scene(Shape::Ball, 4000).set;
     set.scans.iter_mut().for_each(|posed| posed.scan.time_s = Some(0.0));

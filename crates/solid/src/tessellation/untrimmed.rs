@@ -1,4 +1,4 @@
-//! Faces without a boundary: whole spheres and whole tori.
+//! Faces without a boundary: complete spheres and complete tori.
 //!
 //! Their loops contain only seams, along which the face borders itself. They are divided by a lattice of
 //! their parameters; the seams are ignored.
@@ -15,7 +15,7 @@ fn around(radius: f64, tolerance: f64) -> usize {
     (TAU / widest.clamp(1e-3, WIDEST_CHORD)).ceil() as usize
 }
 
-/// The triangles of a whole sphere or torus; none for other faces.
+/// The triangles of a complete sphere or torus; none for other faces.
 pub(super) fn triangles(face: &Face, points: &mut Points, tolerance: f64) -> Vec<[u32; 3]> {
     let (columns, rows, is_sphere) = match face.surface {
         FaceSurface::Sphere { radius, .. } => {

@@ -39,7 +39,7 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
 /// A touch probe takes few readings. Its σ must be estimated, and the surface must be their plane, not a
 /// surface through each reading.
 #[test]
-fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
+fn twenty_readings_determine_a_plane_and_their_noise() {
     let (sigma, count, runs) = (0.01, 20, 40);
     let (mut found, mut square) = (0.0, 0.0);
     for seed in 0..runs {
@@ -139,7 +139,7 @@ fn gross_errors_change_little_in_more_draws() {
     assert_gross_errors_change_little(2..8, 0.1);
 }
 
-fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, most: f64) {
+fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, limit: f64) {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let (mut clean, mut dirty) = (0.0, 0.0);
         for seed in seeds.clone() {
@@ -167,12 +167,12 @@ fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, most: f64) {
         }
         let ratio = (dirty / clean).sqrt();
         println!("{shape:?}: ratio {ratio:.3}");
-        assert!((ratio - 1.0).abs() < most, "{shape:?}: gross errors change the rms by a factor {ratio}");
+        assert!((ratio - 1.0).abs() < limit, "{shape:?}: gross errors change the rms by a factor {ratio}");
     }
 }
 
 #[test]
-fn threads_do_not_change_a_bit_of_the_model() {
+fn the_model_does_not_depend_on_the_number_of_threads() {
     let scene = scans(&ScanSceneOptions { readings: 8000, ..ScanSceneOptions::default() }).unwrap();
     let bits = [1, 2, 3, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -42,8 +42,8 @@ fn waves(seed: u64) -> ScanSet {
 }
 
 /// Share of the middles and quarters of leaves that lie within 1.96 σ of the truth along the normal.
-fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
-    let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients: most, ..FitOptions::default() };
+fn covered(seed: u64, max_coefficients: usize) -> (f64, Option<f64>) {
+    let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients, ..FitOptions::default() };
     let fitted = fit(&waves(seed), &options, &Silent).unwrap();
     let posterior = fitted.posterior();
     let surface = &fitted.model.surface;
@@ -67,7 +67,7 @@ fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
 }
 
 #[test]
-fn what_a_limit_leaves_out_is_in_sigma() {
+fn sigma_includes_shape_left_unresolved_by_a_limit() {
     let (limited, left) = covered(1, 64);
     let (free, rest) = covered(1, 12_000);
     println!("64 coefficients: {limited} covered, left out {left:?}; as many as it takes: {free}, {rest:?}");

@@ -2,7 +2,7 @@
 
 use super::super::equations::{Equations, Source};
 use super::super::problem::{Problem, State};
-use super::outlines::{FOCAL, looking};
+use super::outlines::{FOCAL, camera_at};
 use super::*;
 use crate::field::ShellOptions;
 
@@ -14,7 +14,7 @@ fn a_plate_larger_than_its_outline_is_reduced() {
     mesh.positions.iter_mut().for_each(|p| p[2] *= 0.02);
     let controls = automatic_controls(&mesh, 12).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
-    let camera = looking(DVec3::new(0.1, 0.0, 5.0), 0.3);
+    let camera = camera_at(DVec3::new(0.1, 0.0, 5.0), 0.3);
     let (middle, _) = camera.project(DVec3::ZERO).unwrap();
     let towards = |k: usize, r: f64| {
         let (sin, cos) = (std::f64::consts::TAU * k as f64 / 360.0).sin_cos();
