@@ -92,9 +92,8 @@ fn files_read(args: &FitArgs, done: &FitJobReport) -> Vec<PathBuf> {
 fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     let mut all = vec!["fit".to_owned()];
     all.extend(args.scans.iter().map(|path| path.display().to_string()));
-    if args.align {
-        all.push("--align".to_owned());
-    }
+    let flags = [("--align", args.align), ("--estimate-sigma", args.estimate_sigma)];
+    all.extend(flags.into_iter().filter(|(_, is_set)| *is_set).map(|(name, _)| name.to_owned()));
     let value_name = |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
     let mut option = |name: &str, value: Option<String>| {
         if let Some(value) = value {

@@ -19,6 +19,7 @@ pub fn option(setting: Setting) -> &'static str {
         Setting::Count => "--count",
         Setting::Disparities => "--disparities",
         Setting::Epsilon => "--epsilon",
+        Setting::EstimateSigma => "--estimate-sigma",
         Setting::Filter => "--filter",
         Setting::Gap => "--gap",
         Setting::Given => "--given",

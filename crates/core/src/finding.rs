@@ -79,6 +79,10 @@ codes! {
     // fit
     SensorSigmaMisstated = "sensor-sigma-misstated", Warning:
         "The residuals of a sensor are inconsistent with its stated σ; the estimate is used.",
+    SensorSigmaCautious = "sensor-sigma-cautious", Info:
+        "The residuals of a sensor are smaller than its stated σ, which is kept.",
+    SharedErrors = "shared-errors", Warning:
+        "Readings agree far better than their stated σ: their errors count as shared by neighbours.",
     SigmaNotEstimable = "sigma-not-estimable", Warning:
         "A sensor states no σ and has too few readings to estimate it.",
     SigmaTooSmall = "sigma-too-small", Warning:

@@ -40,6 +40,7 @@ settings! {
     Count = "count": "Number of points to plan.",
     Disparities = "disparities": "The range of disparities.",
     Epsilon = "epsilon": "Largest distance of overlapping patches.",
+    EstimateSigma = "estimate_sigma": "Lower a stated σ to that of the residuals.",
     Filter = "filter": "How readings are fused.",
     Gap = "gap": "Distance that separates parts of the readings.",
     Given = "given": "Constraints that are known.",

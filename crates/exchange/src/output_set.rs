@@ -281,7 +281,8 @@ pub fn recover_outputs_in_folder_of(path: &Path) {
     recover(&folder_of(path));
 }
 
-/// [`recover_outputs_in_folder_of`] by the folder. Failures are ignored: a folder that may not be changed is read as it is.
+/// [`recover_outputs_in_folder_of`] by the folder. Failures are ignored: a folder that may not be changed is
+/// read as it is.
 pub(crate) fn recover(folder: &Path) {
     let folder = absolute(folder);
     // A poisoned lock only means that another thread panicked while it added a folder.

@@ -168,7 +168,7 @@ pub struct UnmeasurableSigma {
 impl UnmeasurableSigma {
     /// Summary over the places of the region, with their variances after all points are measured.
     fn new(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
-        let square = |place: &Place| model.unresolved_shape.get(place.leaf).copied().unwrap_or(0.0);
+        let square = |place: &Place| model.excess_variance.get(place.leaf).copied().unwrap_or(0.0);
         let largest = places.iter().map(square).fold(0.0, f64::max);
         let area = |is_counted: &dyn Fn(&&Place) -> bool| {
             places.iter().filter(is_counted).map(|p| p.area).sum::<f64>()

@@ -39,6 +39,7 @@ mod refine_by_curvature;
 mod refine_by_roughness;
 mod report;
 mod residual_sample;
+mod shared_errors;
 mod smoothing;
 mod unresolved_shape;
 mod update;
@@ -104,7 +105,7 @@ impl Fit {
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
         Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
-            .with_unresolved_shape(&self.model.unresolved_shape)
+            .with_excess_variance(&self.model.excess_variance)
     }
 }
 

@@ -88,9 +88,9 @@ pub struct SurfaceModel {
     pub known: Knowledge,
     /// For each leaf, how it is known.
     pub observed: Vec<Observed>,
-    /// For each leaf, the mean square of its unresolved shape along the normal, as the readings show it; it
-    /// is part of σ. Empty if there is none.
-    pub unresolved_shape: Vec<f64>,
+    /// For each leaf, the part of σ² along the normal that is not in the covariance: the mean square of shape
+    /// smaller than the leaf, and errors that neighbouring readings share. Empty if there is none.
+    pub excess_variance: Vec<f64>,
     /// Sensors of the readings.
     pub sensors: Vec<SensorReport>,
     /// Poses of the scans.
@@ -151,7 +151,7 @@ impl SurfaceModel {
     /// ```
     pub fn posterior(&self) -> Result<Posterior<'_>> {
         let covariance = self.covariance(&SurfaceSystem::new(self.surface.space())?)?;
-        Ok(Posterior::new(&self.surface, Arc::new(covariance)).with_unresolved_shape(&self.unresolved_shape))
+        Ok(Posterior::new(&self.surface, Arc::new(covariance)).with_excess_variance(&self.excess_variance))
     }
 
     /// The covariance behind [`SurfaceModel::posterior`]; `system` is of the surface's hierarchy.

@@ -259,8 +259,8 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             tensor(&[width, width], TensorData::F64(shared.corner.clone())),
         );
     }
-    if !model.unresolved_shape.is_empty() {
-        tensors.insert(UNRESOLVED_SHAPE.to_owned(), Tensor::f64_list(model.unresolved_shape.clone()));
+    if !model.excess_variance.is_empty() {
+        tensors.insert(UNRESOLVED_SHAPE.to_owned(), Tensor::f64_list(model.excess_variance.clone()));
     }
     if let Some(filter) = model.known.filter() {
         patches::add(&mut tensors, filter)?;
@@ -339,7 +339,7 @@ impl Tensors {
 
     /// The unresolved shape of each leaf; `order` maps cells of the file to leaves. Empty if the file has
     /// none.
-    fn unresolved_shape(&mut self, order: &[usize]) -> Result<Vec<f64>> {
+    fn excess_variance(&mut self, order: &[usize]) -> Result<Vec<f64>> {
         if !self.0.contains_key(UNRESOLVED_SHAPE) {
             return Ok(Vec::new());
         }
@@ -465,7 +465,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     for (&leaf, &mark) in order.iter().zip(&marks) {
         observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
-    let unresolved_shape = tensors.unresolved_shape(&order)?;
+    let excess_variance = tensors.excess_variance(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), from_arrays(vertices.as_chunks::<3>().0).to_vec())?;
     // The pattern follows from the hierarchy; the file repeats it so that other readers need no B-splines.
@@ -522,7 +522,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         observed,
         sensors: metadata.sensors,
         poses: poses.collect(),
-        unresolved_shape,
+        excess_variance,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,
     };

@@ -307,7 +307,7 @@ impl SurfaceStream {
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
             // It would follow from residuals, which a stream does not keep.
-            unresolved_shape: Vec::new(),
+            excess_variance: Vec::new(),
             known: Knowledge::Patches(Arc::new(self.core.filter.clone())),
             surface,
         })

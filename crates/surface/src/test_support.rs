@@ -46,7 +46,7 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
         .unwrap();
     SurfaceModel {
         known: Knowledge::AlongNormals { information: VertexInformation { prior, data }, scan_errors: None },
-        unresolved_shape: Vec::new(),
+        excess_variance: Vec::new(),
         unit: Unit::Millimetre,
         observations: 16 * observed.iter().filter(|&&o| o).count(),
         surface,
@@ -58,6 +58,7 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
             sigma_stated: None,
             sigma_estimated: 0.1 + 0.2,
             rms: 1.0 / 3.0,
+            sigma_shared: None,
             sigma_used_is_estimated: true,
         }],
         poses: vec![ScanPoseReport {

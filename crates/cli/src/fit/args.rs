@@ -129,6 +129,13 @@ pub struct FitArgs {
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate,
           allow_negative_numbers = true, help_heading = "Readings")]
     pub gate: f64,
+    /// Lower a stated σ if the residuals are smaller
+    ///
+    /// A stated σ that is too small is always raised. Small residuals alone do not lower it, because the
+    /// surface follows errors that neighbouring readings share (smoothed scans, meshes of other programs).
+    /// Use this option for a sensor whose errors are independent and whose σ is stated too large.
+    #[arg(long, help_heading = "Readings", hide_short_help = true)]
+    pub estimate_sigma: bool,
     /// Share of the readings that is held out to validate the fit, from 0 to below 0.9
     #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = held_out,
           allow_negative_numbers = true, help_heading = "Readings", hide_short_help = true)]

@@ -23,6 +23,7 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
             refine_by: args.refine_by.into(),
             max_coefficients: args.max_coefficients,
             gate: args.gate,
+            estimate_sigma: args.estimate_sigma,
             held_out_share: args.held_out,
             seed: args.common.seed,
             ..UpdateOptions::default()
@@ -36,6 +37,7 @@ pub(super) fn task(args: &FitArgs) -> Result<FitTask> {
         refine_by: args.refine_by.into(),
         max_coefficients: args.max_coefficients,
         gate: args.gate,
+        estimate_sigma: args.estimate_sigma,
         held_out_share: args.held_out,
         seed: args.common.seed,
         ..FitOptions::default()

@@ -186,7 +186,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<CarriedS
     let Vertices { points, normals, sigma } = vertices;
     // It was estimated from residuals of vertices taken as independent. Below, it is replaced by the excess
     // of σ of the mesh.
-    model.unresolved_shape.clear();
+    model.excess_variance.clear();
     let feet = feet_on(&model.surface, points, |k| normals[k])?;
     let inside: Vec<usize> = (0..feet.len()).filter(|&k| !feet[k].at_border).collect();
     let leaf: Vec<u32> = inside.iter().map(|&k| feet[k].leaf).collect();
@@ -227,10 +227,10 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<CarriedS
         sums[0] += sigma[k] * sigma[k] + off * off - factor * of_fit[j] * of_fit[j];
         sums[1] += 1.0;
     }
-    model.unresolved_shape = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
+    model.excess_variance = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
     // All variances of the coefficients are the fit's times the factor; each cell adds its own.
     let now = (of_fit.iter().zip(&leaf))
-        .map(|(own, leaf)| (factor * own * own + model.unresolved_shape[*leaf as usize]).sqrt());
+        .map(|(own, leaf)| (factor * own * own + model.excess_variance[*leaf as usize]).sqrt());
     Ok(CarriedSigma {
         rms: (square / inside.len() as f64).sqrt(),
         sigma: SigmaSummary::from_values(now.collect()),

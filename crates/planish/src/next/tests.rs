@@ -60,7 +60,7 @@ fn sigma_after_points_matches_the_updated_information() {
         .unwrap();
     model.known.information_mut().unwrap().data.add_scaled(&more, 1.0).unwrap();
     // Readings do not reduce σ of unresolved shape.
-    model.unresolved_shape.clear();
+    model.excess_variance.clear();
     let posterior = model.posterior().unwrap();
     let after = figures(
         &places(&model, &system.node_normals(&model.surface), &options),
@@ -80,10 +80,10 @@ fn sigma_after_points_matches_the_updated_information() {
 #[test]
 fn unresolved_shape_above_the_goal_is_reported() {
     let mut model = model();
-    model.unresolved_shape = vec![0.0; model.observed.len()];
+    model.excess_variance = vec![0.0; model.observed.len()];
     let options = NextOptions { count: 2, sigma: Some(0.004), ..NextOptions::default() };
     assert_eq!(next_points(&model, &options, &Silent).unwrap().unresolved_shape, None);
-    model.unresolved_shape[3] = 0.25;
+    model.excess_variance[3] = 0.25;
     let report = next_points(&model, &options, &Silent).unwrap();
     let left = report.unresolved_shape.unwrap();
     assert_eq!(left.largest, 0.5);

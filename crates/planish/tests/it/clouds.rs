@@ -37,6 +37,30 @@ fn run(set: &ScanSet) -> Fit {
     fit(set, &FitOptions::default(), &Silent).unwrap()
 }
 
+fn run_with_estimated_sigma(set: &ScanSet) -> Fit {
+    fit(set, &FitOptions { estimate_sigma: true, ..FitOptions::default() }, &Silent).unwrap()
+}
+
+/// Share of the places of the true sheet that lie within 1.96 σ of the surface.
+fn coverage(fit: &Fit) -> f64 {
+    let surface = &fit.model.surface;
+    let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
+    let posterior = fit.posterior();
+    let mut rng = ChaCha8Rng::seed_from_u64(78);
+    let count = 1000;
+    let covered = (0..count)
+        .filter(|_| {
+            let [x, y] = [0, 1].map(|_| rng.random_range(0.05..0.95));
+            let p = DVec3::new(x, y, height(x, y));
+            let foot = surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
+            let leaf = posterior.leaf(foot.leaf as usize).unwrap();
+            let sigma = planish_surface::model::Posterior::sigma_along(&leaf, foot.local, foot.normal);
+            foot.height.abs() < 1.96 * sigma
+        })
+        .count();
+    covered as f64 / f64::from(count)
+}
+
 /// Root mean square distance of the true sheet from the surface.
 fn error(fit: &Fit) -> f64 {
     let surface = &fit.model.surface;
@@ -80,12 +104,56 @@ fn dust_has_little_influence() {
 fn a_sigma_wrong_by_a_factor_of_a_thousand_is_detected() {
     let clean = error(&run(&set_of(sheet(5000, 3), None)));
     for factor in [1e-3, 0.01, 10.0, 100.0, 1e3] {
-        let fit = run(&set_of(sheet(5000, 3), Some(factor * SIGMA)));
+        let fit = run_with_estimated_sigma(&set_of(sheet(5000, 3), Some(factor * SIGMA)));
         let (found, sensor) = (error(&fit), &fit.report.sensors[0]);
         assert!(sensor.sigma_used_is_estimated, "{factor}");
         assert!((sensor.sigma_estimated / SIGMA - 1.0).abs() < 0.1, "{factor}: {}", sensor.sigma_estimated);
         assert!(found < 1.3 * clean, "{factor}: {found} instead of {clean}");
     }
+}
+
+/// Smoothed points agree with each other far better than with the truth, as their σ says.
+#[test]
+fn points_with_shared_errors_keep_their_sigma() {
+    for seed in 0..4 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        // A random field of variance σ² with a wavelength of about a fifth of the sheet, as smoothing leaves.
+        let waves: Vec<[f64; 3]> = (0..200)
+            .map(|_| {
+                let k = [0, 1].map(|_| 30.0 * Distribution::<f64>::sample(&StandardNormal, &mut rng));
+                [k[0], k[1], std::f64::consts::TAU * rng.random::<f64>()]
+            })
+            .collect();
+        let amplitude = SIGMA * (2.0 / waves.len() as f64).sqrt();
+        let shared = |x: f64, y: f64| {
+            amplitude * waves.iter().map(|[u, v, phase]| (u * x + v * y + phase).cos()).sum::<f64>()
+        };
+        let points = (0..8000)
+            .map(|_| {
+                let (x, y): (f64, f64) = (rng.random(), rng.random());
+                DVec3::new(x, y, height(x, y) + shared(x, y))
+            })
+            .collect();
+        let fit = run(&set_of(points, Some(SIGMA)));
+        let sensor = &fit.report.sensors[0];
+        assert!(!sensor.sigma_used_is_estimated && sensor.sigma_shared.is_some(), "{sensor:?}");
+        let code = planish::FindingCode::SharedErrors;
+        assert!(fit.report.findings.iter().any(|f| f.code == code), "{:?}", fit.report.findings);
+        let covered = coverage(&fit);
+        println!("seed {seed}: covered {covered}, median σ {:.5}", fit.report.sigma.median);
+        assert!(covered > 0.9, "seed {seed}: covered {covered}");
+        assert!(fit.report.sigma.median < 1.3 * SIGMA, "seed {seed}: {}", fit.report.sigma.median);
+    }
+}
+
+#[test]
+fn a_sigma_stated_too_large_is_kept_with_a_finding() {
+    let fit = run(&set_of(sheet(5000, 3), Some(2.0 * SIGMA)));
+    let sensor = &fit.report.sensors[0];
+    assert!(!sensor.sigma_used_is_estimated && sensor.sigma_shared.is_none(), "{sensor:?}");
+    let code = planish::FindingCode::SensorSigmaCautious;
+    assert!(fit.report.findings.iter().any(|f| f.code == code), "{:?}", fit.report.findings);
+    assert!(coverage(&fit) > 0.95);
 }
 
 #[test]

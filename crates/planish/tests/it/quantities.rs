@@ -311,7 +311,8 @@ fn sigma_of_a_rough_surface_is_calibrated_with_division_by_roughness() {
 fn a_misstated_sigma_of_any_quantity_is_detected() {
     let mix =
         Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: [1.0, 3.0, 0.4] };
-    let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;
+    let options = FitOptions { shape: Some(Shape::Sheet), estimate_sigma: true, ..FitOptions::default() };
+    let report = fit(&readings(&Truth::on_cells(CELLS, 3), mix, 3), &options, &Silent).unwrap().report;
     for (sensor, (quantity, sigma)) in report.sensors.iter().zip([
         ("position", SIGMA),
         ("normal", 3.0 * SIGMA_DEG),

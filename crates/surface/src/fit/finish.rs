@@ -27,6 +27,7 @@ use super::leaves::{leaf_areas, leaves_with_feet, with_neighbours};
 use super::noise::{SensorNoise, kept_variance};
 use super::patch::PatchFilterOutcome;
 use super::refine::{ConvergedFit, ConvergedKind};
+use super::shared_errors::shared_variance;
 use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
 use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
@@ -155,7 +156,7 @@ pub(super) fn finish(
         known: this.knowledge(&kind, &own_data, prior)?,
         surface,
         observed: Vec::new(),
-        unresolved_shape: Vec::new(),
+        excess_variance: Vec::new(),
         sensors: Vec::new(),
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
         smoothness_weight: weight,
@@ -181,11 +182,10 @@ pub(super) fn finish(
     };
     let noise = this.final_noise(noise, &degrees)?;
     // The unresolved shape comes after the noise, by which its test weighs the residuals.
-    let mut left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
-    this.raise_to_earlier(&model.surface, &mut left);
-    if left.iter().any(|left| *left > 0.0) {
-        model.unresolved_shape = left;
-    }
+    let left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
+    let unresolved = UnresolvedShape::from_leaves(&left, &leaf_areas(&model.surface));
+    let shared = shared_variance(&model.surface, &channels, &feet, &information, &noise);
+    model.excess_variance = this.excess_variance(&model.surface, left, &shared);
 
     let judged = Judged {
         model: &model,
@@ -198,6 +198,7 @@ pub(super) fn finish(
             .map(|(d, _)| d)
             .sum::<f64>(),
         observed: this.observed(&model),
+        unresolved,
         ending: Ending { reached_limit, reached_tolerance, refined },
     };
     let report = this.report(&judged, &mut at)?;
@@ -222,6 +223,8 @@ struct Judged<'a> {
     determined: f64,
     /// How each leaf is known.
     observed: Vec<Observed>,
+    /// The unresolved shape of the leaves, without the errors that readings share.
+    unresolved: Option<UnresolvedShape>,
     ending: Ending,
 }
 
@@ -267,7 +270,7 @@ impl Finishing<'_> {
         }
         // A user reads this σ as that of the real surface, so it includes the unresolved shape.
         let sigma = Posterior::new(&model.surface, Arc::clone(covariance))
-            .with_unresolved_shape(&model.unresolved_shape)
+            .with_excess_variance(&model.excess_variance)
             .sigma_summary(observed)?;
         let areas = leaf_areas(&model.surface);
         let total_area: f64 = areas.iter().sum();
@@ -281,7 +284,7 @@ impl Finishing<'_> {
         let determined = fit.determined * totals.rows / totals.own_rows.max(1) as f64;
         let sensors =
             sensor_reports(set, self.readings(), self.information, noise, self.residuals_of_batches());
-        let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
+        let unresolved = fit.unresolved;
         // Only a limit that the user has set can be raised by the user.
         let too_shallow = options.max_depth.is_some()
             && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
@@ -396,7 +399,7 @@ impl Finishing<'_> {
     /// The factors by which readings were weighed stay, since the information was made with them. A channel
     /// that lacks redundancy keeps its earlier estimate.
     fn final_noise(&self, before: SensorNoise, degrees: &[f64]) -> Result<SensorNoise> {
-        let found = SensorNoise::estimate(self.readings(), self.options.gate, degrees, true)?;
+        let found = SensorNoise::estimate(self.readings(), self.options.noise_rules(), degrees, true)?;
         let estimates = before.estimated_factors.iter().zip(&found.estimated_factors);
         let estimated_factors = (before.lacks_redundancy.iter().zip(estimates))
             .map(|(&lacks_redundancy, (&before, &after))| if lacks_redundancy { before } else { after })
@@ -409,15 +412,27 @@ impl Finishing<'_> {
         })
     }
 
-    /// Raises the unresolved shape of each leaf to what the earlier model had there: other readings may have
-    /// shown more.
-    fn raise_to_earlier(&self, surface: &planish_spline::Surface, unresolved: &mut [f64]) {
-        let Some(earlier) = self.earlier else { return };
-        for (leaf, left) in unresolved.iter_mut().enumerate() {
-            let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
-            let before = earlier.surface.space().locate(u, v).0;
-            *left = left.max(earlier.unresolved_shape.get(before).copied().unwrap_or(0.0));
+    /// For each leaf, what σ² contains besides the covariance: unresolved shape and errors that readings
+    /// share, and no less than what the earlier model had there, since other readings may have shown more.
+    /// Empty if there is none.
+    fn excess_variance(
+        &self,
+        surface: &planish_spline::Surface,
+        unresolved: Vec<f64>,
+        shared: &[f64],
+    ) -> Vec<f64> {
+        let mut excess = unresolved;
+        for (own, shared) in excess.iter_mut().zip(shared) {
+            *own += shared;
         }
+        if let Some(earlier) = self.earlier {
+            for (leaf, own) in excess.iter_mut().enumerate() {
+                let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
+                let before = earlier.surface.space().locate(u, v).0;
+                *own = own.max(earlier.excess_variance.get(before).copied().unwrap_or(0.0));
+            }
+        }
+        if excess.iter().any(|own| *own > 0.0) { excess } else { Vec::new() }
     }
 
     /// For each leaf of the model, how it is known: measured, inferred, or by the prior alone.

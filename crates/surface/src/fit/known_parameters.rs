@@ -16,6 +16,7 @@ use super::leaves::with_neighbours;
 use super::noise::{
     MIN_FOR_CONTRADICTION, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
 };
+use super::shared_errors::MAX_OVERSTATEMENT;
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{
@@ -195,6 +196,8 @@ struct NoiseScale {
     used: f64,
     /// For each sensor, true if its stated σ is accepted.
     accepted: Vec<bool>,
+    /// For each sensor, the share of the stated variance that neighbouring readings have in common.
+    shared: Vec<f64>,
     /// `Σ w r²` and the number of residuals less the degrees of freedom.
     weighted: f64,
     redundant: f64,
@@ -272,13 +275,21 @@ impl Solved {
         let redundant = (self.coordinates() * self.count() as f64 - degrees).max(1.0);
         let estimated = (weighted / (redundant * kept)).max(min_variance(&self.surface, &self.total));
         let may_contradict = has_redundancy && redundant > MIN_FOR_CONTRADICTION;
+        // Estimated over stated σ.
+        let ratio = |s: usize| (estimated * self.variances[s]).sqrt();
         let accepted: Vec<bool> = (0..self.variances.len())
             .map(|s| {
-                let agrees = || {
-                    let range = 1.0 / STATED_SIGMA_TOLERANCE..STATED_SIGMA_TOLERANCE;
-                    range.contains(&(estimated * self.variances[s]).sqrt())
-                };
+                // Small residuals do not prove a small σ: the surface follows errors that neighbours share.
+                let may_lower = readings.options.estimate_sigma;
+                let least = if may_lower { 1.0 / STATED_SIGMA_TOLERANCE } else { 0.0 };
+                let agrees = || (least..STATED_SIGMA_TOLERANCE).contains(&ratio(s));
                 readings.stated[s] && (!may_contradict || agrees())
+            })
+            .collect();
+        let shared = (0..self.variances.len())
+            .map(|s| {
+                let is_shared = accepted[s] && may_contradict && MAX_OVERSTATEMENT * ratio(s) < 1.0;
+                if is_shared { 1.0 - ratio(s).powi(2) } else { 0.0 }
             })
             .collect();
         // All variances share one factor, so one accepted sensor fixes the scale of all.
@@ -286,7 +297,21 @@ impl Solved {
             Some(s) => 1.0 / self.variances[s],
             None => estimated,
         };
-        Ok(NoiseScale { estimated, used, accepted, weighted, redundant, kept, is_gated })
+        Ok(NoiseScale { estimated, used, accepted, shared, weighted, redundant, kept, is_gated })
+    }
+
+    /// For each leaf the variance that readings have in common; empty if there is none.
+    fn shared_variance(&self, noise: &NoiseScale) -> Vec<f64> {
+        // Information of each sensor, by its readings and their mean variance.
+        let weights: Vec<f64> = (self.residuals.iter().zip(&self.variances))
+            .map(|(r, v)| if r.count > 0 { (r.count as f64).powi(2) / (r.variance * v) } else { 0.0 })
+            .collect();
+        let total: f64 = weights.iter().sum();
+        let common: f64 = (self.residuals.iter().zip(&weights).zip(&noise.shared))
+            .filter(|((r, _), _)| r.count > 0)
+            .map(|((r, w), share)| (w / total).powi(2) * share * r.variance / r.count as f64)
+            .sum();
+        if common > 0.0 { vec![common; self.surface.space().leaves().len()] } else { Vec::new() }
     }
 
     fn sensor_reports(&self, readings: &Readings<'_>, noise: &NoiseScale) -> Vec<SensorReport> {
@@ -302,6 +327,9 @@ impl Solved {
                     observations: r.count,
                     sigma_stated: readings.stated[s].then_some(typical),
                     sigma_estimated: (noise.estimated * self.variances[s]).sqrt() * typical,
+                    sigma_shared: Some(noise.shared[s])
+                        .filter(|share| *share > 0.0)
+                        .map(|share| share.sqrt() * typical),
                     rms: (r.square / (self.coordinates() * n)).sqrt(),
                     sigma_used_is_estimated: !noise.accepted[s],
                 }
@@ -322,7 +350,7 @@ impl Solved {
         Ok(SurfaceModel {
             unit: readings.set.unit.unwrap_or(Unit::Millimetre),
             known: Knowledge::PerCoordinate { information, measured },
-            unresolved_shape: Vec::new(),
+            excess_variance: self.shared_variance(noise),
             observed: observed.into_iter().map(Observed::from_measured).collect(),
             sensors: self.sensor_reports(readings, noise),
             poses: scan_pose_reports(readings.set),

@@ -3,6 +3,7 @@
 //! Variances are handled as factors on the stated variance of each reading, so that σ may differ from reading
 //! to reading. A channel without a stated σ has stated variance 1.
 
+use super::shared_errors::MAX_OVERSTATEMENT;
 use crate::observe::{Channel, FootState, ProjectedReadings, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
@@ -26,6 +27,15 @@ const MIN_FOR_SCALE: usize = 8;
 /// Variance of rounding, over the stated variance, for quantities that are not lengths.
 const MIN_RELATIVE_VARIANCE: f64 = 1e-24;
 
+/// How residuals determine the noise.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NoiseRules {
+    /// Readings farther from the surface than this many σ are rejected.
+    pub gate: f64,
+    /// True if residuals smaller than a stated σ lower it.
+    pub may_lower: bool,
+}
+
 /// The noise of every channel at one stage of a fit.
 #[derive(Debug, Clone)]
 pub(super) struct SensorNoise {
@@ -37,6 +47,9 @@ pub(super) struct SensorNoise {
     pub count: Vec<usize>,
     /// True if the estimate is used although σ was stated.
     pub is_contradicted: Vec<bool>,
+    /// Share of the stated variance that neighbouring readings have in common: see
+    /// [`super::shared_errors`].
+    pub shared_share: Vec<f64>,
     /// Plausible upper bound of the variance over that stated: 1 if σ was stated, less if neighbouring points
     /// agree better.
     pub factor_bounds: Vec<f64>,
@@ -70,6 +83,7 @@ impl SensorNoise {
             variance_factors,
             count: vec![0; count],
             is_contradicted: vec![false; count],
+            shared_share: vec![0.0; count],
             factor_bounds,
             lacks_redundancy: vec![false; count],
         }
@@ -101,7 +115,10 @@ impl SensorNoise {
         }
     }
 
-    /// Estimates every channel from its residuals, with a correction for the gate at `gate` σ.
+    /// Estimates every channel from its residuals, with a correction for the gate.
+    ///
+    /// Residuals larger than a stated σ contradict it. Smaller ones do not, because the surface follows
+    /// errors that neighbours share: a stated σ is lowered only if `rules` say so.
     ///
     /// `degrees` are the effective degrees of freedom that each channel's readings determine; their χ² is
     /// smaller by that number. Before convergence the surface still misses shape, so a channel whose
@@ -111,11 +128,12 @@ impl SensorNoise {
     /// `Input` for a gate out of range.
     pub(super) fn estimate(
         readings: ProjectedReadings<'_>,
-        gate: f64,
+        rules: NoiseRules,
         degrees: &[f64],
         converged: bool,
     ) -> Result<Self> {
         let ProjectedReadings { observations, subset, feet } = readings;
+        let NoiseRules { gate, may_lower } = rules;
         let mut noise = Self::stated(&observations.channels);
         for channel in 0..observations.channels.len() {
             // Inferred readings carry no information about the noise of sensors.
@@ -167,11 +185,14 @@ impl SensorNoise {
             // An estimated σ of n redundant readings has the relative standard error 1/√(2n).
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             // The surface follows errors that neighbours share, so small residuals do not prove small errors.
-            let may_be_smaller = !observations.channels[channel].correlated_errors;
-            let smaller = may_be_smaller && ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
-            let off = redundancy > MIN_REDUNDANCY
-                && redundant > MIN_FOR_CONTRADICTION
-                && (ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error || smaller);
+            let may_be_smaller = may_lower && !observations.channels[channel].correlated_errors;
+            let is_determined = redundancy > MIN_REDUNDANCY && redundant > MIN_FOR_CONTRADICTION;
+            let smaller = ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
+            let larger = ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error;
+            let off = is_determined && (larger || may_be_smaller && smaller);
+            if is_determined && !off && MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0 {
+                noise.shared_share[channel] = 1.0 - noise.estimated_factors[channel];
+            }
             if !observations.channels[channel].stated {
                 noise.variance_factors[channel] = noise.estimated_factors[channel];
             } else if !converged {

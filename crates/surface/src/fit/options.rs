@@ -1,5 +1,6 @@
 //! Settings of a fit.
 
+use super::noise::NoiseRules;
 use crate::complete::SymmetryChoice;
 use crate::subdivision::RefineBy;
 use planish_sense::ScanChecks;
@@ -43,6 +44,11 @@ pub struct FitOptions {
     pub max_coefficients: usize,
     /// Reject readings more than this many σ from the surface (default 4).
     pub gate: f64,
+    /// Lower a stated σ to that of the residuals if these are smaller (default: no).
+    ///
+    /// A σ that is too small is always raised. Small residuals alone do not prove a small σ: the surface
+    /// follows errors that neighbouring readings share, as those of smoothed scans.
+    pub estimate_sigma: bool,
     /// Share of the readings held out to judge the fit (default 0.1).
     pub held_out_share: f64,
     /// Seed of every random choice (default 0).
@@ -150,6 +156,11 @@ pub struct UpdateOptions {
     pub max_coefficients: usize,
     /// Reject readings more than this many σ from the surface (default 4).
     pub gate: f64,
+    /// Lower a stated σ to that of the residuals if these are smaller (default: no).
+    ///
+    /// A σ that is too small is always raised. Small residuals alone do not prove a small σ: the surface
+    /// follows errors that neighbouring readings share, as those of smoothed scans.
+    pub estimate_sigma: bool,
     /// Share of the readings held out to judge the fit (default 0.1).
     pub held_out_share: f64,
     /// Seed of every random choice (default 0).
@@ -196,6 +207,7 @@ impl Default for FitOptions {
             max_coefficients: 12_000,
             // Of normal residuals, 0.006 % lie beyond 4 σ, so hardly any correct reading is rejected.
             gate: 4.0,
+            estimate_sigma: false,
             held_out_share: 0.1,
             seed: 0,
             checks: ScanChecks::default(),
@@ -206,8 +218,8 @@ impl Default for FitOptions {
 impl Default for UpdateOptions {
     fn default() -> Self {
         // The shared defaults come from one place, so that a fit and an update gate alike.
-        let FitOptions { refine_by, max_coefficients, gate, held_out_share, seed, checks, .. } =
-            FitOptions::default();
+        let FitOptions { refine_by, max_coefficients, gate, estimate_sigma, .. } = FitOptions::default();
+        let FitOptions { held_out_share, seed, checks, .. } = FitOptions::default();
         Self {
             filter: None,
             ground: None,
@@ -215,6 +227,7 @@ impl Default for UpdateOptions {
             refine_by,
             max_coefficients,
             gate,
+            estimate_sigma,
             held_out_share,
             seed,
             checks,
@@ -251,6 +264,11 @@ impl FitOptions {
         Self { shape: self.shape.or(self.ground().map(|_| Shape::Sheet)), ..self.clone() }
     }
 
+    /// How residuals determine the noise.
+    pub(super) fn noise_rules(&self) -> NoiseRules {
+        NoiseRules { gate: self.gate, may_lower: self.estimate_sigma }
+    }
+
     /// The same options with a global fit.
     pub(super) fn with_global(&self, global: GlobalOptions) -> Self {
         Self { strategy: Strategy::Global(global), ..self.clone() }
@@ -263,12 +281,13 @@ impl UpdateOptions {
         // The filter is that of the model and was checked before. A global strategy only carries `ground` and
         // `align` to the stages that all filters share.
         let Self { filter: _, ground, align, refine_by, max_coefficients, .. } = *self;
-        let Self { gate, held_out_share, seed, checks, .. } = *self;
+        let Self { gate, estimate_sigma, held_out_share, seed, checks, .. } = *self;
         let global = GlobalOptions { ground, align, ..GlobalOptions::default() };
         let shared = FitOptions {
             refine_by,
             max_coefficients,
             gate,
+            estimate_sigma,
             held_out_share,
             seed,
             checks,

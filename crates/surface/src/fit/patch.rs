@@ -389,14 +389,14 @@ pub(super) fn update_patches(
     let noise = if on_known.len() < MIN_FOR_NOISE {
         SensorNoise::estimate(
             ProjectedReadings { observations, subset: &used, feet: &feet },
-            options.gate,
+            options.noise_rules(),
             &degrees,
             true,
         )?
     } else {
         SensorNoise::estimate(
             ProjectedReadings { observations, subset: &on_known, feet: &known_feet },
-            options.gate,
+            options.noise_rules(),
             &degrees,
             true,
         )?

@@ -313,7 +313,7 @@ impl Refinement<'_> {
         let channels = FootChannels::new(self.observations, sample);
         // The noise needs degrees of freedom, and these need a solution. A rough guess starts the cycle.
         let degrees = self.degrees.get_or_insert_with(|| first_degrees(&self.surface, &channels));
-        self.noise = SensorNoise::estimate(readings, gate, degrees, round.is_last)?;
+        self.noise = SensorNoise::estimate(readings, self.options.noise_rules(), degrees, round.is_last)?;
         let information = weights(readings, &self.noise, gate, !round.is_last);
         if !information.iter().any(|&w| w > 0.0) {
             return Err(Error::undetermined(
@@ -412,7 +412,7 @@ impl Refinement<'_> {
         let feet = self.project(&subset);
         let readings = ProjectedReadings { observations: self.observations, subset: &subset, feet: &feet };
         let degrees = self.degrees.as_deref().unwrap_or(&[]);
-        let noise = SensorNoise::estimate(readings, self.options.gate, degrees, true)?;
+        let noise = SensorNoise::estimate(readings, self.options.noise_rules(), degrees, true)?;
         // The prior of the model is that of its own metric.
         let energy = BendingEnergy::new(&system, &self.surface)?;
         let weight = self.weight.unwrap_or(0.0);

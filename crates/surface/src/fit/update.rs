@@ -98,7 +98,7 @@ impl Update<'_> {
         if is_first {
             judged.clone_from(&feet);
             let before = Posterior::new(&self.model.surface, Arc::new(self.model.covariance(self.system)?));
-            let before = before.with_unresolved_shape(&self.model.unresolved_shape);
+            let before = before.with_excess_variance(&self.model.excess_variance);
             self.variance_before = variances_of_surface(&before, &feet)?;
             for ((foot, of_surface), &i) in judged.iter_mut().zip(&self.variance_before).zip(subset) {
                 let stated = observations.channels[observations.channel(i as usize)].stated;
@@ -107,7 +107,7 @@ impl Update<'_> {
         }
         let readings =
             ProjectedReadings { observations, subset, feet: if is_first { &judged } else { &feet } };
-        self.noise = SensorNoise::estimate(readings, self.options.gate, &self.degrees, true)?;
+        self.noise = SensorNoise::estimate(readings, self.options.noise_rules(), &self.degrees, true)?;
         // After the first step the surface follows the new readings. Where these are few, only the noise
         // predicted before it does not depend on them.
         match &self.predicted {

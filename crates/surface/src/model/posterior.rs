@@ -19,8 +19,8 @@ pub struct Posterior<'a> {
     covariance: Arc<NodeCovariance>,
     /// True if poses and biases of scans count as known.
     given_scan_errors: bool,
-    /// For each leaf the mean square of its unresolved shape; none if empty.
-    unresolved_shape: &'a [f64],
+    /// For each leaf the part of σ² that is not in the covariance; none if empty.
+    excess_variance: &'a [f64],
 }
 
 /// The covariance of vertices of a surface that share a leaf.
@@ -60,8 +60,8 @@ pub struct LeafCovariance<'a> {
     weights: &'a [[f64; 16]],
     motion: VertexMotion,
     covariance: Vec<f64>,
-    /// Mean square of the unresolved shape of the leaf.
-    unresolved_shape: f64,
+    /// Part of σ² along the normal that is not in the covariance.
+    excess_variance: f64,
 }
 
 /// Identity: the weights of a leaf's sixteen coefficients on themselves.
@@ -154,12 +154,12 @@ impl<'a> Posterior<'a> {
     /// A surface with the covariance of its control vertices.
     #[must_use]
     pub fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self { surface, covariance, given_scan_errors: false, unresolved_shape: &[] }
+        Self { surface, covariance, given_scan_errors: false, excess_variance: &[] }
     }
 
-    /// The same with the unresolved shape of each leaf.
-    pub(crate) fn with_unresolved_shape(self, unresolved_shape: &'a [f64]) -> Self {
-        Self { unresolved_shape, ..self }
+    /// The same with the part of σ² of each leaf that is not in the covariance.
+    pub(crate) fn with_excess_variance(self, excess_variance: &'a [f64]) -> Self {
+        Self { excess_variance, ..self }
     }
 
     /// The same as if poses and biases of all scans were known. This is the surface as seen from the scans.
@@ -168,7 +168,7 @@ impl<'a> Posterior<'a> {
             surface: self.surface,
             covariance: Arc::clone(&self.covariance),
             given_scan_errors: true,
-            unresolved_shape: self.unresolved_shape,
+            excess_variance: self.excess_variance,
         }
     }
 
@@ -177,7 +177,7 @@ impl<'a> Posterior<'a> {
     /// # Errors
     /// `Undetermined` if the leaf's nodes are not coupled, which does not happen for models of this crate.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
-        let unresolved_shape = self.unresolved_shape.get(leaf).copied().unwrap_or(0.0);
+        let excess_variance = self.excess_variance.get(leaf).copied().unwrap_or(0.0);
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
         let GlobalCovariance { inverse, motion, shared } = match &*self.covariance {
             NodeCovariance::Nodes(covariance) => covariance,
@@ -190,7 +190,7 @@ impl<'a> Posterior<'a> {
                         _ => DVec3::splat(1.0),
                     }),
                     covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
-                    unresolved_shape,
+                    excess_variance,
                 });
             }
         };
@@ -210,7 +210,7 @@ impl<'a> Posterior<'a> {
                 VertexMotion::Freely => VertexMotion::Freely,
             },
             covariance,
-            unresolved_shape,
+            excess_variance,
         })
     }
 
@@ -314,6 +314,6 @@ impl LeafCovariance<'_> {
         }
         let sum_of_weights: f64 = c.iter().sum();
         scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
-            + self.unresolved_shape * sum_of_weights * sum_of_weights * a.length_squared()
+            + self.excess_variance * sum_of_weights * sum_of_weights * a.length_squared()
     }
 }

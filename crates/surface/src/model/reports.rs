@@ -18,6 +18,10 @@ pub struct SensorReport {
     pub sigma_stated: Option<f64>,
     /// σ estimated from the residuals.
     pub sigma_estimated: f64,
+    /// σ of the errors that neighbouring readings share, if there are any: a mean over readings does not
+    /// reduce it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_shared: Option<f64>,
     /// Root mean square of the residuals along the normals.
     pub rms: f64,
     /// True if the fit used the estimated σ: none was stated, or the residuals contradict it.

@@ -66,8 +66,8 @@ pub(super) fn paint(
     let size = job.texture_size.unwrap_or_else(default_size);
     if size < min_size || size > MAX_TEXTURE_SIZE {
         return Err(Error::input(format!(
-            "expected a texture of {min_size} to {MAX_TEXTURE_SIZE} pixels along a side for {count} triangles, \
-             found {size}: choose another size, a coarser mesh, or colours of vertices"
+            "expected a texture of {min_size} to {MAX_TEXTURE_SIZE} pixels along a side for {count} \
+             triangles, found {size}: choose another size, a coarser mesh, or colours of vertices"
         )));
     }
     let chart = own.unwrap_or_else(|| Chart::atlas(count, size));

@@ -108,7 +108,7 @@ impl Sheet<'_> {
             let feet =
                 project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
             let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
-            noise = SensorNoise::estimate(readings, gate, &unknown, annealed)?;
+            noise = SensorNoise::estimate(readings, self.options.noise_rules(), &unknown, annealed)?;
             // While lengths are soft, residuals are mostly shape: far readings pull with bounded force.
             let information = weights(readings, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
@@ -149,7 +149,7 @@ impl Sheet<'_> {
         }
         let feet = project(&surface, observations, &subset, &mut at, None, &noise.variance_factors);
         let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
-        let noise = SensorNoise::estimate(readings, gate, &unknown, true)?;
+        let noise = SensorNoise::estimate(readings, self.options.noise_rules(), &unknown, true)?;
         let border = self.border(&surface, &observations.readings, &subset, &feet, spacing)?;
         let weight = weight.unwrap_or(0.0);
         let prior = self.prior(&fixed, &surface, border, weight, MAX_ITERATIONS)?;

@@ -1,7 +1,7 @@
 //! What a user should know about a fit.
 
 use super::{Finishing, has_uncertain_pose};
-use crate::fit::noise::SensorNoise;
+use crate::fit::noise::{STATED_SIGMA_TOLERANCE, SensorNoise};
 use crate::fit::patch::{PatchFilterOutcome, unused_biases};
 use crate::fit::rejected_readings;
 use crate::model::{SensorReport, SigmaSummary};
@@ -90,6 +90,28 @@ pub(super) fn all_findings(fit: &Finishing<'_>, found: &SurfaceResults<'_>) -> V
     findings
 }
 
+/// What follows from residuals that are clearly smaller than a stated σ that is kept.
+fn smaller_residuals(sensor: &SensorReport) -> Option<Finding> {
+    let stated = sensor.sigma_stated.filter(|_| !sensor.sigma_used_is_estimated)?;
+    let found = sensor.sigma_estimated;
+    let (code, consequence) = if sensor.sigma_shared.is_some() {
+        (
+            FindingCode::SharedErrors,
+            "neighbouring readings seem to share their errors, as those of a smoothed scan do, so means over \
+             them are not more certain than one reading",
+        )
+    } else if stated > STATED_SIGMA_TOLERANCE * found {
+        (FindingCode::SensorSigmaCautious, "the stated σ is kept")
+    } else {
+        return None;
+    };
+    let text = format!(
+        "sensor {:?} states σ = {stated:.3e}, but its residuals indicate only {found:.3e}: {consequence}",
+        sensor.name
+    );
+    Some(Finding::new(code, text).with_setting(Setting::EstimateSigma))
+}
+
 /// σ of the mean of all positions, as if they were readings of one number. No part of a surface is known
 /// better than that.
 fn min_sigma(sensors: &[SensorReport]) -> f64 {
@@ -133,6 +155,7 @@ pub(in crate::fit) fn common_findings(
             );
             findings.push(Finding::new(FindingCode::SensorSigmaMisstated, text));
         }
+        findings.extend(smaller_residuals(sensor));
     }
     if observed < 0.5 {
         let completed = if inferred > 0.0 {

@@ -60,6 +60,9 @@ pub(super) fn sensor_reports(
                 observations: count,
                 sigma_stated: observations.channels[c].stated.then_some(in_unit * typical),
                 sigma_estimated: in_unit * noise.estimated_factors[c].sqrt() * typical,
+                sigma_shared: Some(noise.shared_share[c])
+                    .filter(|share| *share > 0.0)
+                    .map(|share| in_unit * share.sqrt() * typical),
                 rms: in_unit * (square / n).sqrt(),
                 sigma_used_is_estimated: !observations.channels[c].stated || noise.is_contradicted[c],
             }
