@@ -21,11 +21,9 @@ fn base(shape: Shape, size: f64) -> BaseShape {
     let axis = DVec3::new(0.0, 0.6, 0.8);
     let centre = DVec3::new(size, -0.5 * size, 0.2 * size);
     match shape {
-        Shape::Sheet => {
-            BaseShape::plane(DVec3::from(centre), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [size, 0.7 * size])
-        }
-        Shape::Tube => BaseShape::cylinder(DVec3::from(centre), DVec3::from(axis), 0.5 * size, size),
-        Shape::Ball => BaseShape::sphere(DVec3::from(centre), size, DVec3::from(axis)),
+        Shape::Sheet => BaseShape::plane(centre, [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [size, 0.7 * size]),
+        Shape::Tube => BaseShape::cylinder(centre, axis, 0.5 * size, size),
+        Shape::Ball => BaseShape::sphere(centre, size, axis),
         Shape::Torus => BaseShape::torus(centre, axis, size, 0.4 * size),
     }
 }

@@ -72,11 +72,7 @@ fn error(fit: &Fit) -> f64 {
         .map(|_| {
             let [x, y] = [0, 1].map(|_| rng.random_range(0.05..0.95));
             let p = DVec3::new(x, y, height(x, y));
-            let foot = surface.project(
-                DVec3::from(p),
-                search.nearest(DVec3::from(p), DVec3::ZERO),
-                &ProjectionOptions::default(),
-            );
+            let foot = surface.project(p, search.nearest(p, DVec3::ZERO), &ProjectionOptions::default());
             foot.height * foot.height + foot.slip * foot.slip
         })
         .sum();

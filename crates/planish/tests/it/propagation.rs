@@ -146,7 +146,7 @@ fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
         |x, y| (DVec3::new(x, y, 0.1 * x), DVec3::new(-0.1, 0.0, 1.0).try_normalize().unwrap());
     let dome: Surface = |x, y| {
         let n = DVec3::new(x / 20.0, y / 20.0, (1.0 - (x * x + y * y) / 400.0).sqrt());
-        (DVec3::from(n.map(|c| 20.0 * c)), n)
+        (n.map(|c| 20.0 * c), n)
     };
     let roof: Surface = |x, y| {
         let (sin, cos) = (x / 15.0).sin_cos();

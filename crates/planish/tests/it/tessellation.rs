@@ -33,7 +33,7 @@ fn shapes() -> [BaseShape; 4] {
     let axis = DVec3::new(0.0, 0.6, 0.8);
     [
         BaseShape::plane(DVec3::new(1.0, 2.0, 3.0), [DVec3::X, DVec3::new(0.0, 0.6, 0.8)], [2.0, 1.5]),
-        BaseShape::cylinder(DVec3::new(1.0, 2.0, 3.0), DVec3::from(axis), 1.0, 2.0),
+        BaseShape::cylinder(DVec3::new(1.0, 2.0, 3.0), axis, 1.0, 2.0),
         BaseShape::sphere(DVec3::new(1.0, 2.0, 3.0), 1.5, DVec3::from(axis)),
         BaseShape::torus(DVec3::new(1.0, 2.0, 3.0), axis, 2.0, 0.7),
     ]
