@@ -402,8 +402,8 @@ mod tests {
     #[test]
     fn a_sigma_without_its_quantity_is_an_error_that_names_the_columns() {
         for (more, words) in [
-            (&["sigma_n_deg"][..], "expected the columns nx ny nz beside sigma_n_deg"),
-            (&["sigma_k"], "expected the columns k1 k2 d1x d1y d1z beside sigma_k"),
+            (&["sigma_n_deg"][..], "expected the columns nx ny nz with sigma_n_deg"),
+            (&["sigma_k"], "expected the columns k1 k2 d1x d1y d1z with sigma_k"),
             (&["k1", "k2"], "found no d1x d1y d1z"),
         ] {
             let names: Vec<&str> = ["x", "y", "z"].iter().chain(more).copied().collect();

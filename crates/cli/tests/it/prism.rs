@@ -129,7 +129,7 @@ fn inconsistent_views_are_reported() {
             &["front.json", "top.json", "scaled.json"],
             "expected views of one object, at one scale, in one frame",
         ),
-        (&["front.json", "top.json", "inches.json"], "inches.json: is in in"),
+        (&["front.json", "top.json", "inches.json"], "inches.json: expected one unit"),
         (&["front.json", "broken.json"], "broken.json: expected contours as"),
         (&["front.json", "a.dxf"], "a.dxf: expected a contour"),
         (&["front.json", "side.json"], "the front view ends at x"),

@@ -128,7 +128,7 @@ fn drawings_too_large_for_step_files_are_rejected_with_name_and_size() {
             Err(e) => {
                 let message = e.to_string();
                 assert!(!is_fine && e.kind() == ErrorKind::Input, "{factor}: {message}");
-                assert!(message.contains("front.dxf") && message.contains("mm across"), "{message}");
+                assert!(message.contains("front.dxf") && message.contains("0.001 mm to 1e9 mm"), "{message}");
             }
         }
     }

@@ -190,7 +190,9 @@ impl SensorNoise {
             let smaller = ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
             let larger = ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error;
             let off = is_determined && (larger || may_be_smaller && smaller);
-            if is_determined && !off && MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0 {
+            let is_stated = observations.channels[channel].stated;
+            let far_smaller = MAX_OVERSTATEMENT * (ratio + 3.0 * standard_error) < 1.0;
+            if is_stated && is_determined && !off && far_smaller {
                 noise.shared_share[channel] = 1.0 - noise.estimated_factors[channel];
             }
             if !observations.channels[channel].stated {
