@@ -5,7 +5,7 @@ mod args;
 use crate::common::command_line;
 use crate::lines::Lines;
 use crate::numbers::{percent, significant};
-use crate::serve::Server;
+use crate::serve::{ServedPage, Server};
 use crate::summary::{self, Summary};
 pub use args::ViewArgs;
 use planish::Finding;
@@ -107,7 +107,8 @@ fn show(
         );
     }
     // The job's own interruption flag ends the server, so Ctrl-C works as for all commands.
-    let requests = server.serve(&made.html, || progress.interrupted())?;
+    let served = ServedPage { html: &made.html, policy: planish_report::content_policy() };
+    let requests = server.serve(&served, || progress.interrupted())?;
     Ok(page_summary(made, Some(url), requests, Lines::default(), Vec::new()))
 }
 
