@@ -188,7 +188,7 @@ impl Pool<'_> {
         // had several rounds to send its request.
         let most = (self.site.limits.connections / 4).max(1);
         for accepted in 0..most {
-            // Who receives the page knows the token; all others could be anybody.
+            // A connection that receives the page has sent the token. All others may belong to anybody.
             let oldest = self.connections.iter().position(|connection| !connection.sends_the_page());
             let is_full = self.connections.len() >= self.site.limits.connections;
             if is_full && oldest.is_none() {

@@ -95,16 +95,20 @@ fn show(
     let url = server.url();
     // From here on, Ctrl-C is the normal end.
     progress.advance(SHOWING_STAGE, 1.0);
-    if !args.common.quiet {
+    let announce = |text: String| {
         // If stderr is closed, there is nowhere to report that.
-        let _ =
-            writeln!(std::io::stderr(), "planish: {url} shows {}; press Ctrl-C to stop", args.file.display());
+        let _ = writeln!(std::io::stderr(), "planish: {text}");
+    };
+    let address = || format!("{url} shows {}; press Ctrl-C to stop", args.file.display());
+    // Nobody can guess the address, so --quiet does not hide it unless a browser opens it.
+    if !args.common.quiet || args.no_open {
+        announce(address());
     }
-    if !args.no_open && open::that_detached(&url).is_err() && !args.common.quiet {
-        let _ = writeln!(
-            std::io::stderr(),
-            "planish: no browser could be started: open the address above in a browser"
-        );
+    if !args.no_open && open::that_detached(&url).is_err() {
+        if args.common.quiet {
+            announce(address());
+        }
+        announce("no browser could be started: open the address above in a browser".to_owned());
     }
     // The job's own interruption flag ends the server, so Ctrl-C works as for all commands.
     let served = ServedPage { html: &made.html, policy: planish_report::content_policy() };

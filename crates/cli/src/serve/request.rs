@@ -42,8 +42,8 @@ pub(super) fn decide(header: &[u8], token: &Token, port: u16) -> Decision {
     }
 }
 
-/// Checks the form, then the host, then the token, then the method: who does not know the token learns
-/// nothing.
+/// Checks the form, then the host, then the token, then the method. A client without the token learns nothing
+/// about the page.
 fn status(header: &str, token: &Token, port: u16) -> Result<(), Status> {
     let mut lines = header.lines();
     let words: Vec<&str> = lines.next().unwrap_or_default().split(' ').collect();

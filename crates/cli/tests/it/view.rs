@@ -89,7 +89,8 @@ impl Drop for Served {
 
 impl Served {
     fn start(folder: &Path) -> Self {
-        let mut process = command(folder, &["view", &pebble("truth.ply"), "--no-open", "--json"])
+        // Nobody can guess the address, so --no-open prints it even with --quiet.
+        let mut process = command(folder, &["view", &pebble("truth.ply"), "--no-open", "--quiet", "--json"])
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
