@@ -127,7 +127,7 @@ pub fn find_calibration(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
 /// std::fs::write(&camera, "fx = 1\nfy = 1\ncx = 0\ncy = 0\n")?;
 /// let (scan, _) = read_depth(&image, &camera)?;
 /// // The second pixel has no reading.
-/// assert_eq!((scan.points, scan.dropped_not_finite), (vec![[0.0, 0.0, 100.0]], 1));
+/// assert_eq!((scan.points[0].z, scan.dropped_not_finite), (100.0, 1));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>)> {
