@@ -87,16 +87,16 @@ fn default_calibration(path: &Path) -> PathBuf {
 /// Returns the path of the calibration of an image: the given one, or the default beside the image.
 ///
 /// # Errors
-/// `Io` for a missing image; `Unsupported` for a file that is no depth image by its extension; `Input` if
-/// there is no calibration.
+/// Without a given path: `Io` for a missing image, `Unsupported` for a file that is no depth image by its
+/// extension, and `Input` if there is no calibration.
 pub fn find_calibration(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
-    // If the image is missing, its name is the mistake. Files that need no camera are refused before it is
-    // looked for.
-    let format = open_file(path).and_then(|_| Format::of_name(path));
-    format.map_err(|e| e.in_context(path.display()))?;
     if let Some(named) = named {
         return Ok(named.to_path_buf());
     }
+    // If the image is missing, too, its name is the mistake. Files that need no camera are refused before it
+    // is looked for.
+    let format = open_file(path).and_then(|_| Format::of_name(path));
+    format.map_err(|e| e.in_context(path.display()))?;
     let found = default_calibration(path);
     match found.is_file() {
         true => Ok(found),

@@ -109,8 +109,9 @@ fn files_of_points_are_refused_before_a_camera_is_looked_for() {
         let missing = find_calibration(&path, None).unwrap_err();
         assert_eq!(missing.kind(), ErrorKind::Io, "{missing}");
         std::fs::write(&path, "1 2 3\n").unwrap();
-        for calibration in [None, Some(Path::new("camera.toml"))] {
-            let error = find_calibration(&path, calibration).unwrap_err();
+        std::fs::write(folder.path().join("camera.toml"), CAMERA).unwrap();
+        let with_camera = read_depth(&path, &folder.path().join("camera.toml")).map(|_| ());
+        for error in [find_calibration(&path, None).map(|_| ()), with_camera].map(Result::unwrap_err) {
             let text = error.to_string();
             assert_eq!(error.kind(), ErrorKind::Unsupported, "{text}");
             assert!(
